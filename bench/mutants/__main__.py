@@ -27,6 +27,7 @@ CORES = (
     "merlin_ros/actions/lease*",
     "merlin_ros/actions/ownership.py",
     "merlin_ros/actions/serial_action_server.py",
+    "merlin_ros/work/*",
 )
 EXIT_INTERRUPTED = 130
 

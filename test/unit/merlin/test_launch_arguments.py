@@ -126,7 +126,15 @@ def test_none_is_one_robot_without_a_name(robots):
 
 # --- what the velocity guard is told of the base -------------------------------------------------------
 
-LIMITS = ("max_speed", "max_turn_speed", "max_acceleration", "max_turn_acceleration", "base_timeout")
+LIMITS = (
+    "max_speed",
+    "max_turn_speed",
+    "max_acceleration",
+    "max_turn_acceleration",
+    "max_jerk",
+    "max_turn_jerk",
+    "base_timeout",
+)
 
 
 def of_base(config, robot=""):
@@ -147,16 +155,16 @@ def test_of_the_simulated_base_all_is_known_and_nothing_that_it_does_is_limited(
     from merlin_sim.engine.simulation import RobotSpec
     from merlin_sim.robot.drive import DriveLimits
 
-    speed, turn_speed, *accelerations, timeout = of_base(load(file, **arguments), robot)
+    speed, turn_speed, *others, timeout = of_base(load(file, **arguments), robot)
     assert (speed, turn_speed) == (DriveLimits.speed, DriveLimits.turn_speed)
-    assert accelerations == ["inf", "inf"] and timeout == RobotSpec.command_timeout
+    assert others == ["inf"] * 4 and timeout == RobotSpec.command_timeout
 
 
 @pytest.mark.parametrize("robots, robot", [("", ""), ("ann,bob", "/bob")])
 def test_of_a_robot_only_what_somebody_has_said_is_known(robots, robot):
     file, arguments = "include/robot.launch", {**ROBOT, "robots": robots}
-    assert of_base(load(file, **arguments), robot) == [""] * 5
-    given = dict(zip(LIMITS, (0.5, 1.5, 0.8, "inf", 0.25)))
+    assert of_base(load(file, **arguments), robot) == [""] * 7
+    given = dict(zip(LIMITS, (0.5, 1.5, 0.8, "inf", 4.0, 8.0, 0.25)))
     config = load(file, **arguments, **given, over_limit="refuse")
     assert of_base(config, robot) == list(given.values())
     assert config.params[f"{robot}/merlin_guard/over_limit"].value == "refuse"

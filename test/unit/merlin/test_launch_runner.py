@@ -30,6 +30,11 @@ WRAPPED = """<launch>
         launch-prefix="$(find merlin)/scripts/respawn"/>
   <node pkg="merlin_test" type="fake_node.py" name="mission" args="wait"/>
 </launch>"""
+MISSION = """<launch>
+  <node pkg="merlin_test" type="fake_node.py" name="other" args="wait"/>
+  <node pkg="merlin_test" type="fake_node.py" name="mission" args="wait" required="true"
+        launch-prefix="env RESPAWN_KILLED=only $(find merlin)/scripts/respawn"/>
+</launch>"""
 
 
 class Run:
@@ -286,6 +291,23 @@ def test_a_wrapped_node_that_cannot_begin_ends_the_run(tmp_path: Path) -> None:
     code, _, err = started.end()
     assert (code, started.left()) == (2, [])
     assert "required node 'other' died with exit code 2" in err[0]
+
+
+def test_a_mission_that_is_killed_ends_nothing_of_the_run(tmp_path: Path) -> None:
+    (tmp_path / "mission.launch").write_text(MISSION)
+    started = Run(tmp_path, str(tmp_path / "mission.launch"))
+    mission = int(started.read_until("ready").split()[-1])
+    (other,) = (pid for pid, line in started.living().items() if "__name:=other" in line)
+    os.kill(mission, signal.SIGKILL)
+    assert any("mission died (signal KILL); it is started" in line for line in started.process.stderr)
+    again = int(started.read_until("ready").split()[-1])
+    assert again != mission and other in started.living()
+    started.kill_wrapper()
+    assert any("the wrapper of node 'mission' was killed" in line for line in started.process.stderr)
+    last = int(started.read_until("ready").split()[-1])
+    assert other in started.living()
+    os.kill(last, signal.SIGINT)  # it ends by itself
+    assert started.end()[0] == 0 and started.left() == []
 
 
 def test_a_run_that_is_killed_is_started_again(tmp_path: Path) -> None:

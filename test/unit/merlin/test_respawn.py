@@ -179,6 +179,16 @@ def test_a_node_that_cannot_begin_after_a_crash_in_its_start_ends(run: Callable[
     assert node.process.returncode == 2
 
 
+@pytest.mark.parametrize("word, code", [("0", 0), ("2", 2), ("w2", 2), ("7", 7), ("128", 128), ("143", 143)])
+def test_the_end_of_a_mission_is_the_end(
+    run: Callable[..., Run], monkeypatch: pytest.MonkeyPatch, word: str, code: int
+) -> None:
+    monkeypatch.setenv("RESPAWN_KILLED", "only")
+    started = run("-9", "-11", word)
+    assert len(started.end()) == 2 and started.process.returncode == code
+    assert len(started.pids()) == 3
+
+
 def test_more_starts_on_demand(run: Callable[..., Run], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("RESPAWN_MOST", "1")
     node = run("-9")

@@ -53,7 +53,7 @@ def test_a_paused_executor_is_named(progress: SendProgress, said: List[str]) -> 
 def test_a_base_that_is_held_is_named(progress: SendProgress, said: List[str]) -> None:
     progress.executor(MINE)
     progress.guard(GuardStatus(state=GuardStatus.STOPPED, reason="stopped by Ana"))
-    assert len(said) == 1 and "stopped by Ana" in said[0] and "merlin/release" in said[0]
+    assert len(said) == 1 and "the base is held by Ana since " in said[0] and "merlin/release" in said[0]
 
 
 def test_a_drive_that_goes_wrong_is_named_while_its_request_runs(

@@ -19,7 +19,7 @@ class Drive:
         self.world = 10.0
         self.place = 0.0
 
-    def after(self, seconds, command=None, odometry=True, moving=False, drivers=BASE, fault=""):
+    def after(self, seconds, command=None, odometry=True, moving=False, drivers=BASE, fault="", goals=("a",)):
         warned = ""
         for _ in range(round(seconds / 0.05)):
             self.world += 0.05
@@ -28,7 +28,7 @@ class Drive:
             if odometry:
                 self.place += 0.015 * moving
                 self.watch.odometry((self.place, 0.0, 0.0, 1.0))
-            warned = self.watch.look(drivers, self.world)
+            warned = self.watch.look(drivers, goals, self.world)
         return warned
 
 
@@ -37,6 +37,24 @@ def test_a_drive_without_velocities_is_named():
     assert drive.after(4.9) == ""
     assert drive.after(0.3) == SILENT
     assert drive.after(0.1, STANDING) == "", "a robot may wait for a person"
+
+
+def test_goals_for_which_no_velocity_comes_are_named_for_their_clients():
+    drive = Drive()
+    drive.after(59.9)
+    assert drive.watch.uncommanded == ()
+    drive.after(0.3)
+    assert drive.watch.uncommanded == ("a",)
+    drive.after(0.1, goals=("b",))
+    assert drive.watch.uncommanded == (), "it begins with each goal"
+    drive.after(60.1, goals=("b",))
+    assert drive.watch.uncommanded == ("b",)
+    drive.after(0.1, STANDING, goals=("b",))
+    assert drive.watch.uncommanded == (), "a robot may wait"
+    drive.after(59.0, goals=("b",))
+    drive.after(0.1, drivers=[], goals=("b",))  # the guard holds the base
+    drive.after(59.0, goals=("b",))
+    assert drive.watch.uncommanded == ()
 
 
 def test_only_what_may_drive_is_expected_to_send():
@@ -50,7 +68,7 @@ def test_only_what_may_drive_is_expected_to_send():
 def test_the_world_of_a_paused_simulator_does_not_get_older():
     drive = Drive()
     drive.after(4.9)
-    assert not any(drive.watch.look(BASE, drive.world) for _ in range(1000))
+    assert not any(drive.watch.look(BASE, ("a",), drive.world) for _ in range(1000))
 
 
 def test_a_base_that_does_not_follow_is_named_until_it_does():

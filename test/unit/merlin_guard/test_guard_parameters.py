@@ -54,7 +54,16 @@ def test_a_base_that_drives_on_for_long_is_named(read):
 
 
 @pytest.mark.parametrize(
-    "name", ["max_speed", "max_turn_speed", "max_acceleration", "max_turn_acceleration", "base_timeout"]
+    "name",
+    [
+        "max_speed",
+        "max_turn_speed",
+        "max_acceleration",
+        "max_turn_acceleration",
+        "max_jerk",
+        "max_turn_jerk",
+        "base_timeout",
+    ],
 )
 @pytest.mark.parametrize("value", [-1.0, "nan", math.nan, "fast", True, [1.0], -math.inf])
 def test_a_limit_that_makes_no_sense_is_named(read, name, value):
@@ -63,7 +72,14 @@ def test_a_limit_that_makes_no_sense_is_named(read, name, value):
 
 
 @pytest.mark.parametrize(
-    "name, value", [("max_speed", 0.0), ("max_acceleration", 0), ("max_speed", math.inf)]
+    "name, value",
+    [
+        ("max_speed", 0.0),
+        ("max_acceleration", 0),
+        ("max_speed", math.inf),
+        ("max_jerk", 0),
+        ("max_turn_jerk", 0.0),
+    ],
 )
 def test_a_base_has_a_speed_and_its_limit(read, name, value):
     with pytest.raises(ParameterError, match=f"~{name} is"):

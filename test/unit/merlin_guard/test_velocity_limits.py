@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from merlin_guard.velocity_limits import CREDIT, STANDING, Velocity, VelocityLimiter, VelocityLimits
 
 LIMITS = VelocityLimits(1.0, 2.0, 1.0, 2.0)
+SOFT = VelocityLimits(1.0, 2.0, 1.0, 2.0, 4.0, 8.0)
 SPEEDS_ONLY = VelocityLimits(1.0, 2.0, math.inf, math.inf)
 
 
@@ -106,16 +107,46 @@ def test_growth_begins_anew_when_the_guard_has_stopped_the_base():
     assert base.gets(1.0).x <= CREDIT + 1e-9
 
 
+@pytest.mark.parametrize("asked", [{"x": 1.0}, {"y": -1.0}, {"yaw": 2.0}])
+def test_a_drive_begins_softly_where_jerk_has_a_limit(asked):
+    base = Base(SOFT)
+    gone, (largest,) = [0.0], asked.values()
+    while gone[-1] < abs(largest):
+        gone.append(max(map(abs, base.gets(**asked))))
+        assert ("grows faster" in base.fault) == (gone[-1] < abs(largest))
+    rates = [(after - before) / 0.05 / abs(largest) for before, after in zip(gone, gone[1:])]
+    # The first command has a saved tenth of a second; the last step ends with what was asked for.
+    assert rates[:4] == pytest.approx([0.4 * 2, 0.6, 0.8, 1.0]) and rates[4:-1] == [pytest.approx(1.0)] * 16
+
+
+@pytest.mark.parametrize("kept", [0.0, 0.1])
+def test_jerk_does_not_slow_a_base_that_stops_or_gets_slower(kept):
+    base = Base(SOFT)
+    while base.gets(1.0).x < 0.6:
+        pass  # with the whole acceleration by now
+    assert base.gets(kept) == Velocity(x=kept) and not base.fault
+    assert base.gets(1.0, after=CREDIT).x == pytest.approx(kept + 4.0 * CREDIT**2), "it begins anew"
+
+
+def test_a_drive_that_the_guard_has_stopped_begins_softly():
+    base = Base(SOFT).drive(0.6)
+    base.limiter.stood()
+    assert base.gets(1.0, after=CREDIT).x == pytest.approx(4.0 * CREDIT**2)
+
+
+def test_commands_in_a_bunch_gain_no_acceleration():
+    base = Base(SOFT)
+    assert [base.gets(1.0, after=1e-6).x for _ in range(1000)][-1] < 4.0 * (CREDIT + 0.001) ** 2
+
+
 NUMBERS = st.floats(-3.0, 3.0) | st.floats(allow_nan=False, allow_infinity=False)
 LIMIT = st.floats(0.05, 5.0)
 COMMANDS = st.lists(st.tuples(NUMBERS, NUMBERS, NUMBERS, st.floats(0.0, 1.0)), max_size=30)
 
 
-@given(
-    st.builds(VelocityLimits, LIMIT, LIMIT, LIMIT | st.just(math.inf), LIMIT | st.just(math.inf)), COMMANDS
-)
+@given(st.builds(VelocityLimits, LIMIT, LIMIT, *[LIMIT | st.just(math.inf)] * 4), COMMANDS)
 def test_whatever_is_asked_for(limits, commands):
-    base, before, spent = Base(limits), STANDING, [0.0]
+    base, before, spent, drives = Base(limits), STANDING, [0.0], 0.0
     for x, y, yaw, after in commands:
         sent = base.gets(x, y, yaw, after)
         assert sent.speed <= limits.max_speed * (1 + 1e-6)
@@ -133,6 +164,8 @@ def test_whatever_is_asked_for(limits, commands):
         grown = max(0.0, sent.speed - before.speed)
         spent = [max(0.0, each - after * limits.max_acceleration) + grown for each in spent] + [0.0]
         assert max(spent) <= limits.max_acceleration * (CREDIT + 1e-6) + 1e-6
+        drives = drives + after if sent.speed else 0.0
+        assert sent.speed <= limits.max_jerk * (drives + CREDIT + 1e-6) ** 2 + 1e-6
         before = sent
 
 
@@ -140,4 +173,4 @@ def test_the_defaults_are_those_of_the_simulated_robot():
     from merlin_sim.robot.drive import DriveLimits
 
     base = DriveLimits()
-    assert VelocityLimits() == (base.speed, base.turn_speed, base.acceleration, base.turn_acceleration)
+    assert VelocityLimits()[:4] == (base.speed, base.turn_speed, base.acceleration, base.turn_acceleration)

@@ -9,7 +9,8 @@ from actionlib_msgs.msg import GoalStatusArray
 from merlin_msgs.msg import ListenAction
 
 from merlin_ros.actions import action_client
-from merlin_ros.actions.action_client import ActionClient
+from merlin_ros.actions.action_client import GREETED, ActionClient
+from merlin_ros.alarms import TickClock
 
 SERVER = "/speech"
 
@@ -122,6 +123,42 @@ def test_its_successor_is_alive_when_it_is_connected_and_has_spoken(
     assert client.missing == "it speaks, but has no connection for cancels"
     connect(topics, "cancel")
     assert client.alive
+
+
+class Looks:
+    """The clock of this process as its looks see it, set by a test."""
+
+    def __init__(self) -> None:
+        self.time = 0.0
+
+    def __call__(self, *_: Any, longest: float) -> TickClock:
+        return TickClock(lambda: self.time, longest)
+
+
+def test_while_the_clock_of_ros_stands_the_link_for_results_counts_after_a_while(
+    topics: List[Topic], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """actionlib's server publishes its status by ROS time: only the latched one comes, here as the first."""
+    looks = Looks()
+    monkeypatch.setattr(action_client, "TickClock", looks)
+    client = ActionClient("listen", ListenAction)
+
+    def ready_after(seconds: float) -> bool:
+        looks.time += seconds
+        return client.alive
+
+    connect(topics, "goal", "cancel", "feedback", "status")
+    say(client, topics)
+    connect(topics, "result")
+    assert client.missing == "it speaks, but has no connection for results"
+    assert not ready_after(60.0), "a stall of this process proves nothing"
+    assert ready_after(GREETED)
+    of(topics, "result").links.pop().die()
+    assert not ready_after(60.0)
+    connect(topics, "result")
+    assert not ready_after(0.0), "that of the next process"
+    assert not ready_after(0.1)
+    assert any(ready_after(0.1) for _ in range(10))
 
 
 def test_a_server_that_only_hangs_is_connected(client: ActionClient, topics: List[Topic]) -> None:

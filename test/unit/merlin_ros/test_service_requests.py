@@ -1,9 +1,13 @@
-"""A service proxy after a request that cannot be written, and while it is closed."""
+"""Requests that cannot be written, or not be read; a service proxy that is closed."""
 
+import socket
+import struct
 import threading
 from typing import Any, Optional
+from urllib.parse import urlparse
 
 import pytest
+import rosgraph
 from std_srvs.srv import SetBool
 
 from merlin_ros.call_scope import CallScope
@@ -49,6 +53,26 @@ def test_a_request_that_cannot_be_written_does_not_spoil_the_next_one(master: An
     client = master.node(CLIENT)
     answers = [client.expect("ANSWER") for _ in range(3)]
     assert answers == ["ANSWER told", "ANSWER SerializationError", "ANSWER told"]
+
+
+def test_a_request_that_cannot_be_read_is_answered(master: Any) -> None:
+    """Of any node, not of the planning system alone: rospy would leave its client waiting."""
+    master.node(SERVER).expect("started")
+    address = urlparse(rosgraph.Master("/client", master_uri=master.uri).lookupService("/ask"))
+    fields = (b"service=/ask", b"md5sum=*", b"callerid=/client", b"persistent=1")
+    greeting = b"".join(struct.pack("<I", len(field)) + field for field in fields)
+    client = socket.create_connection((address.hostname, address.port), LONG)
+    with client, client.makefile("rwb") as stream:
+        stream.write(struct.pack("<I", len(greeting)) + greeting)
+        stream.flush()
+        (length,) = struct.unpack("<I", stream.read(4))
+        stream.read(length)
+        stream.write(struct.pack("<I", 0))  # a SetBool without its bool
+        stream.flush()
+        assert stream.read(1) == b"\0"
+        (length,) = struct.unpack("<I", stream.read(4))
+        assert b"cannot be read" in stream.read(length)
+        assert stream.read(1) == b"", "it is not closed"
 
 
 class Condition(threading.Condition):

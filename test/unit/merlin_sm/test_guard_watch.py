@@ -205,3 +205,20 @@ def test_a_silent_master_is_named(expect, monkeypatch):
     expect(True)
     monkeypatch.setattr(guard_watch, "get_param", silent)
     assert GuardWatch().why_not() == "cannot read the parameter"
+
+
+def test_the_actions_that_move_the_base_are_known_from_the_guard(expect):
+    expect(True)
+    watch = GuardWatch()
+    assert not watch.names("/ann/move_base")
+    watch._receive(heard(heard=[]))
+    assert watch.names("/ann/move_base") and not watch.names("/ann/speak")
+
+
+def test_who_follows_the_guard_hears_it_for_so_long(expect):
+    expect(True)
+    watch, said = GuardWatch(), []
+    with watch.followed(lambda status: said.append(status.reason)):
+        watch._receive(heard(reason="first"))
+    watch._receive(heard(reason="second"))
+    assert said == ["first"]

@@ -51,8 +51,9 @@ _names = st.sampled_from([f"r{number}" for number in range(12)])
 
 @given(st.lists(st.tuples(_names, st.sampled_from(["/a", "/b", "/c"]), st.floats(0.0, KEEP)), max_size=300))
 def test_what_counts_is_known_and_what_is_forgotten_is_not(messages) -> None:
-    roster, known, now = RobotRoster(), set(), 0.0
+    known, now = set(), 0.0
     with mock.patch.multiple(robot_roster, OF_ONE=3, OF_ALL=6):
+        roster = RobotRoster()
         for robot, sender, seconds in messages:
             now += seconds
             admission = roster.admit(robot, sender, now)

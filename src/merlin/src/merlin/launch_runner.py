@@ -289,7 +289,7 @@ class LaunchRun:
             self._say(f"{event.name}: stopping")
             return 128 + event
         assert self._parent is not None
-        if event.process in self._missions:
+        if event.process in self._missions and not event.again:
             self._missions[event.process] = _positive(event.exit_code)
             codes = list(self._missions.values())
             if None in codes:

@@ -6,6 +6,7 @@ from typing import Callable, Optional
 import rospy
 from merlin_msgs.msg import ExecuteFeedback, ExecutorStatus, GuardStatus
 
+from merlin_executor.core.base_hold import hold_words
 from merlin_executor.executor_request import ExecutorRequest
 
 
@@ -67,7 +68,8 @@ class SendProgress:
         if request is None or request.done:
             return ""
         if guard is not None and guard.state == GuardStatus.STOPPED:
-            return f"the base is held: {guard.reason}; `rosservice call merlin/release` lets it move again"
+            held = hold_words("", guard.reason, guard.since.to_sec())
+            return f"{held}; `rosservice call merlin/release` lets it move again"
         if status is None:
             return ""
         if status.held:

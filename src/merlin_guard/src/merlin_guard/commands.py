@@ -37,6 +37,11 @@ class Commands:
         """How many velocities did not go to the base as they came, though it may move."""
         return self._watch.faults
 
+    @property
+    def uncommanded(self) -> Tuple[str, ...]:
+        """Goals for which no velocity has come for long, as of the last :meth:`look`."""
+        return self._watch.uncommanded
+
     def receive(self, velocity: Twist, now: float) -> Tuple[PermitDecision, Twist]:
         """Takes a velocity.
 
@@ -61,7 +66,7 @@ class Commands:
 
     def look(self) -> None:
         """Time has passed; to be called several times per second."""
-        self.warning = self._watch.look(self._permit.drivers, self._permit.world)
+        self.warning = self._watch.look(self._permit.drivers, self._permit.view.goals, self._permit.world)
 
     def _receive_odometry(self, odometry: Odometry) -> None:
         position, turn = odometry.pose.pose.position, odometry.pose.pose.orientation

@@ -24,6 +24,7 @@ class DriveWatch:
         self._source = source
         self._settings = settings
         self._drives_since: Optional[float] = None
+        self._goals: Tuple[str, ...] = ()
         self._commanded_at = 0.0
         self._pushes_since: Optional[float] = None  # when velocities began that have to move the base
         self._place: Optional[Tuple[float, ...]] = None  # of odometry that was not looked at
@@ -33,6 +34,8 @@ class DriveWatch:
         self._faults: Dict[str, Tuple[str, float]] = {}  # what → its first text, and when it was last so
         self.faults = 0
         """Velocities that did not go to the base as they came."""
+        self.uncommanded: Tuple[str, ...] = ()
+        """Goals for which no velocity has come for `no_command_limit`, as of the last :meth:`look`."""
 
     def command(self, sent: Velocity, fault: str, world: float) -> None:
         """A velocity has come.
@@ -55,16 +58,20 @@ class DriveWatch:
         """Odometry says where the base is; any numbers that change with its pose. From any thread."""
         self._place = place
 
-    def look(self, drivers: Sequence[str], world: float) -> str:
+    def look(self, drivers: Sequence[str], goals: Tuple[str, ...], world: float) -> str:
         """What is wrong now, one sentence; empty: nothing.
 
         :param drivers: the motion servers whose goals may move the base now.
+        :param goals: ids of the active goals.
         """
         who = ", ".join(drivers)
         if not drivers:
             self._drives_since = self._pushes_since = None
-        elif self._drives_since is None:
+        elif self._drives_since is None or goals != self._goals:
             self._drives_since = world
+        self._goals = goals
+        silent = 0.0 if self._drives_since is None else world - max(self._drives_since, self._commanded_at)
+        self.uncommanded = goals if silent >= self._settings.no_command_limit else ()
         self._faults = {
             what: (text, at) for what, (text, at) in self._faults.items() if world - at <= ONE_OCCURRENCE
         }
@@ -74,13 +81,11 @@ class DriveWatch:
                 f"{who} drives, and the base does not move: odometry stands still since "
                 f"{self._settings.no_motion_after:g} s"
             )
-        if self._drives_since is not None:
-            silent = world - max(self._drives_since, self._commanded_at)
-            if silent >= self._settings.no_command_after:
-                return (
-                    f"{who} has an active goal and has sent no velocity on {self._source} for "
-                    f"{self._settings.no_command_after:g} s"
-                )
+        if silent >= self._settings.no_command_after:
+            return (
+                f"{who} has an active goal and has sent no velocity on {self._source} for "
+                f"{self._settings.no_command_after:g} s"
+            )
         faults = "; ".join(text for text, _ in self._faults.values())
         return f"{who}: {faults}" if faults and who else faults
 

@@ -67,7 +67,7 @@ class GuardNode:
         self._permit = MotionPermit(parameters.servers, parameters.settings, stopped)
         self._commands = Commands(self._input, self._permit, parameters)
         self._state: Optional[GuardState] = None
-        self._published: Optional[Tuple[View, str]] = None
+        self._published: Optional[Tuple[View, str, Tuple[str, ...]]] = None
         self._keeping = 0  # stops that are being written; a published state outlives the guard
         self._since = rospy.Time.from_sec(float(get_param(SINCE_PARAM, 0.0)) if stopped else 0.0)
         self._published_at = -math.inf
@@ -272,7 +272,7 @@ class GuardNode:
             self._since = stamp
         self._state = view.state
         now = time.monotonic()
-        said = view, self._commands.warning
+        said = view, self._commands.warning, self._commands.uncommanded
         if self._keeping or (said == self._published and now - self._published_at < STATUS_PERIOD):
             return
         self._published, self._published_at = said, now
@@ -286,6 +286,7 @@ class GuardNode:
             heard=list(view.heard),
             limited=self._commands.limited,
             warning=self._commands.warning,
+            uncommanded=list(self._commands.uncommanded),
         )
         status.header.stamp = stamp
         self._status.publish(status)

@@ -28,7 +28,7 @@ class GuardParameters(NamedTuple):
     """Index of the button of `joy` that stops the base; -1: none."""
     limits: VelocityLimits
     limits_given: bool
-    """Whether all of them are set for this robot."""
+    """Whether all that have a default are set for this robot."""
     refuse: bool
     """Whether zero is sent in place of a velocity above a limit, and not a smaller one."""
     base_timeout: float
@@ -79,7 +79,11 @@ def read_parameters() -> GuardParameters:
         limits=VelocityLimits(
             **{name: _limit(name, value) for name, value in VelocityLimits()._asdict().items()}
         ),
-        limits_given=all(_given(f"~{name}") is not None for name in VelocityLimits._fields),
+        limits_given=all(
+            _given(f"~{name}") is not None
+            for name, value in VelocityLimits()._asdict().items()
+            if math.isfinite(value)
+        ),
         refuse=_refuse(_given("~over_limit")),
         base_timeout=_base_timeout(),
     )
@@ -112,8 +116,8 @@ def _limit(name: str, default: float) -> float:
         return default
     if value <= 0.0:
         raise ParameterError(f"parameter ~{name} is {value:g}; it has to be {wanted}")
-    if math.isinf(value) and not name.endswith("acceleration"):
-        raise ParameterError(f"parameter ~{name} is infinite; only accelerations may be without a limit")
+    if math.isinf(value) and name.endswith("speed"):
+        raise ParameterError(f"parameter ~{name} is infinite; a speed may not be without a limit")
     return value
 
 

@@ -22,6 +22,8 @@ class GuardSettings(NamedTuple):
     """Silence of a motion server after which its goals count as ended; stands still likewise."""
     no_command_after: float = 5.0
     """Time that a goal drives without a command after which the guard says so; stands still likewise."""
+    no_command_limit: float = 60.0
+    """Time after which the client of such a goal shall give it up; likewise."""
     no_motion_after: float = 3.0
     """Time that odometry stands still while commands pass after which the guard says so; likewise."""
     require_lease: bool = False
@@ -35,7 +37,11 @@ class GuardSettings(NamedTuple):
         for name, value in self._asdict().items():
             if name != "require_lease" and value <= 0.0:
                 raise ValueError(f"{name} is {value:g}; it has to be more than 0")
-        for shorter, longer in (("suspend_after", "lose_after"), ("status_silence", "forget_after")):
+        for shorter, longer in (
+            ("suspend_after", "lose_after"),
+            ("status_silence", "forget_after"),
+            ("no_command_after", "no_command_limit"),
+        ):
             short, long = getattr(self, shorter), getattr(self, longer)
             if short > long:
                 raise ValueError(f"{shorter} ({short:g} s) is longer than {longer} ({long:g} s)")

@@ -18,6 +18,10 @@ class VelocityLimits(NamedTuple):
     """m/s²; infinite: not limited."""
     max_turn_acceleration: float = 2.0
     """rad/s²; infinite: not limited."""
+    max_jerk: float = math.inf
+    """m/s³, with which the acceleration grows; infinite: not limited."""
+    max_turn_jerk: float = math.inf
+    """rad/s³, likewise."""
 
 
 class Velocity(NamedTuple):
@@ -43,8 +47,9 @@ class VelocityLimiter:
     """Judges velocities one after the other. Not thread-safe.
 
     What is too fast is scaled as a whole, so that the base stays on the curve that was meant. Growth is
-    measured from what was sent last; that the base gets slower is never limited. Over any time t a speed
-    grows by `max_acceleration` · (t + :data:`CREDIT`) at the most.
+    measured from what was sent last; that the base gets slower, or grows no faster, is never limited. Over
+    any time t a speed grows by `max_acceleration` · (t + :data:`CREDIT`) at the most; when it did not grow
+    before, by `max_jerk` · (t + :data:`CREDIT`)².
 
     :param limits: of the base.
     :param refuse: sends zero in place of what is above a limit.
@@ -54,8 +59,8 @@ class VelocityLimiter:
         self._limits = limits
         self._refuse = refuse
         self._sent = STANDING
-        # Time up to which growth is used up, s, of speed and of turning.
-        self._used = self._turn_used = -math.inf
+        self._growth = _Growth(limits.max_acceleration, limits.max_jerk)
+        self._turn_growth = _Growth(limits.max_turn_acceleration, limits.max_turn_jerk)
 
     def judge(self, velocity: Velocity, now: float) -> Tuple[Velocity, str]:
         """What may go to the base now, and what is wrong with the velocity that came; changes nothing.
@@ -71,8 +76,8 @@ class VelocityLimiter:
         most, most_turn = limits.max_speed, limits.max_turn_speed
         part = min(_part(most, velocity.speed), _part(most_turn, abs(velocity.yaw)))
         less = _scaled(velocity, part)
-        most = self._kept(less) + _saved(self._used, now) * limits.max_acceleration
-        most_turn = self._kept_turn(less) + _saved(self._turn_used, now) * limits.max_turn_acceleration
+        most = self._kept(less) + self._growth.most(now)
+        most_turn = self._kept_turn(less) + self._turn_growth.most(now)
         growth = min(_part(most, less.speed), _part(most_turn, abs(less.yaw)))
         if part == growth == 1.0:
             return velocity, ""
@@ -87,16 +92,15 @@ class VelocityLimiter:
 
     def sent(self, velocity: Velocity, now: float) -> None:
         """A velocity went to the base, as it was judged at this moment."""
-        limits = self._limits
-        growth = max(0.0, velocity.speed - self._kept(velocity))
-        turn_growth = max(0.0, abs(velocity.yaw) - self._kept_turn(velocity))
-        self._used = max(self._used, now - CREDIT) + growth / limits.max_acceleration
-        self._turn_used = max(self._turn_used, now - CREDIT) + turn_growth / limits.max_turn_acceleration
+        self._growth.grew(max(0.0, velocity.speed - self._kept(velocity)), now)
+        self._turn_growth.grew(max(0.0, abs(velocity.yaw) - self._kept_turn(velocity)), now)
         self._sent = velocity
 
     def stood(self) -> None:
         """Zero went to the base."""
         self._sent = STANDING
+        for growth in (self._growth, self._turn_growth):
+            growth.rate = 0.0
 
     def _kept(self, velocity: Velocity) -> float:
         """What the base drives already in the direction of a velocity, m/s."""
@@ -109,6 +113,36 @@ class VelocityLimiter:
         return max(0.0, math.copysign(self._sent.yaw, self._sent.yaw * velocity.yaw))
 
 
+class _Growth:
+    """How much a speed may grow. Time that was not used for it is saved up.
+
+    :ivar rate: at which it grew last, per s.
+    """
+
+    def __init__(self, acceleration: float, jerk: float) -> None:
+        self._acceleration, self._jerk = acceleration, jerk
+        self._used = -math.inf  # time up to which growth is used up, s
+        self.rate = 0.0
+
+    def most(self, now: float) -> float:
+        """By how much it may grow now."""
+        saved, rate = self._allowed(now)
+        return saved * rate
+
+    def grew(self, by: float, now: float) -> None:
+        """It has grown by as much, or not at all."""
+        saved, rate = self._allowed(now)
+        self._used = max(self._used, now - CREDIT) + by / rate
+        self.rate = min(rate, by / saved)
+
+    def _allowed(self, now: float) -> Tuple[float, float]:
+        """Time that is left to grow in, s, and the rate with which it may."""
+        saved = max(
+            1e-9, min(CREDIT, now - self._used)
+        )  # not zero, so that an infinite limit has its meaning
+        return saved, min(self._acceleration, self.rate + self._jerk * saved)
+
+
 def _part(limit: float, value: float) -> float:
     """The part of a value, 0..1, that is within a limit."""
     return 1.0 if value <= limit * ROUNDING else limit / value
@@ -116,8 +150,3 @@ def _part(limit: float, value: float) -> float:
 
 def _scaled(velocity: Velocity, part: float) -> Velocity:
     return Velocity(x=velocity.x * part, y=velocity.y * part, yaw=velocity.yaw * part)
-
-
-def _saved(used: float, now: float) -> float:
-    """Time that is left to grow in, s; more than zero, so that an infinite limit has its meaning."""
-    return max(1e-9, min(CREDIT, now - used))

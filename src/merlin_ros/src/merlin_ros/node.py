@@ -24,7 +24,7 @@ from merlin_ros.master import master_link, publisher_updates
 from merlin_ros.master.master_keeper import MasterKeeper
 from merlin_ros.master.namesake import living_namesake
 from merlin_ros.parameters import ParameterError
-from merlin_ros.ports import tcpros_port, xmlrpc_port
+from merlin_ros.ports import service_server, tcpros_port, xmlrpc_port
 from merlin_ros.ports.self_check import Port, SelfCheck
 from merlin_ros.prompt_sending import send_promptly
 
@@ -155,6 +155,7 @@ def init_node(name: str, **options: Any) -> None:
     master_link.hasten_registration()
     publisher_updates.keep_all()
     tcpros_port.use_entrance()
+    service_server.use_for_all()
     hand_over_promptly()
     _wait_for_master(name)
     if not options.get("anonymous"):

@@ -1,9 +1,10 @@
 """Whether the velocity guard lets a drive begin: no guard, no new drive."""
 
+import contextlib
 import math
 import threading
 import time
-from typing import Callable, NamedTuple, Optional
+from typing import Callable, Iterator, List, NamedTuple, Optional
 
 import rospy
 from merlin_msgs.msg import GuardStatus
@@ -41,12 +42,29 @@ class GuardWatch:
         self._doubted = -math.inf  # when the first status came after a gap
         self._heard = DriveMark()
         self._held_because = ""
+        self._followers: List[Callable[[GuardStatus], None]] = []
         self._subscriber = rospy.Subscriber(STATUS_TOPIC, GuardStatus, self._receive, tcp_nodelay=True)
 
     def wake(self) -> None:
         """Wakes a :meth:`why_not`, so that it re-checks its interruption."""
         with self._changed:
             self._changed.notify_all()
+
+    def names(self, server: str) -> bool:
+        """Whether the guard has said that an action, by its resolved name, moves the base."""
+        with self._changed:
+            return self._status is not None and server in self._status.servers
+
+    @contextlib.contextmanager
+    def followed(self, take: Callable[[GuardStatus], None]) -> Iterator[None]:
+        """Has a function called with each status, without a lock, while the context lasts."""
+        with self._changed:
+            self._followers.append(take)
+        try:
+            yield
+        finally:
+            with self._changed:
+                self._followers.remove(take)
 
     def why_not(self, interrupted: Callable[[], bool] = lambda: False, server: str = "") -> str:
         """Why no drive may begin now; empty: it may.
@@ -87,7 +105,7 @@ class GuardWatch:
         Only warns when no velocity came: the base may have been there already.
 
         :param mark: of its beginning.
-        :param server: that says so.
+        :param server: that says so; of one that the guard does not name it knows nothing.
         """
         with self._changed:
             heard, held, fresh = self._heard, self._held_because, self._fresh()
@@ -143,6 +161,9 @@ class GuardWatch:
             passing += status.state == GuardStatus.PASSING
             self._heard = DriveMark(0.0, passing, moving + status.moving, holding)
             self._changed.notify_all()
+            followers = list(self._followers)
+        for take in followers:
+            take(status)
 
 
 _watch: Optional[GuardWatch] = None

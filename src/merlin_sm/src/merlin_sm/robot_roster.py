@@ -5,8 +5,9 @@ A node that names too many robots costs itself robots, and no other node. Withou
 
 import re
 import threading
-from collections import OrderedDict
-from typing import Any, Dict, NamedTuple, Optional, Set
+from typing import Any, NamedTuple, Set
+
+from merlin_ros.work.liveness import Limits, Liveness, Word
 
 #: Robots that one node may name.
 OF_ONE = 50
@@ -33,14 +34,14 @@ class RobotRoster:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()  # guards the fields below
-        self._senders: Dict[str, str] = {}  # robot → the node that named it first
-        # Node → its robots → when each was heard last, s; the one that is silent for longest first.
-        self._heard: Dict[str, OrderedDict[str, float]] = {}
+        self._now = 0.0
+        self._robots: Liveness[str] = Liveness(Limits(gone=KEEP, keep=KEEP), OF_ALL, OF_ONE, self._forget)
+        self._forgotten = ""
         self._told: Set[str] = set()
 
     def __contains__(self, robot: str) -> bool:
         with self._lock:
-            return robot in self._senders
+            return robot in self._robots
 
     def admit(self, robot: str, sender: str, now: float) -> Admission:
         """Takes a message.
@@ -50,38 +51,20 @@ class RobotRoster:
         :param now: s of a clock that never goes back.
         """
         with self._lock:
-            forgotten = ""
-            if robot not in self._senders:
-                full = self._full(sender)
-                if full is not None:
-                    forgotten = next(iter(self._heard[full]))
-                    if now - self._heard[full][forgotten] <= KEEP:
-                        return Admission(False, refusal=self._refusal(sender, full))
-                    self._forget(forgotten)
-            robots = self._heard.setdefault(self._senders.setdefault(robot, sender), OrderedDict())
-            robots[robot] = now
-            robots.move_to_end(robot)
-            return Admission(True, forgotten)
-
-    def _full(self, sender: str) -> Optional[str]:
-        """The node of which a robot has to be forgotten before `sender` names another; None: of none."""
-        if len(self._heard.get(sender, ())) >= OF_ONE:
-            return sender
-        if len(self._senders) >= OF_ALL:
-            return min(self._heard, key=lambda node: next(iter(self._heard[node].values())))
-        return None
+            self._robots.pass_time(now - self._now)
+            self._now, self._forgotten = now, ""
+            if self._robots.heard(robot, source=sender) is Word.IGNORED:
+                return Admission(False, refusal=self._refusal(sender))
+            return Admission(True, self._forgotten)
 
     def _forget(self, robot: str) -> None:
-        sender = self._senders.pop(robot)
-        del self._heard[sender][robot]
-        if not self._heard[sender]:
-            del self._heard[sender]
+        self._forgotten = robot
 
-    def _refusal(self, sender: str, full: str) -> str:
+    def _refusal(self, sender: str) -> str:
         if sender in self._told or len(self._told) >= OF_ALL:
             return ""
         self._told.add(sender)
-        if sender == full:
+        if self._robots.crowded(sender):
             return f"{sender or 'a node'} names more than {OF_ONE} robots; further ones of it do not count"
         return f"{OF_ALL} robots are there; those that {sender} names do not count"
 

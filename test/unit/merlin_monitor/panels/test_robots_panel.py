@@ -85,6 +85,17 @@ def test_why_a_robot_takes_no_actions_is_told_once(
     ]
 
 
+def test_a_late_word_of_a_host_that_was_restarted_or_has_ended_does_not_bring_its_robot_back(
+    section: RobotsSection, told: Told
+) -> None:
+    section.host(word("ann", life="one"), 2.0, 11.0)
+    section.host(word("ann", life="two"), 3.0, 11.1)
+    section.host(word("ann", life="one", out="was taken out by its operator"), 3.0, 11.2)
+    section.host(word("ann", life="two", leaving=True), 4.0, 11.3)
+    section.host(word("ann", life="two"), 4.0, 11.4)
+    assert told.texts == ["robot ann takes no actions: its host has ended"]
+
+
 def test_robots_that_a_node_names_without_end_are_not_all_shown(
     section: RobotsSection, tree: StateTree, told: Told
 ) -> None:

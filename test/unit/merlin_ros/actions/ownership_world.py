@@ -48,7 +48,8 @@ def _key(book: LeaseBook) -> tuple:
     goals = tuple(
         sorted((name, goal.owner, goal.life, goal.state.value) for name, goal in book._goals.items())
     )
-    key = (goals, tuple(sorted(book._silence.items())))
+    owners = {goal.owner for goal in book._goals.values() if goal.state is not LeaseState.LOST}
+    key = (goals, tuple(sorted((owner, book._owners.silence(owner)) for owner in owners)))
     _books.setdefault(key, book)
     return key
 

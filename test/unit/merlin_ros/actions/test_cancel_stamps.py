@@ -106,13 +106,23 @@ def test_the_status_list_of_a_flood_of_goals_names_the_last_ones(
 
 
 def test_what_raises_in_a_cancel_has_not_stopped_the_goal(goals: List[ServerGoal], clock: Any) -> None:
+    tried: List[str] = []
+
     def cancel(goal: ServerGoal) -> None:
-        raise RuntimeError("can't start new thread")
+        tried.append(goal.id)
+        if len(tried) < 3:
+            raise RuntimeError("can't start new thread")
 
     made = ActionServer("listen", ListenAction, goals.append, cancel)
     made._status_publisher = made._result_publisher = SimpleNamespace(  # type: ignore[assignment]
         publish=lambda message: None
     )
+    statuses: List[Any] = []
+    made._status_publisher.publish = lambda message: statuses.extend(message.status_list)  # type: ignore
     send(made, "drive", 100)
-    made._receive_cancel(GoalID(id="drive"))
-    assert goals[0].cancel_requested and not goals[0].done
+    for _ in range(4):
+        made._receive_cancel(GoalID(id="drive"))
+        assert goals[0].cancel_requested and not goals[0].done
+        said = statuses[-1].text
+        assert said == "it is not stopped: RuntimeError: can't start new thread"
+    assert len(tried) == 3, "what has stopped it is not called again"

@@ -20,6 +20,7 @@ class Server:
 
     def __init__(self) -> None:
         self.executed: List[ServerGoal] = []
+        self.cancels: List[str] = []
         self.goes_on = threading.Event()
         self.goes_on.set()
         self.begun: threading.Semaphore = threading.Semaphore(0)
@@ -42,6 +43,7 @@ class Server:
         self.ended.release()
 
     def _cancel(self, goal: ServerGoal) -> None:
+        self.cancels.append(goal.id)
         raise OSError("the microphone does not answer")
 
 
@@ -66,6 +68,21 @@ def test_a_cancel_that_fails_costs_the_newer_goal_nothing(server: Server) -> Non
     server.serial.server._receive_cancel(GoalID(id="second"))
     assert server.ended.acquire(timeout=LONG)
     assert second.status == GoalStatus.PREEMPTED and second._status.text == "stopped"
+
+
+def test_a_cancel_that_failed_is_tried_with_the_next_one(server: Server) -> None:
+    server.goes_on.clear()  # it does not stop by itself
+    server.send("first")
+    assert server.begun.acquire(timeout=LONG)
+    server.send("second")
+    (first,) = server.executed
+    for _ in range(2):
+        server.serial.server._receive_cancel(GoalID(id="first"))
+    assert server.cancels == ["first"] * 3 and not first.done
+    assert first._status.text == "it is not stopped: OSError: the microphone does not answer"
+    server.goes_on.set()
+    assert server.begun.acquire(timeout=LONG)
+    assert server.executed[1].status == GoalStatus.ACTIVE
 
 
 def test_a_goal_that_was_answered_before_its_turn_is_not_executed(server: Server) -> None:

@@ -4,7 +4,7 @@ import pytest
 
 from merlin_rosplan.dispatch.interface_watch import (
     JUST_ANNOUNCED,
-    KEEP,
+    LIMITS,
     OPERATORS,
     InterfaceWatch,
 )
@@ -91,7 +91,7 @@ def test_an_interface_that_has_been_silent_for_long_makes_room_for_another(clock
         watch.announce(f"old{number}")
     watch.announce("early")
     assert watch.seconds_silent("early") is None
-    clock.now += KEEP + 1.0
+    clock.now += LIMITS.keep + 1.0
     watch.announce("late")
     assert watch.seconds_silent("late") == 0.0
     assert watch.seconds_silent("old0") is None and watch.seconds_silent("old1") is not None
@@ -104,8 +104,9 @@ def test_names_that_are_announced_without_end_do_not_grow_without_end(clock):
         watch.announce(f"ghost{number}")
     clock.now += 1.0
     watch.announce("drive")
-    assert len(watch._heard) <= OPERATORS and len(watch._first) <= OPERATORS
+    ghosts = [watch.seconds_silent(f"ghost{number}") for number in range(10 * OPERATORS)]
+    assert sum(silent is not None for silent in ghosts) == OPERATORS - 1
     assert watch.seconds_silent("drive") == 0.0 and watch.seconds_silent("say") is None
-    clock.now += KEEP + 1.0
+    clock.now += LIMITS.keep + 1.0
     watch.announce("say")
     assert watch.seconds_silent("say") == 0.0 and watch.just_announced("say")

@@ -1,13 +1,14 @@
 """States that use action servers: which goal they send, and what each end of it means for the machine."""
 
+import contextlib
 import threading
 from types import SimpleNamespace
-from typing import Any, Callable, Dict, List, Optional, Tuple
+from typing import Any, Callable, Dict, Iterator, List, Optional, Tuple
 
 import pytest
 from actionlib_msgs.msg import GoalStatus
 from geometry_msgs.msg import PoseStamped
-from merlin_msgs.msg import ListenResult, RecognizeResult
+from merlin_msgs.msg import GuardStatus, ListenResult, RecognizeResult
 from vision_msgs.msg import Detection3D, ObjectHypothesisWithPose
 
 from merlin_ros.actions import hang_watch
@@ -20,6 +21,7 @@ from merlin_sm.states.recognition import RecognizeState
 from merlin_sm.states.speech import MISUNDERSTOOD, ListenState, SpeakState
 from smach import UserData
 
+LONG = 60.0
 POINTS = {"kitchen": {"x": 1.0, "y": 2.0, "yaw": 0.0}, "broken": {"x": 1.0, "y": "?"}}
 
 
@@ -29,7 +31,8 @@ class Sent:
     def __init__(self, server: "Server", on_done: Callable[[Any], None]) -> None:
         self.status, self.text, self.result = server.end
         self.done = threading.Event()
-        self.cancelled = False
+        self.id, self.said, self.on_cancel = "mine", "", ""
+        self.cancels = 0
         self._server, self._on_done = server, on_done
 
     def finish(self) -> None:
@@ -37,7 +40,8 @@ class Sent:
         self._on_done(self)
 
     def cancel(self) -> None:
-        self.cancelled = True
+        self.cancels += 1
+        self.said = self.on_cancel or self.said
         if self._server.stops:
             self.finish()
 
@@ -55,6 +59,7 @@ class Server:
         self.at_once = True
         self.stops = True
         self.goals: List[Any] = []
+        self.sents: List[Sent] = []
         self.owners: List[Optional[str]] = []
         self.given_up: List[str] = []
         self.on_goal: Callable[[], None] = lambda: None
@@ -66,6 +71,7 @@ class Server:
         self.goals.append(goal)
         self.owners.append(owner)
         sent = Sent(self, on_done)
+        self.sents.append(sent)
         if self.at_once:
             sent.finish()
         self.on_goal()
@@ -79,13 +85,24 @@ class Server:
 def server(monkeypatch: pytest.MonkeyPatch) -> Server:
     made = Server()
     monkeypatch.setattr(action_state, "shared_client", lambda name, action_spec: made)
+    followers: List[Any] = []
+
+    @contextlib.contextmanager
+    def followed(take: Any) -> Iterator[None]:
+        followers.append(take)
+        yield
+        followers.remove(take)
+
     guard = SimpleNamespace(
         wake=lambda: None,
+        names=lambda server: False,
+        followed=followed,
+        followers=followers,
         why_not=lambda preempted, server: "",
         mark=lambda: None,
         why_unmoved=lambda mark, server: "",
     )
-    monkeypatch.setattr(navigation, "shared_guard_watch", lambda: guard)
+    monkeypatch.setattr(action_state, "shared_guard_watch", lambda: guard)
     monkeypatch.setattr(navigation, "get_param", lambda name, default: POINTS)
     made.guard = guard
     return made
@@ -252,6 +269,59 @@ def test_an_arrival_of_which_the_guard_knows_better_does_not_count(server: Serve
     assert drive.reason == f"{server.name} says so, but nothing passed"
     server.end = (GoalStatus.ABORTED, "no way", None)
     assert drive.execute(userdata()) == ABORTED and "no way" in drive.reason
+
+
+@pytest.mark.parametrize("named", [True, False])
+def test_another_action_that_drives_is_known_from_the_guard(server: Server, named: bool) -> None:
+    server.guard.names = lambda name: named and name == server.name
+    server.guard.why_unmoved = lambda mark, server: "nothing passed"
+    assert state().execute(userdata()) == (ABORTED if named else SUCCEEDED)
+    server.guard.why_not = lambda preempted, server: "it is stopped"
+    dock = state()
+    assert dock.execute(userdata()) == (ABORTED if named else SUCCEEDED)
+    assert dock.reason == ("it is stopped" if named else "") and len(server.goals) == (1 if named else 2)
+
+
+@pytest.mark.parametrize("stops", [True, False])
+def test_a_goal_for_which_no_velocity_comes_is_cancelled_and_its_server_named(
+    server: Server, stops: bool
+) -> None:
+    server.end, server.at_once, server.stops = (GoalStatus.PREEMPTED, "", None), False, stops
+    drive = NavigationState("kitchen", cancel_limit=0.25)
+
+    def say(*goals: str) -> None:
+        while not server.guard.followers:
+            pass
+        for take in list(server.guard.followers):
+            take(GuardStatus(uncommanded=goals))
+            take(GuardStatus(uncommanded=goals))
+
+    def tell() -> None:
+        say("another's")
+        assert server.sents[-1].cancels == 0
+        say("another's", "mine")
+
+    guard = threading.Thread(target=tell)
+    server.on_goal = guard.start
+    assert drive.execute(userdata()) == ABORTED
+    guard.join(LONG)
+    assert server.name in drive.reason and "sent no velocity" in drive.reason
+    assert ("did not stop within 0.25 s" in drive.reason) is not stops
+    assert server.sents[-1].cancels == 1 and bool(server.given_up) is not stops
+
+
+def test_why_a_server_did_not_stop_is_told(server: Server) -> None:
+    server.at_once = server.stops = False
+    drive = state(cancel_limit=0.25)
+
+    def preempt() -> None:
+        server.sents[-1].said = "accepted"
+        server.sents[-1].on_cancel = "it is not stopped: OSError: no brake"
+        drive.request_preempt()
+
+    server.on_goal = preempt
+    assert drive.execute(userdata()) == ABORTED
+    assert drive.reason == "/server did not stop within 0.25 s: it is not stopped: OSError: no brake"
 
 
 def test_a_preempt_while_the_guard_is_asked_sends_nothing(server: Server) -> None:

@@ -6,14 +6,14 @@ nothing is sent to either. A robot is known as soon as its host was heard once.
 
 from typing import Dict, List, NamedTuple, Tuple
 
+from merlin_ros.work.liveness import Limits, Liveness, Presence, Word
+
 #: Predicate of which the bridges keep the truth: the robot takes actions.
 AVAILABLE = "available"
 #: s between two words of a host.
 WORD_PERIOD = 0.25
 #: s of silence after which a robot takes no actions. With what follows, its actions have failed within 3 s.
 GONE_AFTER = 2.0
-#: Lives of hosts of a robot that are remembered when they are over.
-KEEP_LIVES = 8
 #: Hosts that are remembered while they say that they are one robot.
 HOSTS = 8
 #: Operators of a message that count.
@@ -46,18 +46,12 @@ class RobotChange(NamedTuple):
     """Whether it is forgotten for another one: it has been silent for long."""
 
 
-class _Host:
-    def __init__(self, word: HostWord) -> None:
-        self.word = word
-        self.silence = 0.0
-        self.suspected = ""  # why its actions cannot reach it, until its next word
-
-
 class _Robot:
     def __init__(self) -> None:
-        self.hosts: Dict[str, _Host] = {}  # by node
+        self.hosts: Liveness[str] = Liveness(Limits(gone=GONE_AFTER, keep=GONE_AFTER), HOSTS)  # nodes
+        self.words: Dict[str, HostWord] = {}  # last ones of the nodes that are there
+        self.suspected: Dict[str, str] = {}  # node -> why actions cannot reach it, until its next word
         self.namespace = ""  # of the host that was heard last
-        self.lives: List[str] = []  # that are over
         self.parameters: Dict[str, str] = {}  # operator -> the variable that names the robot
         self.reported = RobotChange("", False)
         self.gone = ""
@@ -98,17 +92,17 @@ class RobotBook:
         """A host says that it lives, or that it leaves."""
         robot = self._robots.pop(word.robot, None) or _Robot()
         self._robots[word.robot] = robot
-        if word.life in robot.lives:
-            return []  # a late word
-        known = robot.hosts.get(word.node)
+        heard = robot.hosts.heard(word.node, word.life)
+        if heard is Word.IGNORED:
+            return []
         changes: List[RobotChange] = []
-        if known is not None and known.word.life != word.life:
+        if heard is Word.REBORN:
             changes += self._leave(word.robot, word.node, f"the host of robot {word.robot} was restarted")
         if word.leaving:
+            robot.hosts.left(word.node)
             return changes + self._leave(word.robot, word.node, f"the host of robot {word.robot} has ended")
-        if word.node not in robot.hosts and len(robot.hosts) >= HOSTS:
-            return changes
-        robot.hosts[word.node] = _Host(word)
+        robot.words[word.node] = word
+        robot.suspected.pop(word.node, None)
         robot.namespace = word.node.rpartition("/")[0] + "/"
         said = {operator.lower(): variable for operator, variable in word.parameters[:OPERATORS]}
         if not said.items() <= robot.parameters.items():
@@ -124,26 +118,22 @@ class RobotBook:
         """Time passes, as the watcher counts it."""
         changes: List[RobotChange] = []
         for name, robot in self._robots.items():
-            for node, host in list(robot.hosts.items()):
-                host.silence += seconds
-                if host.silence > GONE_AFTER:
-                    # The same process may come back: a host that got SIGSTOP gets SIGCONT.
-                    del robot.hosts[node]
-                    robot.gone = f"robot {name} is gone: its host {node} is silent"
-                    changes += self._report(name)
+            robot.hosts.pass_time(seconds)
+            for node in list(robot.words):
+                if robot.hosts.presence(node) is not Presence.ALIVE:
+                    changes += self._leave(name, node, f"robot {name} is gone: its host {node} is silent")
         return changes
 
     def suspect(self, robot: str, reason: str) -> List[RobotChange]:
         """An action was lost with its host. The next word of that host proves that it lives."""
-        for host in self._robots[robot].hosts.values() if robot in self._robots else ():
-            host.suspected = reason
-        return self._report(robot) if robot in self._robots else []
+        if robot not in self._robots:
+            return []
+        self._robots[robot].suspected = dict.fromkeys(self._robots[robot].words, reason)
+        return self._report(robot)
 
     def _leave(self, name: str, node: str, reason: str) -> List[RobotChange]:
         robot = self._robots[name]
-        host = robot.hosts.pop(node, None)
-        if host is not None:
-            robot.lives = [*robot.lives[-KEEP_LIVES:], host.word.life]
+        if robot.words.pop(node, None) is not None:
             robot.gone = reason
         return self._report(name)
 
@@ -157,15 +147,14 @@ class RobotBook:
 
     @staticmethod
     def _now(name: str, robot: _Robot) -> RobotChange:
-        hosts = list(robot.hosts.values())
-        if not hosts:
+        if not robot.words:
             return RobotChange(name, False, robot.gone)
-        if len(hosts) > 1:
-            nodes = " and ".join(sorted(robot.hosts))
+        if len(robot.words) > 1:
+            nodes = " and ".join(sorted(robot.words))
             return RobotChange(name, False, f"two hosts say that they are robot {name}: {nodes}", True)
-        (host,) = hosts
-        if host.suspected:
-            return RobotChange(name, False, f"robot {name} is gone: {host.suspected}")
-        if host.word.out:
-            return RobotChange(name, False, f"robot {name} {host.word.out}", True)
+        ((node, word),) = robot.words.items()
+        if robot.suspected.get(node):
+            return RobotChange(name, False, f"robot {name} is gone: {robot.suspected[node]}")
+        if word.out:
+            return RobotChange(name, False, f"robot {name} {word.out}", True)
         return RobotChange(name, True)

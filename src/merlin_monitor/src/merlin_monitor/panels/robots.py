@@ -11,6 +11,7 @@ from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.text.fact_text import atom_text
 from merlin_monitor.text.phrase import say, with_reason
+from merlin_ros.work.liveness import Limits, Liveness, Presence, Word
 from merlin_sm.robot_roster import RobotRoster, sender_of
 
 SECTION = "robots"
@@ -24,7 +25,9 @@ class RobotsSection:
     def __init__(self, tree: StateTree, report: Reporter) -> None:
         self._tree = tree
         self._report = report
-        self._heard: Dict[str, Dict[str, float]] = {}  # robot -> node of a host -> s of wall time
+        self._hosts: Dict[str, Liveness[str]] = {}  # robot -> nodes of its hosts
+        self._looked = 0.0  # s of wall time
+        self._out: Dict[str, str] = {}
         self._away: Dict[str, str] = {}
         self._parameters: Dict[str, str] = {}  # operator -> variable
         self._running: List[Any] = []
@@ -40,46 +43,53 @@ class RobotsSection:
             self._forget(admission.forgotten)
         if not admission.counts:
             return
-        hosts = self._heard.setdefault(word.robot, {})
+        self._look(wall)
+        hosts = self._hosts.setdefault(word.robot, Liveness(Limits(gone=SILENT)))
+        if hosts.heard(word.node, word.life) is Word.IGNORED:
+            return
         if word.leaving:
-            hosts.pop(word.node, None)
-        else:
-            hosts[word.node] = wall
+            hosts.left(word.node)
+        self._out[word.robot] = word.out
         parameters = dict(zip(word.operators, word.robot_parameters))
         if not parameters.items() <= self._parameters.items():
             kept = [*self._parameters.items(), *parameters.items()][-MOST_OPERATORS:]
             self._parameters = dict(kept)
             self._tree.set(SECTION, "parameters", dict(self._parameters))
-        away = word.out or self._why_away(word.robot, "its host has ended")
-        if away != self._away.get(word.robot):
-            self._put(word.robot, away, at)
+        self._judge(word.robot, at)
 
     def dispatcher(self, message: Any, at: float) -> None:
         """Takes a message with the fields of merlin_msgs/DispatchStatus."""
         self._running = list(message.running)
-        for robot in self._heard:
+        for robot in self._hosts:
             self._tree.set(SECTION, "robots", robot, "does", self._does(robot))
 
     def check_silence(self, at: float, wall: float) -> None:
         """Notices hosts that are silent."""
-        for robot, hosts in self._heard.items():
-            silent = [node for node, heard in hosts.items() if wall - heard > SILENT]
-            for node in silent:
-                del hosts[node]
-            away = self._why_away(robot, "its host is silent")
-            if silent and away != self._away.get(robot):
-                self._put(robot, away, at)
+        self._look(wall)
+        for robot in self._hosts:
+            self._judge(robot, at)
+
+    def _look(self, wall: float) -> None:
+        for hosts in self._hosts.values():
+            hosts.pass_time(wall - self._looked)
+        self._looked = wall
 
     def _forget(self, robot: str) -> None:
-        self._heard.pop(robot, None)
-        self._away.pop(robot, None)
+        for kept in (self._hosts, self._out, self._away):
+            kept.pop(robot, None)
         self._tree.remove(SECTION, "robots", robot)
 
-    def _why_away(self, robot: str, gone: str) -> str:
-        hosts = sorted(self._heard[robot])
-        if len(hosts) > 1:
-            return f"two hosts say that they are it: {' and '.join(hosts)}"
-        return "" if hosts else gone
+    def _judge(self, robot: str, at: float) -> None:
+        hosts = self._hosts[robot]
+        found = {node: hosts.presence(node) for node in hosts}
+        there = sorted(node for node in found if found[node] is Presence.ALIVE)
+        away = self._out[robot]
+        if len(there) > 1:
+            away = f"two hosts say that they are it: {' and '.join(there)}"
+        elif not there:
+            away = f"its host {'is silent' if Presence.GONE in found.values() else 'has ended'}"
+        if away != self._away.get(robot):
+            self._put(robot, away, at)
 
     def _does(self, robot: str) -> List[str]:
         found: List[str] = []

@@ -3,6 +3,7 @@
 A guard gets a stop on a topic whose connection is there already, and its own status says whether it obeyed.
 """
 
+import math
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -18,6 +19,9 @@ from merlin_monitor.web.control import ControlError
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
 
 ANSWERS = 1.0  # s of wall time
+START = 10.0  # s of wall time in which a monitor that begins hears the guards there are
+#: What a guard says of those who stop the base of one robot alone: nodes, and the button of a joystick.
+ONE_ROBOT = ("/", "an unknown node", "button ")
 FRESH = 1.5  # s of wall time for which the word of a guard counts; it sends one every 0.5 s
 
 
@@ -25,13 +29,14 @@ class RobotGuards:
     """Guards by the names of their robots; the one of the monitor's own namespace has the empty name.
 
     A stop stands until the release: a guard that has not confirmed it, that joins or is back, is told again
-    with each word of its own.
+    with each word of its own. A monitor that begins takes up the stop of an operator that a guard tells it.
     """
 
     def __init__(self) -> None:
         self._changed = threading.Condition()  # guards the fields below, and those of each guard
         self._guards: Dict[str, _Guard] = {}
         self._by = ""  # whose stop stands
+        self._begins_until = time.monotonic() + START
         self.follow("", True)
 
     @property
@@ -80,7 +85,7 @@ class RobotGuards:
     def release(self) -> Dict[str, str]:
         """Releases the bases that are held, all at once; returns why one was not, by their robots."""
         with self._changed:
-            self._by = ""
+            self._by, self._begins_until = "", -math.inf
             known = self._counting()
             held = {robot: guard for robot, guard in known.items() if guard.stopped} or known
         with ThreadPoolExecutor(len(held), "release") as pool:
@@ -97,6 +102,8 @@ class RobotGuards:
     def _receive(self, guard: "_Guard", status: GuardStatus) -> None:
         with self._changed:
             was_gone = guard.silent
+            if guard.status is None and time.monotonic() < self._begins_until:
+                self._by = self._by or _stopped_all(status)
             guard.status, guard.heard = status, time.monotonic()
             guard.confirmed = guard.stopped or (guard.confirmed and not was_gone)
             if all(each.confirmed and not each.stopped for each in self._counting().values()):
@@ -139,6 +146,12 @@ class _Guard:
         for topic in (self.stops, self._subscriber):
             topic.unregister()
         self.release.close()
+
+
+def _stopped_all(status: GuardStatus) -> str:
+    """The operator who has stopped all robots, of what one guard says; empty: there is none."""
+    by = holder_of(status.reason) if status.state == GuardStatus.STOPPED else ""
+    return "" if by.startswith(ONE_ROBOT) else by
 
 
 def _released(guard: _Guard) -> str:

@@ -23,7 +23,7 @@ from actionlib_msgs.msg import GoalID, GoalStatus, GoalStatusArray
 from merlin_ros.actions.client_goal import TERMINAL, ClientGoal
 from merlin_ros.actions.lease import LEASED
 from merlin_ros.actions.lease_holder import LIFE, LeaseHolder
-from merlin_ros.actions.peers import came_over_open, connected_peers, reaches
+from merlin_ros.actions.peers import came_over_open, connected_peers, link_from, reaches
 from merlin_ros.actions.server_silence import CONNECTED_SILENCE, LOOK, ServerSilence
 from merlin_ros.alarms import TickClock
 from merlin_ros.deadline import running_time
@@ -32,6 +32,7 @@ from merlin_ros.publishing import OnSubscriber, publish
 REPEAT_CANCEL = 0.5  # s after which a cancel that shows no effect is sent again
 KEEP_GIVEN_UP = 60.0  # s for which a goal that was given up is cancelled when the server names it again
 SPEAKING = 2.0  # s since its last status within which a server is waited for beyond the time-out
+GREETED = 0.5  # s of wall time after which the server sends over its link for results, without a proof
 CONNECTING = 10.0  # s of that: rospy tries a connection that failed again at growing intervals
 AHEAD = 1.0  # s that a stamp may be ahead of the clock before it is told
 QUEUE = 1000  # goals and cancels that wait for a connection; rospy drops the oldest, and says nothing
@@ -62,7 +63,9 @@ class ActionClient:
         self._last_status: Optional[float] = None
         self._server = ""  # name of the node that sent the last status
         self._header: Optional[Mapping[str, str]] = None  # of the connection over which it came
-        self._proved = ""  # the server whose link for results was open when a status came
+        self._result_link: Any = None  # the server's, at the last look
+        self._linked = TickClock(longest=LOOK)  # since the first look at it
+        self._proved: Any = None  # the server's link for results that was open when the last status came
         self._silence = ServerSilence(self.name, running_time)
         self._given_up: Dict[str, float] = {}  # goal id -> running time of the last cancel
         self._dead_owners: Dict[str, None] = {}  # the oldest first
@@ -109,7 +112,8 @@ class ActionClient:
         """What keeps the server from being used, as part of a sentence; empty when nothing does.
 
         Its link for results counts when a status has come after it: rospy's publisher greets a subscriber
-        before it sends to it, so the result of a goal that is sent at once could be lost. The successor of a
+        before it sends to it, so the result of a goal that is sent at once could be lost. While the clock of
+        ROS stands, plain servers send no further status, and it counts after a while. The successor of a
         server that has died counts when it has spoken.
         """
         last = self._last_status
@@ -123,11 +127,20 @@ class ActionClient:
         links = {
             "goals": reaches(self._goal_publisher, self._server),
             "cancels": reaches(self._cancel_publisher, self._server),
-            "results": self._proved == self._server,
+            "results": self._takes_results(),
             "status and feedback": self._connected(),
         }
         lacking = next((name for name, there in links.items() if not there), "")
         return f"it speaks, but has no connection for {lacking}" if lacking else ""
+
+    def _takes_results(self) -> bool:
+        """Whether the server sends over its link for results."""
+        with self._changed:
+            link = link_from(self._result_subscriber, self._server)
+            if link is not self._result_link:
+                self._result_link, self._linked = link, TickClock(longest=LOOK)
+            self._linked.look()
+            return link is not None and (link is self._proved or self._linked.now >= GREETED)
 
     def wait_for_server(
         self, timeout: Optional[float] = None, unless: Callable[[], bool] = lambda: False
@@ -284,7 +297,7 @@ class ActionClient:
             self._taken = max((status.goal_id.stamp for status in message.status_list), default=rospy.Time())
             self._header = message._connection_header
             self._server = message._connection_header["callerid"]
-            self._proved = self._server if self._server in connected_peers(self._result_subscriber) else ""
+            self._proved = link_from(self._result_subscriber, self._server)
             left = self._left_running(statuses, now)
             lost = self._silence.hear(statuses, self._goals.values())
             for goal in lost:

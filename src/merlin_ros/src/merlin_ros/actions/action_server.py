@@ -56,6 +56,7 @@ class ServerGoal:
         self.cancel_event = threading.Event()
         self.cancel_reason = "cancelled"
         """Why it shall stop, for its result."""
+        self.unstopped = False  # what should stop it has raised
 
     @property
     def id(self) -> str:
@@ -151,7 +152,8 @@ class ActionServer:
     :param on_goal: called with each new :class:`ServerGoal` in the subscriber's thread; must not block, and
         has to accept or reject it, now or later.
     :param on_cancel: called once for each goal that shall stop, in the subscriber's thread, at once; in a
-        thread of its own when its owner was lost.
+        thread of its own when its owner was lost. When it raises, the goal's status says so, and the next
+        cancel of the goal calls it again.
     :param on_owner: called when the owner of a goal falls silent (SUSPENDED), is back (HELD) or is gone
         (LOST), with the goal, the state and the reason. Unless it returns False, SUSPENDED suspends what this
         process has sent on behalf of the goal, and LOST cancels the goal. None: always so.
@@ -316,9 +318,8 @@ class ActionServer:
         if goal.done:  # it ended meanwhile, and nothing else would resume it
             ownership.resume(goal.id)
             return
-        if change.state is LeaseState.LOST and goal.request_cancel(change.reason):
+        if change.state is LeaseState.LOST and self.cancel(goal, change.reason):
             rospy.logwarn(f"{self.name}: a goal is cancelled, {change.reason}")
-            self._call_cancel(goal)
 
     def _call(self, goal: ServerGoal) -> None:
         """Hands a goal to the server's owner; whatever that raises, the client gets an answer."""
@@ -328,12 +329,22 @@ class ActionServer:
             rospy.logerr(f"{self.name}: {traceback.format_exc()}")
             goal.abort(text=f"{type(error).__name__}: {error}")
 
-    def _call_cancel(self, goal: ServerGoal) -> None:
-        """Has a goal stopped. What raises has not stopped it: the client's limit then names this server."""
-        try:
-            self._on_cancel(goal)
-        except BaseException:
-            rospy.logerr(f"{self.name}: {goal.id} is not stopped: {traceback.format_exc()}")
+    def cancel(self, goal: ServerGoal, reason: str = "cancelled") -> bool:
+        """Has a goal stopped; what raises has not stopped it, and is tried again with the next cancel.
+
+        :return: whether it was to be stopped only now.
+        """
+        fresh = goal.request_cancel(reason)
+        with self.lock:
+            again, goal.unstopped = goal.unstopped and not goal.done, False
+        if fresh or again:
+            try:
+                self._on_cancel(goal)
+            except BaseException as error:
+                rospy.logerr(f"{self.name}: {goal.id} is not stopped: {traceback.format_exc()}")
+                goal.unstopped = True
+                goal.tell(f"it is not stopped: {type(error).__name__}: {error}")
+        return fresh
 
     def _receive_cancel(self, cancel: GoalID) -> None:
         with self.lock:
@@ -352,8 +363,7 @@ class ActionServer:
                     self._early_cancels.popitem(last=False)
             self._cancel_before = max(self._cancel_before, before)
         for goal in wanted:
-            if goal.request_cancel():
-                self._call_cancel(goal)
+            self.cancel(goal)
 
     def _beat(self) -> None:
         while not self._stopped.wait(STATUS_PERIOD) and not rospy.is_shutdown():

@@ -45,6 +45,7 @@ class ClientGoal:
         self.owner = owner
         self.status = GoalStatus.PENDING
         self.text = ""
+        self.said = ""  # what the server says of it while it runs
         self.result: Any = None
         self.hangs = False  # it is LOST to a server that is connected and silent
         self.feedback: Any = None

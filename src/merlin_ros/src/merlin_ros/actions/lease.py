@@ -4,9 +4,10 @@ Pure: renewals and passing time go in, changes of state come out. :class:`.lease
 the ROS side of it, :class:`merlin_ros.actions.lease_holder.LeaseHolder` its counterpart in the client.
 """
 
-from collections import OrderedDict
 from enum import Enum
-from typing import Collection, Dict, List, NamedTuple, Optional, Sequence
+from typing import Collection, Dict, List, NamedTuple, Optional, Sequence, Tuple
+
+from merlin_ros.work.liveness import Limits, Liveness, Presence, Word
 
 SUSPEND_AFTER = 0.6  # s of silence after which what is owned must not move
 LOSE_AFTER = 3.0  # s of silence after which what is owned has to end
@@ -14,11 +15,9 @@ LOSE_GONE_AFTER = 0.9  # s of that when the connection to the owner is closed, t
 UNNAMED_SUSPEND_AFTER = 2.0  # s after which a goal that says it is leased must not move without a lease
 UNNAMED_LOSE_AFTER = 10.0  # s after which it has to end
 LEASED = "-leased"  #: Ends the id of a goal that its client leases.
-KEEP_LIVES = 8  # earlier processes of an owner that are remembered
 KEEP_UNKNOWN = 60.0  # s for which the end of a goal that is never forgotten is remembered
 KEEP_LOST = 1000  # of them at most; then the oldest is forgotten
 NAMES = 1000  # of a lease that count: its last ones
-OWNERS = 1000  # whose lives are remembered at most; then the one that was heard first is forgotten
 
 
 class LeaseState(Enum):
@@ -68,13 +67,8 @@ class LeaseBook:
         lose_after: float = LOSE_AFTER,
         lose_gone_after: float = LOSE_GONE_AFTER,
     ) -> None:
-        self._suspend_after = suspend_after
-        self._lose_after = lose_after
-        self._lose_gone_after = lose_gone_after
         self._goals: Dict[str, _Goal] = {}
-        self._silence: Dict[str, float] = {}  # owner -> s
-        #: Owner -> its lives, the present one last. The owner that was heard last is the last, too.
-        self._lives: OrderedDict[str, List[str]] = OrderedDict()
+        self._owners: Liveness[str] = Liveness(Limits(lose_after, suspend_after, lose_gone_after))
 
     @property
     def watching(self) -> bool:
@@ -113,16 +107,8 @@ class LeaseBook:
         :param held: all of its goals.
         :param suspended: those of them whose own owner is silent.
         """
-        lives = self._lives.setdefault(owner, [])
-        self._lives.move_to_end(owner)
-        if len(self._lives) > OWNERS:
-            gone, _ = self._lives.popitem(last=False)
-            self._silence.pop(gone, None)
-        if life in lives[:-1]:
-            return []  # a late lease of a process that has ended
-        if life not in lives:
-            self._lives[owner] = [*lives[-KEEP_LIVES:], life]
-        self._silence[owner] = 0.0
+        if self._owners.heard(owner, life) is Word.IGNORED:
+            return []
         changes: List[LeaseChange] = []
         let_go = (
             f"{owner} has let go of it" if len(held) <= NAMES else f"{owner} holds more than {NAMES} goals"
@@ -152,7 +138,7 @@ class LeaseBook:
 
     def leases(self, client: str) -> bool:
         """Whether a node has ever sent a lease, as far as that is remembered."""
-        return client in self._lives
+        return client in self._owners
 
     def arrive(self, goal: str, owner: str = "") -> None:
         """A goal is received. One whose client leases it is not foreign before it was named: the client may
@@ -161,6 +147,8 @@ class LeaseBook:
         :param owner: its client, where that is known to lease its goals; empty: the goal's id says so.
         """
         if owner or goal.endswith(LEASED):
+            if owner and not self.goals_of(owner):
+                self._owners.expect(owner)
             self._goals.setdefault(goal, _Goal(owner, ""))
 
     def pass_time(self, seconds: float, connected: Optional[Collection[str]] = None) -> List[LeaseChange]:
@@ -169,40 +157,35 @@ class LeaseBook:
         :param seconds: since the last call.
         :param connected: owners whose connection is open; None: not known.
         """
+        self._owners.pass_time(seconds)
         changes: List[LeaseChange] = []
-        owners = {goal.owner for goal in self._goals.values() if goal.state is not LeaseState.LOST}
-        self._silence = {owner: self._silence.get(owner, 0.0) + seconds for owner in owners}
         for name, goal in list(self._goals.items()):
-            if goal.state is LeaseState.LOST:
-                goal.age += seconds
-                if goal.age > KEEP_UNKNOWN:
-                    del self._goals[name]
-                continue
-            if not goal.life:
-                goal.age += seconds
-                if goal.age > UNNAMED_LOSE_AFTER:
-                    self._set(changes, name, goal, LeaseState.LOST, "its client has never named it")
-                    goal.age = 0.0
-                    continue
-                if goal.age > UNNAMED_SUSPEND_AFTER:
-                    self._set(changes, name, goal, LeaseState.SUSPENDED, "its client has not named it yet")
-            if not goal.owner:
-                continue
-            silence = self._silence[goal.owner]
-            gone = connected is not None and goal.owner not in connected
-            lose_after = self._lose_gone_after if gone else self._lose_after
-            if silence > lose_after:
-                what = "is gone" if gone else f"has been silent for {silence:.1f} s"
-                self._set(changes, name, goal, LeaseState.LOST, f"its client {goal.owner} {what}")
-            elif silence > self._suspend_after:
-                self._set(changes, name, goal, LeaseState.SUSPENDED, f"its client {goal.owner} is silent")
-        self._forget_lost()
+            goal.age += seconds
+            if goal.state is not LeaseState.LOST:
+                state, reason = self._judge(goal, connected is None or goal.owner in connected)
+                if reason:
+                    self._set(changes, name, goal, state, reason)
+            elif goal.age > KEEP_UNKNOWN:
+                del self._goals[name]
+        lost = sorted((goal.age, name) for name, goal in self._goals.items() if goal.state is LeaseState.LOST)
+        for _, name in lost[KEEP_LOST:]:
+            del self._goals[name]
         return changes
 
-    def _forget_lost(self) -> None:
-        lost = [(goal.age, name) for name, goal in self._goals.items() if goal.state is LeaseState.LOST]
-        for _, name in sorted(lost, reverse=True)[: max(0, len(lost) - KEEP_LOST)]:
-            del self._goals[name]
+    def _judge(self, goal: _Goal, connected: bool) -> Tuple[LeaseState, str]:
+        """What a goal is now, and why; no reason: it stays what it is."""
+        owner = goal.owner
+        if owner and owner not in self._owners:
+            self._owners.expect(owner)  # it was forgotten for another one
+        presence = self._owners.presence(owner, connected)
+        if presence is Presence.GONE:
+            what = f"has been silent for {self._owners.silence(owner):.1f} s" if connected else "is gone"
+            return LeaseState.LOST, f"its client {owner} {what}"
+        if not goal.life and goal.age > UNNAMED_LOSE_AFTER:
+            return LeaseState.LOST, "its client has never named it"
+        if not goal.life and goal.age > UNNAMED_SUSPEND_AFTER:
+            return LeaseState.SUSPENDED, "its client has not named it yet"
+        return LeaseState.SUSPENDED, f"its client {owner} is silent" if presence is Presence.SILENT else ""
 
     def forget(self, goal: str) -> None:
         """A goal has ended."""
@@ -221,5 +204,7 @@ class LeaseBook:
             return
         first = goal.state is LeaseState.FOREIGN and state is LeaseState.HELD
         goal.state, goal.reason = state, reason
+        if state is LeaseState.LOST:
+            goal.age = 0.0
         if not first:
             changes.append(LeaseChange(name, state, reason, let_go))

@@ -22,6 +22,19 @@ def connected_peers(subscriber: rospy.Subscriber) -> Set[str]:
     }
 
 
+def link_from(subscriber: rospy.Subscriber, node: str) -> Any:
+    """The open connection on which a node publishes; None: there is none."""
+    connections: List[Any] = getattr(subscriber.impl, "connections", None) or []
+    return next(
+        (
+            link
+            for link in list(connections)
+            if getattr(link, "callerid_pub", "") == node and not _closed(link)
+        ),
+        None,
+    )
+
+
 def came_over_open(subscriber: rospy.Subscriber, header: Optional[Mapping[str, str]]) -> bool:
     """Whether the connection over which a message came is still open, and not one that came after it.
 

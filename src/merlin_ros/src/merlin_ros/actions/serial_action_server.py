@@ -65,7 +65,11 @@ class SerialActionServer:
     def _cancel(self, goal: ServerGoal) -> None:
         with self._changed:
             decisions = self._book.cancel(goal.id, "cancelled before it began")
-        self._carry_out(decisions)
+            runs = goal.id in self._goals and not any(each.what is Step.REFUSE for each in decisions)
+        if runs:
+            self._on_cancel(goal)  # also when it has raised before
+        else:
+            self._carry_out(decisions)
 
     def _carry_out(self, decisions: List[Decision]) -> None:
         """Stops and answers goals; without the lock."""
@@ -79,13 +83,7 @@ class SerialActionServer:
             if decision.what is Step.REFUSE:
                 goal.cancelled(text=decision.reason)
                 continue
-            goal.request_cancel()
-            try:
-                self._on_cancel(goal)
-            except (
-                Exception
-            ):  # the execution sees its event all the same, and the newer goal is not concerned
-                rospy.logerr(f"action {self.name}: {traceback.format_exc()}")
+            self.server.cancel(goal)  # that it is not stopped does not concern the newer goal
 
     def _work(self) -> None:
         goal: Optional[ServerGoal] = None

@@ -23,6 +23,7 @@ from merlin_ros.actions.lease import LOSE_AFTER, SUSPEND_AFTER, LeaseState
 from merlin_ros.alarms import wait_ticks
 from merlin_ros.deadline import Deadline, limit
 from merlin_ros.health import OK, WARN, Health
+from merlin_ros.ports.service_server import after_answer
 from merlin_rosplan.dispatch.dispatch import PlanDispatch
 from merlin_rosplan.dispatch.dispatch_environment import (
     DispatchLimits,
@@ -41,7 +42,6 @@ from merlin_rosplan.dispatcher.knowledge_events import KnowledgeEvents
 from merlin_rosplan.dispatcher.plan_knowledge import PlanKnowledge, PlanKnowledgeError
 from merlin_rosplan.transport.component import Component, caller
 from merlin_rosplan.transport.handover import Handover
-from merlin_rosplan.transport.service_server import after_answer
 from merlin_sm.breakpoint_service import BreakpointService
 
 SCOPE = "rosplan_plan_dispatcher"

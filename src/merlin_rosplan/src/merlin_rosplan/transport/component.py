@@ -15,8 +15,8 @@ import rospy.names
 
 from merlin_ros.health import Health, HealthReporter
 from merlin_ros.node import keep_params, run_node
+from merlin_ros.ports.service_server import Service
 from merlin_rosplan.transport.direct_service import offer
-from merlin_rosplan.transport.service_server import Service
 
 #: Scope of the knowledge base where nothing else is said.
 KNOWLEDGE_BASE = "rosplan_knowledge_base"

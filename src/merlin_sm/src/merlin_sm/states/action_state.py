@@ -5,15 +5,18 @@ from typing import Any, Callable, Dict, Optional, Sequence
 
 import rospy
 from actionlib_msgs.msg import GoalStatus
+from merlin_msgs.msg import GuardStatus
 
 from merlin_ros.actions.action_client import ActionClient
 from merlin_ros.actions.client_goal import ClientGoal
 from merlin_ros.actions.hang_watch import hangs
 from merlin_ros.deadline import Deadline
+from merlin_sm.guard_watch import shared_guard_watch
 from merlin_sm.states.merlin_state import PREEMPTED, SUCCEEDED, MerlinState
 
 SERVER_WAIT = 5.0  # s of running time for a server that is not there yet
 CANCEL_LIMIT = 2.0  # s of running time within which a server has to stop
+STUCK = "had an active goal and sent no velocity for as long as no_command_limit of the velocity guard allows"
 
 _clients: Dict[str, ActionClient] = {}
 _clients_lock = threading.Lock()  # guards _clients
@@ -43,6 +46,11 @@ class ActionState(MerlinState):
     stopped, else with aborted and the reason. A server that does not stop within `cancel_limit` is reported
     by name, and its goal given up: it no longer has an owner.
 
+    Where a velocity guard names the action among its `motion_servers`, the goal drives: nothing sets off
+    while the guard is silent, has stopped the base or does not hear the server; an arrival does not count
+    where the guard held the base; a goal for which the guard says that no velocity comes is cancelled.
+
+    :cvar drives: whether goals drive also while no guard has named the action.
     :param name: of the action.
     :param action_spec: the generated ``...Action`` class.
     :param goal: the goal, or a function from userdata to the goal; raise ValueError to abort with its text,
@@ -54,6 +62,8 @@ class ActionState(MerlinState):
     :param server_wait: s of running time to wait for the server.
     :param cancel_limit: s of running time for the server to stop after a cancel.
     """
+
+    drives = False
 
     def __init__(
         self,
@@ -74,6 +84,7 @@ class ActionState(MerlinState):
         self._server_wait = server_wait
         self._cancel_limit = cancel_limit
         self._client = shared_client(name, action_spec)
+        self._guard = shared_guard_watch()
 
     def run(self, userdata: Any) -> str:
         """Sends the goal and waits for its end."""
@@ -85,33 +96,58 @@ class ActionState(MerlinState):
             if self.preempt_requested():
                 return PREEMPTED
             return self.fail(f"no action server {self._client.name} within {self._server_wait:g} s")
-        reason = self.why_not()
+        reason = self._why_no_drive()
         hangs.wait_settled(self.preempt_requested)
         if self.preempt_requested():
             return PREEMPTED
         if reason:
             return self.fail(reason)
+        mark = self._guard.mark()
         ended = threading.Event()
         sent = self._client.send(goal, on_done=lambda _: ended.set(), owner=self.served_goal)
         cancelled = threading.Event()
+        said = stuck = ""
 
         def cancel() -> None:
+            nonlocal said
+            said = said if cancelled.is_set() else sent.said
             sent.cancel()
             cancelled.set()
             ended.set()
 
+        def look(status: GuardStatus) -> None:
+            nonlocal stuck
+            if sent.id in status.uncommanded and not cancelled.is_set():
+                stuck = f"{self._client.name} {STUCK}"
+                cancel()
+
         self.interruptible(cancel)
-        Deadline(None).wait_event(ended)
+        with self._guard.followed(look):
+            Deadline(None).wait_event(ended)
         self.interruptible(None)
         if cancelled.is_set() and not sent.wait(self._cancel_limit):
             self.unstopped = self._client.name
             self._client.give_up(sent, "it did not stop in time")
-            return self.fail(f"{self._client.name} did not stop within {self._cancel_limit:g} s")
-        return self._outcome(userdata, sent)
+            late = f"{self._client.name} did not stop within {self._cancel_limit:g} s"
+            why = sent.said if sent.said != said else ""
+            return self.fail(": ".join(filter(None, (stuck, late, why))))
+        if sent.status == GoalStatus.SUCCEEDED:
+            reason = self._guard.why_unmoved(mark, self._client.name) if self._moves_base() else ""
+        elif not self.preempt_requested():
+            reason = stuck
+        return self.fail(reason) if reason else self._outcome(userdata, sent)
 
-    def why_not(self) -> str:
-        """Why no goal may be sent to the server, which is there; empty: it may. For subclasses."""
-        return ""
+    def _moves_base(self) -> bool:
+        return self.drives or self._guard.names(self._client.name)
+
+    def _why_no_drive(self) -> str:
+        """Why the velocity guard forbids to send the goal; empty: it does not, or the goal does not drive."""
+        if not self._moves_base():
+            return ""
+        self.interruptible(self._guard.wake)
+        reason = self._guard.why_not(self.preempt_requested, self._client.name)
+        self.interruptible(None)
+        return reason
 
     def _outcome(self, userdata: Any, sent: ClientGoal) -> str:
         if sent.status == GoalStatus.SUCCEEDED:

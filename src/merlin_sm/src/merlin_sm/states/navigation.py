@@ -8,9 +8,8 @@ from geometry_msgs.msg import PoseStamped
 from move_base_msgs.msg import MoveBaseAction, MoveBaseGoal
 
 from merlin_ros.master.master_link import get_param
-from merlin_sm.guard_watch import shared_guard_watch
 from merlin_sm.states.action_state import ActionState
-from merlin_sm.states.merlin_state import SUCCEEDED, GivenUp
+from merlin_sm.states.merlin_state import GivenUp
 
 POINTS_PARAM = "world/points_of_interest"
 
@@ -43,12 +42,13 @@ def point_of_interest(name: str) -> PoseStamped:
 class NavigationState(ActionState):
     """Drives to ``userdata.target``: the name of a point of interest, or a PoseStamped.
 
-    Where a velocity guard is expected, nothing sets off while it is silent, has stopped the base, or passes
-    no velocities of this action: its `motion_servers` have to name it, and the guard has to hear it.
+    It drives as :class:`ActionState` says, also while no velocity guard has named its action.
 
     :param target: drives there instead; userdata is not read then.
     :param action: name of the move_base action.
     """
+
+    drives = True
 
     def __init__(self, target: Any = None, action: str = "move_base", **options: Any) -> None:
         keys = [] if target is not None else ["target"]
@@ -60,22 +60,6 @@ class NavigationState(ActionState):
             **options,
         )
         self.target = target
-        self._guard = shared_guard_watch()
-        self._mark = self._guard.mark()
-
-    def run(self, userdata: Any) -> str:
-        """Drives; that the server has arrived does not count where the velocity guard held the base."""
-        outcome = super().run(userdata)
-        reason = self._guard.why_unmoved(self._mark, self._client.name) if outcome == SUCCEEDED else ""
-        return self.fail(reason) if reason else outcome
-
-    def why_not(self) -> str:
-        """Why the velocity guard forbids the drive; empty: it does not."""
-        self.interruptible(self._guard.wake)
-        reason = self._guard.why_not(self.preempt_requested, self._client.name)
-        self.interruptible(None)
-        self._mark = self._guard.mark()
-        return reason
 
 
 def _goal(target: Any) -> MoveBaseGoal:

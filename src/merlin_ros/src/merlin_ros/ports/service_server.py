@@ -40,6 +40,11 @@ def after_answer(call: Callable[[], None]) -> None:
         _serving.later.append(call)
 
 
+def use_for_all() -> None:
+    """Makes each later ``rospy.Service(…)`` of this process a :class:`Service`."""
+    rospy.Service = Service
+
+
 class Service(rospy.Service):
     """A service whose connections end with an answer when a request of theirs cannot be decoded."""
 

@@ -4,7 +4,7 @@ from typing import Any, List
 
 import pytest
 
-from merlin_rosplan.transport.service_server import Service, after_answer
+from merlin_ros.ports.service_server import Service, after_answer
 
 
 class Answering(Service):

@@ -1,0 +1,100 @@
+"""What a monitor tells the guards of its robots, when it was restarted while a stop stands."""
+
+from typing import Any, Dict, List, Tuple
+
+import pytest
+import rospy
+from merlin_msgs.msg import GuardStatus
+
+from merlin_monitor.web import robot_guards
+from merlin_monitor.web.robot_guards import START, RobotGuards
+
+
+class Robots:
+    """Guards of robots as topics: what they say goes in, what they are told comes out."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.told: List[Tuple[str, str]] = []
+        self.now = 1000.0
+        self._listeners: Dict[str, Any] = {}
+        monkeypatch.setattr(rospy, "Publisher", self._publisher)
+        monkeypatch.setattr(rospy, "Subscriber", self._subscriber)
+        monkeypatch.setattr(robot_guards, "ServiceProxy", lambda *_, **__: self)
+        monkeypatch.setattr(robot_guards, "time", self)
+
+    def monotonic(self) -> float:
+        return self.now
+
+    def _publisher(self, topic: str, *_: Any, **__: Any) -> Any:
+        return _Told(self.told, topic.partition("/")[0])
+
+    def _subscriber(self, topic: str, _: Any, listener: Any, **__: Any) -> None:
+        self._listeners[topic.partition("/")[0]] = listener
+
+    def available(self) -> bool:
+        """None of their services is there."""
+        return False
+
+    def name(self) -> str:
+        return "merlin/release"
+
+    def monitor(self, *robots: str) -> RobotGuards:
+        """A monitor begins, and finds robots."""
+        made = RobotGuards()
+        for robot in robots:
+            made.follow(robot, True)
+        return made
+
+    def say(self, robot: str, stopped_by: str = "") -> None:
+        """A guard publishes its status."""
+        state = GuardStatus.STOPPED if stopped_by else GuardStatus.IDLE
+        reason = f"stopped by {stopped_by}" if stopped_by else ""
+        self._listeners[robot](GuardStatus(state=state, reason=reason))
+
+
+class _Told:
+    def __init__(self, told: List[Tuple[str, str]], robot: str) -> None:
+        self._told, self._robot = told, robot
+
+    def publish(self, by: Any) -> None:
+        self._told.append((self._robot, by.data))
+
+
+@pytest.fixture
+def robots(monkeypatch: pytest.MonkeyPatch) -> Robots:
+    return Robots(monkeypatch)
+
+
+def test_a_restarted_monitor_holds_who_joins_while_a_stop_stands(robots: Robots) -> None:
+    monitor = robots.monitor("ria")
+    robots.say("ria", stopped_by="Ana")
+    assert monitor.stop_stands and robots.told == []
+    robots.now += 3600.0
+    monitor.follow("tom", True)
+    robots.say("tom")
+    assert robots.told == [("tom", "Ana")]
+
+
+@pytest.mark.parametrize("by", ["/rosservice_12", "an unknown node", "button 3 of /joy"])
+def test_the_stop_of_one_robot_is_no_stop_of_all(robots: Robots, by: str) -> None:
+    monitor = robots.monitor("ria", "tom")
+    robots.say("ria", stopped_by=by)
+    robots.say("tom")
+    assert not monitor.stop_stands and robots.told == []
+
+
+def test_a_robot_that_comes_held_stops_nobody_later(robots: Robots) -> None:
+    monitor = robots.monitor("ria", "tom")
+    robots.say("ria")
+    robots.now += START
+    robots.say("tom", stopped_by="Ana")
+    robots.say("ria")
+    assert not monitor.stop_stands and robots.told == []
+
+
+def test_what_was_released_is_not_taken_up(robots: Robots) -> None:
+    monitor = robots.monitor("ria", "tom")
+    robots.say("ria", stopped_by="Ana")
+    monitor.release()
+    robots.say("tom", stopped_by="Ana")
+    assert not monitor.stop_stands

@@ -1,0 +1,72 @@
+"""Drives of plain actionlib servers, as a real guard and the states of MERLIN see them."""
+
+from typing import Any
+
+import pytest
+
+pytestmark = pytest.mark.processes
+
+# Two servers that never send a velocity.
+SERVERS = """
+import threading
+import actionlib, rospy
+from move_base_msgs.msg import MoveBaseAction
+
+rospy.init_node("driver")
+
+def serve(name):
+    stopped = threading.Event()
+
+    def execute(goal):
+        stopped.wait()
+        stopped.clear()
+        server.set_preempted()
+
+    server = actionlib.SimpleActionServer(name, MoveBaseAction, execute, auto_start=False)
+    server.register_preempt_callback(stopped.set)
+    server.start()
+
+serve("move_base")
+serve("dock")
+print("SERVES", flush=True)
+rospy.spin()
+"""
+
+CLIENT = """
+import rospy, sys
+from geometry_msgs.msg import PoseStamped
+from move_base_msgs.msg import MoveBaseAction, MoveBaseGoal
+from merlin_sm.states.action_state import ActionState
+from merlin_sm.states.navigation import NavigationState
+from smach import UserData
+
+rospy.init_node("client")
+states = {
+    "navigation": NavigationState(PoseStamped(), server_wait=60.0),
+    "action": ActionState("dock", MoveBaseAction, MoveBaseGoal(), server_wait=60.0),
+}
+print("READY", flush=True)
+for name in sys.stdin:
+    state = states[name.strip()]
+    print("END", state.execute(UserData()), state.reason, flush=True)
+"""
+
+
+@pytest.mark.parametrize("kind, server", [("navigation", "/move_base"), ("action", "/dock")])
+def test_a_server_that_sends_no_velocity_is_given_up_by_name(master: Any, kind: str, server: str) -> None:
+    master.spawn("rosparam", "set", "/merlin/guard_expected", "true").ended()
+    options = ("_motion_servers:=[move_base, dock]", "_no_command_after:=0.2", "_no_command_limit:=0.4")
+    master.spawn("rosrun", "merlin_guard", "guard", *options)
+    master.node(SERVERS).expect("SERVES")
+    client = master.node(CLIENT)
+    client.expect("READY")
+
+    def run() -> str:
+        client.process.stdin.write(f"{kind}\n")
+        client.process.stdin.flush()
+        return str(client.expect("END"))
+
+    for _ in range(2):  # the time of the first goal is not that of the second
+        assert run().startswith(f"END aborted {server} had an active goal and sent no velocity")
+    master.spawn("rosservice", "call", "/merlin/stop").ended()
+    assert run().startswith("END aborted the velocity guard has stopped the base")
