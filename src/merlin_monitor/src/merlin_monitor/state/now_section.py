@@ -4,8 +4,8 @@ import re
 from typing import Any, Dict, Iterable, List, Optional, Set, Tuple
 
 from merlin_monitor.state.events import Reporter, sentence
-from merlin_monitor.state.freshness import SILENT, Freshness
-from merlin_monitor.state.guard_section import GUARD, HELD, HELD_WORDS
+from merlin_monitor.state.freshness import LOST, Freshness
+from merlin_monitor.state.guard_section import GUARD, HELD_WORDS, KEPT
 from merlin_monitor.state.machine_section import MachineSection, held_words, unconfirmed_words
 from merlin_monitor.state.plan_section import PlanSection
 from merlin_monitor.state.state_tree import StateTree
@@ -14,7 +14,6 @@ from merlin_monitor.text.now_words import (
     ENDS,
     EXECUTOR_STATES,
     HELD_BEFORE,
-    LIVE,
     MARKS,
     MISSION_STATES,
     OUTCOMES,
@@ -25,6 +24,7 @@ from merlin_monitor.text.now_words import (
 )
 from merlin_monitor.text.phrase import Phrase, action_phrase, goal_phrase, in_english, say, with_reason
 from merlin_monitor.text.plain_words import action_in_words, shown_parameters
+from merlin_monitor.truth.worst_truth import LIVE, OWNERS, Facts, worst_truth
 
 NOW, QUEUE = "now", "queue"
 _REQUEST = re.compile(r"(?P<node>[^-]+)(?:-[0-9a-f]{12})?-\d+-\d+\.\d+(?:-leased)?\Z")
@@ -224,18 +224,33 @@ class NowSection:
     def refresh(self) -> None:
         """Says anew what the robot does, and why."""
         doing, because, step = self._sentence()
-        silent = self._tree.get(NOW, SILENT)
-        if silent is not None:
-            # What was known of it may no longer be true.
-            before = say("before: {what}", what=doing)
-            doing = say("not known: the Executor {what}", what=say(silent["what"]))
-            because, step = before, ""
-        held = self._tree.get(GUARD, HELD)
-        if held:
-            # What the Executor does comes second: nothing of it moves the base.
-            because = say("the Executor: {what}", what=doing)
-            doing = self._tree.get(GUARD, HELD_WORDS)
-        trouble = [say("{node} does not answer", node=node) for node in self._freshness.others_silent()]
+        guard = self._tree.get(GUARD) or {}
+        lost = self._freshness.lost()
+        machines = self._machines
+        truth = worst_truth(
+            Facts(
+                doing,
+                because,
+                step,
+                task=self._mission and self._mission["description"] or "",
+                executor=self._executor,
+                mission=self._mission,
+                waits=bool(self._executor.get("held") or machines.held or machines.unconfirmed),
+                acts=bool(self._actions()),
+                drives=guard.get("state") in ("passing", "holding") or bool(self._tree.get("map", "goal")),
+                lost=lost,
+                stopped=guard.get(HELD_WORDS, ""),
+                kept=guard.get(KEPT, ""),
+            )
+        )
+        doing, because, step = truth.doing, truth.because, truth.step
+        silent = self._freshness.others_silent()
+        trouble = [
+            say("{who} {what}", who=OWNERS.get(owner, self._mission.get("name", "")), what=say(wrong["what"]))
+            for owner, wrong in (self._tree.get(NOW, LOST) or {}).items()
+            if owner != truth.blamed
+        ]
+        trouble += [say("{node} does not answer", node=node) for node in silent]
         for name, value in (
             ("trouble", [in_english(each) for each in trouble]),
             ("trouble_said", trouble),
@@ -244,6 +259,11 @@ class NowSection:
             ("step", in_english(step)),
             ("said", {"doing": doing, "because": because, "step": step}),
             ("chain", self._chain()),
+            ("state", truth.state),
+            ("tone", truth.tone),
+            ("known", truth.known),
+            ("expected", truth.expected),
+            ("silent_nodes", silent),
             ("active", self._executor.get("state", "idle") != "idle"),
         ):
             self._tree.set(NOW, name, value)

@@ -38,7 +38,6 @@ ENDS = {
 }
 HELD_BEFORE = "held before {what}"
 PAUSED = "no further goal begins until the robot is resumed"
-LIVE = ("starting", "running", "paused")
 ENDED = ("succeeded", "failed", "cancelled")
 
 
