@@ -286,6 +286,7 @@ export class TimeBar {
     byId("time-at").setAttribute("href", shown ? momentLink(past) : "#now");
     if (!shown) return;
     setText(byId("past-banner").querySelector("strong"), this.archive ? t("RECORDING of {what} · {time}", { what: this.archive, time }) : t("PAST · {time}", { time }));
+    if (past.broken) this.say(t("What came next cannot be read: the history is damaged."));
     if (this.event) setText(byId("past-banner").querySelector(".event-text"), told(this.event));
     for (const row of document.querySelectorAll(".event[data-wall]")) row.toggleAttribute("data-later", Number(row.dataset.wall) > past.wall);
   }

@@ -1,8 +1,9 @@
 """Everything that is shown, without ROS: the tree and the sections that keep it."""
 
 import concurrent.futures
+import time
 from pathlib import Path
-from typing import Any, Callable, Dict, List, Optional
+from typing import Any, Callable, Dict, List, Mapping, Optional
 
 from merlin_executor.core.base_hold import clock_text
 from merlin_monitor.drawing.layout_thread import LayoutThread
@@ -48,6 +49,7 @@ class MonitorModel:
     :param make_folder: whether the folder of the history's file is made, or waited for.
     :param megabytes: most that is kept of what was shown.
     :param clock: s since 1970, the time of all that is kept; None: now.
+    :param session: of which an earlier life of the monitor may have kept something; empty: none.
     :raises HistoryError: the file cannot be used.
     """
 
@@ -59,6 +61,7 @@ class MonitorModel:
         make_folder: bool = True,
         megabytes: float = 500.0,
         clock: Optional[Callable[[], float]] = None,
+        session: str = "",
     ) -> None:
         self.inbox = inbox
         self.tree = StateTree()
@@ -83,8 +86,9 @@ class MonitorModel:
         """When all sections were checked last, s of ``time.monotonic``; old when the model hangs."""
         if history is not None:
             add = self._history.add
-            self.history = HistoryStore(history, history_limit, add, make_folder, megabytes, clock)
-            self._recorder = Recorder(self.tree, self.history.add_frame, self.history.now)
+            self.history = HistoryStore(history, history_limit, add, make_folder, megabytes, clock, session)
+            last, now = self.history.last, self.history.now
+            self._recorder = Recorder(self.tree, self.history.add_frame, now, last.segment if last else 0)
 
     def start(self) -> None:
         """Begins to take messages in and to draw; shows what earlier runs left in the history.
@@ -97,9 +101,22 @@ class MonitorModel:
             except concurrent.futures.TimeoutError as error:
                 raise HistoryError(f"the history did not answer within {STARTUP:.0f} s") from error
             self.tree.set("meta", "run", self.history.run)
+            self._take_up(self.history.last_state(STARTUP))
             self._recorder.start()
         self._layouts.start()
         self.inbox.start()
+
+    def _take_up(self, kept: Mapping[str, Any]) -> None:
+        """Remembers what the earlier life knew; what is heard decides whether it is still so."""
+        now = kept.get("now", {})
+        self.plan.remember(kept.get("plan", {}))
+        self.now.remember(now)
+        for problem in now.get("problems", []):
+            if problem["by"]:
+                self._acknowledged.acknowledge(problem["key"], problem["by"], time.monotonic())
+        if kept:
+            said = say("the monitor was started again")
+            self.report(sentence("monitor", said, kept.get("meta", {}).get("time") or 0.0))
 
     def stop(self) -> None:
         """Ends the threads; all events are on disk then."""
