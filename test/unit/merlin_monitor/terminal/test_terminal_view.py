@@ -80,9 +80,9 @@ def test_the_worst_problem_is_named_and_nothing_is_said_of_what_is_not_heard() -
         now = {**STATE["now"], "problems": list(problems)}
         return "\n".join(line.text for line in lines({**STATE, "now": now}, (), silence))
 
-    known = {"said": "arm: error", "rank": 1, "by": "Ana"}
+    known = {"said": "eye: blind", "rank": 1, "by": "Ana"}
     fresh = {"said": "leg: warm", "rank": 2, "by": ""}
-    assert "! leg: warm\n" in text(0.0, fresh, known) and "arm: error" not in text(0.0, fresh, known)
+    assert "! leg: warm\n" in text(0.0, fresh, known) and "eye: blind" not in text(0.0, fresh, known)
     assert "! leg: warm (and 1 more)" in text(0.0, fresh, {**known, "by": ""})
     assert "Asking at the kitchen\nbecause x" in text(1.0)
     assert "Not known: no news for 9 s\nbefore: asking at the kitchen\n" in text(9.0)
