@@ -3,7 +3,7 @@
 from typing import Tuple
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from merlin_msgs.msg import ExecutorStatus, MissionStatus
+from merlin_msgs.msg import ExecutorStatus, GuardStatus, MissionStatus
 from messages import Told, dispatch, executor, running
 from rosplan_dispatch_msgs.msg import CompletePlan
 
@@ -196,3 +196,27 @@ def test_a_problem_that_an_operator_knows_is_told_and_stays_known() -> None:
     assert told.texts[-1] == "Ana knows: arm: motor: warm" and told[-1].detail["by"] == "Ana"
     state.refresh_problems(3.0)
     assert [each["by"] for each in state.tree.get("now", "problems")] == ["Ana"]
+
+
+def test_what_moves_the_base_is_asked_for_while_the_robot_drives() -> None:
+    state, _ = model()
+    drive = running(0, "navigate", ("to", "kitchen"))
+    state.now.executor(executor(ExecutorStatus.RUNNING, running=[drive]), 0.5)
+    for connected in (True, False):
+        state.freshness.check(1.0, {}, {"navigation": Source(connected, "/navigation")})
+    state.now.refresh()
+    assert state.tree.get("now", "doing") == "navigating to kitchen"
+    assert state.tree.get("now", "trouble") == ["the navigation server is gone"], "nothing drives"
+    state.guard.status(GuardStatus(state=GuardStatus.PASSING), 1.0, 1.0)
+    state.now.refresh()
+    assert state.tree.get("now", "doing") == "not known: the navigation server is gone"
+    assert state.tree.get("now", "because") == "before: navigating to kitchen"
+    state.freshness.check(2.0, {}, {"navigation": Source(True, "/navigation")})
+    state.guard.status(GuardStatus(state=GuardStatus.HOLDING, reason="its owner is silent"), 2.0, 2.0)
+    state.guard.check_silence(3.0, 3.0)
+    state.now.refresh()
+    assert state.tree.get("now", "doing") == "the base is held: its owner is silent"
+    assert state.tree.get("now", "because") == "the Executor: navigating to kitchen"
+    state.guard.check_silence(9.0, 9.0)
+    state.now.refresh()
+    assert state.tree.get("now", "doing") == "not known: the velocity guard does not answer"
