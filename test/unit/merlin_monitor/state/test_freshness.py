@@ -217,6 +217,25 @@ def test_what_moves_the_base_is_asked_for_while_the_robot_drives() -> None:
     state.now.refresh()
     assert state.tree.get("now", "doing") == "the base is held: its owner is silent"
     assert state.tree.get("now", "because") == "the Executor: navigating to kitchen"
+    state.map.goal((1.0, 1.0, 0.0), 3.0)
     state.guard.check_silence(9.0, 9.0)
     state.now.refresh()
     assert state.tree.get("now", "doing") == "not known: the velocity guard does not answer"
+
+
+def test_one_of_several_processes_of_the_actions_is_enough() -> None:
+    state, _ = model()
+    action = running(0, "ask", ("p", "kitchen"))
+    state.now.executor(executor(ExecutorStatus.RUNNING, running=[action]), 0.5)
+    hosts = {"machines": Source(True, "/host_1", ("/host_2",))}
+    for second in range(3):
+        report(state, float(second), "host_1: ask", "host_2: navigate")
+        state.freshness.check(float(second), {}, hosts)
+    for wall in (4.0, 6.0):
+        report(state, wall, "host_1: ask")
+    state.health.check_silence(6.0, 6.0)
+    state.freshness.check(6.0, {}, hosts)
+    state.now.refresh()
+    assert state.tree.get("now", "doing") == "not known: the process of the state machines does not answer"
+    assert state.tree.get("now", "lost", "machines", "node") == "/host_2"
+    assert state.tree.get("now", "trouble") == [] and state.freshness.others_silent() == []

@@ -31,6 +31,17 @@ TABLE: Dict[str, Tuple[Dict[str, Any], Tuple[str, str, str, str, bool, bool]]] =
         {**RUNS, "drives": False, "lost": {"navigation": GONE}},
         (DRIVES, "for a", "Working", "good", True, True),
     ),
+    "the process of the state machines hangs": (
+        {**RUNS, "lost": {"machines": HANGS}},
+        (
+            f"not known: the process of the state machines {HANGS}",
+            *(f"before: {DRIVES}", "Not known", "bad", False, False),
+        ),
+    ),
+    "the process of the bridges hangs between two actions": (
+        {**RUNS, "acts": False, "lost": {"bridges": HANGS}},
+        (DRIVES, "for a", "Preparing", "good", True, True),
+    ),
     "the simulator hangs": (
         {**RUNS, "lost": {"simulator": HANGS}},
         (f"not known: the simulator {HANGS}", f"before: {DRIVES}", "Not known", "bad", False, False),

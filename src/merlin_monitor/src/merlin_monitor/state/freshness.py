@@ -1,19 +1,28 @@
 """Whether what a section shows is still fed: which sources are gone or hang, and since when."""
 
-from typing import Any, Dict, List, Mapping, NamedTuple, Optional
+from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Tuple
 
 from merlin_monitor.state.events import Reporter, sentence
 from merlin_monitor.state.health_section import HealthSection
 from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.text.phrase import say
-from merlin_monitor.truth.worst_truth import EXECUTOR, GUARD, MISSION, NAVIGATION, PLANNING, SIMULATOR
+from merlin_monitor.truth.worst_truth import (
+    BRIDGES,
+    EXECUTOR,
+    GUARD,
+    MACHINES,
+    MISSION,
+    NAVIGATION,
+    PLANNING,
+    SIMULATOR,
+)
 
 #: Field of a section: None, or what its source is and since when nothing can be known.
 SILENT = "silent"
 #: Field of the present: owners that have no section of their own, while they are gone or hang.
 LOST = "lost"
 #: These owners.
-ALONE = (SIMULATOR, NAVIGATION, MISSION)
+ALONE = (SIMULATOR, BRIDGES, MACHINES, NAVIGATION, MISSION)
 #: The others → the sections that they feed.
 SECTIONS = {EXECUTOR: ("now",), PLANNING: ("plan", "knowledge")}
 
@@ -25,6 +34,8 @@ class Source(NamedTuple):
     """Whether a publisher of its topic is connected."""
     node: str
     """Global name of the node that publishes it, empty when not known."""
+    others: Tuple[str, ...] = ()
+    """Further nodes that publish such topics: one that hangs is enough."""
 
 
 class Freshness:
@@ -42,6 +53,7 @@ class Freshness:
         self._report = report
         self._health = health
         self._nodes: Dict[str, str] = {}  # section or owner → node that was connected last
+        self._others: Dict[str, Tuple[str, ...]] = {}  # the same → its other nodes
         self._alive_at: Dict[str, float] = {}  # the same → ROS time of the last check that was good
         self._lost: Dict[str, str] = {}  # node → what is wrong with it
 
@@ -78,7 +90,8 @@ class Freshness:
 
     def others_silent(self) -> List[str]:
         """Nodes that are silent on ``/diagnostics`` and feed nothing else, without the leading slash."""
-        sources = {node.strip("/") for node in self._nodes.values()}
+        nodes = (*self._nodes.values(), *(node for others in self._others.values() for node in others))
+        sources = {node.strip("/") for node in nodes}
         return [node for node in self._health.silent_nodes() if node not in sources]
 
     def _lost_owners(
@@ -94,7 +107,9 @@ class Freshness:
         """What is wrong with a source that was there, and since when; it is noted in `lost`, too."""
         if source.connected:
             self._nodes[name] = source.node or self._nodes.get(name, "")
-        node = self._nodes[name]
+            self._others[name] = source.others
+        nodes = (self._nodes[name], *self._others[name])
+        node = next((each for each in nodes if self._wrong(True, each)), nodes[0])
         wrong = self._wrong(source.connected, node)
         if wrong:
             lost[node] = wrong

@@ -6,11 +6,14 @@ from merlin_monitor.text.phrase import Phrase, say
 
 EXECUTOR, PLANNING, NAVIGATION = "executor", "planning", "navigation"
 SIMULATOR, GUARD, MISSION = "simulator", "guard", "mission"
+BRIDGES, MACHINES = "bridges", "machines"
 #: Owners of what is said → how they are called. The first one that is lost is in the headline.
 OWNERS: Mapping[str, Phrase] = {
     EXECUTOR: say("the Executor"),
     SIMULATOR: say("the simulator"),
     PLANNING: say("the planning system"),
+    BRIDGES: say("the process of the bridges"),
+    MACHINES: say("the process of the state machines"),
     GUARD: say("the velocity guard"),
     NAVIGATION: say("the navigation server"),
 }
@@ -104,6 +107,8 @@ def _lost(facts: Facts, active: bool) -> str:
     for owner in OWNERS:
         needed = {
             PLANNING: active,
+            BRIDGES: facts.acts,
+            MACHINES: facts.acts,
             NAVIGATION: active and facts.drives,
             GUARD: active and facts.drives,
         }.get(owner, True)
