@@ -9,6 +9,7 @@ FILE = "history.sqlite"
 #: Of the file; 0: events only, as files were before they held what was shown.
 VERSION = 1
 BUSY = 10.0  # s that another process may hold the file, before it counts as an error
+LONGEST_GAP = 600.0  # s in a run, in which no monitor lived
 _SCHEMA = """
 CREATE TABLE IF NOT EXISTS events (
   id INTEGER PRIMARY KEY AUTOINCREMENT, run INTEGER NOT NULL, wall REAL NOT NULL, at REAL NOT NULL,
@@ -84,7 +85,7 @@ class LastRun(NamedTuple):
 
 
 def last_run(connection: sqlite3.Connection, wall: float, session: str) -> Optional[LastRun]:
-    """The run of a session, up to now; None: there is none, or the computer's clock went back since."""
+    """The run of a session; None: there is none, it ended long ago, or the computer's clock went back since."""
     row = (
         session
         and connection.execute(
@@ -93,7 +94,7 @@ def last_run(connection: sqlite3.Connection, wall: float, session: str) -> Optio
             (session,),
         ).fetchone()
     )
-    return LastRun(row[0], row[1]) if row and row[2] <= wall else None
+    return LastRun(row[0], row[1]) if row and row[2] <= wall <= row[2] + LONGEST_GAP else None
 
 
 def open_for_reading(path: Path) -> sqlite3.Connection:
