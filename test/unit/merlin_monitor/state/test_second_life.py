@@ -123,7 +123,8 @@ def test_another_plan_is_not_taken_for_the_one_of_before(tmp_path: Path) -> None
 
 def test_another_session_a_clock_that_went_back_and_a_long_gap_begin_a_run(tmp_path: Path) -> None:
     before(tmp_path).state.stop()
-    for number, (wall, session) in enumerate(((1020.0, "two"), (900.0, "one"), (1030.0, ""), (2000.0, "one")), 2):
+    later = ((1020.0, "two"), (900.0, "one"), (1030.0, ""), (2000.0, "one"))
+    for number, (wall, session) in enumerate(later, 2):
         life = Life(tmp_path, wall, session)
         assert life.state.history.run == number
         assert life.told.texts == []

@@ -85,7 +85,7 @@ class LastRun(NamedTuple):
 
 
 def last_run(connection: sqlite3.Connection, wall: float, session: str) -> Optional[LastRun]:
-    """The run of a session; None: there is none, it ended long ago, or the computer's clock went back since."""
+    """The run of a session; None: none, one of long ago, or the computer's clock went back since."""
     row = (
         session
         and connection.execute(
