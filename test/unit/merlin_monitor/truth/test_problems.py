@@ -9,7 +9,10 @@ SECTIONS: Dict[str, Dict[str, Any]] = {
     "guard": {"state": "holding", "reason": "its owner is silent"},
     "now": {
         "mission": {"name": "Round"},
-        "lost": {"mission": {"what": "is gone"}, "simulator": {"what": "does not answer"}},
+        "lost": {
+            "mission": {"what": "is gone", "node": ""},
+            "simulator": {"what": "does not answer", "node": "/merlin_sim"},
+        },
         "silent_nodes": ["camera"],
     },
     "plan": {"silent": {"since": 12.0}, "planner": {"state": "unsolvable"}},
@@ -31,8 +34,8 @@ def problems(sections: Dict[str, Dict[str, Any]]) -> List[Problem]:
 def test_the_worst_comes_first() -> None:
     assert [in_english(problem.said) for problem in problems(SECTIONS)] == [
         "The base is held: its owner is silent",
-        "Round is gone",
-        "the simulator does not answer",
+        "Round (a node) is gone",
+        "the simulator (merlin_sim) does not answer",
         "camera does not answer",
         "Plan: no news since 12.0 s",
         "leg: motor is silent",

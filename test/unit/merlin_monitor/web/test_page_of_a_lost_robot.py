@@ -99,7 +99,7 @@ def test_navigation_that_is_killed_is_the_trouble(master: Any) -> None:
             reports.expect("report")
         assert visit.page.locator("#now-trouble").is_hidden()
         navigation.end(signal.SIGKILL)
-        visit.wait_text("#now-trouble", "the navigation server is gone")
-        visit.wait_text("#glance-problem", "the navigation server is gone")
+        visit.wait_text("#now-trouble", "the navigation server (navigation) is gone")
+        visit.wait_text("#glance-problem", "the navigation server (navigation) is gone")
         assert visit.complaints == []
         visit.close()

@@ -24,7 +24,7 @@ from merlin_monitor.text.now_words import (
 )
 from merlin_monitor.text.phrase import Phrase, action_phrase, goal_phrase, in_english, say, with_reason
 from merlin_monitor.text.plain_words import action_in_words, shown_parameters
-from merlin_monitor.truth.worst_truth import LIVE, OWNERS, Facts, worst_truth
+from merlin_monitor.truth.worst_truth import LIVE, Facts, lost_words, worst_truth
 
 NOW, QUEUE = "now", "queue"
 
@@ -254,7 +254,7 @@ class NowSection:
         doing, because, step = truth.doing, truth.because, truth.step
         silent = self._freshness.others_silent()
         trouble = [
-            say("{who} {what}", who=OWNERS.get(owner, self._mission.get("name", "")), what=say(wrong["what"]))
+            lost_words(owner, self._mission.get("name", ""), wrong)
             for owner, wrong in (self._tree.get(NOW, LOST) or {}).items()
             if owner != truth.blamed
         ]

@@ -3,7 +3,7 @@
 from typing import Any, Callable, Dict, Iterable, List, Mapping, NamedTuple
 
 from merlin_monitor.text.phrase import Phrase, say
-from merlin_monitor.truth.worst_truth import OWNERS
+from merlin_monitor.truth.worst_truth import lost_words
 
 BASE, GONE, WARNING = 0, 1, 2
 PLANNER = ("unsolvable", "no plan", "timeout", "crashed", "invalid")
@@ -60,8 +60,7 @@ def problems_of(
 def _of_nodes(now: Mapping[str, Any]) -> Iterable[Problem]:
     mission = now.get("mission", {}).get("name", "")
     for owner, lost in now.get("lost", {}).items():
-        said = say("{who} {what}", who=OWNERS.get(owner, mission), what=say(lost["what"]))
-        yield Problem(f"owner {owner}", GONE, said)
+        yield Problem(f"owner {owner}", GONE, lost_words(owner, mission, lost))
     for node in now.get("silent_nodes", []):
         yield Problem(f"node {node}", GONE, say("{node} does not answer", node=node))
 

@@ -102,6 +102,17 @@ def worst_truth(facts: Facts) -> Truth:
     return told._replace(expected=goes_on and told.known and not facts.executor.get("waits"))
 
 
+def lost_words(owner: str, mission: Phrase, lost: Mapping[str, Any]) -> Phrase:
+    """What is wrong with an owner, with its node.
+
+    :param mission: its name.
+    :param lost: node and what is wrong, as the state has them.
+    """
+    node = str(lost["node"]).strip("/") or say("a node")
+    who = OWNERS.get(owner, mission)
+    return say("{who} ({node}) {what}", who=who, node=node, what=say(lost["what"]))
+
+
 def _lost(facts: Facts, active: bool) -> str:
     """The first owner that is lost, of those on whom what is said depends; empty: none."""
     for owner in OWNERS:
