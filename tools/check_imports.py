@@ -97,7 +97,7 @@ LAYERS: Dict[str, Tuple[str, ...]] = {
     "merlin_fleet": ("core", ". testing", "page node", "commands"),
     "merlin_monitor": (
         "text drawing access",
-        "history",
+        "history truth",
         "state",
         "listeners",
         "panels",
@@ -117,7 +117,7 @@ WITHOUT_ROS: Dict[str, str] = {
     "merlin_actions": "core",
     "merlin_executor": "core goals",
     "merlin_fleet": "core testing",
-    "merlin_monitor": "access history",
+    "merlin_monitor": "access history truth",
     "merlin_rosplan": "knowledge planning dispatch storage supervision",
 }
 #: Likewise, package → those of its modules and sub-packages that such a one may import.

@@ -16,6 +16,17 @@ from merlin_sm.states import action_state, wait
 SUCCEEDED = ExecuteResult(outcome=ExecuteResult.SUCCEEDED)
 
 
+class Unheard:
+    """Where health would be published."""
+
+    def __init__(self, checks: Any) -> None:
+        self._checks = checks
+
+    def start(self) -> None:
+        for check in self._checks.values():
+            check()
+
+
 class Ended:
     """A request or goal; it ends when it has a result."""
 
@@ -221,6 +232,7 @@ def put_in_place(robot: FakeRobot, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(robot_places, "get_param", lambda name, default: robot.parameters.get(name, default))
     monkeypatch.setattr(mission_node, "wait_for_robot", robot.wait_for_robot)
     monkeypatch.setattr(mission_node, "is_shutdown_requested", lambda: robot.down)
+    monkeypatch.setattr(mission_node, "HealthReporter", Unheard)
     monkeypatch.setattr(rospy, "Publisher", Publisher)
     monkeypatch.setattr(rospy, "Service", Service)
     for module in (goal_dispatcher, wait):

@@ -6,6 +6,7 @@ import { Store } from "./store.js";
 import { t } from "./texts.js";
 import { wall } from "./wall.js";
 import { TimeBar } from "./time_bar.js";
+import { newsText } from "./truth.js";
 
 const store = new Store();
 const control = new Control(store);
@@ -24,10 +25,9 @@ new TimeBar(store);
 store.onConnection(drawConnection);
 
 function drawConnection() {
-  const since = store.heardAt ? t("no news since {time}", { time: store.heardAt.toLocaleTimeString() }) : t("no connection");
   const shown = store.past ? "past" : "live"; // t("past")
   byId("connection").dataset.state = store.connected ? shown : "lost";
-  setText(byId("connection"), store.connected ? t(shown) : since);
+  setText(byId("connection"), store.connected ? t(shown) : newsText(store.heardAt));
   document.body.dataset.news = store.connected ? shown : "none";
   setHidden(byId("refused"), !store.refused);
   setText(byId("refused"), store.refused);

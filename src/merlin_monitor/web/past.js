@@ -41,6 +41,11 @@ export class Past {
     return this.segment.run;
   }
 
+  // Whether this frame is the last one before some that cannot be read.
+  get broken() {
+    return Boolean(this.segment.damaged) && this.index === this.segment.frames.length - 1;
+  }
+
   forget() {
     this.segment = null;
   }

@@ -197,8 +197,14 @@ export class Store {
     document.documentElement.dataset.version = String(this.version);
   }
 
+  // Whether what is shown is the present, or a moment of the past, as it was.
+  get alive() {
+    return this.past || this.connected;
+  }
+
   told(connected) {
     this.connected = connected;
+    if (this.version) for (const section of ["", "now", "plan"]) this.refresh(section); // what they say depends on it
     if (this.connectionChanged) this.connectionChanged(connected);
   }
 }

@@ -1,7 +1,8 @@
 // The bar that takes the page to any moment of the history and back, and says unmistakably that it is not the present.
 import { byId, clockText, el, setHidden, setText } from "./dom.js";
 import { ask, momentLink, momentOf, Past } from "./past.js";
-import { say, t, told } from "./texts.js";
+import { t, told } from "./texts.js";
+import { newsText, truthOf } from "./truth.js";
 
 const SPEEDS = [1, 2, 5, 10, 30, 60];
 const AHEAD = 4; // s of playing for which the next segment is fetched early
@@ -236,8 +237,13 @@ export class TimeBar {
     const meta = live.meta || {};
     setHidden(byId("time-bar"), meta.run === undefined && !meta.archive);
     setHidden(byId("time-live"), Boolean(meta.archive));
-    const doing = say(((live.now || {}).said || {}).doing || (live.now || {}).doing);
+    const { connected, heardAt } = this.store;
+    const { doing } = truthOf(live, connected, heardAt);
     setText(byId("past-banner").querySelector(".present"), meta.archive || !doing ? "" : t("Now, in fact: {what}", { what: doing }));
+    if (connected !== this.connected) {
+      this.connected = connected;
+      this.draw();
+    }
     if (this.opened) return;
     this.opened = true;
     const moment = momentOf(location.hash);
@@ -273,12 +279,14 @@ export class TimeBar {
     const { began, ended } = this.bounds();
     const wall = this.playing ? this.wall : shown ? past.wall : ended;
     if (document.activeElement !== this.range || this.playing) this.range.value = String((wall - began) / (ended - began || 1));
-    const time = shown ? momentText(past) : t("live");
+    const time = shown ? momentText(past) : store.connected ? t("live") : newsText(store.heardAt);
+    byId("time-bar").toggleAttribute("data-lost", !store.alive);
     this.range.setAttribute("aria-valuetext", time);
     setText(byId("time-at"), time);
     byId("time-at").setAttribute("href", shown ? momentLink(past) : "#now");
     if (!shown) return;
     setText(byId("past-banner").querySelector("strong"), this.archive ? t("RECORDING of {what} · {time}", { what: this.archive, time }) : t("PAST · {time}", { time }));
+    if (past.broken) this.say(t("What came next cannot be read: the history is damaged."));
     if (this.event) setText(byId("past-banner").querySelector(".event-text"), told(this.event));
     for (const row of document.querySelectorAll(".event[data-wall]")) row.toggleAttribute("data-later", Number(row.dataset.wall) > past.wall);
   }

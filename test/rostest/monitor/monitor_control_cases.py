@@ -78,7 +78,9 @@ class ControlCases(PageCases):
         pid = pid_of("/merlin_fsm_host")
         os.kill(pid, signal.SIGSTOP)
         try:
-            visit.wait_text("#now-trouble", "merlin_fsm_host does not answer")
+            visit.wait_text(
+                "#now-trouble", "the process of the state machines (merlin_fsm_host) does not answer"
+            )
         finally:
             os.kill(pid, signal.SIGCONT)
         visit.wait("() => document.getElementById('now-trouble').hidden")

@@ -86,6 +86,10 @@ class FakeRobot:
         self.calls.append(("set_autonomy", level, by))
         return "It is set."
 
+    def acknowledge(self, problem: str, by: str) -> str:
+        self.calls.append(("acknowledge", problem, by))
+        return "Noted."
+
     def change(self, facts: str, by: str) -> str:
         self.calls.append(("change", facts, by))
         return "The knowledge was changed."

@@ -104,15 +104,22 @@ def fill(served: Served, steps: int = 6) -> None:
         waiting = QueuedGoal(request="/mission-4-1.0", goals=["(checked bathroom)"], queued=rospy.Time(101))
         state.now.queue(GoalQueue(requests=[waiting]), 101.0)
         state.guard.status(GuardStatus(state=GuardStatus.PASSING), 100.0, 0.0)
-        state.now.refresh()
         _fill_world(state)
         _fill_parts(state)
         _fill_said(state)
+        state.now.refresh()
+        state.refresh_problems(0.0)
 
     taken = threading.Event()
     state.inbox.put(take)
     state.inbox.put(taken.set)
     assert taken.wait(LIMIT)  # what a test changes then is not changed back by this
+
+
+def look_again(served: Served) -> None:
+    """What the pulse does: says anew what the robot does and what is wrong."""
+    served.state.inbox.put(served.state.now.refresh)
+    served.state.inbox.put(served.state.refresh_problems, 1.0)
 
 
 def _fill_world(state: MonitorModel) -> None:

@@ -52,6 +52,7 @@ export function show(section, { store, control }) {
     part(box, "name").setAttribute("aria-expanded", String(!shut));
     const ended = root.outcome ? t("ended with {outcome}", root) : t("idle");
     setText(part(box, "where"), `${active ? `▶ ${active}` : ended}${root.silent ? ` · ${t("silent")}` : ""}`);
+    box.toggleAttribute("data-silent", Boolean(root.silent));
     const graph = part(box, "graph");
     setHidden(graph, shut);
     if (shut) return;

@@ -3,6 +3,7 @@ import { byId, el, keyed, secondsText, setHidden, setText } from "../dom.js";
 import { glance } from "../glance.js";
 import { LEVELS, autonomyOf, isHeld, unconfirmed } from "../holds.js";
 import { say, t } from "../texts.js";
+import { truthOf } from "../truth.js";
 
 export function show(section, { store, control }) {
   section.append(
@@ -10,11 +11,12 @@ export function show(section, { store, control }) {
     el("p", { id: "now-line", "aria-live": "polite" }, el("span", { id: "now-doing" })),
     el("p", { id: "now-trouble", role: "alert", hidden: true }),
     el("p", { id: "now-why" }, el("span", { id: "now-because" }), " ", el("span", { id: "now-step" })),
-    glance(store),
+    glance(store, control),
     el("p", { id: "now-last" }),
     el("div", { id: "robot-control", class: "buttons", hidden: true }),
   );
   const buttons = byId("robot-control");
+  const shownIcon = document.querySelector("link[rel=icon]");
   const pause = el("button", { type: "button", id: "pause", onclick: () => control.ask(paused() ? "resume" : "pause") });
   buttons.append(pause, el("button", { type: "button", id: "cancel-all", onclick: () => control.ask("cancel_all") }, t("Cancel all")));
   const held = el("span", { class: "buttons" },
@@ -44,11 +46,10 @@ export function show(section, { store, control }) {
     pause.title = paused() ? t("Lets the next goal begin") : t("Lets what runs end, and nothing else begin");
   };
   store.view("now", (now) => {
-    const said = now.said || now;
-    const doing = say(said.doing);
+    const { doing, because, step, tone } = truthOf({ now }, store.alive, store.heardAt);
     setText(byId("now-doing"), doing);
-    setText(byId("now-because"), say(said.because));
-    setText(byId("now-step"), say(said.step));
+    setText(byId("now-because"), because);
+    setText(byId("now-step"), step);
     keyed(
       byId("now-chain"), now.chain || [], ([what]) => what,
       ([what]) => el("li", {}, el("span", { class: "what" }, `${t(what)}: `), el("span", { class: "text" })),
@@ -63,7 +64,9 @@ export function show(section, { store, control }) {
     const trouble = (now.trouble_said || []).map(say);
     setHidden(byId("now-trouble"), trouble.length === 0);
     setText(byId("now-trouble"), trouble.join(" · "));
-    document.title = doing ? `${doing} – MERLIN` : "MERLIN";
+    document.title = doing ? `${tone === "bad" ? "⚠ " : ""}${doing} – MERLIN` : "MERLIN";
+    const icon = tone === "bad" ? "icon-bad.svg" : "icon.svg";
+    if (shownIcon.getAttribute("href") !== icon) shownIcon.setAttribute("href", icon);
     showButtons();
   });
   store.view("machines", showButtons);

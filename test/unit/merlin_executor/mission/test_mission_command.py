@@ -13,6 +13,19 @@ ROOT = Path(__file__).resolve().parents[4]
 PAGES = ("docs/tutorial.md", "src/merlin_home/README.md", "src/merlin_restaurant/README.md")
 
 
+# Prints what each part says of itself.
+HEARTBEAT = """
+import rospy
+from diagnostic_msgs.msg import DiagnosticArray
+rospy.init_node("heartbeat")
+def told(message):
+    for status in message.status:
+        print(f"{status.name}: {status.message}", flush=True)
+rospy.Subscriber("/diagnostics", DiagnosticArray, told)
+rospy.spin()
+"""
+
+
 def commands() -> List[str]:
     text = "\n".join((ROOT / page).read_text() for page in PAGES)
     return sorted(set(re.findall(r"rosrun merlin_executor mission mission:=[\w.]+:\w+(?: _\w+:=\S+)*", text)))
@@ -32,6 +45,15 @@ def test_without_a_robot_it_ends_with_one_line(master: Any, command: str, tmp_pa
     mission.expect("mission: no knowledge base /rosplan_knowledge_base after 1 s")
     assert mission.ended() == 2
     assert "Traceback" not in mission.output
+
+
+def test_a_mission_is_heard_as_long_as_its_process_goes_on(master: Any) -> None:
+    master.api.setParam("/test", "/world/points_of_interest", {"hall": {}, "kitchen": {}})
+    (command,) = [command for command in commands() if "home_mission" in command][:1]
+    listener = master.node(HEARTBEAT)
+    mission = master.spawn(*shlex.split(command))
+    listener.expect("mission: mission: starting")
+    mission.end()
 
 
 @pytest.mark.parametrize(

@@ -285,6 +285,24 @@ def test_a_damaged_segment_is_an_error_and_the_others_can_be_read(tmp_path: Path
     reader.close()
 
 
+def test_damaged_frames_take_with_them_only_what_follows_in_their_segment(tmp_path: Path) -> None:
+    recorded = Recorded(tmp_path)
+    for number in range(20):
+        recorded.tree.set("plan", "step", number)
+        recorded.frame()
+    recorded.store.close()
+    file = sqlite3.connect(str(recorded.path))
+    with file:
+        file.execute("UPDATE frames SET data = x'0099' WHERE number BETWEEN 8 AND 13")
+    file.close()
+    reader = HistoryReader.of(recorded.path)
+    segment = json.loads(reader.segment(1, 15.0).result(LIMIT) or "null")
+    assert segment["damaged"] and len(segment["frames"]) == 8
+    for wall, state in recorded.states[:8]:
+        assert state_at(reader, 1, wall) == state
+    reader.close()
+
+
 def test_a_file_whose_pages_were_overwritten_is_an_error(tmp_path: Path) -> None:
     recorded = Recorded(tmp_path)
     for number in range(200):

@@ -7,13 +7,14 @@ import genpy
 import pytest
 import rospy
 import tf2_ros
+from geometry_msgs.msg import TransformStamped
 from sensor_msgs.msg import LaserScan
 
 from merlin_monitor.listeners.graph_watch import GraphWatch
 from merlin_monitor.listeners.panel import Panel
 from merlin_monitor.listeners.pulse import Pulse
 from merlin_monitor.listeners.ros_system import RosSystem
-from merlin_monitor.panels.map import MapPanel
+from merlin_monitor.panels.map import OLD_POSITION, MapPanel
 from merlin_monitor.state.inbox import Inbox
 from merlin_monitor.state.monitor_model import MonitorModel
 
@@ -112,6 +113,38 @@ def test_a_robot_that_is_forgotten_is_no_longer_followed_or_shown(panel: Tuple[M
     name_robots(made, "ann", "bob")
     made.look({})
     assert len(system.of("ann")) == 5
+
+
+def test_a_position_grows_old_in_wall_time_while_the_simulator_hangs_and_not_while_it_is_paused(
+    panel: Tuple[MapPanel, System], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made, system = panel
+    now = [100.0]
+    monkeypatch.setattr(system, "wall", lambda: now[0])
+    transform = TransformStamped(child_frame_id="base_footprint")
+    transform.header.frame_id, transform.transform.rotation.w = "map", 1.0
+
+    def moves(at: float) -> None:
+        transform.header.stamp = rospy.Time(at)
+        system.buffer.set_transform(transform, "")
+
+    moves(1.0)
+    made.sample()
+    assert made.source().connected
+    now[0] += OLD_POSITION + 0.1  # ROS time stands
+    made.sample()
+    assert not made.source().connected
+    moves(1.1)
+    made.sample()
+    assert made.source().connected
+    made.state.tree.set("meta", "simulator", {"paused": True})
+    for _ in range(5):
+        now[0] += 1.0
+        made.sample()
+        assert made.source().connected
+    made.state.tree.set("meta", "simulator", {"paused": False})
+    now[0] += OLD_POSITION + 0.1
+    assert not made.source().connected
 
 
 def test_a_panel_that_fails_does_not_end_the_pulse(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,7 +3,7 @@
 from typing import Tuple
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from merlin_msgs.msg import ExecutorStatus, MissionStatus
+from merlin_msgs.msg import ExecutorStatus, GuardStatus, MissionStatus
 from messages import Told, dispatch, executor, running
 from rosplan_dispatch_msgs.msg import CompletePlan
 
@@ -12,6 +12,7 @@ from merlin_monitor.state.health_section import LONGEST_PERIOD, SILENT_AFTER
 from merlin_monitor.state.inbox import Inbox
 from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_monitor.state.plan_order import sequential_steps
+from merlin_monitor.text.phrase import in_english
 
 EXECUTOR = "/ann/merlin_executor"
 
@@ -124,3 +125,119 @@ def test_the_end_of_a_mission_is_the_headline() -> None:
     state.now.mission(end, 1.0)
     assert state.tree.get("now", "doing") == "Mission 1 has ended: 6 of 6 as planned"
     assert state.tree.get("now", "last") is None
+
+
+def test_owners_without_a_section_are_the_headline_while_they_matter() -> None:
+    state, told = model()
+    state.now.executor(executor(ExecutorStatus.IDLE), 0.0)
+    state.now.mission(MissionStatus(mission="Round", state=MissionStatus.RUNNING, description="a"), 0.0)
+
+    def look(wall: float, connected: bool = True, node: str = "/mission") -> None:
+        state.health.check_silence(wall, wall)
+        state.freshness.check(wall, {}, {"mission": Source(connected, node)})
+        state.now.refresh()
+
+    for second in range(3):
+        report(state, float(second), "mission: mission")
+        look(float(second))
+    assert state.tree.get("now", "doing") == "idle" and state.tree.get("now", "known")
+    look(2.1 + SILENT_AFTER)
+    assert state.tree.get("now", "doing") == "not known: Round does not answer"
+    assert state.tree.get("now", "because") == "before: a"
+    assert in_english(state.tree.get("now", "state")) == "Not known" and not state.tree.get("now", "known")
+    assert state.tree.get("now", "trouble") == [], "it is said once"
+    report(state, 6.0, "mission: mission")
+    look(6.0)
+    assert state.tree.get("now", "doing") == "idle"
+    look(7.0, connected=False)
+    assert state.tree.get("now", "doing") == "not known: Round is gone"
+    # One that ends as it should is not missed.
+    state.now.mission(MissionStatus(mission="Round", state=MissionStatus.SUCCEEDED), 8.0)
+    told.clear()
+    state.freshness.check(8.0, {}, {})
+    state.now.refresh()
+    assert state.tree.get("now", "doing") == "Round has ended: no more"
+    assert told.texts == ["/mission is connected again"]
+
+
+def test_the_dispatcher_that_hangs_is_the_headline_while_something_runs() -> None:
+    state, _ = model()
+    for runs, said in ((True, "not known: the planning system is gone"), (False, "idle")):
+        status = ExecutorStatus.RUNNING if runs else ExecutorStatus.IDLE
+        state.now.executor(executor(status, running=[running(0, "navigate", ("to", "kitchen"))] * runs), 0.5)
+        for connected in (True, False):
+            state.freshness.check(1.0, {"plan": Source(connected, "/planning_system")})
+        state.now.refresh()
+        assert state.tree.get("now", "doing") == said
+
+
+def test_a_node_that_ends_in_order_is_not_silent() -> None:
+    state, told = model()
+    names = [DiagnosticStatus(name=f"{node}: part") for node in ("players", "camera")]
+    for second in range(3):
+        for status in names:
+            node = f"/{status.name.partition(':')[0]}"
+            state.health.diagnostics(DiagnosticArray(status=[status]), 0.0, float(second), node)
+    told.clear()
+    state.health.check_silence(3.1 + SILENT_AFTER, 3.1 + SILENT_AFTER, ["/camera"])
+    assert told.texts == ["camera: part has fallen silent", "/players has ended"]
+    assert state.health.silent_nodes() == ["camera"]
+    assert list(state.tree.get("health", "parts")) == ["camera: part"]
+
+
+def test_a_problem_that_an_operator_knows_is_told_and_stays_known() -> None:
+    state, told = model()
+    warm = DiagnosticStatus(name="arm: motor", level=DiagnosticStatus.WARN, message="warm")
+    state.health.diagnostics(DiagnosticArray(status=[warm]), 1.0, 1.0)
+    state.refresh_problems(1.0)
+    (problem,) = state.tree.get("now", "problems")
+    state.acknowledge(problem["key"], "Ana", 2.0, 2.0)
+    state.acknowledge("part of the moon", "Ana", 2.0, 2.0)
+    assert told.texts[-1] == "Ana knows: arm: motor: warm" and told[-1].detail["by"] == "Ana"
+    state.refresh_problems(3.0)
+    assert [each["by"] for each in state.tree.get("now", "problems")] == ["Ana"]
+
+
+def test_what_moves_the_base_is_asked_for_while_the_robot_drives() -> None:
+    state, _ = model()
+    drive = running(0, "navigate", ("to", "kitchen"))
+    state.now.executor(executor(ExecutorStatus.RUNNING, running=[drive]), 0.5)
+    for connected in (True, False):
+        state.freshness.check(1.0, {}, {"navigation": Source(connected, "/navigation")})
+    state.now.refresh()
+    assert state.tree.get("now", "doing") == "navigating to kitchen"
+    assert state.tree.get("now", "trouble") == ["the navigation server (navigation) is gone"], (
+        "nothing drives"
+    )
+    state.guard.status(GuardStatus(state=GuardStatus.PASSING), 1.0, 1.0)
+    state.now.refresh()
+    assert state.tree.get("now", "doing") == "not known: the navigation server is gone"
+    assert state.tree.get("now", "because") == "before: navigating to kitchen"
+    state.freshness.check(2.0, {}, {"navigation": Source(True, "/navigation")})
+    state.guard.status(GuardStatus(state=GuardStatus.HOLDING, reason="its owner is silent"), 2.0, 2.0)
+    state.guard.check_silence(3.0, 3.0)
+    state.now.refresh()
+    assert state.tree.get("now", "doing") == "the base is held: its owner is silent"
+    assert state.tree.get("now", "because") == "the Executor: navigating to kitchen"
+    state.map.goal((1.0, 1.0, 0.0), 3.0)
+    state.guard.check_silence(9.0, 9.0)
+    state.now.refresh()
+    assert state.tree.get("now", "doing") == "not known: the velocity guard does not answer"
+
+
+def test_one_of_several_processes_of_the_actions_is_enough() -> None:
+    state, _ = model()
+    action = running(0, "ask", ("p", "kitchen"))
+    state.now.executor(executor(ExecutorStatus.RUNNING, running=[action]), 0.5)
+    hosts = {"machines": Source(True, "/host_1", ("/host_2",))}
+    for second in range(3):
+        report(state, float(second), "host_1: ask", "host_2: navigate")
+        state.freshness.check(float(second), {}, hosts)
+    for wall in (4.0, 6.0):
+        report(state, wall, "host_1: ask")
+    state.health.check_silence(6.0, 6.0)
+    state.freshness.check(6.0, {}, hosts)
+    state.now.refresh()
+    assert state.tree.get("now", "doing") == "not known: the process of the state machines does not answer"
+    assert state.tree.get("now", "lost", "machines", "node") == "/host_2"
+    assert state.tree.get("now", "trouble") == [] and state.freshness.others_silent() == []

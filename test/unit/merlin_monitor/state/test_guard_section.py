@@ -3,7 +3,7 @@
 from merlin_msgs.msg import GuardStatus
 from messages import Told
 
-from merlin_monitor.state.guard_section import SILENT_AFTER, GuardSection
+from merlin_monitor.state.guard_section import KEPT_AFTER, SILENT_AFTER, GuardSection
 from merlin_monitor.state.state_tree import StateTree
 
 
@@ -87,3 +87,20 @@ def test_a_guard_that_is_there_and_was_never_heard_is_silent() -> None:
     guard.met("ria", True, 10.0)
     guard.check_silence(1.0, 10.1 + SILENT_AFTER)
     assert tree.get("guard", "state") == "silent"
+
+
+def test_a_guard_that_keeps_the_base_for_a_while_says_why() -> None:
+    tree = StateTree()
+    guard = GuardSection(tree, Told())
+    why = "a goal of move_base must not move the base: its owner is silent"
+    keeps = GuardStatus(state=GuardStatus.HOLDING, reason=why)
+    guard.status(keeps, 1.0, 10.0)
+    assert tree.get("guard", "kept") == "", "each drive begins so"
+    guard.check_silence(1.0, 10.0 + KEPT_AFTER)
+    assert tree.get("guard", "kept") == why
+    guard.status(GuardStatus(state=GuardStatus.PASSING), 2.0, 11.0)
+    assert tree.get("guard", "kept") == ""
+    guard.status(keeps, 2.0, 12.0)
+    guard.met("bob", True, 12.0)
+    guard.status(GuardStatus(state=GuardStatus.PASSING), 2.0, 13.0, "bob")
+    assert tree.get("guard", "kept") == "", "another one drives"

@@ -86,6 +86,28 @@ def test_why_it_stands(seen: List[Any], words: str) -> None:
     assert stands(tree) == ""
 
 
+def test_what_it_stood_before_the_goal_turns_and_a_held_base_are_no_standing() -> None:
+    tree, found = section()
+    found.robot((1.0, 3.0, 0.0), 10.0)
+    found.goal((4.0, 3.0, 0.0), 60.0)
+    found.look(62.0)
+    assert stands(tree) == "", "it stood before it was to drive"
+    for second in range(62, 70):
+        found.robot((1.0, 3.0, 0.3 * (second - 61)), float(second))
+        found.look(second + 0.5)
+        assert stands(tree) == "", "it turns"
+    found.look(73.0)
+    assert stands(tree).startswith("stands since 69.0 s")
+    tree.set("guard", "state", "stopped")
+    found.look(80.0)
+    assert stands(tree) == "", "the base is held, which the headline says"
+    tree.set("guard", "state", "passing")
+    found.look(82.0)
+    assert stands(tree) == ""
+    found.look(84.0)
+    assert stands(tree).startswith("stands since 80.0 s")
+
+
 def test_why_a_drive_ended_stays_until_the_next_one() -> None:
     tree, found = section()
     found.robot((1.0, 3.0, 0.0), 10.0)

@@ -73,3 +73,16 @@ def test_no_name_can_move_the_cursor(name: str) -> None:
         plain = re.sub(r"\x1b\[[0-9]*m", "", line)
         assert plain.isprintable() and "\x1b" not in plain, repr(plain)
     assert "\u202e" not in printable("abc\u202edef")
+
+
+def test_the_worst_problem_is_named_and_nothing_is_said_of_what_is_not_heard() -> None:
+    def text(silence: float, *problems: Dict[str, Any]) -> str:
+        now = {**STATE["now"], "problems": list(problems)}
+        return "\n".join(line.text for line in lines({**STATE, "now": now}, (), silence))
+
+    known = {"said": "eye: blind", "rank": 1, "by": "Ana"}
+    fresh = {"said": "leg: warm", "rank": 2, "by": ""}
+    assert "! leg: warm\n" in text(0.0, fresh, known) and "eye: blind" not in text(0.0, fresh, known)
+    assert "! leg: warm (and 1 more)" in text(0.0, fresh, {**known, "by": ""})
+    assert "Asking at the kitchen\nbecause x" in text(1.0)
+    assert "Not known: no news for 9 s\nbefore: asking at the kitchen\n" in text(9.0)

@@ -8,7 +8,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from merlin_msgs.msg import ExecutorStatus, GuardStatus, MachineHolds, StateOutcome
 from messages import executor, fact, status, structure
 from served import TOKEN, Served
-from shown_page import AXE, CHECK, fill
+from shown_page import AXE, CHECK, fill, look_again
 from std_msgs.msg import Header
 
 from merlin_monitor.state.knowledge_section import Contents
@@ -67,11 +67,14 @@ def test_what_is_not_known_any_more_can_be_read(visits: Any, served: Served) -> 
         "now", "silent", {"since": 118.0, "node": "/merlin_executor", "what": "does not answer"}
     )
     served.state.tree.set("map", "silent", {"since": 118.0, "node": "", "what": "is gone"})
+    look_again(served)
     page.wait_text("#glance-state", "Not known")
     page.page.add_script_tag(path=AXE)
     assert page.page.evaluate(CHECK) == []
     served.state.tree.set("now", "silent", None)
-    served.state.tree.set("guard", {"state": "stopped", "reason": "stopped by Ana"})
+    stopped = GuardStatus(state=GuardStatus.STOPPED, reason="stopped by Ana")
+    served.state.inbox.put(served.state.guard.status, stopped, 121.0, 1.0)
+    look_again(served)
     page.wait_text("#glance-state", "Stopped and held")
     assert page.page.evaluate(CHECK) == [], "stopped and held"
 
@@ -88,15 +91,35 @@ def test_the_strip_says_state_problem_progress_next_and_end(visits: Any, served:
         DiagnosticStatus(name=f"{name}: state", level=DiagnosticStatus.OK) for name in ("camera", "battery")
     ]
     served.state.inbox.put(served.state.health.diagnostics, DiagnosticArray(status=parts), 121.0, 1.0)
+    look_again(served)
     page.wait_text("#glance-problem", "None")
     stuck = GuardStatus(state=GuardStatus.PASSING, warning="/move_base drives, and the base does not move")
     served.state.inbox.put(served.state.guard.status, stuck, 121.0, 1.0)
+    look_again(served)
     page.wait_text("#glance-problem", stuck.warning)
     page.wait_text("#guard-says", stuck.warning)
-    served.state.inbox.put(
-        lambda: served.state.tree.set("guard", {"state": "stopped", "reason": "stopped by Ana"})
-    )
+    stopped = GuardStatus(state=GuardStatus.STOPPED, reason="stopped by Ana")
+    served.state.inbox.put(served.state.guard.status, stopped, 121.0, 1.0)
+    look_again(served)
     page.wait_text("#glance-state", "Stopped and held")
+
+
+def test_an_operator_knows_about_a_problem_and_every_page_shows_that(visits: Any, served: Served) -> None:
+    page, other = visits(), visits()
+    page.wait_text("#glance-problem", "camera: state: camera reports (and 1 more)")
+    page.page.click("#acknowledge")
+    page.page.keyboard.type(TOKEN)
+    page.page.keyboard.press("Enter")
+    page.wait_text("#control-said", "Noted.")
+    assert served.robot.calls == [("acknowledge", "part camera: state error", "Ana")]
+    for key, said in (
+        ("part camera: state error", "battery: state: battery reports (and 1 more)"),
+        ("part battery: state warning", "Ana knows: camera: state: camera reports (and 1 more)"),
+    ):
+        served.state.inbox.put(served.state.acknowledge, key, "Ana", 121.0, 1.0)
+        for each in (page, other):
+            each.wait_text("#glance-problem", said)
+    page.wait("() => document.getElementById('acknowledge').hidden")
 
 
 def test_what_is_not_well_and_what_runs_is_unfolded(visits: Any, served: Served) -> None:
@@ -347,8 +370,9 @@ def test_of_several_robots_the_page_says_which_are_held(visits: Any, served: Ser
         "ria: stopped and held by Bob since 14.0 s",
         "tom: not held",
     ]
+    look_again(served)
     page.wait_text("#glance-problem", "Not all robots are held.")
     put(guard.status, stopped, 122.0, 1.0, "tom")
-    put(served.state.now.refresh)
+    look_again(served)
     page.wait_text("#now-doing", "ria stopped and held by Bob since 14.0 s and tom stopped and held by Bob")
     page.wait_text("#glance-state", "Stopped and held")

@@ -27,10 +27,23 @@ def test_a_connection_that_stalls_is_not_live_and_comes_back(served: Served, lin
         link.stall()
         visit.wait_text("#connection", "no news since")
         visit.wait(GREY)
+        # The whole page says it, not only its corner.
+        visit.wait_text("#now-doing", "not known: no news since")
+        visit.wait_text("#now-because", "before: asking at the kitchen")
+        visit.wait_text("#glance-state", "Not known")
+        visit.wait_text("#glance-problem", "no news since")
+        for cell in ("progress", "next", "end"):
+            visit.wait(f"() => document.getElementById('glance-{cell}').innerText.trim() === '–'")
+        visit.wait_text("#time-at", "no news since")
+        assert visit.page.title().startswith("⚠ not known: no news since")
+        assert visit.page.get_attribute("link[rel=icon]", "href") == "icon-bad.svg"
         served.state.tree.set("now", "said", {"doing": "dancing in the dark"})
         link.go_on()
         visit.wait_text("#connection", "live")
         visit.wait_text("#now-doing", "ancing in the dark")
+        visit.wait_text("#time-at", "live")
+        assert visit.page.title() == "dancing in the dark – MERLIN"
+        assert visit.page.get_attribute("link[rel=icon]", "href") == "icon.svg"
         visit.wait("() => document.body.dataset.news === 'live'")
         assert visit.complaints == []
         visit.close()

@@ -1,4 +1,4 @@
-"""What an open page says when the master is replaced and when navigation is killed."""
+"""What an open page says when the master is replaced, navigation is killed, and a mission hangs."""
 
 import json
 import signal
@@ -14,20 +14,22 @@ pytestmark = pytest.mark.processes
 RUN = """
 import sys, rospy
 from merlin_msgs.msg import MissionStatus
+from merlin_ros.health import Health, HealthReporter
 rospy.init_node("mission")
 publisher = rospy.Publisher("merlin/mission", MissionStatus, latch=True, queue_size=1)
-publisher.publish(MissionStatus(mission=sys.argv[1], state=MissionStatus.RUNNING))
+publisher.publish(MissionStatus(mission=sys.argv[1], state=MissionStatus.RUNNING, description="a task"))
+HealthReporter({"mission": Health}).start()
 print("published", flush=True)
 rospy.spin()
 """
 
-# Prints a line for each report of navigation.
+# Prints a line for each report of the node that is named.
 REPORTS = """
-import rospy
+import sys, rospy
 from diagnostic_msgs.msg import DiagnosticArray
 rospy.init_node("reports")
 def told(message):
-    if any(status.name.startswith("navigation: ") for status in message.status):
+    if any(status.name.startswith(sys.argv[1]) for status in message.status):
         print("report", flush=True)
 rospy.Subscriber("/diagnostics", DiagnosticArray, told)
 rospy.spin()
@@ -68,18 +70,36 @@ def test_nothing_of_the_old_run_is_left(master: Any) -> None:
     assert "Traceback" not in monitor.output
 
 
+def test_a_mission_that_hangs_is_the_headline_until_it_goes_on(master: Any) -> None:
+    _, address = start_monitor(master)
+    mission = master.node(RUN, "Alphabet")
+    with chromium() as browser:
+        visit = Visit(browser, address)
+        visit.wait_text("#now-chain", "Alphabet")
+        reports = master.node(REPORTS, "mission: ")
+        for _ in range(5):
+            reports.expect("report")
+        mission.send(signal.SIGSTOP)
+        visit.wait_text("#now-doing", "not known: Alphabet does not answer")
+        visit.wait_text("#now-because", "before: a task")
+        mission.send(signal.SIGCONT)
+        visit.wait_text("#now-doing", "idle")
+        assert visit.page.title() == "idle – MERLIN"
+        visit.close()
+
+
 def test_navigation_that_is_killed_is_the_trouble(master: Any) -> None:
     _, address = start_monitor(master)
     navigation = master.spawn("rosrun", "merlin_reactive", "navigation", "__name:=navigation")
     with chromium() as browser:
         visit = Visit(browser, address)
         visit.wait_text("#health-list .title", "navigation: ")
-        reports = master.node(REPORTS)
+        reports = master.node(REPORTS, "navigation: ")
         for _ in range(5):  # what reports only now and then is not missed at once
             reports.expect("report")
         assert visit.page.locator("#now-trouble").is_hidden()
         navigation.end(signal.SIGKILL)
-        visit.wait_text("#now-trouble", "navigation does not answer")
-        visit.wait_text("#glance", "navigation does not answer")
+        visit.wait_text("#now-trouble", "the navigation server (navigation) is gone")
+        visit.wait_text("#glance-problem", "the navigation server (navigation) is gone")
         assert visit.complaints == []
         visit.close()

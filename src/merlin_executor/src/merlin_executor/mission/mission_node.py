@@ -15,6 +15,7 @@ from merlin_executor.executor_client import MerlinExecutorClient
 from merlin_executor.mission.hold_watch import HoldWatch
 from merlin_executor.mission.mission_reporter import MissionReporter
 from merlin_executor.mission.readiness import NotReady, wait_for_robot
+from merlin_ros.health import HealthReporter
 from merlin_ros.node import CANNOT_BEGIN
 from merlin_ros.parameters import ParameterError, number
 from merlin_ros.service_proxy import ServiceError
@@ -112,6 +113,7 @@ def _run(mission_class: Type[MissionNode]) -> int:
         timeout = number("~startup_timeout", mission_class.startup_timeout, 1.0)
         usual_level()  # a wrong one is reported before the wait for the robot
         mission = _made(mission_class)
+        HealthReporter({"mission": mission.reporter.health}).start()
         mission.wait_for_robot(timeout)
         succeeded = mission.carry_out()
         if is_shutdown_requested():

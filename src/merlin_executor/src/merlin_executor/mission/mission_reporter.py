@@ -6,6 +6,7 @@ import rospy
 from merlin_msgs.msg import MissionStatus
 
 from merlin_executor.mission.mission_progress import MissionProgress, MissionState
+from merlin_ros.health import Health
 from merlin_ros.publishing import publish
 
 
@@ -42,6 +43,10 @@ class MissionReporter:
         with self._lock:
             self._progress.report(MissionState(state), description)
             self._publish()
+
+    def health(self) -> Health:
+        """What it does; that this is heard shows that its process goes on."""
+        return Health(message=self._progress.now.description)
 
     def _publish(self) -> None:
         now = self._progress.now

@@ -3,16 +3,19 @@
 import sqlite3
 import time
 from pathlib import Path
+from typing import NamedTuple, Optional
 
 FILE = "history.sqlite"
 #: Of the file; 0: events only, as files were before they held what was shown.
 VERSION = 1
 BUSY = 10.0  # s that another process may hold the file, before it counts as an error
+LONGEST_GAP = 600.0  # s in a run, in which no monitor lived
 _SCHEMA = """
 CREATE TABLE IF NOT EXISTS events (
   id INTEGER PRIMARY KEY AUTOINCREMENT, run INTEGER NOT NULL, wall REAL NOT NULL, at REAL NOT NULL,
   kind TEXT NOT NULL, text TEXT NOT NULL, detail TEXT NOT NULL, mark TEXT NOT NULL DEFAULT '');
-CREATE TABLE IF NOT EXISTS runs (id INTEGER PRIMARY KEY AUTOINCREMENT, began REAL NOT NULL);
+CREATE TABLE IF NOT EXISTS runs (
+  id INTEGER PRIMARY KEY AUTOINCREMENT, began REAL NOT NULL, session TEXT NOT NULL DEFAULT '');
 CREATE TABLE IF NOT EXISTS segments (
   run INTEGER NOT NULL, number INTEGER NOT NULL, began REAL NOT NULL, ended REAL NOT NULL,
   bytes INTEGER NOT NULL, PRIMARY KEY (run, number)) WITHOUT ROWID;
@@ -50,8 +53,9 @@ def open_for_writing(name: str) -> sqlite3.Connection:
         connection.execute("BEGIN IMMEDIATE")  # two monitors may begin with one file
         for statement in _SCHEMA.split(";"):
             connection.execute(statement)
-        if "mark" not in [column[1] for column in connection.execute("PRAGMA table_info(events)")]:
-            connection.execute("ALTER TABLE events ADD COLUMN mark TEXT NOT NULL DEFAULT ''")
+        for table, added in (("events", "mark"), ("runs", "session")):
+            if added not in [column[1] for column in connection.execute(f"PRAGMA table_info({table})")]:
+                connection.execute(f"ALTER TABLE {table} ADD COLUMN {added} TEXT NOT NULL DEFAULT ''")
         for statement in _INDICES.split(";"):
             connection.execute(statement)
         connection.execute(f"PRAGMA user_version={VERSION}")
@@ -63,10 +67,34 @@ def open_for_writing(name: str) -> sqlite3.Connection:
     return connection
 
 
-def begin_run(connection: sqlite3.Connection, wall: float) -> int:
-    """The number of a run that begins."""
+def begin_run(connection: sqlite3.Connection, wall: float, session: str = "") -> int:
+    """The number of a run that begins.
+
+    :param session: a later life of this monitor with the same one goes on with the run; empty: none does.
+    """
     with connection:
-        return connection.execute("INSERT INTO runs (began) VALUES (?)", (wall,)).lastrowid or 0
+        row = "INSERT INTO runs (began, session) VALUES (?,?)"
+        return connection.execute(row, (wall, session)).lastrowid or 0
+
+
+class LastRun(NamedTuple):
+    """The run of an earlier life of this monitor: its number, and that of its last segment."""
+
+    run: int
+    segment: int
+
+
+def last_run(connection: sqlite3.Connection, wall: float, session: str) -> Optional[LastRun]:
+    """The run of a session; None: none, one of long ago, or the computer's clock went back since."""
+    row = (
+        session
+        and connection.execute(
+            "SELECT id, MAX(number), MAX(ended) FROM runs JOIN segments ON run = id"
+            " WHERE session = ? GROUP BY id ORDER BY id DESC LIMIT 1",
+            (session,),
+        ).fetchone()
+    )
+    return LastRun(row[0], row[1]) if row and row[2] <= wall <= row[2] + LONGEST_GAP else None
 
 
 def open_for_reading(path: Path) -> sqlite3.Connection:

@@ -48,15 +48,18 @@ class Recorder:
     :param tree: the state.
     :param put: takes a frame at once; False: it is lost, and the next frame has to be a whole state.
     :param clock: s since 1970, never going back.
+    :param segment: the last one of the run; 0: it begins.
     """
 
-    def __init__(self, tree: RecordedState, put: Callable[[Frame], bool], clock: Callable[[], float]) -> None:
+    def __init__(
+        self, tree: RecordedState, put: Callable[[Frame], bool], clock: Callable[[], float], segment: int = 0
+    ) -> None:
         self._tree = tree
         self._put = put
         self._clock = clock
         self._changed = threading.Event()
         self._stopped = threading.Event()
-        self._segment = self._number = 0
+        self._segment, self._number = segment, 0
         self._room = 0  # characters that the segment may still take
         self._until = 0.0  # s of the clock at which the segment ends
         self._pack: Any = None
@@ -94,7 +97,7 @@ class Recorder:
         """Puts a frame for the changes until now, if there are any."""
         version, changes = self._feed.take()
         kept = [change for change in changes.as_list() if change[0][0] not in LEFT_OUT]
-        if not kept and not changes.whole and self._segment:
+        if not kept and not changes.whole and self._pack is not None:
             return
         text = _compact(kept)
         wall = self._clock()

@@ -80,9 +80,10 @@ class Recording:
         """The segment of a moment as JSON, the first one of the run for a moment before it.
 
         ``frames`` is a list of ``[wall, at, state, version]`` and then ``[wall, at, changes, version]``;
-        ``next`` says when the next segment begins, null: this is the last one.
+        ``next`` says when the next segment begins, null: this is the last one; ``damaged`` whether what
+        follows the last of these frames cannot be read.
 
-        :raises ValueError: it is damaged.
+        :raises ValueError: nothing of it can be read.
         """
         first = "SELECT number, began FROM segments WHERE run = ? "
         row = self._connection.execute(
@@ -101,18 +102,24 @@ class Recording:
         )
         frames: List[str] = []
         unpack = zlib.decompressobj()
-        try:
-            for place, blob in blobs:
-                if place != len(frames):
-                    break  # the disk was full for a moment
-                frames.append(unpack.decompress(blob).decode())
-                if not frames[-1].endswith("]"):
+        damaged = False
+        for place, blob in blobs:
+            if place != len(frames):
+                break  # the disk was full for a moment
+            try:
+                text = unpack.decompress(blob).decode()
+                if not text.endswith("]"):
                     raise ValueError("a frame ends early")
-        except (zlib.error, ValueError) as error:
-            raise ValueError(f"segment {number} of run {run} is damaged: {error}") from error
+            except (zlib.error, ValueError) as error:
+                if not frames:
+                    raise ValueError(f"segment {number} of run {run} is damaged: {error}") from error
+                damaged = True  # each frame builds on those before it
+                break
+            frames.append(text)
         after = json.dumps(following and following[1])
         return (
             f'{{"run":{run},"number":{number},"began":{json.dumps(began)},"next":{after},'
+            f'"damaged":{json.dumps(damaged)},'
             f'"frames":[{",".join(frames)}]}}'
         )
 

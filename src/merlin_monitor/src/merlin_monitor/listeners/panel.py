@@ -1,6 +1,6 @@
 """What a panel is: the base class of those in ``merlin_monitor.panels`` and of those of applications."""
 
-from typing import Any, Callable, ClassVar, Dict, Optional, Union
+from typing import Any, Callable, ClassVar, Dict, Mapping, Optional, Union
 
 from merlin_monitor.listeners.graph_watch import GraphWatch
 from merlin_monitor.state.events import sentence
@@ -57,6 +57,10 @@ class Panel:
     def source(self) -> Optional[Source]:
         """Where its news come from; when that is gone or hangs, the panel is grey. None: it is never grey."""
         return None
+
+    def owners(self) -> Mapping[str, Source]:
+        """Owners of what the headline says, of :mod:`merlin_monitor.truth.worst_truth`, while they matter."""
+        return {}
 
     # --- what it does with it -------------------------------------------------------------------------------
 

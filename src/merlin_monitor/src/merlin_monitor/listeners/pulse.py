@@ -1,15 +1,16 @@
 """Checks what changes without an event: the time, a silent node, a small motion of the robot."""
 
 import threading
-from typing import Callable, Mapping, Sequence
+from typing import Any, Callable, Dict, Mapping, Sequence
 
 import rospy
 from merlin_msgs.msg import SimStatus
 
-from merlin_monitor.listeners.panel import Panel
+from merlin_monitor.listeners.panel import Panel, sender_of
 from merlin_monitor.listeners.ros_system import RosSystem
 from merlin_monitor.state.freshness import Source
 from merlin_monitor.state.monitor_model import MonitorModel
+from merlin_monitor.truth.worst_truth import SIMULATOR
 from merlin_ros.deadline import SIM_STATUS_TOPIC
 
 SAMPLES = 4.0  # per s of wall time
@@ -35,6 +36,8 @@ class Pulse:
         self._state = state
         self._panels = panels
         self._sources = sources
+        self._subscriber: Any = None
+        self._node = ""  # of the simulator
         self._ros = ros
         self._checked = 0.0  # of the thread that beats
         self._stopped = threading.Event()
@@ -65,17 +68,27 @@ class Pulse:
         now = self._ros.wall()
         if now - self._checked >= CHECKS:
             self._checked = now
-            self._state.inbox.put(self._check, self._ros.time(), now, self._sources())
+            self._state.inbox.put(self._check, self._ros.time(), now, self._sources(), self._all_owners())
 
-    def _check(self, at: float, wall: float, sources: Mapping[str, Source]) -> None:
+    def _check(
+        self, at: float, wall: float, sources: Mapping[str, Source], owners: Mapping[str, Source]
+    ) -> None:
         self._state.tree.set("meta", "time", round(at, 1))
         for panel in self._panels:
             panel.check(at, wall)
-        self._state.freshness.check(at, sources)
+        self._state.freshness.check(at, sources, owners)
         self._state.now.refresh()
+        self._state.refresh_problems(wall)
         self._state.checked(wall)
 
+    def _all_owners(self) -> Dict[str, Source]:
+        owners = {owner: source for panel in self._panels for owner, source in panel.owners().items()}
+        if self._subscriber is not None:
+            owners[SIMULATOR] = Source(bool(self._subscriber.get_num_connections()), self._node)
+        return owners
+
     def _simulator(self, message: SimStatus) -> None:
+        self._node = sender_of(message)
         factor = round(message.achieved_factor, 1)
         self._state.inbox.put(
             self._state.tree.set, "meta", "simulator", {"paused": message.paused, "factor": factor}

@@ -50,3 +50,4 @@ class GuardPanel(Panel):
     def _take(self, status: GuardStatus, at: float, robot: str = "") -> None:
         self.state.guard.status(status, at, self.ros.wall(), robot)
         self.state.now.refresh()
+        self.state.refresh_problems(self.ros.wall())

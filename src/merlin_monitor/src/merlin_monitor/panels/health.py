@@ -3,7 +3,7 @@
 from diagnostic_msgs.msg import DiagnosticArray
 
 from merlin_monitor.listeners.graph_watch import GraphWatch
-from merlin_monitor.listeners.panel import Panel
+from merlin_monitor.listeners.panel import Panel, sender_of
 from merlin_monitor.state.monitor_model import MonitorModel
 
 
@@ -17,9 +17,14 @@ class HealthPanel(Panel):
         self._reports = self.subscribe(
             "/diagnostics",
             DiagnosticArray,
-            lambda reports, at: state.health.diagnostics(reports, at, self.ros.wall()),
+            self._take,
         )
 
     def check(self, at: float, wall: float) -> None:
         """Notices silent parts."""
-        self.state.health.check_silence(at, wall)
+        nodes = self.watch.publishers_of(self._reports.resolved_name)
+        self.state.health.check_silence(at, wall, nodes)
+
+    def _take(self, reports: DiagnosticArray, at: float) -> None:
+        self.state.health.diagnostics(reports, at, self.ros.wall(), sender_of(reports))
+        self.state.refresh_problems(self.ros.wall())

@@ -18,6 +18,7 @@ from merlin_monitor.listeners.graph_watch import GraphWatch
 from merlin_monitor.listeners.panel import Panel
 from merlin_monitor.state.freshness import Source
 from merlin_monitor.state.monitor_model import MonitorModel
+from merlin_monitor.truth.worst_truth import NAVIGATION
 
 PEOPLE = (
     "merlin_msgs/SimPeople",
@@ -30,7 +31,7 @@ SIMULATED_PEOPLE = "/merlin_sim/people"
 POINTS = "world/points_of_interest"
 MOVED = 0.02  # m or rad that the robot must move to be drawn anew
 SCAN_SHOWN = 0.5  # s of wall time between two scans that are shown
-OLD_POSITION = 2.0  # s of ROS time after which a position counts as old
+OLD_POSITION = 2.0  # s of wall time without a newer position
 #: No transform: none was received, or the name, which comes with messages, is one that no frame can have.
 NO_TRANSFORM = (tf2_ros.TransformException, ValueError)
 #: Robots of one plan that can have topics: any node can name others.
@@ -61,14 +62,17 @@ class MapPanel(Panel):
         self._shown: Optional[Tuple[float, float, float]] = None
         self._robots: Dict[str, Tuple[float, float, float]] = {}  # of one plan, that are shown
         self._followed: Dict[str, List[Any]] = {}  # robot of one plan → subscribers of its way
-        self._located_at: Optional[float] = None
+        self._located: Tuple[Optional[float], float] = (
+            None,
+            0.0,
+        )  # of the newest position, and s of wall time
         self._scan: Optional[LaserScan] = None  # the last one, of the subscriber's thread
         self._scan_shown = 0.0  # s of wall time
         self._transform = self.ros.transforms()
+        self._navigation = self.subscribe("move_base/result", MoveBaseActionResult, self._ended)
         self._subscribers = [
             self.subscribe(map_topic, OccupancyGrid, lambda grid, at: state.map.grid(grid), queue_size=1),
             self.subscribe("move_base/current_goal", PoseStamped, self._goal),
-            self.subscribe("move_base/result", MoveBaseActionResult, self._ended),
             self.ros.subscribe("scan", LaserScan, self._scanned, queue_size=1),
             *(self.subscribe(f"move_base/{path}", Path, self._path, queue_size=1) for path in PATHS),
         ]
@@ -96,9 +100,15 @@ class MapPanel(Panel):
 
     def source(self) -> Source:
         """The robot's position, which may be old."""
-        at = self._located_at
-        located = at is not None and (at == 0.0 or self.ros.time() - at < OLD_POSITION)
+        at, wall = self._located
+        if (self.state.tree.get("meta", "simulator") or {}).get("paused"):
+            self._located = at, self.ros.wall()  # nothing moves, and nothing is lost
+        located = at is not None and (at == 0.0 or self.ros.wall() - self._located[1] < OLD_POSITION)
         return Source(located, "the robot's position")
+
+    def owners(self) -> Dict[str, Source]:
+        """The navigation server."""
+        return {NAVIGATION: self.source_of(self._navigation)}
 
     def sample(self) -> None:
         """Looks where the robot is now."""
@@ -175,7 +185,9 @@ class MapPanel(Panel):
         except NO_TRANSFORM:
             return None
         # Zero when all transforms on the way are static.
-        self._located_at = stamped.header.stamp.to_sec()
+        at = stamped.header.stamp.to_sec()
+        if at != self._located[0]:
+            self._located = at, self.ros.wall()
         return _pose_in(stamped)
 
     def _pose_of(self, frame: str) -> Optional[Tuple[float, float, float]]:
@@ -193,7 +205,7 @@ class MapPanel(Panel):
         self.state.map.path(_points_of(message))
 
     def _goal(self, message: PoseStamped, at: float) -> None:
-        self.state.map.goal(_pose_of(message.pose))
+        self.state.map.goal(_pose_of(message.pose), self.ros.time())
 
     def _ended(self, message: MoveBaseActionResult, at: float) -> None:
         failed = message.status.status in (GoalStatus.ABORTED, GoalStatus.REJECTED, GoalStatus.LOST)

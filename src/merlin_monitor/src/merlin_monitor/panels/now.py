@@ -1,5 +1,7 @@
 """The panel of the present: what the mission and the Executor do, as the headline."""
 
+from typing import Dict
+
 from actionlib_msgs.msg import GoalID
 from merlin_msgs.msg import ExecuteActionResult, ExecutorStatus, MissionStatus
 
@@ -7,6 +9,7 @@ from merlin_monitor.listeners.graph_watch import GraphWatch
 from merlin_monitor.listeners.panel import Panel, sender_of
 from merlin_monitor.state.freshness import Source
 from merlin_monitor.state.monitor_model import MonitorModel
+from merlin_monitor.truth.worst_truth import LIVE, MISSION
 
 
 class NowPanel(Panel):
@@ -18,8 +21,8 @@ class NowPanel(Panel):
         super().__init__(state, watch)
         executor = self.ros.parameter("~executor", "merlin/execute")
         self._status = self.subscribe("merlin/status", ExecutorStatus, state.now.executor)
+        self._mission = self.subscribe("merlin/mission", MissionStatus, self._take_mission)
         self._others = [
-            self.subscribe("merlin/mission", MissionStatus, self._mission),
             self.subscribe(f"{executor}/result", ExecuteActionResult, state.now.result),
             self.subscribe(f"{executor}/cancel", GoalID, self._cancel),
         ]
@@ -28,7 +31,12 @@ class NowPanel(Panel):
         """The Executor."""
         return self.source_of(self._status)
 
-    def _mission(self, message: MissionStatus, at: float) -> None:
+    def owners(self) -> Dict[str, Source]:
+        """The mission, while it goes on."""
+        live = self.state.tree.get("now", "mission", "state") in LIVE
+        return {MISSION: self.source_of(self._mission)} if live else {}
+
+    def _take_mission(self, message: MissionStatus, at: float) -> None:
         self.state.now.mission(message, at, sender_of(message))
 
     def _cancel(self, message: GoalID, at: float) -> None:

@@ -12,9 +12,12 @@ GUARD = "guard"
 HELD = "held"
 #: The same as a phrase.
 HELD_WORDS = "held_words"
+#: While the guard of the only robot keeps its base from a drive, for a while: why; else empty.
+KEPT = "kept"
 STATES = ("idle", "passing", "holding", "stopped")
 #: Shown by the page in its language; the guard's own reasons stay as they are.
 SILENT_REASON = "the velocity guard does not answer; nothing new drives without it"
+KEPT_AFTER = 0.5  # s of wall time; each drive begins with the moment before its owner is heard
 SILENT_AFTER = 2.0  # s of wall time; the guard sends a status every 0.5 s, paused or not
 
 
@@ -30,6 +33,7 @@ class GuardSection:
         self._report = report
         self._robots: Dict[str, Dict[str, Any]] = {}  # what is shown of each; a silent one may be empty
         self._heard: Dict[str, float] = {}
+        self._holds: Dict[str, float] = {}  # robot → s of wall time since when its guard keeps its base
 
     def met(self, robot: str, there: bool, wall: float) -> None:
         """The guard of a robot is in the ROS graph, or no longer.
@@ -40,6 +44,7 @@ class GuardSection:
             self._heard.setdefault(robot, wall)
             return
         self._heard.pop(robot, None)
+        self._holds.pop(robot, None)
         if self._robots.pop(robot, None):
             self._show_all()
 
@@ -53,13 +58,25 @@ class GuardSection:
         self._heard[robot] = wall
         known = message.state < len(STATES)
         state = STATES[message.state] if known else str(message.state)
+        if state == "holding":
+            self._holds.setdefault(robot, wall)
+        else:
+            self._holds.pop(robot, None)
         self._show(robot, state, message.reason, at, message.since.to_sec() or at, message.warning)
+        self._show_kept(wall)
 
     def check_silence(self, at: float, wall: float) -> None:
         """Says so when a guard that is there is silent."""
         for robot, heard in self._heard.items():
             if wall - heard > SILENT_AFTER:
                 self._show(robot, "silent", SILENT_REASON, at, at)
+        self._show_kept(wall)
+
+    def _show_kept(self, wall: float) -> None:
+        (robot,) = self._robots if len(self._robots) == 1 else ("",)
+        kept = wall - self._holds.get(robot, wall) >= KEPT_AFTER and len(self._robots) == 1
+        why = self._robots[robot]["reason"] if kept else ""
+        self._tree.set(GUARD, KEPT, why)
 
     def _show(self, robot: str, state: str, reason: str, at: float, since: float, warning: str = "") -> None:
         shown: Dict[str, Any] = {

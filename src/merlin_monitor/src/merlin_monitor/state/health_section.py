@@ -1,6 +1,6 @@
 """The section of the health: what every part reports on /diagnostics, and which part is silent."""
 
-from typing import Any, Dict, List, Tuple
+from typing import Any, Collection, Dict, List, Tuple
 
 from merlin_monitor.state.events import Reporter, sentence
 from merlin_monitor.state.state_tree import StateTree
@@ -28,10 +28,14 @@ class HealthSection:
         self._periods: Dict[str, float] = {}
         self._reports: Dict[str, int] = {}
         self._reported: Dict[str, Tuple[float, str]] = {}  # part → when its level was reported, and which
+        self._nodes: Dict[str, str] = {}  # part → global name of the node that reports it
         tree.set(SECTION, "parts", {})
 
-    def diagnostics(self, message: Any, at: float, wall: float) -> None:
-        """Takes a message with the fields of diagnostic_msgs/DiagnosticArray."""
+    def diagnostics(self, message: Any, at: float, wall: float, node: str = "") -> None:
+        """Takes a message with the fields of diagnostic_msgs/DiagnosticArray.
+
+        :param node: that sent it; empty: not known.
+        """
         for status in message.status:
             if status.name not in self._seen and len(self._seen) >= MOST_PARTS:
                 continue
@@ -40,6 +44,7 @@ class HealthSection:
             was_silent = self._tree.get(SECTION, "parts", status.name, "silent", default=False)
             self._note_period(status.name, wall)
             self._seen[status.name] = wall
+            self._nodes[status.name] = node
             values = [[pair.key, pair.value] for pair in status.values]
             for field, value in (
                 ("level", word),
@@ -67,13 +72,29 @@ class HealthSection:
             silent[node] = silent.get(node, True) and part
         return [node for node, is_silent in silent.items() if is_silent]
 
-    def check_silence(self, at: float, wall: float) -> None:
-        """Marks parts that have been silent for long."""
-        for name, seen in self._seen.items():
+    def check_silence(self, at: float, wall: float, nodes: Collection[str] = ()) -> None:
+        """Marks parts that have been silent for long, and forgets those of nodes that ended in order.
+
+        :param nodes: those that the master knows as publishers of ``/diagnostics``: one that ends in order
+            takes itself off, one that dies or hangs does not. Empty: not known.
+        """
+        ended = set()
+        for name, seen in list(self._seen.items()):
             silent = wall - seen > max(SILENT_AFTER, PERIODS * self._periods[name])
+            if silent and nodes and self._nodes[name] and self._nodes[name] not in nodes:
+                ended.add(self._nodes[name])
+                self._forget(name)
+                continue
             if self._tree.set(SECTION, "parts", name, "silent", silent) and silent:
                 self._report(sentence("health", say("{part} has fallen silent", part=name), at, "failure"))
             self._report_level(name, at, wall, silent)
+        for node in sorted(ended):
+            self._report(sentence("health", say("{node} has ended", node=node), at))
+
+    def _forget(self, name: str) -> None:
+        for kept in (self._seen, self._periods, self._reports, self._reported, self._nodes):
+            kept.pop(name, None)
+        self._tree.remove(SECTION, "parts", name)
 
     def _report_level(self, name: str, at: float, wall: float, known: bool) -> None:
         """Reports a new level; when a part alternates, the level that it has after a while.

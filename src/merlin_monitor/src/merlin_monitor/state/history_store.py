@@ -1,21 +1,25 @@
 """The history of the present run: its events and what the page showed, in a file that outlives the node."""
 
+import concurrent.futures
+import json
 import queue
 import sqlite3
 from pathlib import Path
-from typing import Any, Callable, List, Optional, Tuple
+from typing import Any, Callable, Dict, List, Optional, Tuple
 
 from merlin_monitor.history.event_log import Row
-from merlin_monitor.history.history_file import HistoryError, WallClock, begin_run, open_for_writing
+from merlin_monitor.history.history_file import HistoryError, WallClock, begin_run, last_run, open_for_writing
 from merlin_monitor.history.history_reader import HistoryReader
 from merlin_monitor.history.recording import Frame
 from merlin_monitor.state.events import Event, sentence
+from merlin_monitor.state.state_tree import apply_changes
 from merlin_monitor.text.phrase import say
 
 __all__ = ["HistoryError", "HistoryStore"]
 
 PRUNE_EVERY = 1000  # events between two looks at the limit
 MEGABYTE = 1_000_000
+END_OF_TIME = 1e12  # s since 1970
 _COPIED = (
     ("events", "wall, at, kind, text, detail, mark"),
     ("segments", "number, began, ended, bytes"),
@@ -33,6 +37,7 @@ class HistoryStore(HistoryReader):
         exists, so that a run which never began leaves nothing behind.
     :param megabytes: most that is kept of what was shown; the oldest goes first.
     :param clock: s since 1970, the time of all that is kept; None: now.
+    :param session: with that of an earlier life, its run is gone on with; empty: a run begins.
     :raises HistoryError: the file cannot be used.
     """
 
@@ -44,6 +49,7 @@ class HistoryStore(HistoryReader):
         make_folder: bool = True,
         megabytes: float = 500.0,
         clock: Optional[Callable[[], float]] = None,
+        session: str = "",
     ) -> None:
         self.path = path
         self.now = clock or WallClock()
@@ -51,6 +57,7 @@ class HistoryStore(HistoryReader):
         self.trouble = ""
         """Why something could not be written; empty: everything could."""
         self._began = self.now()
+        self._session = session
         self._limit = max(100, limit)
         self._bytes = megabytes * MEGABYTE
         self._on_events = on_events
@@ -62,12 +69,30 @@ class HistoryStore(HistoryReader):
                 path.parent.mkdir(parents=True, exist_ok=True)
             self._in_memory = not make_folder and not path.parent.is_dir()
             connection = open_for_writing(":memory:" if self._in_memory else str(path))
-            self.run = begin_run(connection, self._began)
+            self.last = last_run(connection, self._began, session)
+            """The run that is gone on with; None: a new one."""
+            self.run = self.last.run if self.last else begin_run(connection, self._began, session)
         except (OSError, sqlite3.Error, HistoryError) as error:
             raise HistoryError(
                 f"the history file {path} cannot be used: {error}; name another one, history:=…"
             ) from error
         super().__init__(connection)
+
+    def last_state(self, limit: float) -> Dict[str, Any]:
+        """What the earlier life showed last; empty: there is none, or it cannot be read.
+
+        :param limit: s for the answer.
+        """
+        if self.last is None:
+            return {}
+        try:
+            text = self.segment(self.run, END_OF_TIME).result(limit)
+        except (HistoryError, concurrent.futures.TimeoutError):
+            return {}
+        (_, _, state, _), *later = json.loads(text or "null")["frames"]
+        for _, _, changes, _ in later:
+            apply_changes(state, changes)
+        return dict(state)
 
     def add(self, event: Event) -> None:
         """Takes an event; returns at once."""
@@ -137,7 +162,7 @@ class HistoryStore(HistoryReader):
         if not self._in_memory or not self.path.parent.is_dir():
             return
         file = open_for_writing(str(self.path))
-        run = begin_run(file, self._began)
+        run = begin_run(file, self._began, self._session)
         with file:
             # In a new file, which it nearly always is, events get the numbers that they have.
             for table, columns in _COPIED:

@@ -10,6 +10,7 @@ from merlin_monitor.drawing.grid_place import cells_of, grid_place
 from merlin_monitor.drawing.png import png
 from merlin_monitor.drawing.robot_track import RobotTrack
 from merlin_monitor.history.pictures import Pictures
+from merlin_monitor.state.guard_section import GUARD
 from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.text.phrase import Phrase, say
 
@@ -21,6 +22,7 @@ NEAR_MAP = 0.2  # m around what the map shows, in which what is seen is that
 MOST_SEEN = 150  # points
 STANDS_AFTER = 3.0  # s without a move on the way to a goal
 MOVED = 0.05  # m
+TURNED = 0.1  # rad
 LEVEL = 0.07  # of a quaternion, across: 8°
 ROOM = 0.4  # m around the goal and the way that a robot needs
 AHEAD = 1.0  # m of the way
@@ -46,7 +48,8 @@ class MapSection:
         self._info: Any = None
         self._track = RobotTrack(tree, SECTION)
         self._tracks: Dict[str, RobotTrack] = {}  # of the robots of one plan
-        self._moved: Tuple[float, float, float] = (0.0, 0.0, 0.0)  # where and since when (s) it stands
+        self._moved: Tuple[float, float, float] = (0.0, 0.0, 0.0)  # m and rad, where it stands
+        self._since = 0.0  # s of ROS time since when it stands there, or is to drive
         self._failed = ""  # why the last drive ended
 
     def grid(self, message: Any) -> None:
@@ -72,8 +75,10 @@ class MapSection:
         """
         if pose is not None:
             self._track.was(pose[0], pose[1])
-            if math.hypot(pose[0] - self._moved[0], pose[1] - self._moved[1]) > MOVED:
-                self._moved = (pose[0], pose[1], at)
+            x, y, yaw = self._moved
+            turned = abs(math.remainder(pose[2] - yaw, math.tau)) > TURNED
+            if turned or math.hypot(pose[0] - x, pose[1] - y) > MOVED:
+                self._moved, self._since = pose, at
         shown = None if pose is None else [round(pose[0], 3), round(pose[1], 3), round(pose[2], 3)]
         self._tree.set(SECTION, "robot", shown)
 
@@ -111,9 +116,11 @@ class MapSection:
         """Says why the robot stands, while it is to drive, or why its last drive ended."""
         stands: Phrase = say("did not get there: {why}", why=self._failed) if self._failed else ""
         goal, robot = self._tree.get(SECTION, "goal"), self._tree.get(SECTION, "robot")
-        since = self._moved[2]
-        if goal and robot and at - since > STANDS_AFTER:
-            stands = say(self._why(goal, robot), time=clock_text(since))
+        kept = self._tree.get(GUARD, "state") in ("stopped", "holding")  # which is said elsewhere
+        if kept or at < self._since:
+            self._since = at
+        if goal and robot and at - self._since > STANDS_AFTER:
+            stands = say(self._why(goal, robot), time=clock_text(self._since))
         self._tree.set(SECTION, "stands", stands)
 
     def _why(self, goal: Sequence[float], robot: Sequence[float]) -> str:
@@ -131,10 +138,14 @@ class MapSection:
         """The way the robot means to take, m; none: it is not going anywhere."""
         self._track.path(points)
 
-    def goal(self, pose: Optional[Tuple[float, float, float]]) -> None:
-        """Where it is going."""
+    def goal(self, pose: Optional[Tuple[float, float, float]], at: float = 0.0) -> None:
+        """Where it is going.
+
+        :param at: since when, s of ROS time: what it stood before does not count.
+        """
         if pose is not None:
             self._failed = ""
+            self._since = max(self._since, at)
         self._track.goal(pose)
 
     def track(self, robot: str) -> RobotTrack:

@@ -1,14 +1,16 @@
 """Everything that is shown, without ROS: the tree and the sections that keep it."""
 
 import concurrent.futures
+import time
 from pathlib import Path
-from typing import Any, Callable, Dict, List, Optional
+from typing import Any, Callable, Dict, List, Mapping, Optional
 
+from merlin_executor.core.base_hold import clock_text
 from merlin_monitor.drawing.layout_thread import LayoutThread
 from merlin_monitor.drawing.machine_graph import DrawnGraph, machine_graph, plan_graph
 from merlin_monitor.history.pictures import Pictures
 from merlin_monitor.history.recorder import Recorder
-from merlin_monitor.state.events import Event, Reporter
+from merlin_monitor.state.events import Event, Reporter, sentence
 from merlin_monitor.state.freshness import Freshness
 from merlin_monitor.state.guard_section import GuardSection
 from merlin_monitor.state.health_section import HealthSection
@@ -22,8 +24,18 @@ from merlin_monitor.state.now_section import NowSection
 from merlin_monitor.state.plan_order import Edges, ShownStep
 from merlin_monitor.state.plan_section import PlanSection
 from merlin_monitor.state.state_tree import StateTree
+from merlin_monitor.text.phrase import say
+from merlin_monitor.truth.problems import Acknowledged, problems_of
 
 PLAN_PICTURE = "plan"
+#: Section → its fields that say what is wrong.
+PROBLEM_FIELDS = {
+    "guard": ("state", "reason", "warning"),
+    "now": ("mission", "lost", "silent_nodes"),
+    "health": ("parts",),
+    "plan": ("planner",),
+    "map": ("stands", "trouble"),
+}
 STARTUP = 10.0  # s of wall time for the history's first answer
 
 
@@ -37,6 +49,7 @@ class MonitorModel:
     :param make_folder: whether the folder of the history's file is made, or waited for.
     :param megabytes: most that is kept of what was shown.
     :param clock: s since 1970, the time of all that is kept; None: now.
+    :param session: of which an earlier life of the monitor may have kept something; empty: none.
     :raises HistoryError: the file cannot be used.
     """
 
@@ -48,6 +61,7 @@ class MonitorModel:
         make_folder: bool = True,
         megabytes: float = 500.0,
         clock: Optional[Callable[[], float]] = None,
+        session: str = "",
     ) -> None:
         self.inbox = inbox
         self.tree = StateTree()
@@ -65,14 +79,16 @@ class MonitorModel:
         self.freshness = Freshness(self.tree, self.report, self.health)
         self.now = NowSection(self.tree, self.report, self.plan, self.machines, self.freshness)
         self.guard = GuardSection(self.tree, self.report)
+        self._acknowledged = Acknowledged()
         self.on_guard: Callable[[str, bool], None] = lambda robot, there: None
         """Called with each robot whose guard is found or is gone, in the watch's thread."""
         self.checked_at = float("-inf")
         """When all sections were checked last, s of ``time.monotonic``; old when the model hangs."""
         if history is not None:
             add = self._history.add
-            self.history = HistoryStore(history, history_limit, add, make_folder, megabytes, clock)
-            self._recorder = Recorder(self.tree, self.history.add_frame, self.history.now)
+            self.history = HistoryStore(history, history_limit, add, make_folder, megabytes, clock, session)
+            last, now = self.history.last, self.history.now
+            self._recorder = Recorder(self.tree, self.history.add_frame, now, last.segment if last else 0)
 
     def start(self) -> None:
         """Begins to take messages in and to draw; shows what earlier runs left in the history.
@@ -85,9 +101,22 @@ class MonitorModel:
             except concurrent.futures.TimeoutError as error:
                 raise HistoryError(f"the history did not answer within {STARTUP:.0f} s") from error
             self.tree.set("meta", "run", self.history.run)
+            self._take_up(self.history.last_state(STARTUP))
             self._recorder.start()
         self._layouts.start()
         self.inbox.start()
+
+    def _take_up(self, kept: Mapping[str, Any]) -> None:
+        """Remembers what the earlier life knew; what is heard decides whether it is still so."""
+        now = kept.get("now", {})
+        self.plan.remember(kept.get("plan", {}))
+        self.now.remember(now)
+        for problem in now.get("problems", []):
+            if problem["by"]:
+                self._acknowledged.acknowledge(problem["key"], problem["by"], time.monotonic())
+        if kept:
+            said = say("the monitor was started again")
+            self.report(sentence("monitor", said, kept.get("meta", {}).get("time") or 0.0))
 
     def stop(self) -> None:
         """Ends the threads; all events are on disk then."""
@@ -106,6 +135,35 @@ class MonitorModel:
     def _keep_picture(self, name: str, version: str, picture: bytes) -> None:
         if self.history is not None:
             self.history.add_picture(name, version, picture)
+
+    def refresh_problems(self, wall: float) -> None:
+        """Says anew what is wrong.
+
+        :param wall: s of ``time.monotonic``.
+        """
+        panels = self.tree.get("meta", "panels") or []
+        names = {"guard", "now", "health", "plan", "map"}
+        sections = {name: self._of_problems(name) for name in names | {panel["name"] for panel in panels}}
+        problems = problems_of(sections, panels, clock_text)
+        self.tree.set("now", "problems", self._acknowledged.of(problems, wall))
+
+    def acknowledge(self, key: str, by: str, at: float, wall: float) -> None:
+        """An operator knows about a problem.
+
+        :param at: s of ROS time.
+        :param wall: s of ``time.monotonic``.
+        """
+        known = {each["key"]: each["said"] for each in self.tree.get("now", "problems") or []}
+        if key in known:
+            self._acknowledged.acknowledge(key, by, wall)
+            self.refresh_problems(wall)
+            said = say("{client} knows: {what}", client=by, what=known[key])
+            self.report(sentence("control", said, at, by=by))
+
+    def _of_problems(self, name: str) -> Dict[str, Any]:
+        """The fields of a section that tell problems: most of it does not."""
+        fields = ("silent", *PROBLEM_FIELDS.get(name, ()))
+        return {field: self.tree.get(name, field) for field in fields if self.tree.get(name, field)}
 
     def checked(self, wall: float) -> None:
         """All sections were checked.

@@ -1,11 +1,10 @@
 """The sections of the present: the line that says what the robot does and why, and the queue of goals."""
 
-import re
-from typing import Any, Dict, Iterable, List, Optional, Set, Tuple
+from typing import Any, Dict, Iterable, List, Mapping, Optional, Set, Tuple
 
 from merlin_monitor.state.events import Reporter, sentence
-from merlin_monitor.state.freshness import SILENT, Freshness
-from merlin_monitor.state.guard_section import GUARD, HELD, HELD_WORDS
+from merlin_monitor.state.freshness import LOST, Freshness
+from merlin_monitor.state.guard_section import GUARD, HELD_WORDS, KEPT
 from merlin_monitor.state.machine_section import MachineSection, held_words, unconfirmed_words
 from merlin_monitor.state.plan_section import PlanSection
 from merlin_monitor.state.state_tree import StateTree
@@ -14,7 +13,6 @@ from merlin_monitor.text.now_words import (
     ENDS,
     EXECUTOR_STATES,
     HELD_BEFORE,
-    LIVE,
     MARKS,
     MISSION_STATES,
     OUTCOMES,
@@ -22,12 +20,13 @@ from merlin_monitor.text.now_words import (
     STAGES,
     cancel_words,
     name_of,
+    sender_of,
 )
 from merlin_monitor.text.phrase import Phrase, action_phrase, goal_phrase, in_english, say, with_reason
 from merlin_monitor.text.plain_words import action_in_words, shown_parameters
+from merlin_monitor.truth.worst_truth import LIVE, Facts, lost_words, worst_truth
 
 NOW, QUEUE = "now", "queue"
-_REQUEST = re.compile(r"(?P<node>[^-]+)(?:-[0-9a-f]{12})?-\d+-\d+\.\d+(?:-leased)?\Z")
 
 
 class NowSection:
@@ -58,9 +57,14 @@ class NowSection:
         self._request_began: Dict[str, Tuple[float, List[str]]] = {}
         self._ended: Dict[str, List[str]] = {}  # requests → goals: a cancel may come later
         self._queued: Optional[Dict[str, Dict[str, Any]]] = None  # what waited last; None: not heard yet
+        self._kept: Mapping[str, Any] = {}  # the section of an earlier life
         self.places: Set[str] = set()
         tree.set(QUEUE, "waiting", [])
         self.refresh()
+
+    def remember(self, kept: Mapping[str, Any]) -> None:
+        """Takes the section of an earlier life of the monitor: what is still so is not told again."""
+        self._kept = kept
 
     def mission(self, message: Any, at: float, node: str = "") -> None:
         """Takes a message with the fields of merlin_msgs/MissionStatus.
@@ -69,7 +73,7 @@ class NowSection:
         """
         self._mission_node = node
         state = name_of(MISSION_STATES, message.state)
-        before = self._mission
+        before = self._mission or self._kept.get("mission") or {}
         self._mission = {
             "name": message.mission,
             "state": state,
@@ -91,10 +95,14 @@ class NowSection:
 
     def executor(self, message: Any, at: float) -> None:
         """Takes a message with the fields of merlin_msgs/ExecutorStatus."""
-        before = self._executor
+        before = self._executor or self._kept.get("executor") or {}
+        if not self._executor and before.get("request"):
+            self._plan_request = before["request"]
+            self._request_began[before["request"]] = (before.get("began", at), list(before["goals"]))
         self._executor = {
             "state": name_of(EXECUTOR_STATES, message.state),
             "request": message.request,
+            "began": self._request_began.get(message.request, (at,))[0],
             "goals": list(message.goals),
             "words": [goal_phrase(goal) for goal in message.goals],
             "priority": message.priority,
@@ -191,7 +199,7 @@ class NowSection:
                 "on_interrupt": "drop" if request.on_interrupt else "resume",
                 "interrupted": request.interrupted,
                 "queued": request.queued.to_sec(),
-                "by": _sender(request.request),
+                "by": sender_of(request.request),
             }
             for request in message.requests
         ]
@@ -217,25 +225,40 @@ class NowSection:
             "“{goals}” interrupted by the more urgent “{other}”, asked for by {client}",
             goals=goals,
             other=first["words"] or say("a request"),
-            client=self._named(_sender(first["request"])),
+            client=self._named(sender_of(first["request"])),
         )
         self._report(sentence("goal", phrase, at))
 
     def refresh(self) -> None:
         """Says anew what the robot does, and why."""
         doing, because, step = self._sentence()
-        silent = self._tree.get(NOW, SILENT)
-        if silent is not None:
-            # What was known of it may no longer be true.
-            before = say("before: {what}", what=doing)
-            doing = say("not known: the Executor {what}", what=say(silent["what"]))
-            because, step = before, ""
-        held = self._tree.get(GUARD, HELD)
-        if held:
-            # What the Executor does comes second: nothing of it moves the base.
-            because = say("the Executor: {what}", what=doing)
-            doing = self._tree.get(GUARD, HELD_WORDS)
-        trouble = [say("{node} does not answer", node=node) for node in self._freshness.others_silent()]
+        guard = self._tree.get(GUARD) or {}
+        lost = self._freshness.lost()
+        machines = self._machines
+        truth = worst_truth(
+            Facts(
+                doing,
+                because,
+                step,
+                task=self._mission and self._mission["description"] or "",
+                executor=self._executor,
+                mission=self._mission,
+                waits=bool(self._executor.get("held") or machines.held or machines.unconfirmed),
+                acts=bool(self._actions()),
+                drives=guard.get("state") in ("passing", "holding") or bool(self._tree.get("map", "goal")),
+                lost=lost,
+                stopped=guard.get(HELD_WORDS, ""),
+                kept=guard.get(KEPT, ""),
+            )
+        )
+        doing, because, step = truth.doing, truth.because, truth.step
+        silent = self._freshness.others_silent()
+        trouble = [
+            lost_words(owner, self._mission.get("name", ""), wrong)
+            for owner, wrong in (self._tree.get(NOW, LOST) or {}).items()
+            if owner != truth.blamed
+        ]
+        trouble += [say("{node} does not answer", node=node) for node in silent]
         for name, value in (
             ("trouble", [in_english(each) for each in trouble]),
             ("trouble_said", trouble),
@@ -244,6 +267,11 @@ class NowSection:
             ("step", in_english(step)),
             ("said", {"doing": doing, "because": because, "step": step}),
             ("chain", self._chain()),
+            ("state", truth.state),
+            ("tone", truth.tone),
+            ("known", truth.known),
+            ("expected", truth.expected),
+            ("silent_nodes", silent),
             ("active", self._executor.get("state", "idle") != "idle"),
         ):
             self._tree.set(NOW, name, value)
@@ -327,16 +355,14 @@ class NowSection:
         return say("step {number} of {count}", number=str(number), count=str(total))
 
     def _who(self) -> str:
-        return self._named(_sender(self._executor.get("request", "")))
+        return self._named(sender_of(self._executor.get("request", "")))
 
     def _named(self, sender: str) -> str:
         # Its end may be heard before what it asked for last: the topics are several.
-        if self._mission and (self._mission_node == sender or self._unsigned_mission()):
+        unsigned = not self._mission_node and self._mission.get("state") in LIVE
+        if self._mission and (self._mission_node == sender or unsigned):
             return self._mission["name"]
         return sender
-
-    def _unsigned_mission(self) -> bool:
-        return not self._mission_node and self._mission["state"] in LIVE
 
     def _task(self) -> Phrase:
         mission = self._mission
@@ -372,8 +398,3 @@ class NowSection:
 
 def _text(action: Dict[str, Any]) -> str:
     return f"({' '.join([action['name'], *(value for _, value in action['parameters'])])})"
-
-
-def _sender(request: str) -> str:
-    match = _REQUEST.match(request)
-    return match.group("node") if match else (request or "an unknown client")

@@ -1,6 +1,6 @@
 """The section of the plan: its steps with state and time, replans, the planner and the dispatcher."""
 
-from typing import Any, Dict, List, Optional, Set, Tuple
+from typing import Any, Dict, List, Mapping, Optional, Set, Tuple
 
 from merlin_monitor.state.events import Reporter, sentence
 from merlin_monitor.state.plan_order import Edges, ShownStep
@@ -43,12 +43,14 @@ class PlanSection:
         self._tree = tree
         self._report = report
         self._steps: Dict[int, Dict[str, Any]] = {}
+        self._edges: Edges = []
         self._dispatch = 0  # number of the dispatch the steps' states belong to; 0: not known
         self._plans = 0
         self._replans: List[Dict[str, Any]] = []
         self._early: Dict[Tuple[int, int], Tuple[int, str, float]] = {}  # feedback that came before its plan
         self._status: Any = None  # the dispatcher's last one
         self._places: Set[str] = set()
+        self._kept: Mapping[str, Any] = {}  # the section of an earlier life, until the first plan
         self._missed: List[Tuple[Any, float]] = []  # dispatches of no step that is known
         tree.set(SECTION, "steps", {})
         tree.set(SECTION, "replans", [])
@@ -71,6 +73,10 @@ class PlanSection:
         """How many steps the plan has."""
         return len(self._steps)
 
+    def remember(self, kept: Mapping[str, Any]) -> None:
+        """Takes the section of an earlier life of the monitor."""
+        self._kept = kept
+
     def planned(self, steps: List[ShownStep], edges: Edges, at: float) -> None:
         """Takes a new plan."""
         late = not self._plans and self._status is not None and self._status.state
@@ -81,6 +87,7 @@ class PlanSection:
         if not late:
             kept = {message.plan_id for message, _ in missed}
             self._early = {key: answer for key, answer in self._early.items() if key[0] in kept}
+        self._edges = edges
         self._steps = {
             step.id: {
                 "id": step.id,
@@ -99,12 +106,15 @@ class PlanSection:
         self._tree.set(SECTION, "edges", [[str(before), str(after)] for before, after in edges])
         self._tree.set(SECTION, "order", [str(step.id) for step in steps])
         self._tree.set(SECTION, "steps", {str(key): step for key, step in self._steps.items()})
-        if steps:
+        before = [step["text"] for step in self._kept.get("steps", {}).values()]
+        if steps and sorted(before) != sorted(step.text for step in steps):
             self._report(sentence("plan", self._words_of_plan(), at))
         for message, received in missed:
             self.dispatched(message, received)
         if late:
             self._catch_up(at)
+        elif self._plans > 1:
+            self._kept = {}
 
     def words_of(self, text: str) -> Phrase:
         """The words of a step; empty: the plan has none of this text."""
@@ -153,9 +163,12 @@ class PlanSection:
 
     def dispatcher(self, message: Any, at: float) -> None:
         """Takes a message with the fields of merlin_msgs/DispatchStatus."""
+        first = self._status is None or not self._status.state
         self._status = message
         if message.state:
             self._follow(message.plan_id)
+        if first and self._plans == 1:
+            self._take_up(message)
         now_running = {action.action_id: action for action in message.running}
         for identity, action in now_running.items():
             step = self._steps.get(identity)
@@ -235,15 +248,50 @@ class PlanSection:
     def _catch_up(self, at: float) -> None:
         """Started in the middle of a dispatch, it gets the latched messages before or after the plan."""
         self.dispatcher(self._status, at)
+        self._take_up(self._status)
         for (plan_id, identity), (status, reason, received) in list(self._early.items()):
             step = self._steps.get(identity)
             if plan_id == self._dispatch and step is not None:
                 self._answer(step, status, reason, received)
         self._early.clear()
 
+    def _take_up(self, status: Any) -> None:
+        """Begun in the middle of a dispatch, the steps that have ended are known from the earlier life.
+
+        Else from the dispatcher: what had to end before a step that runs, and as many more as it counts.
+        """
+        running = {action.action_id: action for action in status.running}
+        kept, self._kept = self._kept, {}
+        if status.steps_total != len(self._steps) or not running.keys() <= self._steps.keys():
+            return  # of another plan
+        if kept.get("dispatch") == status.plan_id:
+            for key, was in kept.get("steps", {}).items():
+                step = self._steps.get(int(key), {})
+                same = was["state"] == SUCCEEDED or int(key) in running
+                if step.get("text") == was["text"] and same:
+                    told = {field: was[field] for field in ("began", "ended") if field in was}
+                    self._put(step, state=was["state"], **told)
+        before = self._before(set(running))
+        rest = [identity for identity in self._steps if identity not in before]
+        for identity in [*sorted(before, key=list(self._steps).index), *rest]:
+            done = [step for step in self._steps.values() if step["state"] == SUCCEEDED]
+            step = self._steps[identity]
+            if len(done) < status.steps_done and identity not in running and step["state"] not in ENDED:
+                self._put(step, state=SUCCEEDED)
+
+    def _before(self, steps: Set[int]) -> Set[int]:
+        """The steps that must precede any of these."""
+        found: Set[int] = set()
+        new = steps
+        while new:
+            new = {before for before, after in self._edges if after in new} - found
+            found |= new
+        return found - steps
+
     def _follow(self, plan_id: int) -> None:
         if plan_id:
             self._dispatch = plan_id
+            self._tree.set(SECTION, "dispatch", plan_id)
 
     def _answer(self, step: Dict[str, Any], status: int, reason: str, at: float) -> None:
         state = _FEEDBACK.get(status)

@@ -5,6 +5,7 @@ from collections import Counter
 from typing import Any, Dict, List, NamedTuple
 
 from merlin_monitor.text.phrase import in_english
+from merlin_monitor.truth.problems import WARNING
 
 GLYPHS = {
     "waiting": "o",
@@ -16,6 +17,7 @@ GLYPHS = {
 }
 STYLES = {"title": "\x1b[1m", "soft": "\x1b[2m", "good": "\x1b[32m", "bad": "\x1b[31m", "": ""}
 RESET = "\x1b[0m"
+STALLED = 2.0  # s of wall time, as on the page
 MOST_STEPS, MOST_FACTS, MOST_EVENTS = 12, 12, 12
 BAD = ("failed", "error", "unsolvable", "no plan", "crashed", "silent", "refused")
 
@@ -35,18 +37,22 @@ def printable(text: Any) -> str:
     )
 
 
-def lines(state: Dict[str, Any], changed: Any = ()) -> List[Line]:
+def lines(state: Dict[str, Any], changed: Any = (), silence: float = 0.0) -> List[Line]:
     """The state as lines.
 
     :param changed: events to be shown, newest last.
+    :param silence: s of wall time for which nothing was taken in: beyond `STALLED` nothing counts as true.
     """
     now = state.get("now", {})
     meta = state.get("meta", {})
-    doing = str(now.get("doing", ""))
+    doing, because, step = (str(now.get(name, "")) for name in ("doing", "because", "step"))
+    if silence > STALLED:
+        doing, because, step = f"not known: no news for {silence:.0f} s", f"before: {doing}", ""
     shown = [Line(_headline(meta), "soft"), Line(doing[:1].upper() + doing[1:], "title")]
-    why = " · ".join(part for part in (now.get("because"), now.get("step")) if part)
+    why = " · ".join(part for part in (because, step) if part)
     if why:
         shown.append(Line(why))
+    shown += _problem(now.get("problems", []))
     chain = " > ".join(in_english(link[1]) for link in now.get("chain", []))
     if chain:
         shown.append(Line(chain, "soft"))
@@ -87,6 +93,15 @@ def _headline(meta: Dict[str, Any]) -> str:
     if simulator:
         speed = ", simulation paused" if simulator["paused"] else f", simulated x{simulator['factor']}"
     return f"MERLIN{robot}  {meta.get('time', 0.0):.1f} s{speed}"
+
+
+def _problem(problems: List[Dict[str, Any]]) -> List[Line]:
+    """The worst problem that no operator knows about."""
+    fresh = [problem for problem in problems if not problem["by"]]
+    if not fresh:
+        return []
+    more = f" (and {len(fresh) - 1} more)" if len(fresh) > 1 else ""
+    return [Line(f"! {in_english(fresh[0]['said'])}{more}", "bad" if fresh[0]["rank"] < WARNING else "")]
 
 
 def _section(name: str, note: str = "") -> List[Line]:

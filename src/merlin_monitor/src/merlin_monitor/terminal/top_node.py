@@ -40,6 +40,7 @@ class Terminal:
         self._state = state
         self._events: Deque[Event] = deque(maxlen=KEEP)
         self._changed = threading.Event()
+        self._began = time.monotonic()
         self._feed = state.tree.subscribe(self._changed.set)
 
     def report(self, event: Event) -> None:
@@ -72,7 +73,8 @@ class Terminal:
     def _paint(self, width: int, height: int, colour: bool) -> List[str]:
         self._feed.take()
         _, state = self._state.tree.snapshot()
-        return paint(lines(state, list(self._events)), width, height, colour)
+        silence = time.monotonic() - max(self._began, self._state.checked_at)
+        return paint(lines(state, list(self._events), silence), width, height, colour)
 
 
 @contextlib.contextmanager

@@ -1,5 +1,6 @@
 """What the line of the present is made of: the names of states and outcomes, and whole sentences."""
 
+import re
 from typing import Sequence, Tuple
 
 from merlin_monitor.text.phrase import Phrase, say
@@ -38,7 +39,7 @@ ENDS = {
 }
 HELD_BEFORE = "held before {what}"
 PAUSED = "no further goal begins until the robot is resumed"
-LIVE = ("starting", "running", "paused")
+_REQUEST = re.compile(r"(?P<node>[^-]+)(?:-[0-9a-f]{12})?-\d+-\d+\.\d+(?:-leased)?\Z")
 ENDED = ("succeeded", "failed", "cancelled")
 
 
@@ -58,3 +59,9 @@ def cancel_words(client: str, request: str, goals: Sequence[Phrase]) -> Phrase:
 def name_of(names: Tuple[str, ...], number: int) -> str:
     """The name of a state or an outcome, by its number in a message."""
     return names[number] if 0 <= number < len(names) else str(number)
+
+
+def sender_of(request: str) -> str:
+    """The node that has sent a request, of its id."""
+    match = _REQUEST.match(request)
+    return match.group("node") if match else (request or "an unknown client")

@@ -8,7 +8,7 @@ MOST_LISTED = 100  # actions in a list
 HIGHEST_PRIORITY = 2**31 - 1
 REQUESTS = (
     *("who", "check", "send", "cancel", "cancel_all", "pause", "resume", "stop", "release"),
-    *("plan", "change", "breakpoints", "step", "continue", "leave", "autonomy"),
+    *("plan", "change", "breakpoints", "step", "continue", "leave", "autonomy", "acknowledge"),
 )
 
 
@@ -77,6 +77,9 @@ class ControlledRobot(Protocol):
     def set_autonomy(self, level: str, by: str) -> str:
         """Sets up to which level machines take outcomes by themselves; returns what was done."""
 
+    def acknowledge(self, problem: str, by: str) -> str:
+        """Notes that an operator knows about a problem, by its key; returns what was done."""
+
 
 class Controls(Protocol):
     """Carries out what a page asks for: of a robot (`Control`), or of a fleet."""
@@ -124,6 +127,8 @@ class Control:
             return robot.leave(state, outcome, within, by)
         if what == "autonomy":
             return robot.set_autonomy(_name(fields, "level"), by)
+        if what == "acknowledge":
+            return robot.acknowledge(_name(fields, "problem"), by)
         if what == "change":
             return robot.change(_text(fields, "facts"), by)
         if what == "check":

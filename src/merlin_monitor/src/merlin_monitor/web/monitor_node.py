@@ -44,7 +44,7 @@ def _start() -> None:
     path = history_path(str(rospy.get_param("~history", "")))
     megabytes = _whole("~history_megabytes", 500, 1, 1_000_000)
     make_folder = bool(rospy.get_param("~make_folder", True))
-    state = MonitorModel(Inbox(rospy.logwarn), path, limit, make_folder, megabytes)
+    state = MonitorModel(Inbox(rospy.logwarn), path, limit, make_folder, megabytes, session=_session())
     panels = PanelBoard(state, _class_paths("~panels"), offered=True)
     operators = operators_of_node(RosSystem())
     # Operators may come later; the files of a monitor that never has any stay unwritten.
@@ -74,6 +74,12 @@ def _start() -> None:
         print(f"monitor: port {port} is taken, using {server.port}", file=sys.stderr)
     # On stderr, which `rosrun merlin run` and roslaunch pass on to the screen.
     print(f"monitor: {server.address}", file=sys.stderr, flush=True)
+
+
+def _session() -> str:
+    """What stays the same while the master lives, and this monitor is started again; empty: not known."""
+    run = rospy.get_param("/run_id", "")
+    return f"{run} {rospy.get_name()}" if run else ""
 
 
 def _begin_anew(state: MonitorModel, server: WebServer) -> None:

@@ -4,6 +4,7 @@ A stop needs neither Executor nor planner nor state machine.
 """
 
 import threading
+import time
 from collections import deque
 from typing import Any, Deque, Dict, List, Sequence
 
@@ -174,6 +175,14 @@ class RobotControl:
     def set_autonomy(self, level: str, by: str) -> str:
         """Sets the autonomy level."""
         return self._breakpoints.set_autonomy(level, by)
+
+    def acknowledge(self, problem: str, by: str) -> str:
+        """Notes that an operator knows about a problem."""
+        known = self._state.tree.get("now", "problems") or []
+        if problem not in [each["key"] for each in known]:
+            raise ControlError("There is no such problem any more.")
+        self._state.inbox.put(self._state.acknowledge, problem, by, rospy.get_time(), time.monotonic())
+        return "Noted; it stays so until the problem has ended."
 
     def _pause_too(self, by: str) -> None:
         if self._state.tree.get("now", "executor", "paused"):

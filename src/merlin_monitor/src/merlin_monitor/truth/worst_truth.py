@@ -1,0 +1,160 @@
+"""The one rule of the headline: of what was said last, who still lives and what holds the base, the worst."""
+
+from typing import Any, Mapping, NamedTuple, Tuple
+
+from merlin_monitor.text.phrase import Phrase, say
+
+EXECUTOR, PLANNING, NAVIGATION = "executor", "planning", "navigation"
+SIMULATOR, GUARD, MISSION = "simulator", "guard", "mission"
+BRIDGES, MACHINES = "bridges", "machines"
+#: Owners of what is said → how they are called. The first one that is lost is in the headline.
+OWNERS: Mapping[str, Phrase] = {
+    EXECUTOR: say("the Executor"),
+    SIMULATOR: say("the simulator"),
+    PLANNING: say("the planning system"),
+    BRIDGES: say("the process of the bridges"),
+    MACHINES: say("the process of the state machines"),
+    GUARD: say("the velocity guard"),
+    NAVIGATION: say("the navigation server"),
+}
+LIVE = ("starting", "running", "paused")
+GOOD, WARN, BAD = "good", "warn", "bad"
+_NOT_KNOWN = (say("Not known"), BAD, False, False)  # state, tone, known, expected
+_ENDED = {
+    "succeeded": (say("Finished"), GOOD),
+    "failed": (say("Failed"), BAD),
+    "cancelled": (say("Cancelled"), WARN),
+}
+
+
+class Facts(NamedTuple):
+    """What is known of a robot.
+
+    :ivar doing, because, step: what it does, why, and which step of the plan that is, as it was said last.
+    :ivar task: of the mission, as it was said last.
+    :ivar executor, mission: their last words, as the state has them; empty: not heard yet.
+    :ivar waits: whether an operator has to let something go on.
+    :ivar acts: whether an action is under way.
+    :ivar drives: whether a drive is under way.
+    :ivar lost: owner → what is wrong with it, of those that were there.
+    :ivar stopped: while all bases are stopped by hand: by whom; else empty.
+    :ivar kept: while the guard keeps the base from a drive: why; else empty.
+    """
+
+    doing: Phrase
+    because: Phrase = ""
+    step: Phrase = ""
+    task: Phrase = ""
+    executor: Mapping[str, Any] = {}
+    mission: Mapping[str, Any] = {}
+    waits: bool = False
+    acts: bool = False
+    drives: bool = False
+    lost: Mapping[str, str] = {}
+    stopped: Phrase = ""
+    kept: Phrase = ""
+
+
+class Truth(NamedTuple):
+    """What is shown.
+
+    :ivar doing, because, step: the headline and what is below it.
+    :ivar state: in a word.
+    :ivar tone: of that word: good, warn, bad, or empty.
+    :ivar known: whether progress is still known.
+    :ivar expected: whether it goes on as planned, so that what comes next, and when, can be expected.
+    :ivar blamed: the lost owner that the headline names; empty: none.
+    """
+
+    doing: Phrase
+    because: Phrase
+    step: Phrase
+    state: Phrase
+    tone: str
+    known: bool
+    expected: bool
+    blamed: str = ""
+
+
+def worst_truth(facts: Facts) -> Truth:
+    """The worst of what is true."""
+    told = Truth(facts.doing, facts.because, facts.step, *_state(facts), True, False)
+    active = facts.acts or facts.executor.get("state", "idle") != "idle"
+    lost = _lost(facts, active)
+    if lost:
+        before = say("before: {what}", what=facts.doing)
+        told = Truth(_not_known(OWNERS[lost], facts.lost[lost]), before, "", *_NOT_KNOWN, lost)
+    elif MISSION in facts.lost and facts.mission.get("state") in LIVE:
+        told = _without_mission(facts, told, active)
+    if facts.stopped:
+        # What the Executor does comes second: nothing of it moves the base.
+        because = say("the Executor: {what}", what=told.doing)
+        return told._replace(
+            doing=facts.stopped, because=because, step="", state=say("Stopped and held"), tone=BAD
+        )
+    if lost or facts.executor.get("state") == "cancelling":
+        return told
+    if facts.kept and facts.drives:
+        kept = say("the base is held: {why}", why=facts.kept)
+        because = say("the Executor: {what}", what=told.doing)
+        return told._replace(doing=kept, because=because, state=say("Base held"), tone=BAD)
+    goes_on = active and not facts.waits and not facts.executor.get("paused")
+    return told._replace(expected=goes_on and told.known and not facts.executor.get("waits"))
+
+
+def lost_words(owner: str, mission: Phrase, lost: Mapping[str, Any]) -> Phrase:
+    """What is wrong with an owner, with its node.
+
+    :param mission: its name.
+    :param lost: node and what is wrong, as the state has them.
+    """
+    node = str(lost["node"]).strip("/") or say("a node")
+    who = OWNERS.get(owner, mission)
+    return say("{who} ({node}) {what}", who=who, node=node, what=say(lost["what"]))
+
+
+def _lost(facts: Facts, active: bool) -> str:
+    """The first owner that is lost, of those on whom what is said depends; empty: none."""
+    for owner in OWNERS:
+        needed = {
+            PLANNING: active,
+            BRIDGES: facts.acts,
+            MACHINES: facts.acts,
+            NAVIGATION: active and facts.drives,
+            GUARD: active and facts.drives,
+        }.get(owner, True)
+        if needed and owner in facts.lost:
+            return owner
+    return ""
+
+
+def _not_known(who: Phrase, wrong: str) -> Phrase:
+    return say("not known: {who} {what}", who=who, what=say(wrong))
+
+
+def _without_mission(facts: Facts, told: Truth, active: bool) -> Truth:
+    """The Executor lives, and ends what it was asked for; nothing more is asked for."""
+    name, wrong = facts.mission["name"], facts.lost[MISSION]
+    if not active:
+        before = say("before: {what}", what=facts.task or say(facts.mission["state"]))
+        return Truth(_not_known(name, wrong), before, "", *_NOT_KNOWN, MISSION)
+    doing = say("{what}; but {who} {wrong}", what=facts.doing, who=name, wrong=say(wrong))
+    return told._replace(doing=doing, tone=BAD, known=False, blamed=MISSION)
+
+
+def _state(facts: Facts) -> Tuple[Phrase, str]:
+    """The word for what was said last, and its tone."""
+    executor, mission = facts.executor, facts.mission
+    if executor.get("state") == "cancelling":
+        return say("Stopping"), WARN
+    if facts.waits:
+        return say("Held"), WARN
+    if executor.get("state") == "running" or facts.acts:
+        if executor.get("paused"):
+            return say("Pausing"), WARN
+        return say("Working") if facts.acts else say("Preparing"), GOOD
+    if executor.get("paused") or mission.get("state") == "paused":
+        return say("Paused"), WARN
+    if mission.get("state") in _ENDED:
+        return _ENDED[mission["state"]]
+    return say("Idle") if executor or mission else say("Nothing heard yet"), ""
