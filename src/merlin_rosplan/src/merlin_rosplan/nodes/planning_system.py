@@ -6,6 +6,7 @@ from typing import Any, Dict, Tuple
 
 import rospy
 
+from merlin_ros.lean_start import importing
 from merlin_rosplan.transport.component import Component, ComponentError, run_component, run_components
 
 #: kind -> (module, class)
@@ -46,7 +47,8 @@ def component_class(kind: str) -> Any:
     if kind not in KINDS:
         raise ComponentError(f"'{kind}' is not a kind of component; there are {', '.join(sorted(KINDS))}")
     module, name = KINDS[kind]
-    return getattr(importlib.import_module(module), name)
+    with importing():
+        return getattr(importlib.import_module(module), name)
 
 
 def make_components(_scope: str) -> None:
