@@ -2,8 +2,9 @@
 
 Importing one message imports every message of its package and of the packages those mention, `genpy`
 imports numpy for the names of its number types, and rospy and what it stands on import modules of which
-hardly a node uses anything (:data:`LAZY`). All are put off here until something asks for them. Nor does Python
-look for garbage while it imports: it would look through all that it has imported again and again.
+hardly a node uses anything (:data:`LAZY`). All are put off here until something asks for them.
+
+Nor does Python look for garbage while it imports: it would look through all that is imported again and again.
 """
 
 import atexit
@@ -16,20 +17,22 @@ import sys
 import threading
 from importlib.machinery import ModuleSpec, PathFinder
 from types import ModuleType
-from typing import Any, Dict, Iterator, Optional, Sequence, Tuple
+from typing import Any, Dict, Iterator, Optional, Sequence
 
-#: Modules that are imported when something of them is first used → their functions that others import by name.
-LAZY: Dict[str, Tuple[str, ...]] = {
-    "calendar": (),  # of email, which reads the headers of XML-RPC
-    "catkin.find_in_workspaces": ("find_in_workspaces",),  # of roslib; with pyparsing and unittest
-    "hashlib": ("md5",),  # of rospy; with OpenSSL
-    "html": (),  # of the XML-RPC server
-    "pickle": (),  # of rospy
-    "shutil": (),  # of the XML-RPC server; with bz2 and lzma
-    "ssl": (),  # of the XML-RPC client
-    "xml.dom.minidom": (),  # of rospkg, which looks for packages; the next as well
-    "xml.etree.cElementTree": ("ElementTree",),
-    "yaml": (),  # of rospy and genpy
+#: Modules that are imported when something of them is first used → functions that do not count as that: each
+#: has a twin in a module that costs nothing; "": in its place is one that imports when it is called.
+LAZY: Dict[str, Dict[str, str]] = {
+    "calendar": {},  # of email, which reads the headers of XML-RPC
+    "catkin.find_in_workspaces": {"find_in_workspaces": ""},  # of roslib; with pyparsing and unittest
+    "hashlib": {"md5": "_md5", "sha256": "_sha256"},  # of rospy and ours; with OpenSSL
+    "html": {},  # of the XML-RPC server, as the next
+    "shutil": {},
+    "tempfile": {},  # of the problem interface; with random
+    "ipaddress": {},  # of urllib
+    "pprint": {},  # of genmsg
+    "ssl": {},  # of the XML-RPC client
+    "xml.dom.minidom": {},  # of rospkg
+    "yaml": {},  # of rospy and genpy
 }
 
 _LOG_FILE = "ROS_PYTHON_LOG_CONFIG_FILE"
@@ -206,8 +209,8 @@ class LazyModules:
             return
         module.__class__ = _LazyModule
         self._modules[module.__spec__.loader_state[0]] = module  # type: ignore[assignment]
-        for function in LAZY[module.__spec__.name]:
-            setattr(module, function, _caller(module, function))
+        for function, twin in LAZY[module.__spec__.name].items():
+            setattr(module, function, _stand_in(module, function, twin))
 
     def create_module(self, spec: ModuleSpec) -> None:
         """The usual kind of module."""
@@ -228,20 +231,25 @@ class _LazyModule(ModuleType):
         content = super().__getattribute__("__dict__")
         spec: ModuleSpec = content["__spec__"]
         loader = spec.loader_state[1]
-        stand_ins = {name: content.pop(name, None) for name in LAZY[spec.name]}
-        own = {name: value for name, value in content.items() if not name.startswith("__")}
+        found = {name: value for name, value in content.items() if not name.startswith("__")}
+        for name in LAZY[spec.name]:
+            content.pop(name, None)
         try:
             loader.exec_module(self)
         except BaseException:
-            content.update(stand_ins)
+            content.update(found)
             raise
-        content.update(own)  # what was set from outside stays
+        # What was set from outside stays.
+        content.update({name: value for name, value in found.items() if name not in LAZY[spec.name]})
         spec.loader = content["__loader__"] = loader
         self.__class__ = ModuleType  # type: ignore[assignment]
 
 
-def _caller(module: ModuleType, function: str) -> Any:
-    """A function that imports the module which has the function, and calls it."""
+def _stand_in(module: ModuleType, function: str, twin: str) -> Any:
+    """The same function of another module; or one that imports the module and calls its function."""
+    if twin:
+        with contextlib.suppress(ImportError, AttributeError):
+            return getattr(importlib.import_module(twin), function)
 
     def call(*args: Any, **options: Any) -> Any:
         vars(module)  # imports it

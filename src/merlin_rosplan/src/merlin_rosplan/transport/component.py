@@ -13,8 +13,8 @@ from typing import Any, Callable, ClassVar, Dict, List, Optional, Type
 import rospy
 import rospy.names
 
-from merlin_ros.master.announcing import announced_together
 from merlin_ros.health import Health, HealthReporter
+from merlin_ros.master.announcing import announced_together
 from merlin_ros.node import keep_params, run_node
 from merlin_ros.ports.service_server import Service
 from merlin_rosplan.transport.direct_service import offer
