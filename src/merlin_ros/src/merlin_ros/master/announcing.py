@@ -33,7 +33,8 @@ def announced_together() -> Iterator[None]:
     if _waiting.services is not None:
         yield
         return
-    _waiting.services = waiting = []
+    waiting: List[Tuple[Any, str, str]] = []
+    _waiting.services = waiting
     RegManager.reg_added = _added
     try:
         yield
