@@ -14,7 +14,7 @@ from merlin_rosplan.transport.component import Component, run_component
 class Part(Component):
     def __init__(self, scope="part"):
         super().__init__(scope)
-        values = [self.param("flat"), self.param("deep/inner"), self.param("deep")["inner"], self.param("list")]
+        values = [self.param(name) for name in ("flat", "deep/inner", "list")] + [self.param("deep")["inner"]]
         values += [self.param("missing", 5), self.param("flat/below", 6), self.param("/elsewhere")]
         values += [self.number("small", 1.0)]
         print("read", *values, flush=True)
@@ -46,7 +46,7 @@ def begin(master: Any, **more: Any) -> Any:
         master.api.setParam("/test", f"/part/{name}", value)
     master.api.setParam("/test", "/elsewhere", 4)
     node = master.node(COMPONENT)
-    assert node.expect("read") == "read 1 2 2 [3] 5 6 4 0.25"
+    assert node.expect("read") == "read 1 2 [3] 2 5 6 4 0.25"
     node.expect("making")
     return node
 

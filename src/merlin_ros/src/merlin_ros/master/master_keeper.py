@@ -107,7 +107,7 @@ class MasterKeeper:
             self._on_replaced.append(callback)
 
     def keep_params(self, name: str) -> Optional[Mapping[str, Any]]:
-        """Restores the parameters below a name too, at a master that has lost them.
+        """Restores the parameters below a name too, at a master that has lost them; looks at its own too.
 
         :param name: global.
 
@@ -115,7 +115,8 @@ class MasterKeeper:
         """
         self._parameters.keep(name)
         try:
-            value = self._parameters.look(master_link.bounded_master(PING_TIMEOUT), name).get(name)
+            master = master_link.bounded_master(PING_TIMEOUT)
+            value = self._parameters.look(master, name, self._name).get(name)
         except ERRORS:
             return None  # the next call shows whether the master is lost
         return value if isinstance(value, dict) else {}

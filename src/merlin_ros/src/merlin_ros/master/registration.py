@@ -49,15 +49,15 @@ class KeptParameters:
         with self._lock:
             self._names.add(name)
 
-    def look(self, master: rosgraph.Master, only: str = "") -> Dict[str, Any]:
+    def look(self, master: rosgraph.Master, *only: str) -> Dict[str, Any]:
         """Notes the present values, and returns them. What is no longer set is kept as it was.
 
-        :param only: one of the names; empty: all of them.
+        :param only: some of the names; none: all of them.
         :raises OSError: when the master does not answer.
         """
         present: Dict[str, Any] = {}
         with self._lock:
-            names = [only] if only else list(self._names)
+            names = set(only) or set(self._names)
         for name in names:
             try:
                 value = master.getParam(name)
