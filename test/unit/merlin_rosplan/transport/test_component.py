@@ -71,3 +71,35 @@ def test_a_component_that_cannot_start_announces_nothing(master: Any) -> None:
     node.ended()
     assert "RuntimeError: no" in node.output
     assert not services(master)
+
+
+TOGETHER = """
+import sys
+from merlin_ros.lean_start import prepare, run
+prepare()
+class Watch:
+    def find_spec(self, name, path=None, target=None):
+        if name == "merlin_rosplan.dispatcher.plan_dispatcher":
+            print("imports", flush=True)
+            input()
+sys.meta_path.insert(0, Watch())
+run("merlin_rosplan.nodes.planning_system")
+"""
+
+
+def test_the_knowledge_base_serves_before_the_other_components_are_imported(
+    master: Any, tmp_path: Any
+) -> None:
+    (tmp_path / "domain.pddl").write_text("(define (domain d) (:predicates (p)))")
+    master.api.setParam("/test", "/rosplan/domain_path", str(tmp_path / "domain.pddl"))
+    node = master.node(TOGETHER)
+    node.expect("imports")
+    assert master.api.lookupService("/test", "/rosplan_knowledge_base/domain/name")[0] == 1
+    node.say("")
+
+
+def test_a_kind_of_component_that_is_none_is_named_before_anything_is_served(master: Any) -> None:
+    master.api.setParam("/test", "/planning_system/components", {"a": "knowledge_base", "b": "nonsense"})
+    node = master.node(TOGETHER)
+    assert node.ended() == 2
+    assert "'nonsense' is not a kind of component; there are " in node.output

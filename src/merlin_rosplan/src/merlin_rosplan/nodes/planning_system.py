@@ -40,12 +40,7 @@ DEFAULT_SCOPES: Dict[str, str] = {
 
 
 def component_class(kind: str) -> Any:
-    """The class of a kind of component.
-
-    :raises ComponentError: there is no such kind.
-    """
-    if kind not in KINDS:
-        raise ComponentError(f"'{kind}' is not a kind of component; there are {', '.join(sorted(KINDS))}")
+    """The class of one of :data:`KINDS`."""
     module, name = KINDS[kind]
     with importing():
         return getattr(importlib.import_module(module), name)
@@ -57,10 +52,13 @@ def make_components(_scope: str) -> None:
     if not isinstance(components, dict) or not all(isinstance(kind, str) for kind in components.values()):
         raise ComponentError("~components must map scopes to kinds of component")
     order = list(KINDS)
-    classes = [(scope, kind, component_class(kind)) for scope, kind in components.items()]
-    # the parameter server does not keep the order of a mapping: a server starts before its clients
-    for scope, _, make in sorted(classes, key=lambda entry: (order.index(entry[1]), entry[0])):
-        component: Component = make(scope)
+    for kind in components.values():
+        if kind not in KINDS:
+            raise ComponentError(f"'{kind}' is not a kind of component; there are {', '.join(sorted(KINDS))}")
+    # The parameter server does not keep the order of a mapping: a server starts before its clients. It answers
+    # before these are imported.
+    for scope, kind in sorted(components.items(), key=lambda entry: (order.index(entry[1]), entry[0])):
+        component: Component = component_class(kind)(scope)
         rospy.logdebug("%s started", component.scope)
 
 
