@@ -55,8 +55,8 @@ def make_components(_scope: str) -> None:
     for kind in components.values():
         if kind not in KINDS:
             raise ComponentError(f"'{kind}' is not a kind of component; there are {', '.join(sorted(KINDS))}")
-    # The parameter server does not keep the order of a mapping: a server starts before its clients. It answers
-    # before these are imported.
+    # The parameter server keeps no order of a mapping: a server starts before its clients, and answers
+    # before they are imported.
     for scope, kind in sorted(components.items(), key=lambda entry: (order.index(entry[1]), entry[0])):
         component: Component = component_class(kind)(scope)
         rospy.logdebug("%s started", component.scope)
