@@ -5,7 +5,6 @@ junit's format, and its output. Exit code 0: nothing failed.
 """
 
 import argparse
-import contextlib
 import os
 import signal
 import subprocess
@@ -13,26 +12,16 @@ import sys
 import time
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
-from typing import Dict, Iterator, List, Optional, Set
+from typing import Dict, List, Optional, Set
 
 ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT / "bench"))
+from measuring.load import load  # noqa: E402
+
 RESULTS = ROOT / "results" / "repeat"
 EXIT_FAILED, EXIT_USAGE, EXIT_INTERRUPTED = 1, 2, 130
 #: Exit codes of pytest after which its report is complete: all passed, some failed.
 COMPLETE = (0, 1)
-
-
-@contextlib.contextmanager
-def load(processes: int) -> Iterator[None]:
-    """Keeps processors busy with so many processes; they end with this one, however it ends."""
-    endless = "import os\nparent = os.getppid()\nwhile os.getppid() == parent:\n    sum(range(100000))"
-    busy = [subprocess.Popen([sys.executable, "-c", endless]) for _ in range(processes)]
-    try:
-        yield
-    finally:
-        for each in busy:
-            each.kill()
-            each.wait()
 
 
 def failed_in(report: Path) -> Set[str]:

@@ -88,6 +88,196 @@ assert callable(search.get_workspaces) and search.find_in_workspaces.__module__ 
     )
 
 
+LAZY = """
+import builtins, sys, threading
+builtins.entered, builtins.go, builtins.runs = threading.Event(), threading.Event(), []
+sys.path.insert(0, {folder!r})
+lean_start.LAZY["some_module"] = dict()
+lean_start.prepare()
+import some_module
+"""
+SOME_MODULE = """
+runs.append(1)
+first = 1
+entered.set()
+go.wait(60)
+last = 2
+"""
+
+
+def lazily(folder, text):
+    (folder / "some_module.py").write_text(SOME_MODULE)
+    return run(LAZY.format(folder=str(folder)) + text)
+
+
+@pytest.mark.everywhere
+def test_threads_that_use_a_lazy_module_at_once_import_it_once_and_get_all_of_it(tmp_path):
+    lazily(
+        tmp_path,
+        """
+assert not runs
+import queue
+seen = queue.SimpleQueue()
+def use(name):
+    seen.put((getattr(some_module, name), hasattr(some_module, "last")))
+threads = [threading.Thread(target=use, args=(name,)) for name in ("first", "last", "first")]
+threads[0].start()
+assert entered.wait(60)
+for thread in threads[1:]:
+    thread.start()
+go.set()
+for thread in threads:
+    thread.join(60)
+assert sorted(seen.get(timeout=60) for _ in threads) == [(1, True), (1, True), (2, True)]
+assert len(runs) == 1 and type(some_module) is type(sys)
+""",
+    )
+
+
+@pytest.mark.everywhere
+def test_a_lazy_module_is_what_an_eager_one_is(tmp_path):
+    lazily(
+        tmp_path,
+        """
+go.set()
+assert some_module.__name__ == "some_module" and not runs
+some_module.last = 3  # set from outside, before anything of it was used
+assert (some_module.first, some_module.last, len(runs)) == (1, 3, 1)
+assert sorted(name for name in vars(some_module) if name[:2] != "__") == ["first", "last"]
+try:
+    some_module.nothing
+except AttributeError as error:
+    assert "some_module" in str(error)
+else:
+    raise SystemExit("it has what it does not have")
+import importlib
+importlib.reload(some_module)
+assert (some_module.last, len(runs)) == (2, 2)
+del sys.modules["some_module"]
+from some_module import *
+assert (last, len(runs)) == (2, 3)
+""",
+    )
+
+
+@pytest.mark.everywhere
+def test_what_keeps_a_lazy_module_from_being_imported_is_said_each_time(tmp_path):
+    (tmp_path / "some_module.py").write_text("first = 1\nraise OSError('too many open files')")
+    run(
+        LAZY.format(folder=str(tmp_path))
+        + """
+for _ in range(2):
+    try:
+        some_module.last
+    except OSError as error:
+        assert "too many" in str(error)
+    else:
+        raise SystemExit("nothing was said")
+"""
+    )
+
+
+@pytest.mark.everywhere
+def test_every_lazy_module_works():
+    run(
+        """
+lean_start.prepare()
+import rospy.core, hashlib, yaml, ssl, shutil, calendar, html, pprint, ipaddress, xml.dom.minidom as dom
+assert rospy.core.md5(b"x").hexdigest() == hashlib.md5(b"x").hexdigest()
+assert "_hashlib" not in sys.modules
+assert hashlib.sha512(b"x").hexdigest() and hashlib.md5(b"x").hexdigest() == rospy.core.md5(b"x").hexdigest()
+assert yaml.safe_load("[1, a]") == [1, "a"] and yaml.YAMLError
+assert ssl.create_default_context().check_hostname and issubclass(ssl.SSLError, OSError)
+assert shutil.which("sh") and calendar.timegm((1970, 1, 2, 0, 0, 0)) == 86400 and html.escape("<") == "&lt;"
+assert pprint.pformat([1]) == "[1]" and ipaddress.ip_address("::1").is_loopback
+assert dom.parseString("<a b='1'/>").documentElement.getAttribute("b") == "1"
+import email.utils
+assert email.utils.mktime_tz(email.utils.parsedate_tz("Thu, 01 Jan 1970 00:00:01 +0000")) == 1
+"""
+    )
+
+
+def test_what_a_node_imports_is_not_looked_through_for_garbage_again(tmp_path):
+    (tmp_path / "some_node.py").write_text(
+        "import gc\n"
+        "assert not gc.isenabled()\n"
+        "things = [[number] for number in range(5000)]\n"
+        "def main(): return 0 if gc.isenabled() and not any(things[0] is thing for generation in (0, 1)"
+        " for thing in gc.get_objects(generation)) and not gc.get_freeze_count() else 1\n"
+    )
+    run(f"sys.path.insert(0, {str(tmp_path)!r})\nlean_start.run('some_node')")
+
+
+@pytest.mark.parametrize("extension", ["conf", "yaml", None])
+def test_the_log_is_configured_as_without_the_short_cut(extension, tmp_path):
+    """Its file is found as rospy finds it: ROS_HOME's before that of the system."""
+    if extension:
+        (tmp_path / "config").mkdir()
+        (tmp_path / "config" / f"python_logging.{extension}").touch()
+    text = """
+import os, rospkg
+os.environ["ROS_HOME"] = HOME
+os.environ["ROS_ETC_DIR"] = HOME + "/nowhere"
+with lean_start.log_configured():
+    print(os.environ.get("ROS_PYTHON_LOG_CONFIG_FILE", ""))
+assert "ROS_PYTHON_LOG_CONFIG_FILE" not in os.environ
+os.environ["ROS_PYTHON_LOG_CONFIG_FILE"] = "/mine"
+with lean_start.log_configured():
+    assert os.environ["ROS_PYTHON_LOG_CONFIG_FILE"] == "/mine"
+"""
+    found = run(
+        f"import os\nos.environ.pop('ROS_PYTHON_LOG_CONFIG_FILE', 0)\nHOME = {str(tmp_path)!r}\n{text}"
+    )
+    assert found.strip() == (str(tmp_path / "config" / f"python_logging.{extension}") if extension else "")
+
+
+SCOPES = {
+    "knowledge_base": "rosplan_knowledge_base",
+    "problem_interface": "rosplan_problem_interface",
+    "planner_interface": "rosplan_planner_interface",
+    "esterel_plan_parser": "rosplan_parsing_interface",
+    "esterel_plan_dispatcher": "rosplan_plan_dispatcher",
+}
+# The main thread comes to `spin` when the node serves.
+NODE = """
+import sys
+from merlin_ros.lean_start import prepare, run
+prepare()
+import rospy
+spin = rospy.spin
+def serve():
+    print("ready", sorted(set({fat}) & set(sys.modules)), flush=True)
+    spin()
+rospy.spin = serve
+run("merlin_rosplan.nodes.planning_system", "run_kind", "{kind}")
+"""
+#: What a node needs only later, or never, by the module that its import would bring.
+LATER = {"_hashlib", "_ssl", "numpy", "pyparsing", "unittest", "yaml.reader"}
+
+
+@pytest.mark.parametrize(
+    "kind, own",
+    [
+        ("knowledge_base", {"merlin_rosplan.planning.planner", "merlin_rosplan.dispatcher.plan_dispatcher"}),
+        ("problem_interface", {"merlin_rosplan.nodes.knowledge_base", "sqlite3", "bz2"}),
+        ("planner_interface", {"merlin_rosplan.nodes.knowledge_base", "sqlite3", "kairos"}),
+        ("esterel_plan_parser", {"merlin_rosplan.nodes.knowledge_base", "sqlite3", "kairos"}),
+        ("esterel_plan_dispatcher", {"merlin_rosplan.nodes.knowledge_base", "sqlite3", "kairos"}),
+    ],
+)
+def test_a_node_of_the_planning_system_answers_before_it_imports_what_it_needs_later(
+    kind, own, master, tmp_path
+):
+    domain = tmp_path / "domain.pddl"
+    domain.write_text("(define (domain d) (:predicates (p)))")
+    master.api.setParam("/test", "/rosplan/domain_path", str(domain))
+    master.api.setParam("/test", f"/{SCOPES[kind]}/domain_path", str(domain))
+    node = master.node(NODE.format(kind=kind, fat=sorted(LATER | own)))
+    assert node.expect("ready") == "ready []"
+    served = [name for name, _ in master.api.getSystemState("/test")[2][2]]
+    assert any(name.startswith(f"/{SCOPES[kind]}/") and "logger" not in name for name in served)
+
+
 @pytest.mark.parametrize(
     "module, fat",
     [

@@ -2,6 +2,8 @@
 
 import importlib
 
+from merlin_ros.lean_start import importing
+
 
 def load_class(path: str) -> type:
     """The class behind ``package.module:Class``.
@@ -12,7 +14,8 @@ def load_class(path: str) -> type:
     if not colon:
         raise ValueError(f"{path!r} is not a class path; write package.module:Class")
     try:
-        module = importlib.import_module(module_name)
+        with importing():
+            module = importlib.import_module(module_name)
     except (ImportError, SyntaxError) as error:
         raise ValueError(f"{path!r}: {error}") from error
     found = getattr(module, class_name, None)

@@ -7,7 +7,7 @@ import sys
 import threading
 import time
 import traceback
-from typing import Any, Callable, Iterator, List, Optional, Tuple, Type
+from typing import Any, Callable, Iterator, List, Mapping, Optional, Tuple, Type
 
 import rosgraph
 import rospy
@@ -19,7 +19,7 @@ from rospy.impl.paramserver import get_param_server_cache
 from rospy.names import get_caller_id
 
 from merlin_ros.deadline import running_time
-from merlin_ros.lean_start import end_lightly
+from merlin_ros.lean_start import end_lightly, log_configured
 from merlin_ros.master import master_link, publisher_updates
 from merlin_ros.master.master_keeper import MasterKeeper
 from merlin_ros.master.namesake import living_namesake
@@ -162,7 +162,8 @@ def init_node(name: str, **options: Any) -> None:
         _refuse_second(name)
     _ending.enter_rospy()
     try:
-        rospy.init_node(name, disable_signals=True, **options)
+        with log_configured():
+            rospy.init_node(name, disable_signals=True, **options)
     except (OSError, rospy.ROSInitException) as error:
         if _ending.requested:
             raise SystemExit(_ending.code) from None
@@ -278,15 +279,16 @@ def master_is_lost() -> bool:
     return master_link.lost.is_set()
 
 
-def keep_params(name: str) -> None:
+def keep_params(name: str) -> Optional[Mapping[str, Any]]:
     """Brings the parameters below a name back to a master that was started anew.
 
     Those of the node itself are kept anyway. Present values are read at once, later ones every 5 s.
 
     :param name: global.
+
+    Returns the present parameters below the name; None: the master was not asked, or did not answer.
     """
-    if _keeper is not None:
-        _keeper.keep_params(name)
+    return None if _keeper is None else _keeper.keep_params(name)
 
 
 def keep_foreign_nodes() -> None:

@@ -8,7 +8,7 @@ import socket
 import threading
 import time
 import xmlrpc.client
-from typing import Any, Callable, List, Optional, Tuple
+from typing import Any, Callable, List, Mapping, Optional, Tuple
 from xml.parsers.expat import ExpatError
 
 import rosgraph
@@ -106,13 +106,20 @@ class MasterKeeper:
         with self._callbacks_lock:
             self._on_replaced.append(callback)
 
-    def keep_params(self, name: str) -> None:
-        """Restores the parameters below a name too, at a master that has lost them.
+    def keep_params(self, name: str) -> Optional[Mapping[str, Any]]:
+        """Restores the parameters below a name too, at a master that has lost them; looks at its own too.
 
         :param name: global.
+
+        Returns the present ones; None: the master does not answer.
         """
         self._parameters.keep(name)
-        self._look()
+        try:
+            master = master_link.bounded_master(PING_TIMEOUT)
+            value = self._parameters.look(master, name, self._name).get(name)
+        except ERRORS:
+            return None  # the next call shows whether the master is lost
+        return value if isinstance(value, dict) else {}
 
     def keep_foreign_nodes(self) -> None:
         """Registers other nodes at a master that was started anew, where they do not do that themselves.
@@ -141,7 +148,7 @@ class MasterKeeper:
         return not self._stopped.is_set() and not is_shutdown_requested()
 
     def _work(self) -> None:
-        count = 0
+        count = 1  # the first look was at the start
         while self._going_on():
             begun = time.monotonic()
             decision = self._ask()

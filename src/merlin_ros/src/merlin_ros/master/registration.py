@@ -49,20 +49,24 @@ class KeptParameters:
         with self._lock:
             self._names.add(name)
 
-    def look(self, master: rosgraph.Master) -> None:
-        """Notes the present values. What is no longer set is kept as it was.
+    def look(self, master: rosgraph.Master, *only: str) -> Dict[str, Any]:
+        """Notes the present values, and returns them. What is no longer set is kept as it was.
 
+        :param only: some of the names; none: all of them.
         :raises OSError: when the master does not answer.
         """
+        present: Dict[str, Any] = {}
         with self._lock:
-            names = list(self._names)
+            names = set(only) or set(self._names)
         for name in names:
             try:
                 value = master.getParam(name)
             except rosgraph.MasterException:
                 continue
+            present[name] = value
             with self._lock:
                 self._values[name] = value
+        return present
 
     def restore(self, master: rosgraph.Master) -> None:
         """Sets each parameter that the master does not have. One that it cannot take is logged.

@@ -6,6 +6,7 @@ from typing import Any, Dict, Tuple
 
 import rospy
 
+from merlin_ros.lean_start import importing
 from merlin_rosplan.transport.component import Component, ComponentError, run_component, run_components
 
 #: kind -> (module, class)
@@ -39,14 +40,10 @@ DEFAULT_SCOPES: Dict[str, str] = {
 
 
 def component_class(kind: str) -> Any:
-    """The class of a kind of component.
-
-    :raises ComponentError: there is no such kind.
-    """
-    if kind not in KINDS:
-        raise ComponentError(f"'{kind}' is not a kind of component; there are {', '.join(sorted(KINDS))}")
+    """The class of one of :data:`KINDS`."""
     module, name = KINDS[kind]
-    return getattr(importlib.import_module(module), name)
+    with importing():
+        return getattr(importlib.import_module(module), name)
 
 
 def make_components(_scope: str) -> None:
@@ -55,10 +52,13 @@ def make_components(_scope: str) -> None:
     if not isinstance(components, dict) or not all(isinstance(kind, str) for kind in components.values()):
         raise ComponentError("~components must map scopes to kinds of component")
     order = list(KINDS)
-    classes = [(scope, kind, component_class(kind)) for scope, kind in components.items()]
-    # the parameter server does not keep the order of a mapping: a server starts before its clients
-    for scope, _, make in sorted(classes, key=lambda entry: (order.index(entry[1]), entry[0])):
-        component: Component = make(scope)
+    for kind in components.values():
+        if kind not in KINDS:
+            raise ComponentError(f"'{kind}' is not a kind of component; there are {', '.join(sorted(KINDS))}")
+    # The parameter server keeps no order of a mapping: a server starts before its clients, and answers
+    # before they are imported.
+    for scope, kind in sorted(components.items(), key=lambda entry: (order.index(entry[1]), entry[0])):
+        component: Component = component_class(kind)(scope)
         rospy.logdebug("%s started", component.scope)
 
 

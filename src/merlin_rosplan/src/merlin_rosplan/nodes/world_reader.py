@@ -5,7 +5,7 @@ from typing import Optional, Tuple
 from merlin_pddl.domain import Domain
 from merlin_pddl.problem import Problem
 from merlin_rosplan.messages.knowledge_snapshot import KnowledgeSnapshots
-from merlin_rosplan.nodes.knowledge_base import knowledge_base_in_process
+from merlin_rosplan.transport.component import Component
 
 
 class WorldReader:
@@ -23,9 +23,13 @@ class WorldReader:
 
         :raises KnowledgeBaseError: there is no usable answer.
         """
-        local = knowledge_base_in_process(self._name)
-        if local is not None:
-            return local.snapshot()
+        if Component.in_process(self._name) is not None:
+            # Not at the top: a planner or a problem interface in a node of its own has no knowledge base.
+            from merlin_rosplan.nodes.knowledge_base import knowledge_base_in_process
+
+            local = knowledge_base_in_process(self._name)
+            if local is not None:
+                return local.snapshot()
         if self._client is None:
             self._client = KnowledgeSnapshots(self._name)
         return self._client.snapshot()

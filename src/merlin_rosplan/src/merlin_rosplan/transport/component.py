@@ -14,6 +14,7 @@ import rospy
 import rospy.names
 
 from merlin_ros.health import Health, HealthReporter
+from merlin_ros.master.announcing import announced_together
 from merlin_ros.node import keep_params, run_node
 from merlin_ros.ports.service_server import Service
 from merlin_rosplan.transport.direct_service import offer
@@ -34,11 +35,15 @@ class ComponentError(Exception):
 
 
 class _ComponentType(type):
-    """Notes that a component is complete: what its `on_shutdown` ends exists only then."""
+    """Makes a component: announces its services when it has all of them, and notes that it is complete.
+
+    What its `on_shutdown` ends exists only then.
+    """
 
     def __call__(cls, *args: Any, **kwargs: Any) -> Any:
-        component = super().__call__(*args, **kwargs)
-        component._complete = True
+        with announced_together():
+            component = super().__call__(*args, **kwargs)
+            component._complete = True
         return component
 
 
@@ -57,7 +62,7 @@ class Component(metaclass=_ComponentType):
 
     def __init__(self, scope: str) -> None:
         self.scope: str = rospy.resolve_name(scope)
-        keep_params(self.scope)
+        self._at_start = keep_params(self.scope)  # one question to the master instead of one for each
         self._handles: List[Any] = []
         self._closed = threading.Event()
         self._complete = False
@@ -81,7 +86,14 @@ class Component(metaclass=_ComponentType):
         """
         full = self.resolve(name)
         try:
-            return rospy.get_param(full)
+            if self._at_start is None or self._complete or not full.startswith(f"{self.scope}/"):
+                return rospy.get_param(full)
+            value: Any = self._at_start
+            for key in full[len(self.scope) + 1 :].split("/"):
+                if not isinstance(value, dict):
+                    raise KeyError(full)
+                value = value[key]
+            return value
         except KeyError:
             if default is _NO_DEFAULT:
                 raise ComponentError(f"the parameter {full} is required and not set") from None

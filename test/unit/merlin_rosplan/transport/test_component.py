@@ -1,0 +1,105 @@
+"""What a component asks the master for while it starts, and what others see of it then."""
+
+from typing import Any
+
+import pytest
+
+pytestmark = pytest.mark.processes
+
+COMPONENT = """
+import rospy
+from std_srvs.srv import Empty
+from merlin_rosplan.transport.component import Component, run_component
+
+class Part(Component):
+    def __init__(self, scope="part"):
+        super().__init__(scope)
+        values = [self.param(name) for name in ("flat", "deep/inner", "list")] + [self.param("deep")["inner"]]
+        values += [self.param("missing", 5), self.param("flat/below", 6), self.param("/elsewhere")]
+        values += [self.number("small", 1.0)]
+        print("read", *values, flush=True)
+        for name in ("one", "two", "three"):
+            self.service(name, Empty, lambda _: None)
+        print("making", flush=True)
+        input()
+        if self.param("fails", False):
+            raise RuntimeError("no")
+
+def make(scope):
+    part = Part(scope)
+    print("made", flush=True)
+    input()
+    print("then", part.param("flat"), flush=True)
+    return part
+
+run_component(make, "part")
+"""
+PARAMS = {"flat": 1, "deep": {"inner": 2}, "list": [3], "small": 0.25}
+
+
+def services(master: Any) -> Any:
+    return sorted(name for name, _ in master.api.getSystemState("/test")[2][2] if name.count("/") == 2)
+
+
+def begin(master: Any, **more: Any) -> Any:
+    for name, value in {**PARAMS, **more}.items():
+        master.api.setParam("/test", f"/part/{name}", value)
+    master.api.setParam("/test", "/elsewhere", 4)
+    node = master.node(COMPONENT)
+    assert node.expect("read") == "read 1 2 [3] 2 5 6 4 0.25"
+    node.expect("making")
+    return node
+
+
+def test_the_services_of_a_component_come_together_when_it_is_complete(master: Any) -> None:
+    node = begin(master)
+    loggers = ["/part/get_loggers", "/part/set_logger_level"]
+    assert services(master) == loggers
+    node.say("")
+    node.expect("made")
+    assert services(master) == sorted([*loggers, "/part/one", "/part/two", "/part/three"])
+    master.api.setParam("/test", "/part/flat", 9)
+    node.say("")
+    assert node.expect("then") == "then 9"
+    assert node.end() == 0
+    assert not services(master)
+
+
+def test_a_component_that_cannot_start_announces_nothing(master: Any) -> None:
+    node = begin(master, fails=True)
+    node.say("")
+    node.ended()
+    assert "RuntimeError: no" in node.output
+    assert not services(master)
+
+
+TOGETHER = """
+import sys
+from merlin_ros.lean_start import prepare, run
+prepare()
+class Watch:
+    def find_spec(self, name, path=None, target=None):
+        if name == "merlin_rosplan.dispatcher.plan_dispatcher":
+            print("imports", flush=True)
+            input()
+sys.meta_path.insert(0, Watch())
+run("merlin_rosplan.nodes.planning_system")
+"""
+
+
+def test_the_knowledge_base_serves_before_the_other_components_are_imported(
+    master: Any, tmp_path: Any
+) -> None:
+    (tmp_path / "domain.pddl").write_text("(define (domain d) (:predicates (p)))")
+    master.api.setParam("/test", "/rosplan/domain_path", str(tmp_path / "domain.pddl"))
+    node = master.node(TOGETHER)
+    node.expect("imports")
+    assert master.api.lookupService("/test", "/rosplan_knowledge_base/domain/name")[0] == 1
+    node.say("")
+
+
+def test_a_kind_of_component_that_is_none_is_named_before_anything_is_served(master: Any) -> None:
+    master.api.setParam("/test", "/planning_system/components", {"a": "knowledge_base", "b": "nonsense"})
+    node = master.node(TOGETHER)
+    assert node.ended() == 2
+    assert "'nonsense' is not a kind of component; there are " in node.output
