@@ -17,7 +17,7 @@ from merlin_rosplan.dispatch.dispatch_environment import (
 )
 from merlin_rosplan.dispatch.dispatch_graph import GraphSchedule
 from merlin_rosplan.dispatch.dispatch_schedule import SequentialSchedule
-from merlin_rosplan.dispatch.operator_model import PlanTerm
+from merlin_rosplan.dispatch.operator_model import ActionModel, PlanTerm, TimedEffects
 from merlin_rosplan.dispatch.plan_graph import TimedLiteral
 from merlin_rosplan.dispatch.plan_graph_builder import build_graph
 
@@ -353,6 +353,39 @@ def test_a_parallel_action_waits_for_the_start_effects_it_builds_on(world):
 def test_a_parallel_action_whose_condition_stays_false_is_refused(world):
     run = Run(world, parallel(["work", "guarded"]), settle=0.05, cancel=0.05)
     world.wait("action", 0)
+    report = run.report()
+    assert report.state == DispatchState.FAILED and "(guarded o1) cannot start" in report.reason
+
+
+OPEN = ActionModel(
+    "open", ("x",), start_effects=TimedEffects(add=(PlanTerm("free", ("o1",)),)), durative=False
+)
+
+
+def opened_and_guarded(world):
+    """The run of ROSPlan's graph, which has the effects of a plain action at its start."""
+    world.operators["open"] = OPEN
+    steps = [PlanStep(float(i), name, (f"o{i}",), 1.0) for i, name in enumerate(["open", "guarded"])]
+    ground = [OPEN, GUARDED.ground({"x": "o1"})]
+    schedule = GraphSchedule(build_graph(steps, ground, as_rosplan=True), actions("open", "guarded"))
+    world.facts = {PlanTerm("safe", ("o1",))}
+    return Run(world, schedule, settle=0.0)
+
+
+def test_an_action_waits_for_a_plain_one_whose_effects_come_at_its_end(world):
+    run = opened_and_guarded(world)
+    world.wait_answers(2)
+    world.facts |= {PlanTerm("free", ("o1",))}
+    run.feedback(0, FeedbackStatus.SUCCEEDED)
+    world.wait("action", 1)
+    run.feedback(1, FeedbackStatus.SUCCEEDED)
+    assert run.report().success
+
+
+def test_a_plain_action_that_ends_without_what_it_promised_is_waited_for_no_longer(world):
+    run = opened_and_guarded(world)
+    world.wait_answers(2)
+    run.feedback(0, FeedbackStatus.SUCCEEDED)
     report = run.report()
     assert report.state == DispatchState.FAILED and "(guarded o1) cannot start" in report.reason
 

@@ -349,6 +349,83 @@ def test_effects_of_plain_actions_belong_to_their_end():
     assert graph[2, 3].type == EdgeType.CONDITION and (1, 3) not in graph
 
 
+GOTO = ActionModel(
+    "goto",
+    ("from", "to"),
+    at_start=Conditions(positive=(at("from"),)),
+    start_effects=TimedEffects(add=(at("to"),), delete=(at("from"),)),
+    durative=False,
+)
+SEE = ActionModel(
+    "see",
+    ("p",),
+    at_start=Conditions(positive=(at("p"),), negative=(PlanTerm("seen", ("p",)),)),
+    start_effects=TimedEffects(add=(PlanTerm("seen", ("p",)),)),
+    durative=False,
+)
+TRIP = [(GOTO, "ab"), (SEE, "b"), (GOTO, "bc"), (GOTO, "ca"), (SEE, "a")]
+
+
+def trip(as_rosplan):
+    steps = [PlanStep(float(i), each.name, tuple(args), 1.0) for i, (each, args) in enumerate(TRIP)]
+    actions = [each.ground(each.bind(tuple(args))) for each, args in TRIP]
+    return build_graph(steps, actions, as_rosplan=as_rosplan)
+
+
+def shape(graph):
+    return [(edge.id, edge.type.name, edge.source, edge.sink) for edge in graph.edges]
+
+
+def test_plain_actions_as_rosplan_connects_them():
+    # an end changes nothing and hangs on its start and the plan's; the orders are those of the starts
+    graph = trip(as_rosplan=True)
+    assert shape(graph) == [
+        (0, "CONDITION", 0, 1),
+        (1, "START_END", 1, 2),
+        (2, "CONDITION", 0, 2),
+        (3, "CONDITION", 1, 3),
+        (4, "START_END", 3, 4),
+        (5, "CONDITION", 0, 4),
+        (6, "CONDITION", 1, 5),
+        (7, "INTERFERENCE", 3, 5),
+        (8, "START_END", 5, 6),
+        (9, "CONDITION", 0, 6),
+        (10, "CONDITION", 5, 7),
+        (11, "INTERFERENCE", 1, 7),
+        (12, "START_END", 7, 8),
+        (13, "CONDITION", 0, 8),
+        (14, "CONDITION", 7, 9),
+        (15, "START_END", 9, 10),
+        (16, "CONDITION", 0, 10),
+    ]
+    assert all((edge.lower, edge.upper) == (1, 1) for edge in graph.edges if edge.type == EdgeType.START_END)
+    others = [edge for edge in graph.edges if edge.type != EdgeType.START_END]
+    assert all((edge.lower, edge.upper, edge.strict) == (MIN_BOUND, NO_BOUND, False) for edge in others)
+    assert len(trip(as_rosplan=False).edges) > len(graph.edges)
+
+
+def test_rosplan_knows_neither_numbers_nor_waits_and_protects_starts_only():
+    lit, charge = PlanTerm("lit"), PlanTerm("charge")
+    light = ActionModel(
+        "light", (), start_effects=TimedEffects(add=(lit,)), end_effects=TimedEffects(delete=(lit,))
+    )
+    mend = ActionModel(
+        "mend",
+        (),
+        over_all=Conditions(positive=(lit,)),
+        at_end=Conditions(positive=(PlanTerm("ok"),)),
+        end_effects=TimedEffects(writes=(charge,)),
+    )
+    steps = [PlanStep(0.0, "light", (), 8.0), PlanStep(1.0, "mend", (), 9.0), PlanStep(2.0, "mend", (), 1.0)]
+    broken = [TimedLiteral(0.5, PlanTerm("ok")), TimedLiteral(20.0, lit, negative=True)]
+    graph = build_graph(steps, [light, mend, mend], broken, as_rosplan=True)
+    found = edges(graph)
+    # the end of light (2) is behind the starts of mend (3, 5) that need it, and not behind their ends (4, 6)
+    assert set(found) == {(0, 1), (1, 2), (1, 3), (1, 5), (3, 4), (5, 6), (0, 6), (3, 2), (5, 2), (0, 4)}
+    assert (found[0, 4].lower, found[0, 4].upper) == (0.5, 19.99)
+    assert not any(edge.strict for edge in graph.edges)
+
+
 def test_a_window_waits_for_what_its_content_waits_for():
     light = ActionModel(
         "light",

@@ -33,7 +33,7 @@ class ComingConditions:
         """Whether the conditions that an action lacks may still come true.
 
         :param began: ROS time, s, of the begin of the dispatch.
-        :param running: the actions whose start effects may make them true.
+        :param running: the actions whose effects may make them true.
         """
         due = self._environment.next_change(unmet.names, began + action.time + self._settle)
         if due is not None:
@@ -42,7 +42,8 @@ class ComingConditions:
         timed = self._due.pop(action.id, None) is not None or self._schedule.waits_for_time(action.id)
         if timed and action.id not in self._timed:
             self._timed[action.id] = self._environment.deadline(self._settle)
-        if self._deadlines(action.id, running):
+        # ROSPlan's graph has a plain action's effects at its start; an interface may apply them at its end.
+        if self._deadlines(action.id, running) or any(record.brings(unmet) for record in running):
             self._actions.add(action.id)
             return True
         self._actions.discard(action.id)

@@ -78,6 +78,10 @@ class Running:
         """Whether its start changes nothing that would have to be applied first."""
         return not self.operator.durative or self.operator.start_effects.empty
 
+    def brings(self, unmet: Conditions) -> bool:
+        """Whether it is a plain action that changes what these conditions depend on, until it ends."""
+        return not self.operator.durative and bool(self.operator.start_effects.names & unmet.names)
+
     def changed(self, names: Optional[FrozenSet[str]]) -> None:
         """These predicates and functions have changed; None: any may have."""
         if names is None:

@@ -61,6 +61,17 @@ def happening_of(action: ActionModel, type_: NodeType) -> Happening:
     return _happening(action.at_end, action.over_all, action.end_effects, action.at_end)
 
 
+def rosplan_happening(action: ActionModel, type_: NodeType) -> Happening:
+    """The happening as ROSPlan's own parser takes it: facts only.
+
+    The effects of a plain action are at its start, and conditions over all count at the start alone.
+    """
+    needs, effects = action.at_start + action.over_all, action.start_effects
+    if type_ == NodeType.ACTION_END:
+        needs, effects = action.at_end, action.end_effects
+    return Happening(_keys(needs.positive), _keys(needs.negative), _keys(effects.add), _keys(effects.delete))
+
+
 def _happening(
     needs: Conditions, keeps: Conditions, effects: TimedEffects, unchecked: Conditions
 ) -> Happening:

@@ -1,10 +1,15 @@
 """Builds the plan graph: which starts and ends of a plan have to follow which others, and why."""
 
-from typing import Collection, Dict, Iterable, List, Mapping, Optional, Sequence, Set, Union
+from typing import Collection, Dict, Iterable, List, Mapping, Optional, Sequence, Set, Tuple, Union
 
 from merlin_pddl.plan_text import PlanStep
-from merlin_rosplan.dispatch.happening import Happening, happening_of, names_by_argument
-from merlin_rosplan.dispatch.operator_model import ActionModel, PlanTerm
+from merlin_rosplan.dispatch.happening import (
+    Happening,
+    happening_of,
+    names_by_argument,
+    rosplan_happening,
+)
+from merlin_rosplan.dispatch.operator_model import ActionModel, Conditions, PlanTerm
 from merlin_rosplan.dispatch.plan_graph import (
     EdgeType,
     Node,
@@ -30,6 +35,7 @@ def build_graph(
     epsilon: float = 0.01,
     reduce: bool = False,
     values: Optional[Mapping[PlanTerm, float]] = None,
+    as_rosplan: bool = False,
 ) -> PlanGraph:
     """Makes the graph of a plan.
 
@@ -40,8 +46,10 @@ def build_graph(
     :param reduce: leave out interference edges that follow from others. ROSPlan draws them all, and their
         number grows with the square of the plan's length.
     :param values: what function terms are worth now, for conditions on timed values; terms as `PlanTerm.key`.
+    :param as_rosplan: the edges that ROSPlan's own parser makes, and no more.
     """
-    return _Builder(steps, actions, list(timed), epsilon, reduce, values or {}).build()
+    builder = _RosplanBuilder if as_rosplan else _Builder
+    return builder(steps, actions, list(timed), epsilon, reduce, values or {}).build()
 
 
 class _Builder:
@@ -64,11 +72,10 @@ class _Builder:
         for index, (step, action) in enumerate(zip(steps, actions)):
             graph.nodes.append(Node(2 * index + 1, NodeType.ACTION_START, f"{step.name}_start", index))
             graph.nodes.append(Node(2 * index + 2, NodeType.ACTION_END, f"{step.name}_end", index))
-            # in the plan a plain action is one happening, whatever its line says
-            end = step.time + (step.duration if action.durative else 0.0)
+            end = step.time + self._lasts(step, action)
             self._times += [round(step.time, _DIGITS), round(end, _DIGITS)]
-            self._happenings.append(happening_of(action, NodeType.ACTION_START))
-            self._happenings.append(happening_of(action, NodeType.ACTION_END))
+            self._happenings.append(self._happening(action, NodeType.ACTION_START))
+            self._happenings.append(self._happening(action, NodeType.ACTION_END))
         self._literals: Dict[PlanTerm, List[TimedLiteral]] = {}
         self._values_in_time: Dict[PlanTerm, List[float]] = {}
         for entry in sorted(timed, key=lambda entry: entry.time):
@@ -86,7 +93,15 @@ class _Builder:
         self._named = {name: Named() for name in wanted}
         self._unchecked_named = {name: Named() for name in wanted}
 
+    def _lasts(self, step: PlanStep, action: ActionModel) -> float:
+        """In the plan a plain action is one happening, whatever its line says."""
+        return step.duration if action.durative else 0.0
+
+    def _happening(self, action: ActionModel, type_: NodeType) -> Happening:
+        return happening_of(action, type_)
+
     def build(self) -> PlanGraph:
+        """The graph."""
         order = plan_order(self._graph.nodes, self._times, self._happenings)
         for node in order:
             self._add(node)
@@ -116,7 +131,13 @@ class _Builder:
         if start is not None:
             duration = self._steps[node.action].duration
             self._graph.connect(EdgeType.START_END, start, node.id, duration, duration)
-        found = [
+        if not any(self._orders(node, start, happening)):
+            self._graph.connect(EdgeType.CONDITION, 0, node.id)
+        self._remember(node.id, happening)
+
+    def _orders(self, node: Node, start: Optional[int], happening: Happening) -> List[bool]:
+        """Makes the edges into a node; which kinds of them there are."""
+        return [
             self._support(node, start, happening),
             self._timed_numbers(node, happening),
             self._timed_order(node, happening),
@@ -124,9 +145,6 @@ class _Builder:
             self._numeric_order(node, start, happening),
             self._name_order(node, start, happening),
         ]
-        if not any(found):
-            self._graph.connect(EdgeType.CONDITION, 0, node.id)
-        self._remember(node.id, happening)
 
     def _support(self, node: Node, start: Optional[int], happening: Happening) -> bool:
         """Edges from whatever makes the node's conditions true; whether there is one."""
@@ -150,17 +168,21 @@ class _Builder:
                 if given:
                     self._graph.connect(EdgeType.CONDITION, 0, node.id, lower=given[-1])
                     supported = True
-        # Over-all conditions have to last until the end, so a literal that breaks them bounds the end node.
-        for negative, atoms in (
-            (False, [*happening.positive, *happening.keep_positive]),
-            (True, [*happening.negative, *happening.keep_negative]),
-        ):
+        positive, negated = self._lasting(node, happening)
+        for negative, atoms in ((False, positive), (True, negated)):
             for atom in atoms:
                 breaks = _first_break(self._literals.get(atom, ()), negative, now)
                 if breaks is not None:
                     self._graph.connect(EdgeType.CONDITION, 0, node.id, upper=breaks - self._epsilon)
                     supported = True
         return supported
+
+    def _lasting(self, _: Node, happening: Happening) -> Tuple[Sequence[PlanTerm], Sequence[PlanTerm]]:
+        """What must not be broken before the node: over-all conditions have to last until the end."""
+        return (
+            [*happening.positive, *happening.keep_positive],
+            [*happening.negative, *happening.keep_negative],
+        )
 
     def _timed_numbers(self, node: Node, happening: Happening) -> bool:
         """An edge from the start of the plan when the node's conditions wait for a timed value."""
@@ -294,6 +316,34 @@ class _Builder:
                 touched.note(node, positive, changes)
                 if atom in happening.unchecked:
                     touched.unchecked.add(node)
+
+
+class _RosplanBuilder(_Builder):
+    """ROSPlan's own graph: by time alone, and only with the orders that facts demand."""
+
+    def build(self) -> PlanGraph:
+        """The graph."""
+        for node in sorted(self._graph.nodes[1:], key=lambda node: (self._times[node.id], node.id)):
+            self._add(node)
+        for edge in self._graph.edges:
+            edge.strict = False  # ROSPlan has no such mark
+        return self._graph
+
+    def _lasts(self, step: PlanStep, action: ActionModel) -> float:
+        return step.duration
+
+    def _happening(self, action: ActionModel, type_: NodeType) -> Happening:
+        return rosplan_happening(action, type_)
+
+    def _orders(self, node: Node, start: Optional[int], happening: Happening) -> List[bool]:
+        return [self._support(node, start, happening), self._interference(node, start, happening)]
+
+    def _lasting(self, node: Node, happening: Happening) -> Tuple[Sequence[PlanTerm], Sequence[PlanTerm]]:
+        action = self._actions[node.action]
+        lasting: Conditions = action.at_start
+        if node.type == NodeType.ACTION_END:
+            lasting = action.over_all + action.at_end
+        return [atom.key for atom in lasting.positive], [atom.key for atom in lasting.negative]
 
 
 def _first_break(literals: Iterable[TimedLiteral], negative: bool, after: float) -> Optional[float]:

@@ -167,7 +167,7 @@ class EsterelPlanParser(PlanParser):
         values: Dict[PlanTerm, float] = {}
         if any(isinstance(entry, TimedValue) for entry in timed):
             values = self._knowledge.values(_compared(ground))
-        graph = build_graph(steps, ground, timed, self._epsilon, reduce, values)
+        graph = build_graph(steps, ground, timed, self._epsilon, reduce, values, not self._strict)
         return graph_to_message(graph, action_messages(steps, actions))
 
 
