@@ -13,6 +13,7 @@ from merlin_sm import dispatch_client
 from merlin_sm.dispatch_client import INTERRUPTED, DispatchClient
 from merlin_sm.dispatching.kinds import ReportingDispatcher
 from merlin_sm.dispatching.owners import DispatchOwners
+from merlin_sm.dispatching.progress import DispatchResult
 
 LONG = 60.0
 
@@ -110,3 +111,35 @@ def test_a_dispatcher_that_takes_no_cancel_is_not_waited_for_without_end(unlimit
 def test_an_executor_that_starts_does_not_wait_without_end(unlimited: Client) -> None:
     unlimited.owned = False
     assert unlimited.free(lambda interrupt: None, 0.05).endswith("does not stop")
+
+
+class OvertakenClient(Client):
+    """Finds the dispatcher free, and then another client has been faster, again and again."""
+
+    def __init__(self, clock: List[float]) -> None:
+        super().__init__()
+        self._clock = clock
+        self._kind = ReportingDispatcher(DispatchStatus(state=DispatchStatus.IDLE))
+        self._on_change = lambda: None
+        self._owners.heard(Lease(owner="/other", held=["its dispatch"]))
+
+    def _dispatch_once(self, *_: Any) -> DispatchResult:
+        self.calls.append("dispatch")
+        self._receive_status(DispatchStatus(state=DispatchStatus.RUNNING))
+        self._clock[0] += 2 * LONG
+        return DispatchResult(False, reason="the plan is being dispatched already")
+
+    def _abandoned(self) -> bool:  # it waits for the other plan: that ends now
+        self._receive_status(DispatchStatus(state=DispatchStatus.IDLE))
+        return False
+
+
+def test_plans_of_others_are_waited_for_once_in_all(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = [0.0]
+    for module in (deadline, dispatch_client):
+        monkeypatch.setattr(module, "running_time", lambda: clock[0])
+    monkeypatch.setattr(rospy, "is_shutdown", lambda: False)
+    client = OvertakenClient(clock)
+    result = client.dispatch(lambda interrupt: None)
+    assert client.calls == ["dispatch"]
+    assert result.reason.endswith("carries out a plan of /other")

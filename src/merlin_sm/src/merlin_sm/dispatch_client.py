@@ -139,6 +139,17 @@ class DispatchClient:
         :param longest: s of running time for that one to stop; None: no limit.
         :return: why the dispatcher is still busy, as a sentence, or INTERRUPTED; empty when it is free.
         """
+        return self._free(interruptible, self._foreign_wait(), longest)
+
+    def _foreign_wait(self) -> Deadline:
+        patience = limit(self.cancel_deadline)
+        return Deadline(FOREIGN_WAIT if patience is None else patience + SLACK)
+
+    def _free(self, interruptible: Interruptible, deadline: Deadline, longest: Optional[float] = None) -> str:
+        """See :meth:`free`.
+
+        :param deadline: of the wait.
+        """
         if not self.busy:
             return ""
         if not self.available():
@@ -150,8 +161,6 @@ class DispatchClient:
             with self._changed:
                 self._changed.notify_all()
 
-        patience = limit(self.cancel_deadline)
-        deadline = Deadline(FOREIGN_WAIT if patience is None else patience + SLACK)
         asked = gone = False
         interruptible(interrupt)
         try:
@@ -159,7 +168,7 @@ class DispatchClient:
                 if not asked and self._abandoned():
                     asked = True
                     rospy.logwarn(f"{self.name} carries out a plan that has no owner; it is cancelled")
-                    if self._call_cancel() and patience is None:
+                    if self._call_cancel() and limit(self.cancel_deadline) is None:
                         deadline = Deadline(longest)
                 gone = asked and not self._there()
                 with self._changed:
@@ -189,10 +198,11 @@ class DispatchClient:
             one that begins with another action, or with none, is cancelled and dispatched again.
         :param owner: id of the goal of this process's own server on whose behalf it is dispatched.
         """
-        busy = self.free(interruptible)
+        foreign = self._foreign_wait()  # for all plans of others together
+        busy = self._free(interruptible, foreign)
         result = self._refused(busy) if busy else self._dispatch_once(interruptible, plan, owner)
         if _BUSY in result.reason:  # another client was faster
-            busy = self.free(interruptible)
+            busy = self._free(interruptible, foreign)
             result = self._refused(busy) if busy else self._dispatch_once(interruptible, plan, owner)
         if self._stale(result):
             rospy.logwarn(f"{self.name} did not have the new plan yet; dispatching again")

@@ -141,6 +141,11 @@ class KnowledgeClient:
         """One operator with its conditions and effects."""
         return self._operator(name).op
 
+    @property
+    def stays(self) -> bool:
+        """Whether the knowledge base that has described an operator last is still there, with that domain."""
+        return self._operator.connected
+
     def _once(self, service: ServiceProxy) -> Any:
         """The answer of a service of the domain: a knowledge base keeps its domain as long as it lives."""
         if service.name not in self._domain or not service.connected:

@@ -108,9 +108,8 @@ def in_another_process(monkeypatch):
     """A receiver whose sender can only be asked; returns it, its texts and the sender."""
     sender = handover.Sender("/topic")
     monkeypatch.setattr(handover, "bounded_master", mock.Mock)
-    monkeypatch.setattr(
-        handover, "ServiceProxy", lambda *_, **__: lambda: sender.answer_digest(TriggerRequest())
-    )
+    proxy = mock.Mock(side_effect=lambda: sender.answer_digest(TriggerRequest()), connected=False)
+    monkeypatch.setattr(handover, "ServiceProxy", lambda *_, **__: proxy)
     monkeypatch.setattr("rospy.get_name", lambda: "/me")
     texts = []
     subscription = Handover.receiver("/topic", lambda message: texts.append(message.data))

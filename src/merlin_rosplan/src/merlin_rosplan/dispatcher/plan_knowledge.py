@@ -42,9 +42,10 @@ class PlanKnowledge:
 
     def __init__(self, knowledge_base: str) -> None:
         self._client = KnowledgeClient(knowledge_base, DirectServiceProxy)
-        self._lock = threading.Lock()  # guards the two fields below
+        self._lock = threading.Lock()  # guards the three fields below
         self._domain: Optional[Domain] = None  # of the knowledge base in this process
         self._models: Dict[str, ActionModel] = {}
+        self._written: Optional[Tuple[Optional[Domain]]] = None  # of one in another process, once looked for
         self._domain_file = DomainFile(knowledge_base)
         self._timed = DirectServiceProxy(
             f"{knowledge_base}/state/timed_knowledge", GetAttributeService, CALL_LIMIT
@@ -58,7 +59,7 @@ class PlanKnowledge:
         domain: Optional[Domain] = getattr(local, "domain", None)
         if domain is None or name.lower() not in domain.operators:
             return self._ask_operator(name)
-        # A knowledge base keeps its domain as long as it lives; how long another process lives is not known.
+        # A knowledge base keeps its domain as long as it lives.
         with self._lock:
             if domain is not self._domain:
                 self._domain, self._models = domain, {}
@@ -67,6 +68,16 @@ class PlanKnowledge:
             return self._models[name]
 
     def _ask_operator(self, name: str) -> ActionModel:
+        with self._lock:
+            if self._domain is not None or not self._client.stays:
+                self._domain, self._models, self._written = None, {}, None
+            if name in self._models:
+                return self._models[name]
+        model = self._read_operator(name)
+        with self._lock:
+            return self._models.setdefault(name, model)
+
+    def _read_operator(self, name: str) -> ActionModel:
         try:
             message = self._client.operator(name)
             operator = read_operator(message)
@@ -74,8 +85,13 @@ class PlanKnowledge:
             if "does not answer" in str(error):
                 raise PlanKnowledgeError(str(error)) from error
             raise PlanKnowledgeError(f"the domain has no operator '{name}' ({error})") from error
-        # The file has what the message cannot carry, if it still is what the knowledge base has read.
-        domain = self._domain_file.domain()
+        # The file has what the message cannot carry, if it still is what the knowledge base has read. To look
+        # for it takes the master two calls, longer than all the rest.
+        with self._lock:
+            looked = self._written
+        (domain,) = looked or (self._domain_file.domain(),)
+        with self._lock:
+            self._written = (domain,)
         written = domain.operators.get(operator.name.lower()) if domain is not None else None
         if domain is None or written is None or operator_message(domain, written) != message:
             return ActionModel.of(operator, {})

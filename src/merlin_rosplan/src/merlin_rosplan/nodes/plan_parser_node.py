@@ -13,6 +13,7 @@ from std_srvs.srv import Empty, EmptyRequest, EmptyResponse, Trigger
 
 from merlin_pddl.plan_text import PlanStep, PlanTextError, parse_plan
 from merlin_pddl.text_reader import suggestion
+from merlin_ros.call_scope import CallScope
 from merlin_rosplan.dispatch.operator_model import ActionModel, BindingError, PlanTerm
 from merlin_rosplan.dispatch.plan_graph import TimedValue
 from merlin_rosplan.dispatch.plan_graph_builder import build_graph
@@ -25,6 +26,7 @@ LiftedAndGround = Tuple[ActionModel, ActionModel]
 
 SCOPE = "rosplan_parsing_interface"
 IN_FLIGHT = 0.5  # s for which a call waits for a plan that may be on its way
+ANSWER = 0.8  # s of wall time for the whole answer to clients of ROSPlan: many wait one second
 
 
 class PlanParser(Component):
@@ -39,6 +41,7 @@ class PlanParser(Component):
         self._new = False
         self._parsing = threading.Lock()  # one plan at a time, published in the order of the calls
         self._strict = bool(self.param("strict", True))
+        self.read_params()
         self._knowledge = PlanKnowledge(self.knowledge_base)
         topic = self.resolve(str(self.param("plan_topic", "complete_plan")))
         self._plan = self.publisher(topic, self.plan_class, queue_size=1, latch=True)
@@ -55,6 +58,9 @@ class PlanParser(Component):
         with self._state:
             self._state.notify_all()
 
+    def read_params(self) -> None:
+        """For subclasses: reads their parameters, before the first call can come."""
+
     def message(self, steps: List[PlanStep], actions: List[LiftedAndGround]) -> Any:
         """The message for a plan; each action as (operator, ground operator).
 
@@ -68,9 +74,15 @@ class PlanParser(Component):
             self._state.notify_all()
 
     def _serve(self, _: EmptyRequest) -> EmptyResponse:
-        self._outputs.catch_up()
+        with CallScope(None if self._strict else ANSWER):
+            return self._answer()
+
+    def _answer(self) -> EmptyResponse:
+        begin = time.monotonic()
+        self._outputs.catch_up(None if self._strict else IN_FLIGHT)
+        patience = IN_FLIGHT if self._strict else max(0.0, IN_FLIGHT - (time.monotonic() - begin))
         with self._state:
-            self._state.wait_for(lambda: self._new or self.closed, timeout=IN_FLIGHT)
+            self._state.wait_for(lambda: self._new or self.closed, timeout=patience)
             text, new, self._new = self._text, self._new, False
         if new:
             self._parse(text, "the planner's output")
@@ -153,9 +165,8 @@ class EsterelPlanParser(PlanParser):
 
     plan_class = EsterelPlan
 
-    def __init__(self, scope: str = SCOPE) -> None:
-        self._epsilon = self._full_graph_limit = 0.0  # a call may come before the other fields are set
-        super().__init__(scope)
+    def read_params(self) -> None:
+        """The parameters of the graph."""
         self._epsilon = self.number("epsilon_time", 0.01, 0.0)
         self._full_graph_limit = self.number("full_graph_limit", 50, 0)
 

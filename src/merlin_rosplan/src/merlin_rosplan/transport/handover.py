@@ -138,19 +138,22 @@ class Subscription:
                 self._recent.append(message)
                 self._arrived.notify_all()
 
-    def catch_up(self) -> None:
-        """Waits for what a sender in another process has published and has not arrived; at most `IN_FLIGHT`.
+    def catch_up(self, limit: Optional[float] = None) -> None:
+        """Waits for what a sender in another process has published and has not arrived.
 
         A sender without such a service (the original's, a script's) is not waited for.
+
+        :param limit: s of wall time; None: `IN_FLIGHT`.
         """
         with Handover._lock:
             if self._topic in Handover._senders:
                 return
         name = digest_service(self._topic)
         try:
-            bounded_master().lookupService(name)
             if self._sender is None:
                 self._sender = ServiceProxy(name, Trigger, timeout=IN_FLIGHT)
+            if not self._sender.connected:
+                bounded_master().lookupService(name)
             answer = self._sender()
         except (*ERRORS, ServiceError):
             return
@@ -158,7 +161,8 @@ class Subscription:
             self._caught_up = answer.message
             with self._arrived:
                 self._arrived.wait_for(
-                    lambda: any(_digest(message) == answer.message for message in self._recent), IN_FLIGHT
+                    lambda: any(_digest(message) == answer.message for message in self._recent),
+                    IN_FLIGHT if limit is None else limit,
                 )
 
     def shutdown(self) -> None:
