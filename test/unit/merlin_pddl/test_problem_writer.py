@@ -2,6 +2,7 @@ import kairos
 
 from merlin_pddl.domain_reader import parse_domain
 from merlin_pddl.formula import to_pddl
+from merlin_pddl.knowledge import FunctionValue, Instance, Timed
 from merlin_pddl.problem_reader import parse_problem
 from merlin_pddl.problem_writer import write_problem
 from merlin_rosplan.knowledge.knowledge_store import KnowledgeStore
@@ -63,3 +64,25 @@ def test_independent_reader_accepts_it():
     written = write_problem(loaded(PROBLEM).snapshot()[1], DOMAIN)
     report = kairos.check_problem(written, DOMAIN_TEXT)
     assert report.valid, [str(found) for found in report.diagnostics]
+
+
+def test_timed_changes_of_a_number_are_written_as_the_values_that_they_give():
+    _, problem = loaded(
+        "(define (problem p) (:domain d) (:objects r1 r2 - robot) (:init (= (battery r1) 20)))"
+    ).snapshot()
+    changes = [
+        (9, FunctionValue("battery", ("R1",), 3.0, op="scale-up")),
+        (5, FunctionValue("battery", ("r1",), 5.0, op="increase")),
+        (6, FunctionValue("battery", ("r2",), 1.0, op="increase")),  # of what has no value
+        (7, Instance("robot", "r3")),
+        (8, FunctionValue("limit", (), 4.0)),
+        (10, FunctionValue("limit", (), 1.0, op="decrease")),
+    ]
+    problem.timed = [Timed(second * 10**9, item) for second, item in changes]
+    written = write_problem(problem, DOMAIN)
+    assert [line.strip() for line in written.splitlines() if "(at " in line] == [
+        "(at 5 (= (battery r1) 25))",
+        "(at 8 (= (limit) 4))",
+        "(at 9 (= (battery R1) 75))",
+        "(at 10 (= (limit) 3))",
+    ]

@@ -3,7 +3,7 @@
 import itertools
 import math
 import operator
-from typing import Callable, Dict, Iterator, List, Mapping, Optional, Sequence, Set, Tuple
+from typing import Callable, Dict, Iterable, Iterator, List, Mapping, Optional, Sequence, Set, Tuple
 
 from merlin_pddl.domain import Domain
 from merlin_pddl.formula import (
@@ -25,7 +25,7 @@ from merlin_pddl.formula import (
     Variable,
     bind,
 )
-from merlin_pddl.knowledge import Key
+from merlin_pddl.knowledge import ASSIGN, OPERATIONS, Fact, FunctionValue, Instance, Key, Timed
 
 _COMPARE: Dict[str, Callable[[float, float], bool]] = {
     ">": operator.gt,
@@ -201,6 +201,32 @@ def compare(op: str, left: float, right: float) -> bool:
     if math.isclose(left, right, rel_tol=1e-9, abs_tol=1e-9):
         return op in (">=", "<=", "=")
     return _COMPARE[op](left, right)
+
+
+def changed(op: str, before: Optional[float], value: Optional[float]) -> Optional[float]:
+    """What a function is worth after ``assign``, ``increase``, …; None when that is no number."""
+    return value if op == ASSIGN else arithmetic(OPERATIONS[op], (before, value))
+
+
+def assigned(timed: Iterable[Timed], values: Mapping[Key, float]) -> List[Timed]:
+    """Timed items by time, with the values that functions get: PDDL has no other timed change of a number.
+
+    An increase of what has no value is left out: nothing changes when its time comes.
+
+    :param values: of now.
+    """
+    known = dict(values)
+    found: List[Timed] = []
+    for row in sorted(timed, key=lambda row: row.at):
+        item = row.item
+        if isinstance(item, (Fact, Instance)):
+            found.append(row)
+            continue
+        value = changed(item.op, known.get(item.key), item.value)
+        if value is not None:
+            known[item.key] = value
+            found.append(Timed(row.at, FunctionValue(item.name, item.args, value, item.since)))
+    return found
 
 
 def arithmetic(op: str, values: Sequence[Optional[float]]) -> Optional[float]:

@@ -3,6 +3,7 @@
 from typing import Dict, Iterable, List, Tuple, TypeVar
 
 from merlin_pddl.domain import Domain
+from merlin_pddl.evaluation import assigned
 from merlin_pddl.formula import numeric_text, to_pddl, types_text
 from merlin_pddl.knowledge import Fact, FunctionValue, Instance
 from merlin_pddl.problem import Problem
@@ -45,7 +46,7 @@ def _init_lines(problem: Problem, domain: Domain) -> List[str]:
     facts = _by_name(problem.facts, list(domain.predicates))
     values = _by_name(problem.values, list(domain.functions))
     timed: Dict[str, List[str]] = {}
-    for row in sorted(problem.timed, key=lambda row: row.at):
+    for row in assigned(problem.timed, {value.key: value.value for value in problem.values}):
         if isinstance(row.item, Instance):
             continue
         item = row.item.text() if isinstance(row.item, Fact) else _value_text(row.item)

@@ -143,13 +143,25 @@ def test_an_instance_that_a_goal_names_stays_until_the_goal_is_removed(store, na
     stored = StoredGoal(parse_condition(goal, DOMAIN, store.objects()))
     with store.transaction() as change:
         change.add_goal(stored)
-    with pytest.raises(UpdateRefused, match=r"the goal .* is still there: unknown object 'hall'"):
+    with pytest.raises(UpdateRefused, match=r"the goal .* is still there: unknown object 'hall'; remove it"):
         remove(store, Instance("poi", name))
     assert store.instances("poi") == ["kitchen", "hall"]
     with store.transaction() as change:  # whatever the order is
         change.remove(Instance("poi", name))
         change.remove_goal(stored)
     assert "hall" not in store.instances("poi")
+
+
+def test_without_checks_an_instance_goes_and_its_goals_and_timed_items_stay(clock):
+    store = KnowledgeStore(DOMAIN, strict=False, clock=clock)
+    add(store, Instance("poi", "hall"), Fact("checked", ("hall",)))
+    add(store, Fact("checked", ("hall",)), at=5_000)
+    with store.transaction() as change:
+        change.add_goal(StoredGoal(parse_condition("(checked hall)", DOMAIN, store.objects())))
+    remove(store, Instance("poi", "hall"))
+    assert store.instances("poi") == [] and store.facts() == []
+    assert [goal.text() for goal in store.goals()] == ["(checked hall)"]
+    assert [row.item.text() for row in store.timed()] == ["(checked hall)"]
 
 
 def test_an_instance_that_the_metric_names_stays(store):

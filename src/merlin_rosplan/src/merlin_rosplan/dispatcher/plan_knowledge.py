@@ -2,7 +2,7 @@
 
 import functools
 import threading
-from typing import Callable, Dict, FrozenSet, Iterable, List, Optional, Sequence, Tuple, TypeVar, Union
+from typing import Callable, Dict, FrozenSet, Iterable, List, Optional, Sequence, Set, Tuple, TypeVar, Union
 
 import rospy
 from merlin_msgs.srv import ListExecutions
@@ -10,8 +10,9 @@ from rosplan_knowledge_msgs.msg import KnowledgeItem
 from rosplan_knowledge_msgs.srv import GetAttributeService
 
 from merlin_pddl.domain import Domain
+from merlin_pddl.evaluation import assigned
 from merlin_pddl.formula import Comparison
-from merlin_pddl.knowledge import Fact
+from merlin_pddl.knowledge import ASSIGN, Fact, FunctionValue, Instance, Timed
 from merlin_ros.service_proxy import ServiceError
 from merlin_rosplan.dispatch.operator_model import ActionModel, Conditions, PlanTerm
 from merlin_rosplan.dispatch.plan_graph import TimedLiteral, TimedValue
@@ -20,6 +21,7 @@ from merlin_rosplan.knowledge.knowledge_store import KnowledgeStore
 from merlin_rosplan.messages.domain_file import DomainFile
 from merlin_rosplan.messages.domain_messages import operator_message, read_operator
 from merlin_rosplan.messages.expression_messages import FormulaWriter
+from merlin_rosplan.messages.knowledge_messages import ASSIGNMENTS
 from merlin_rosplan.transport.component import Component
 from merlin_rosplan.transport.direct_service import DirectServiceProxy
 from merlin_sm.knowledge_client import CALL_LIMIT, KnowledgeClient, fact
@@ -151,15 +153,19 @@ class PlanKnowledge:
         """Facts and function values that wait for their time; times in s from now."""
         items = _answer(lambda: self._timed(predicate_name="")).attributes
         now = rospy.Time.now()
-        found: List[Union[TimedLiteral, TimedValue]] = []
+        rows: List[Timed] = []
+        changes: Set[str] = set()  # functions that are increased, and the like
         for item in items:
-            atom = _term(item)
-            time = (item.initial_time - now).to_sec()
+            name, args = _term(item)
+            at = (item.initial_time - now).to_nsec()
             if item.knowledge_type == KnowledgeItem.FACT:
-                found.append(TimedLiteral(time, atom, bool(item.is_negative)))
+                rows.append(Timed(at, Fact(name, args, bool(item.is_negative))))
             elif item.knowledge_type == KnowledgeItem.FUNCTION:
-                found.append(TimedValue(time, atom, item.function_value))
-        return found
+                op = ASSIGNMENTS.get(item.assign_op, ASSIGN)
+                rows.append(Timed(at, FunctionValue(name, args, item.function_value, op=op)))
+                changes |= {name} if op != ASSIGN else set()
+        values = {(term.name, *term.arguments): value for term, value in self.values(changes).items()}
+        return [_timed(row) for row in assigned(rows, values)]
 
     def timed_changes(self) -> List[Tuple[float, str]]:
         """ROS time, s, and name of everything that waits for its time."""
@@ -190,6 +196,15 @@ class PlanKnowledge:
             return None
         token = f"{plan_id}/{action_id}/"
         return any(execution.token.startswith(token) for execution in executions)
+
+
+def _timed(row: Timed) -> Union[TimedLiteral, TimedValue]:
+    item, time = row.item, row.at / 1e9
+    assert not isinstance(item, Instance)
+    term = PlanTerm(item.name, item.args)
+    if isinstance(item, Fact):
+        return TimedLiteral(time, term, item.negative)
+    return TimedValue(time, term, item.value)
 
 
 def _term(item: KnowledgeItem) -> PlanTerm:

@@ -6,7 +6,7 @@ Also what it needs at its end, which is asked in the transaction that applies th
 from typing import Dict, List, Mapping, Optional, Tuple
 
 from merlin_pddl.domain import Operator
-from merlin_pddl.evaluation import Evaluator, arithmetic
+from merlin_pddl.evaluation import Evaluator, changed
 from merlin_pddl.formula import (
     END,
     START,
@@ -20,7 +20,7 @@ from merlin_pddl.formula import (
     ground,
     to_pddl,
 )
-from merlin_pddl.knowledge import ASSIGN, OPERATIONS, Fact, FunctionValue
+from merlin_pddl.knowledge import ASSIGN, Fact, FunctionValue
 from merlin_pddl.text_reader import suggestion
 from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
 from merlin_rosplan.knowledge.knowledge_state import KnowledgeTables
@@ -205,9 +205,7 @@ class EffectApplier:
 
     def _set(self, changes: RecordedChanges, value: FunctionValue, op: str) -> None:
         before = self._state.value(value.key)
-        result: Optional[float] = value.value
-        if op != ASSIGN:
-            result = arithmetic(OPERATIONS[op], (before, value.value))
+        result = changed(op, before, value.value)
         if result is None:
             raise UpdateRefused(f"{value.text()}: {before} {op} {value.value} is not a number")
         changes.set(FunctionValue(value.name, value.args, result), op)

@@ -7,10 +7,10 @@ from typing import Any, Dict, List, Mapping, Sequence, Tuple
 
 from merlin_pddl.domain import Operator
 from merlin_pddl.domain_reader import ASSIGNMENTS
-from merlin_pddl.evaluation import Evaluator, arithmetic
+from merlin_pddl.evaluation import Evaluator, changed
 from merlin_pddl.formula import OVER_ALL, to_pddl
 from merlin_pddl.formula_reader import IN_CONTINUOUS, FormulaReader
-from merlin_pddl.knowledge import ASSIGN, OPERATIONS, FunctionValue
+from merlin_pddl.knowledge import FunctionValue
 from merlin_pddl.text_reader import Expression, PddlError, read_expression
 from merlin_rosplan.knowledge.effects import EffectApplier
 from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
@@ -107,7 +107,7 @@ def _result(
         )
     except PddlError:  # an object of it is gone
         return None
-    return value if op == ASSIGN else arithmetic(OPERATIONS[op], (state.value(key), value))
+    return changed(op, state.value(key), value)
 
 
 class _LooseReader(FormulaReader):

@@ -111,7 +111,10 @@ class KnowledgeChecks:
             if goal.condition is not None:
                 parse_condition(goal.text(), self._domain, self._state.all_objects())
         except PddlError as error:
-            raise UpdateRefused(f"the goal {goal.text()} is still there: {error.message}") from error
+            remedy = "remove it before, or in the same array"
+            raise UpdateRefused(
+                f"the goal {goal.text()} is still there: {error.message}; {remedy}"
+            ) from error
 
     def metric(self, item: Metric) -> Metric:
         """A metric that may be set.

@@ -5,11 +5,10 @@ import re
 from dataclasses import dataclass, field
 from typing import Any, Dict, List, Optional, Set, Tuple, Union
 
-from merlin_pddl.evaluation import arithmetic
+from merlin_pddl.evaluation import changed
 from merlin_pddl.formula import Atom
 from merlin_pddl.knowledge import (
     ASSIGN,
-    OPERATIONS,
     Fact,
     FunctionValue,
     Instance,
@@ -164,26 +163,22 @@ class Transaction:
         key = item.key
         known_key = key if "" not in key else next(self.state.values.match(key[0], key[1:]), None)
         known = self.state.values.get(known_key) if known_key is not None else None
-        value: Optional[float] = item.value
-        if item.op != ASSIGN:
-            if known is None:
-                if self._checks is None:
-                    return  # as ROSPlan: nothing to change, nothing happens
-                raise UpdateRefused(f"{item.text()} has no value yet that could {item.op}")
-            value = arithmetic(OPERATIONS[item.op], (known.value, item.value))
-            if value is None:
-                raise UpdateRefused(f"{item.text()}: {known.value} {item.op} {item.value} is not a number")
-        assert value is not None
+        if known is None and item.op != ASSIGN:
+            if self._checks is None:
+                return  # as ROSPlan: nothing to change, nothing happens
+            raise UpdateRefused(f"{item.text()} has no value yet that could {item.op}")
+        before = known.value if known is not None else None
+        value = changed(item.op, before, item.value)
+        if value is None:
+            raise UpdateRefused(f"{item.text()}: {before} {item.op} {item.value} is not a number")
         if known is None:
             self.put(
                 self.state.values,
                 FunctionValue(item.name, item.args, value, item.since or self.now, labels=item.labels),
             )
         elif known.value != value:
-            changed = FunctionValue(
-                known.name, known.args, value, item.since or self.now, labels=known.labels
-            )
-            self.put(self.state.values, changed, replacing=known)
+            after = FunctionValue(known.name, known.args, value, item.since or self.now, labels=known.labels)
+            self.put(self.state.values, after, replacing=known)
 
     def remove(self, item: Item, at: int = 0) -> None:
         """Removes knowledge; an empty name or argument fits anything. What does not exist is not an error.
@@ -217,7 +212,7 @@ class Transaction:
         for name in names:
             self.drop(self.state.instances, (type_name, name))
             self._gone.add(name)
-            for row in self.state.timed.all():
+            for row in self.state.timed.all() if self._checks is not None else ():  # ROSPlan keeps them
                 if not isinstance(row.item, Instance) and name in row.item.key[1:]:
                     self.drop(self.state.timed, row.key)
             for table in (self.state.facts, self.state.values):

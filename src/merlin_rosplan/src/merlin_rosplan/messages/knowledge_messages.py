@@ -33,14 +33,15 @@ from merlin_rosplan.messages.expression_messages import (
     read_expression,
 )
 
-_ASSIGNMENTS = {
+#: What `assign_op` means; ASSIGN_CTS has no effect.
+ASSIGNMENTS = {
     KnowledgeItem.AP_ASSIGN: ASSIGN,
     KnowledgeItem.AP_INCREASE: INCREASE,
     KnowledgeItem.AP_DECREASE: DECREASE,
     KnowledgeItem.AP_SCALE_UP: SCALE_UP,
     KnowledgeItem.AP_SCALE_DOWN: SCALE_DOWN,
 }
-_ASSIGNMENT_NUMBERS = {name: number for number, name in _ASSIGNMENTS.items()}
+_ASSIGNMENT_NUMBERS = {name: number for number, name in ASSIGNMENTS.items()}
 
 #: Characters of an expression that is read: a million take about a second, and a robot waits for the answer.
 MAX_EXPRESSION = 1_000_000
@@ -75,11 +76,11 @@ class KnowledgeReader:
             args = self._of_predicate(message.attribute_name, message.values)
             return Fact(message.attribute_name, args, message.is_negative, since, labels)
         if kind == KnowledgeItem.FUNCTION:
-            if message.assign_op not in _ASSIGNMENTS:
+            if message.assign_op not in ASSIGNMENTS:
                 raise UpdateRefused(
                     f"assign_op {message.assign_op} of '{message.attribute_name}' cannot be applied at once"
                 )
-            op = _ASSIGNMENTS[message.assign_op]
+            op = ASSIGNMENTS[message.assign_op]
             args = self._of_function(message.attribute_name, message.values)
             return FunctionValue(message.attribute_name, args, message.function_value, since, op, labels)
         raise UpdateRefused(f"knowledge_type {kind} is not an instance, fact or function value")

@@ -1,0 +1,97 @@
+"""What parser and dispatcher ask of a knowledge base in another process."""
+
+from types import SimpleNamespace
+from typing import Any, Dict, List
+
+import pytest
+import rospy
+from rosplan_knowledge_msgs.msg import DomainOperator, KnowledgeItem
+
+from merlin_pddl.domain import Domain
+from merlin_pddl.domain_reader import parse_domain
+from merlin_rosplan.dispatch.operator_model import PlanTerm
+from merlin_rosplan.dispatch.plan_graph import TimedLiteral, TimedValue
+from merlin_rosplan.dispatcher import plan_knowledge
+from merlin_rosplan.dispatcher.plan_knowledge import PlanKnowledge
+from merlin_rosplan.messages.domain_messages import operator_message
+from merlin_sm.knowledge_client import fact, function_value
+
+OPERATORS = parse_domain(
+    """(define (domain d) (:types poi) (:predicates (seen ?p - poi) (dark))
+    (:action look :parameters (?p - poi) :effect (seen ?p))
+    (:action find :parameters (?p - poi) :precondition (or (dark) (seen ?p)) :effect (not (seen ?p))))"""
+)
+
+
+class Remote:
+    """A knowledge base in another process; `asked` is what travels."""
+
+    def __init__(self, domain: Domain) -> None:
+        self.domain = domain
+        self.name = "/kb"
+        self.stays = False
+        self.asked: List[str] = []
+        self.timed: List[KnowledgeItem] = []
+        self.values: Dict[str, List[KnowledgeItem]] = {}
+
+    def operator(self, name: str) -> DomainOperator:
+        self.asked.append(name)
+        self.stays = True
+        return operator_message(self.domain, self.domain.operators[name])
+
+    def file(self) -> Domain:
+        self.asked.append("file")
+        return self.domain
+
+    def functions(self, name: str) -> List[KnowledgeItem]:
+        return self.values[name]
+
+
+@pytest.fixture
+def remote(monkeypatch: pytest.MonkeyPatch) -> Remote:
+    made = Remote(OPERATORS)
+    monkeypatch.setattr(plan_knowledge, "KnowledgeClient", lambda *_: made)
+    monkeypatch.setattr(plan_knowledge, "DomainFile", lambda _: SimpleNamespace(domain=made.file))
+
+    def proxy(*_: Any) -> Any:
+        return lambda **__: SimpleNamespace(attributes=made.timed)
+
+    monkeypatch.setattr(plan_knowledge, "DirectServiceProxy", proxy)
+    return made
+
+
+def test_operators_are_asked_for_once_as_long_as_the_knowledge_base_lives(remote: Remote) -> None:
+    knowledge = PlanKnowledge("/kb")
+    for _ in range(3):
+        for name in ("look", "find"):
+            model = knowledge.operator(name)
+    assert remote.asked == ["look", "file", "find"]
+    assert [str(entry) for entry in model.at_start.expressions] == ["(or (dark) (seen ?p))"]
+
+
+def test_another_knowledge_base_may_have_another_domain(remote: Remote) -> None:
+    knowledge = PlanKnowledge("/kb")
+    assert knowledge.operator("look").start_effects.add == (PlanTerm("seen", ("?p",)),)
+    remote.stays = False
+    remote.domain = parse_domain(
+        "(define (domain d) (:predicates (done)) (:action look :parameters () :effect (done)))"
+    )
+    assert knowledge.operator("look").start_effects.add == (PlanTerm("done"),)
+    assert remote.asked == ["look", "file", "look", "file"]
+
+
+def test_timed_increases_are_the_values_that_they_give(
+    remote: Remote, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(rospy.Time, "now", lambda: rospy.Time(100))
+    increase = function_value("battery", ["R1"], 5.0)
+    increase.assign_op = KnowledgeItem.AP_INCREASE
+    for second, item in ((104, increase), (103, fact("idle", negative=True)), (102, fact("idle"))):
+        item.initial_time = rospy.Time(second)
+        remote.timed.append(item)
+    remote.values = {"battery": [function_value("battery", ["r1"], 20.0)]}
+    assert PlanKnowledge("/kb").timed() == [
+        TimedLiteral(2.0, PlanTerm("idle")),
+        TimedLiteral(3.0, PlanTerm("idle"), negative=True),
+        TimedValue(4.0, PlanTerm("battery", ("R1",)), 25.0),
+    ]
