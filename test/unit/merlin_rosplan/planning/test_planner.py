@@ -317,9 +317,15 @@ def test_lpg_writes_into_the_folder_of_the_planning(tmp_path):
     assert shell[-1] == f"lpg -o /d -f /p -out {tmp_path}/lpgplan -n 1"
 
 
+def run(command, folder, process=None):
+    process = process or PlannerProcess()
+    process.start(command, folder)
+    return process.wait()
+
+
 def test_a_grandchild_that_keeps_the_output_open_does_not_keep_us(tmp_path):
     began = time.monotonic()
-    result = PlannerProcess().run(["/bin/sh", "-c", "sleep 60 & echo done"], tmp_path)
+    result = run(["/bin/sh", "-c", "sleep 60 & echo done"], tmp_path)
     assert result.stdout == "done\n" and result.returncode == 0 and time.monotonic() - began < LONG
 
 
@@ -330,7 +336,7 @@ def test_cancel_from_many_threads_at_any_moment(tmp_path):
         process = PlannerProcess()
         command = [sys.executable, "-c", "import time; time.sleep(60)"]
         threads = [threading.Thread(target=process.stop) for _ in range(3)]
-        runner = threading.Thread(target=process.run, args=(command, folder), daemon=True)
+        runner = threading.Thread(target=run, args=(command, folder, process), daemon=True)
         for thread in [runner, *threads] if index % 2 else [*threads, runner]:
             thread.start()
         runner.join(LONG)
@@ -339,5 +345,5 @@ def test_cancel_from_many_threads_at_any_moment(tmp_path):
 
 @pytest.mark.everywhere
 def test_returncode_of_a_signal(tmp_path):
-    result = PlannerProcess().run(["/bin/sh", "-c", "kill -TERM $$"], tmp_path)
+    result = run(["/bin/sh", "-c", "kill -TERM $$"], tmp_path)
     assert result.returncode == -signal.SIGTERM

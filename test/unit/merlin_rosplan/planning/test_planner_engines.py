@@ -133,6 +133,9 @@ class Fake:
         self.name = name
         self._error = error
 
+    def begin(self, task):
+        pass
+
     def plan(self, task):
         if self._error is None:
             return Attempt(self.name, PlannerState.NO_PLAN, "nothing")

@@ -253,6 +253,32 @@ def test_descendants_are_the_same_with_and_without_the_list_of_the_kernel(monkey
         shell.communicate()
 
 
+def processes_of(plannings, pids):
+    """The processes that have done some plannings, one right behind the other."""
+    for each in plannings:
+        assert each.run().state == PlannerState.NO_PLAN
+    return pids.read_text().split()[-len(plannings) :]
+
+
+def test_a_planning_right_behind_another_does_not_wait_for_a_new_process(tmp_path):
+    pids = tmp_path / "pids"
+    command = f"echo $PPID >> {pids}; echo No plan found in 8 happenings"
+    # a pause between the two, on a busy machine, makes it another one
+    tries = (processes_of([planning(command), planning(command)], pids) for _ in range(50))
+    assert any(first == second for first, second in tries)
+    other = [planning(command, memory_limit=2000.0), planning(command, memory_limit=3000.0)]
+    assert len(set(processes_of(other, pids))) == 2  # a limit cannot be raised again
+
+
+def test_nothing_of_a_planning_is_left_to_the_next_one(tmp_path):
+    pids, left = tmp_path / "pids", tmp_path / "left"
+    command = (
+        f"echo $PPID >> {pids}; setsid sleep 600 & echo $! >> {left}; echo No plan found in 8 happenings"
+    )
+    assert len(set(processes_of([planning(command), planning(command)], pids))) == 2
+    assert gone(int(left.read_text().split()[0]))
+
+
 def test_the_child_that_waits_ends_with_its_killed_supervisor(tmp_path, monkeypatch):
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     host = PlannerHost()

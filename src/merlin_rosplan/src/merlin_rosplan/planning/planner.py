@@ -73,6 +73,12 @@ class Planner(Protocol):
 
     name: str
 
+    def begin(self, task: Task) -> None:
+        """Starts what works beside this process, if anything does; :meth:`plan` follows.
+
+        :raises OSError: the engine cannot be started.
+        """
+
     def plan(self, task: Task) -> Attempt:
         """Plans to the end or to the limit of the task; used once.
 

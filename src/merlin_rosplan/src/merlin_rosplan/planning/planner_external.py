@@ -34,12 +34,19 @@ class CommandPlanner:
         """Kills the planner and its process group; a plan that it has left by then counts."""
         self._process.stop()
 
-    def plan(self, task: Task) -> Attempt:
-        """Runs the command and reads what it left behind."""
-        limit = task.settings.time_limit if self._command.limit is None else self._command.limit
+    def begin(self, task: Task) -> None:
+        """Starts the command."""
+        limit = self._limit(task)
         allowed = limit + PRINTING if limit > 0 and self._command.limit is not None else limit
         arguments = self._command.arguments(task.domain_path, task.problem_path, task.folder)
-        result = self._process.run(arguments, task.folder, allowed)
+        self._process.start(arguments, task.folder, allowed)
+
+    def _limit(self, task: Task) -> float:
+        return task.settings.time_limit if self._command.limit is None else self._command.limit
+
+    def plan(self, task: Task) -> Attempt:
+        """Waits for the command and reads what it left behind."""
+        limit, result = self._limit(task), self._process.wait()
         excess = too_much(task.folder, task.settings.output_limit)
         if excess is not None:
             return Attempt(self.name, PlannerState.CRASHED, f"{self.name} was ended: {excess}")

@@ -67,6 +67,9 @@ class KairosPlanner:
         if search is not None:
             search.stop()
 
+    def begin(self, task: Task) -> None:
+        """Nothing: it works in this process."""
+
     def plan(self, task: Task) -> Attempt:
         """Plans."""
         try:

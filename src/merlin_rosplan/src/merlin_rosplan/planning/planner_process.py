@@ -33,7 +33,7 @@ class ProcessResult:
 
 
 class PlannerProcess:
-    """Runs one command once; :meth:`stop` ends it from any thread, before or while it runs.
+    """Runs one command once: :meth:`start`, then :meth:`wait`. :meth:`stop` ends it from any thread, any time.
 
     Only its process group is killed here. The supervising process ends what has left the group
     (:mod:`merlin_rosplan.supervision.planner_supervisor`), and sets the limits of memory and files.
@@ -44,6 +44,10 @@ class PlannerProcess:
         self._process: Optional[subprocess.Popen[bytes]] = None
         self._timed_out = False
         self._stopped = False
+        # of the thread that starts it and waits for it
+        self._started = 0.0
+        self._output = self._errors = Path()
+        self._timer: Optional[threading.Timer] = None
 
     def stop(self) -> None:
         """Kills it at once; if it has not started yet, it never will."""
@@ -51,49 +55,54 @@ class PlannerProcess:
             self._stopped = True
             self._kill()
 
-    def run(self, command: List[str], directory: Path, limit: float = 0.0) -> ProcessResult:
-        """Runs the command to its end, however that comes.
+    def start(self, command: List[str], directory: Path, limit: float = 0.0) -> None:
+        """Starts the command.
 
         :param command: program and arguments.
         :param directory: where it runs and where its output is kept; must exist.
         :param limit: running time after which it is killed, s; 0 means never.
         :raises OSError: the program cannot be started.
         """
-        started = time.monotonic()
+        self._started = time.monotonic()
         # Files and no pipes: a grandchild that keeps a pipe open would keep us waiting.
-        output, errors = directory / STDOUT, directory / STDERR
-        with output.open("wb") as out, errors.open("wb") as err:
-            with self._lock:
-                if self._stopped:
-                    return ProcessResult(-signal.SIGKILL, "", "", False, True, 0.0)
-                self._process = subprocess.Popen(
-                    command,
-                    cwd=str(directory),
-                    stdin=subprocess.DEVNULL,
-                    stdout=out,
-                    stderr=err,
-                    start_new_session=True,
-                )
-            timer = threading.Timer(limit, self._time_out) if limit > 0 else None
-            if timer is not None:
-                timer.name = "planner limit"
-                timer.daemon = True
-                timer.start()
-            # A wait with a time-out would poll, and waiting before the group is dead would free its number.
-            os.waitid(os.P_PID, self._process.pid, os.WEXITED | os.WNOWAIT)
-            with self._lock:
-                self._kill()
-                returncode = self._process.wait()
-                self._process = None
-            if timer is not None:
-                timer.cancel()
+        self._output, self._errors = directory / STDOUT, directory / STDERR
+        with self._output.open("wb") as out, self._errors.open("wb") as err, self._lock:
+            if self._stopped:
+                return
+            self._process = subprocess.Popen(
+                command,
+                cwd=str(directory),
+                stdin=subprocess.DEVNULL,
+                stdout=out,
+                stderr=err,
+                start_new_session=True,
+            )
+        if limit > 0:
+            self._timer = threading.Timer(limit, self._time_out)
+            self._timer.name = "planner limit"
+            self._timer.daemon = True
+            self._timer.start()
+
+    def wait(self) -> ProcessResult:
+        """Waits for the end of the command, however that comes."""
+        process = self._process
+        if process is None:
+            return ProcessResult(-signal.SIGKILL, "", "", False, True, 0.0)
+        # A wait with a time-out would poll, and waiting before the group is dead would free its number.
+        os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOWAIT)
+        with self._lock:
+            self._kill()
+            returncode = process.wait()
+            self._process = None
+        if self._timer is not None:
+            self._timer.cancel()
         return ProcessResult(
             returncode,
-            output.read_text(errors="replace"),
-            errors.read_text(errors="replace"),
+            self._output.read_text(errors="replace"),
+            self._errors.read_text(errors="replace"),
             self._timed_out,
             self._stopped,
-            time.monotonic() - started,
+            time.monotonic() - self._started,
         )
 
     def _time_out(self) -> None:

@@ -1,5 +1,6 @@
 """One or two engines on one task at a time; the best plan that validates wins."""
 
+import contextlib
 import dataclasses
 import threading
 import time
@@ -36,7 +37,7 @@ class Entry:
 
 
 class PlannerRace:
-    """Runs engines, each in a thread and a folder of its own.
+    """Runs engines, each in a folder of its own, and in a thread where there are several.
 
     When one has a plan that validates, the others may continue for ``anytime`` s; when one has proved that
     there is no plan, they are stopped at once.
@@ -55,9 +56,8 @@ class PlannerRace:
 
     def run(self, check: Optional[Callable[[], Optional[str]]] = None) -> Entry:
         """Runs them to the end; `check` looks at the input meanwhile and says what is wrong with it."""
-        if check is None and len(self._planners) == 1:  # nothing to race against
-            self._run_one(self._planners[0], 0)
-            return self._best()
+        if len(self._planners) == 1:  # nothing to race against
+            return self._run_alone(self._planners[0], check)
         threads = [
             threading.Thread(target=self._run_one, args=(planner, index), name=f"engine {planner.name}")
             for index, planner in enumerate(self._planners)
@@ -75,11 +75,33 @@ class PlannerRace:
             return Entry(Attempt(self._planners[0].name, PlannerState.INVALID, fault))
         return self._best()
 
-    def _run_one(self, planner: Planner, index: int) -> None:
-        folder = self._task.folder / f"engine{index}"
+    def _run_alone(self, planner: Planner, check: Optional[Callable[[], Optional[str]]]) -> Entry:
+        """While the engine works this thread checks the input and reads it for the validator.
+
+        In a process that was just forked another thread costs a millisecond, and more where others wait.
+        """
+        faults: List[str] = []
+
+        def meanwhile() -> None:
+            fault = check() if check is not None else None
+            if fault is not None:
+                faults.append(fault)
+                planner.stop()
+            elif check is not None:
+                with contextlib.suppress(ValueError):  # it is told when there is a plan
+                    self._make_validator()
+
+        self._run_one(planner, 0, meanwhile)
+        return Entry(Attempt(planner.name, PlannerState.INVALID, faults[0])) if faults else self._best()
+
+    def _run_one(self, planner: Planner, index: int, meanwhile: Callable[[], None] = lambda: None) -> None:
         try:
+            folder = self._task.folder / f"engine{index}"
             folder.mkdir()
-            attempt = planner.plan(dataclasses.replace(self._task, folder=folder))
+            task = dataclasses.replace(self._task, folder=folder)
+            planner.begin(task)
+            meanwhile()
+            attempt = planner.plan(task)
             entry = self._judge(attempt) if attempt.state == PlannerState.SOLVED else Entry(attempt)
         except MemoryError:
             reason = f"{planner.name} needs more than {self._task.settings.memory_limit:g} MB (~memory_limit)"
@@ -95,17 +117,21 @@ class PlannerRace:
         faults: List[str] = []
         with self._judging:
             try:
-                if self._validator is None:
-                    self._validator = PlanValidator(self._task.domain, self._task.problem)
+                validator = self._make_validator()
                 for plan in attempt.plans:
-                    fault = self._validator.fault(plan)
+                    fault = validator.fault(plan)
                     if fault is None:
-                        return Entry(attempt, plan, self._validator.quality(plan))
+                        return Entry(attempt, plan, validator.quality(plan))
                     faults.append(fault)
             except ValueError as error:
                 return Entry(Attempt(attempt.planner, PlannerState.INVALID, str(error)))
         reason = f"{attempt.planner} returned a plan that is not valid: {faults[0]}"
         return Entry(Attempt(attempt.planner, PlannerState.INVALID, reason))
+
+    def _make_validator(self) -> PlanValidator:
+        if self._validator is None:
+            self._validator = PlanValidator(self._task.domain, self._task.problem)
+        return self._validator
 
     def _wait(self) -> None:
         anytime = self._task.settings.anytime

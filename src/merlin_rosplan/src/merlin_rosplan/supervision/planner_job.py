@@ -3,6 +3,7 @@
 Reading, checking, planning and validating all happen here, so that none of it keeps a node busy.
 """
 
+import contextlib
 import time
 from pathlib import Path
 from typing import Any, Dict, List, NamedTuple, Optional
@@ -17,7 +18,6 @@ from merlin_rosplan.planning.planner_command import parse_command
 from merlin_rosplan.planning.planner_external import CommandPlanner
 from merlin_rosplan.planning.planner_files import keep
 from merlin_rosplan.planning.planner_kairos import KAIROS, KairosPlanner
-from merlin_rosplan.planning.planner_output import candidate_plans
 from merlin_rosplan.planning.planner_race import Entry, PlannerRace
 from merlin_rosplan.planning.planning_outcome import PlannerState
 
@@ -32,6 +32,7 @@ class PlannerJob(NamedTuple):
     :param planning_limit: running time for the engines, s; 0 means none.
     :param time_limit: running time for everything, reading and validating included, s; 0 means none.
     :param anytime, check_input, memory_limit, output_limit, without: see :class:`.planner.PlannerSettings`.
+    :param reusable: whether its process can plan again: it cannot behind a search of kairos.
     """
 
     domain_path: str
@@ -46,25 +47,34 @@ class PlannerJob(NamedTuple):
     memory_limit: float
     output_limit: float
     without: List[str]
+    reusable: bool = False
 
 
 _DOMAIN = """(define (domain warm) (:requirements :typing :durative-actions) (:types t)
   (:predicates (p ?x - t))
   (:durative-action a :parameters (?x - t) :duration (= ?duration 1) :condition ()
     :effect (at end (p ?x))))"""
+_PLAN = "0.000: (a o) [1.000]"
+_WARM = 10.0  # s for planning that
 _PROBLEM = "(define (problem warm) (:domain warm) (:objects o - t) (:init) (:goal (p o)))"
 
 
-def warm_up() -> None:
-    """Loads once what every planning needs: a forked process pays for each page that it touches first."""
-    kairos_check.check_input(_DOMAIN, _PROBLEM, "", "")
-    validator = kairos_check.PlanValidator(_DOMAIN, _PROBLEM)
-    for plan in candidate_plans("0.000: (a o) [1.000]\n"):
-        if validator.fault(plan) is None:
-            validator.quality(plan)
-    task = Task(Path("domain"), Path("problem"), _DOMAIN, _PROBLEM, Path(), PlannerSettings())
-    KairosPlanner().plan(task)
-    parse_command("true DOMAIN PROBLEM")
+def warm_up(folder: Path) -> None:
+    """Plans once with each kind of engine.
+
+    A forked process pays for each page that it touches first, and for the memory of each thread.
+
+    :param folder: of the planning that follows.
+    """
+    with contextlib.suppress(OSError):  # the planning itself tells of a full disk
+        for engine, name in ((KAIROS, "warm_kairos"), (f"echo '{_PLAN}'", "warm_command")):
+            own = folder / name
+            own.mkdir()
+            domain, problem = own / "domain.pddl", own / "problem.pddl"
+            domain.write_text(_DOMAIN)
+            problem.write_text(_PROBLEM)
+            files = str(domain), str(problem)
+            _plan(PlannerJob(*files, [engine], name, "", _WARM, _WARM, 0.2, True, 0.0, 0.0, []), own)
 
 
 def work(message: Dict[str, Any], folder: Path) -> Dict[str, Any]:

@@ -10,7 +10,8 @@ closes, which it does also when the node there is killed. Lines of JSON come and
 ==============================  ==========================================================================
 
 A planning runs in a forked child: reading, checking and validating never keep this process from a cancel. The
-child of the next planning waits in advance, so that no request pays for the fork.
+child of the next planning waits in advance, so that no request pays for the fork. A request that comes right
+behind another one gets the same child, if nothing of the first is left; a fresh one follows in the next pause.
 """
 
 import contextlib
@@ -40,6 +41,8 @@ WATCH = 0.25
 ENDING = 5.0
 #: s without a request after which the next child is made: not while the plan is being parsed and dispatched
 IDLE = 0.1
+#: plannings of one child, at the most; kairos' searches leave their memory behind
+MOST = 50
 OUTCOME = "outcome.json"
 DONE = b"!"
 
@@ -51,11 +54,21 @@ Work = Callable[[Answer, Path], Answer]
 
 
 class _Child(NamedTuple):
-    """A child that waits for its job, its folder, and the socket that takes the job and closes at its end."""
+    """A child that waits for its job.
+
+    :param folder: for that job.
+    :param line: takes the job and says when it is done.
+    :param life: closes with this process.
+    :param used: its plannings so far.
+    :param limits: of these; None: there were none.
+    """
 
     pid: int
     folder: str
     line: socket.socket
+    life: socket.socket
+    used: int = 0
+    limits: Optional[Tuple[float, float]] = None
 
 
 class Supervisor:
@@ -63,11 +76,11 @@ class Supervisor:
 
     :param channel: to the node.
     :param work: does one planning in the forked child: the job and its folder → the outcome.
-    :param warm_up: called in a child that waits for its job.
+    :param warm_up: called in a child that waits for its job, with its folder.
     """
 
     def __init__(
-        self, channel: socket.socket, work: Work, warm_up: Callable[[], None] = lambda: None
+        self, channel: socket.socket, work: Work, warm_up: Callable[[Path], None] = lambda folder: None
     ) -> None:
         self._channel = channel
         self._work = work
@@ -90,20 +103,31 @@ class Supervisor:
         with contextlib.suppress(EOFError, OSError):
             while True:
                 while not self._lines:
-                    self._receive(IDLE if self._next is None else None)
-                    if self._next is None and not self._lines:
+                    fresh = self._next is not None and not self._next.used
+                    self._receive(None if fresh else IDLE)
+                    if not fresh and not self._lines:
+                        self._end_child()
                         self._next = self._fork(warm_up=True)
                 line = self._lines.pop(0)
                 if "job" in line:  # a cancel of what has just ended is left alone
+                    if self._next is not None and self._next.limits not in (None, _limits(line)):
+                        self._end_child()
                     # A job that is there already warms itself up.
                     child = self._next or self._fork(warm_up=False)
                     self._next = None
+                    clean = False
                     try:
-                        answer = self._run(line, child)
+                        answer, clean = self._run(line, child)
                         self._channel.sendall(json.dumps({**answer, "job": line["job"]}).encode() + b"\n")
                     finally:  # behind the answer: a process and large files take their time to go
-                        end_descendants(ENDING)
-                        shutil.rmtree(child.folder, ignore_errors=True)
+                        self._next = child
+                        if clean and line["reusable"] and child.used < MOST - 1:
+                            shutil.rmtree(child.folder, ignore_errors=True)
+                            self._next = child._replace(
+                                folder=_new_folder(), used=child.used + 1, limits=_limits(line)
+                            )
+                        else:
+                            self._end_child()
 
     def _receive(self, seconds: Optional[float]) -> None:
         """Waits for a line, the end of a child, or the time.
@@ -127,25 +151,35 @@ class Supervisor:
 
     def close(self) -> None:
         """Ends the child that waits."""
+        self._end_child()
+
+    def _end_child(self) -> None:
+        """Ends everything that was started, and the child that waits."""
         end_descendants(ENDING)
         if self._next is not None:
+            self._next.line.close()
+            self._next.life.close()
             shutil.rmtree(self._next.folder, ignore_errors=True)
+            self._next = None
 
     def _fork(self, warm_up: bool) -> _Child:
-        folder = tempfile.mkdtemp(prefix="planner-")
-        ours, theirs = socket.socketpair()
+        folder = _new_folder()
+        (line, its_line), (life, its_life) = socket.socketpair(), socket.socketpair()
         pid = os.fork()
         if pid == 0:
-            ours.close()
-            self._plan(theirs, Path(folder), warm_up)  # does not return
-        theirs.close()
-        return _Child(pid, folder, ours)
+            line.close()
+            life.close()
+            self._plan(its_line, its_life, Path(folder), warm_up)  # does not return
+        its_line.close()
+        its_life.close()
+        return _Child(pid, folder, line, life)
 
-    def _run(self, job: Answer, child: _Child) -> Answer:
+    def _run(self, job: Answer, child: _Child) -> Tuple[Answer, bool]:
+        """A planning: how it ended, and whether nothing of it is left but a child that can plan again."""
         folder = Path(child.folder)
         try:
             with contextlib.suppress(OSError):  # it has died; its status says how
-                child.line.sendall(json.dumps(job).encode() + b"\n")
+                child.line.sendall(json.dumps({**job, "folder": child.folder}).encode() + b"\n")
             self._done = False
             self._poll.register(child.line, select.POLLIN)
             fault, status = self._watch(job, child.pid, folder)
@@ -153,15 +187,16 @@ class Supervisor:
             if not ended and fault is not None:
                 fault["reason"] += f"; {tree_size(os.getpid()).processes} of its processes do not end"
             if fault is not None:
-                return fault
+                return fault, False
             try:
-                return dict(json.loads((folder / OUTCOME).read_text()))
+                answer = dict(json.loads((folder / OUTCOME).read_text()))
+                return answer, status is None and answer["state"] != PlannerState.CRASHED
             except (OSError, ValueError):
-                return _answer(PlannerState.CRASHED, f"the planning ended without an outcome: {_end(status)}")
+                reason = f"the planning ended without an outcome: {_end(status)}"
+                return _answer(PlannerState.CRASHED, reason), False
         finally:
             with contextlib.suppress(KeyError):
                 self._poll.unregister(child.line)
-            child.line.close()
 
     def _watch(self, job: Answer, pid: int, folder: Path) -> Tuple[Optional[Answer], Optional[int]]:
         """Waits for the end of a planning.
@@ -173,8 +208,8 @@ class Supervisor:
         limit = float(job["time_limit"])
         look = began + WATCH
         while True:
-            if self._done and descendants(os.getpid()) == [pid]:
-                return None, None  # its end takes a millisecond
+            if self._done:
+                return None, None if descendants(os.getpid()) == [pid] else 0
             ended, status = os.waitpid(pid, os.WNOHANG)
             if ended:
                 return None, status
@@ -192,8 +227,8 @@ class Supervisor:
                 look = time.monotonic() + WATCH
             self._receive(max(0.0, look - time.monotonic()))
 
-    def _plan(self, line: socket.socket, folder: Path, warm_up: bool) -> None:
-        """In the child: waits for the job, plans within the limits, writes the outcome, ends."""
+    def _plan(self, line: socket.socket, life: socket.socket, folder: Path, warm_up: bool) -> None:
+        """In the child: waits for jobs and does them, until this process ends it or ends itself."""
         try:
             signal.set_wakeup_fd(-1)
             for number in (signal.SIGCHLD, *_IGNORED):  # or every planner would ignore them too
@@ -201,41 +236,54 @@ class Supervisor:
             self._channel.close()
             os.close(self._wake)
             gc.disable()  # it ends before anything could pile up
-            if warm_up:
-                self._warm_up()
-            with line.makefile() as file:
-                text = file.readline()
-            if not text:  # the supervising process was killed
-                shutil.rmtree(str(folder), ignore_errors=True)
-                os._exit(0)
-            job = json.loads(text)
+            folders = [folder]  # the last one is that of its job
             watch = threading.Thread(
-                target=_end_with_supervisor, args=(line, folder), name="end of the supervisor", daemon=True
+                target=_end_with_supervisor, args=(life, folders), name="end of the supervisor", daemon=True
             )
             watch.start()
-            _limit(resource.RLIMIT_AS, job["memory_limit"])
-            _limit(resource.RLIMIT_FSIZE, job["output_limit"])
-            try:
-                answer = self._work(job, folder)
-            except MemoryError:
-                reason = f"the planning needs more than {job['memory_limit']:g} MB of memory (~memory_limit)"
-                answer = _answer(PlannerState.CRASHED, reason)
-            (folder / OUTCOME).write_text(json.dumps(answer))
-            with contextlib.suppress(OSError):
-                line.sendall(DONE)
+            if warm_up:
+                self._warm_up(folder)
+            with line.makefile() as file:
+                for text in file:
+                    job = json.loads(text)
+                    folders.append(Path(job["folder"]))
+                    self._plan_one(job, folders[-1])
+                    with contextlib.suppress(OSError):
+                        line.sendall(DONE)
+            shutil.rmtree(str(folders[-1]), ignore_errors=True)  # the supervising process was killed
         except BaseException:
             traceback.print_exc()
             sys.stderr.flush()
             os._exit(1)
         os._exit(0)
 
+    def _plan_one(self, job: Answer, folder: Path) -> None:
+        """In the child: plans within the limits and writes the outcome."""
+        _limit(resource.RLIMIT_AS, job["memory_limit"])
+        _limit(resource.RLIMIT_FSIZE, job["output_limit"])
+        try:
+            answer = self._work(job, folder)
+        except MemoryError:
+            reason = f"the planning needs more than {job['memory_limit']:g} MB of memory (~memory_limit)"
+            answer = _answer(PlannerState.CRASHED, reason)
+        (folder / OUTCOME).write_text(json.dumps(answer))
 
-def _end_with_supervisor(line: socket.socket, folder: Path) -> None:
+
+def _new_folder() -> str:
+    return tempfile.mkdtemp(prefix="planner-")
+
+
+def _limits(job: Answer) -> Tuple[float, float]:
+    """Limits that a child keeps: none can be raised again."""
+    return job["memory_limit"], job["output_limit"]
+
+
+def _end_with_supervisor(life: socket.socket, folders: List[Path]) -> None:
     """In the child: ends it and what it has started when the supervising process is killed."""
     with contextlib.suppress(OSError):
-        line.recv(1)  # nothing is sent: it returns when the other end closes
+        life.recv(1)  # nothing is sent: it returns when the other end closes
     end_descendants(ENDING)
-    shutil.rmtree(str(folder), ignore_errors=True)
+    shutil.rmtree(str(folders[-1]), ignore_errors=True)
     os._exit(1)
 
 
