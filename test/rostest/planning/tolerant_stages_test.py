@@ -1,16 +1,20 @@
 #!/usr/bin/env python3
 """What ROSPlan takes for a success although there is nothing: only with ~strict:=false."""
 
+import tempfile
 import unittest
 
 import rospy
-from rosplan_dispatch_msgs.msg import EsterelPlan
+from rosplan_dispatch_msgs.msg import EsterelPlan, EsterelPlanEdge
 from rosplan_dispatch_msgs.srv import ParsingService, PlanningService
+from std_msgs.msg import String
 from std_srvs.srv import Empty
 
 import rostest
 
 LONG = 60.0
+PLAN = "0.000: (go hall kitchen)  [1.000]\n1.001: (go kitchen cellar)  [1.000]\n"
+CONDITION, START_END = EsterelPlanEdge.CONDITION_EDGE, EsterelPlanEdge.START_END_ACTION_EDGE
 
 
 def call(name, kind, *args):
@@ -30,6 +34,42 @@ class TolerantStagesTest(unittest.TestCase):
         self.assertTrue(call(f"tolerant_{service}", ParsingService, "/no/such/plan.pddl").plan_parsed)
         plan = rospy.wait_for_message("tolerant_parsing_interface/complete_plan", EsterelPlan, LONG)
         self.assertEqual([node.name for node in plan.nodes], ["plan_start"])
+
+    def graph(self, parser):
+        with tempfile.NamedTemporaryFile("w", suffix=".pddl") as file:
+            file.write(PLAN)
+            file.flush()
+            self.assertTrue(call(f"{parser}/parse_plan_from_file", ParsingService, file.name).plan_parsed)
+        return rospy.wait_for_message(f"{parser}/complete_plan", EsterelPlan, LONG)
+
+    def test_the_graph_of_plain_actions(self):
+        graph = self.graph("walk_parsing_interface")
+        edges = [
+            (e.edge_id, e.edge_name, e.edge_type, e.source_ids[0], e.sink_ids[0], e.signal_type)
+            for e in graph.edges
+        ]
+        expected = [(CONDITION, 0, 1), (START_END, 1, 2), (CONDITION, 0, 2)]
+        expected += [(CONDITION, 1, 3), (START_END, 3, 4), (CONDITION, 0, 4)]
+        self.assertEqual(edges, [(i, f"edge_{i}", *edge, 0) for i, edge in enumerate(expected)])
+        strict = self.graph("strict_parsing_interface")
+        pairs = [(edge.source_ids[0], edge.sink_ids[0]) for edge in strict.edges]
+        self.assertIn((2, 3), pairs)  # the second waits for the end of the first
+        self.assertNotIn((1, 3), pairs)
+
+    def test_without_a_knowledge_base_the_answer_does_not_wait_for_it(self):
+        output = rospy.Publisher(
+            "tolerant_parsing_interface/planner_output", String, queue_size=1, latch=True
+        )
+        output.publish(PLAN)
+        # a call whose plan is still on its way finds nothing to do
+        reasons = []
+        while not reasons:
+            try:
+                call("tolerant_parsing_interface/parse_plan", Empty)
+            except rospy.ServiceException as error:
+                reasons.append(str(error))
+        self.assertIn("rosplan_knowledge_base", reasons[0])
+        self.assertIn("given up after", reasons[0])
 
     def test_a_problem_file_that_is_missing(self):
         domain = rospy.get_param("domain_path")

@@ -115,12 +115,12 @@ class ServiceProxy:
                 self._leave()
 
     def _call(self, scope: CallScope, *args: Any, **fields: Any) -> Any:
+        begin = time.monotonic()
         patience, self._patience = self._patience, 0.0
         if patience:
             # Without a master nothing new is found, however long one waits.
             self._wait(patience, lambda: scope.ended or lost.is_set())
         limit = None
-        begin = time.monotonic()
         try:
             proxy = self._connection()
             proxy.scope, proxy.given_up = scope, False

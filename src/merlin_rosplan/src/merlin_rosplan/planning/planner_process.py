@@ -33,7 +33,7 @@ class ProcessResult:
 
 
 class PlannerProcess:
-    """Runs one command once: :meth:`start`, then :meth:`wait`. :meth:`stop` ends it from any thread, any time.
+    """Runs one command once: :meth:`start`, then :meth:`wait`. :meth:`stop` ends it, from any thread.
 
     Only its process group is killed here. The supervising process ends what has left the group
     (:mod:`merlin_rosplan.supervision.planner_supervisor`), and sets the limits of memory and files.

@@ -10,8 +10,8 @@ closes, which it does also when the node there is killed. Lines of JSON come and
 ==============================  ==========================================================================
 
 A planning runs in a forked child: reading, checking and validating never keep this process from a cancel. The
-child of the next planning waits in advance, so that no request pays for the fork. A request that comes right
-behind another one gets the same child, if nothing of the first is left; a fresh one follows in the next pause.
+child of the next planning waits in advance, so that no request pays for the fork. A request right behind
+another one gets the same child, if nothing of the first is left; a fresh one follows in the next pause.
 """
 
 import contextlib
