@@ -104,11 +104,19 @@ def test_other_topics_and_ended_receivers_get_nothing(received):
 
 
 @pytest.fixture
-def in_another_process(monkeypatch):
+def found():
+    """The master that is asked where the sender is."""
+    return mock.Mock()
+
+
+@pytest.fixture
+def in_another_process(monkeypatch, found):
     """A receiver whose sender can only be asked; returns it, its texts and the sender."""
     sender = handover.Sender("/topic")
-    monkeypatch.setattr(handover, "bounded_master", mock.Mock)
-    proxy = mock.Mock(side_effect=lambda: sender.answer_digest(TriggerRequest()), connected=False)
+    monkeypatch.setattr(handover, "bounded_master", lambda: found)
+    found.proxy = proxy = mock.Mock(
+        side_effect=lambda: sender.answer_digest(TriggerRequest()), connected=False
+    )
     monkeypatch.setattr(handover, "ServiceProxy", lambda *_, **__: proxy)
     monkeypatch.setattr("rospy.get_name", lambda: "/me")
     texts = []
@@ -148,3 +156,14 @@ def test_what_is_there_or_is_lost_is_not_waited_for(in_another_process, monkeypa
     monkeypatch.setattr(handover, "IN_FLIGHT", None)  # a second wait would not end
     subscription.catch_up()
     assert texts == ["a", "by hand"]
+
+
+def test_a_sender_that_is_connected_is_not_looked_up_again(in_another_process, found):
+    subscription, _, sender = in_another_process
+    subscription.catch_up()
+    found.proxy.connected = True
+    subscription.catch_up()
+    assert found.lookupService.call_count == 1
+    found.proxy.connected = False
+    subscription.catch_up()
+    assert found.lookupService.call_count == 2 and found.proxy.call_count == 3

@@ -168,7 +168,7 @@ class EsterelPlanParser(PlanParser):
     def read_params(self) -> None:
         """The parameters of the graph."""
         self._epsilon = self.number("epsilon_time", 0.01, 0.0)
-        self._full_graph_limit = self.number("full_graph_limit", 50, 0)
+        self._full_graph_limit = self.number("full_graph_limit", 50 if self._strict else 200, 0)
 
     def message(self, steps: List[PlanStep], actions: List[LiftedAndGround]) -> EsterelPlan:
         """The plan graph, with the timed literals that the knowledge base waits for."""
