@@ -113,7 +113,7 @@ def found():
 def in_another_process(monkeypatch, found):
     """A receiver whose sender can only be asked; returns it, its texts and the sender."""
     sender = handover.Sender("/topic")
-    monkeypatch.setattr(handover, "bounded_master", lambda: found)
+    monkeypatch.setattr(handover, "bounded_master", lambda limit: found)
     found.proxy = proxy = mock.Mock(
         side_effect=lambda: sender.answer_digest(TriggerRequest()), connected=False
     )
@@ -153,7 +153,7 @@ def test_what_is_there_or_is_lost_is_not_waited_for(in_another_process, monkeypa
     monkeypatch.setattr(handover, "IN_FLIGHT", 0.01)
     sender._last = String("lost")
     subscription.catch_up()
-    monkeypatch.setattr(handover, "IN_FLIGHT", None)  # a second wait would not end
+    monkeypatch.setattr(handover, "IN_FLIGHT", 1e6)  # a second wait would not end
     subscription.catch_up()
     assert texts == ["a", "by hand"]
 

@@ -106,12 +106,12 @@ class Supervisor:
                     fresh = self._next is not None and not self._next.used
                     self._receive(None if fresh else IDLE)
                     if not fresh and not self._lines:
-                        self._end_child()
+                        self.close()
                         self._next = self._fork(warm_up=True)
                 line = self._lines.pop(0)
                 if "job" in line:  # a cancel of what has just ended is left alone
                     if self._next is not None and self._next.limits not in (None, _limits(line)):
-                        self._end_child()
+                        self.close()
                     # A job that is there already warms itself up.
                     child = self._next or self._fork(warm_up=False)
                     self._next = None
@@ -124,10 +124,12 @@ class Supervisor:
                         if clean and line["reusable"] and child.used < MOST - 1:
                             shutil.rmtree(child.folder, ignore_errors=True)
                             self._next = child._replace(
-                                folder=_new_folder(), used=child.used + 1, limits=_limits(line)
+                                folder=tempfile.mkdtemp(prefix="planner-"),
+                                used=child.used + 1,
+                                limits=_limits(line),
                             )
                         else:
-                            self._end_child()
+                            self.close()
 
     def _receive(self, seconds: Optional[float]) -> None:
         """Waits for a line, the end of a child, or the time.
@@ -150,10 +152,6 @@ class Supervisor:
             self._lines.extend(json.loads(line) for line in lines)
 
     def close(self) -> None:
-        """Ends the child that waits."""
-        self._end_child()
-
-    def _end_child(self) -> None:
         """Ends everything that was started, and the child that waits."""
         end_descendants(ENDING)
         if self._next is not None:
@@ -163,7 +161,7 @@ class Supervisor:
             self._next = None
 
     def _fork(self, warm_up: bool) -> _Child:
-        folder = _new_folder()
+        folder = tempfile.mkdtemp(prefix="planner-")
         (line, its_line), (life, its_life) = socket.socketpair(), socket.socketpair()
         pid = os.fork()
         if pid == 0:
@@ -202,7 +200,7 @@ class Supervisor:
         """Waits for the end of a planning.
 
         :return: what forced its end, if anything did, and its status; None: its outcome is there, and no
-            process but its own is left.
+            process is left but its own, which waits.
         """
         began = time.monotonic()
         limit = float(job["time_limit"])
@@ -267,10 +265,6 @@ class Supervisor:
             reason = f"the planning needs more than {job['memory_limit']:g} MB of memory (~memory_limit)"
             answer = _answer(PlannerState.CRASHED, reason)
         (folder / OUTCOME).write_text(json.dumps(answer))
-
-
-def _new_folder() -> str:
-    return tempfile.mkdtemp(prefix="planner-")
 
 
 def _limits(job: Answer) -> Tuple[float, float]:

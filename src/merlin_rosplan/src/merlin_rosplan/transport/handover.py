@@ -145,6 +145,7 @@ class Subscription:
 
         :param limit: s of wall time; None: `IN_FLIGHT`.
         """
+        limit = IN_FLIGHT if limit is None else limit
         with Handover._lock:
             if self._topic in Handover._senders:
                 return
@@ -153,7 +154,7 @@ class Subscription:
             if self._sender is None:
                 self._sender = ServiceProxy(name, Trigger, timeout=IN_FLIGHT)
             if not self._sender.connected:
-                bounded_master().lookupService(name)
+                bounded_master(limit).lookupService(name)
             answer = self._sender()
         except (*ERRORS, ServiceError):
             return
@@ -161,8 +162,7 @@ class Subscription:
             self._caught_up = answer.message
             with self._arrived:
                 self._arrived.wait_for(
-                    lambda: any(_digest(message) == answer.message for message in self._recent),
-                    IN_FLIGHT if limit is None else limit,
+                    lambda: any(_digest(message) == answer.message for message in self._recent), limit
                 )
 
     def shutdown(self) -> None:
