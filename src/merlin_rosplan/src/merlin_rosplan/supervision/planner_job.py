@@ -59,15 +59,18 @@ _WARM = 10.0  # s for planning that
 _PROBLEM = "(define (problem warm) (:domain warm) (:objects o - t) (:init) (:goal (p o)))"
 
 
-def warm_up(folder: Path) -> None:
-    """Plans once with each kind of engine.
+def warm_up(folder: Path, last: Dict[str, Any]) -> None:
+    """Plans once with each kind of engine that the last planning had, or with both.
 
     A forked process pays for each page that it touches first, and for the memory of each thread.
 
     :param folder: of the planning that follows.
+    :param last: the message of the last planning; empty: there was none.
     """
+    kinds = {engine == KAIROS for engine in last.get("engines", (KAIROS, ""))}
     with contextlib.suppress(OSError):  # the planning itself tells of a full disk
-        for engine, name in ((KAIROS, "warm_kairos"), (f"echo '{_PLAN}'", "warm_command")):
+        for kind in kinds:
+            engine, name = (KAIROS, "warm_kairos") if kind else (f"echo '{_PLAN}'", "warm_command")
             own = folder / name
             own.mkdir()
             domain, problem = own / "domain.pddl", own / "problem.pddl"

@@ -10,8 +10,8 @@ closes, which it does also when the node there is killed. Lines of JSON come and
 ==============================  ==========================================================================
 
 A planning runs in a forked child: reading, checking and validating never keep this process from a cancel. The
-child of the next planning waits in advance, so that no request pays for the fork. A request right behind
-another one gets the same child, if nothing of the first is left; a fresh one follows in the next pause.
+child of the next planning waits in advance, so that no request pays for the fork. A child that has called a
+command waits for the next planning, unless something of the command is left.
 """
 
 import contextlib
@@ -41,7 +41,7 @@ WATCH = 0.25
 ENDING = 5.0
 #: s without a request after which the next child is made: not while the plan is being parsed and dispatched
 IDLE = 0.1
-#: plannings of one child, at the most; kairos' searches leave their memory behind
+#: plannings of one child, at the most
 MOST = 50
 OUTCOME = "outcome.json"
 DONE = b"!"
@@ -76,16 +76,17 @@ class Supervisor:
 
     :param channel: to the node.
     :param work: does one planning in the forked child: the job and its folder → the outcome.
-    :param warm_up: called in a child that waits for its job, with its folder.
+    :param warm_up: called in a child that waits for its job, with its folder and the last job.
     """
 
     def __init__(
-        self, channel: socket.socket, work: Work, warm_up: Callable[[Path], None] = lambda folder: None
+        self, channel: socket.socket, work: Work, warm_up: Callable[[Path, Answer], None] = lambda *_: None
     ) -> None:
         self._channel = channel
         self._work = work
         self._warm_up = warm_up
         self._next: Optional[_Child] = None
+        self._last: Answer = {}
         self._done = False  # whether the child that works has written its outcome
         self._received = b""
         self._lines: List[Answer] = []
@@ -103,10 +104,8 @@ class Supervisor:
         with contextlib.suppress(EOFError, OSError):
             while True:
                 while not self._lines:
-                    fresh = self._next is not None and not self._next.used
-                    self._receive(None if fresh else IDLE)
-                    if not fresh and not self._lines:
-                        self.close()
+                    self._receive(IDLE if self._next is None else None)
+                    if self._next is None and not self._lines:
                         self._next = self._fork(warm_up=True)
                 line = self._lines.pop(0)
                 if "job" in line:  # a cancel of what has just ended is left alone
@@ -114,7 +113,7 @@ class Supervisor:
                         self.close()
                     # A job that is there already warms itself up.
                     child = self._next or self._fork(warm_up=False)
-                    self._next = None
+                    self._next, self._last = None, line
                     clean = False
                     try:
                         answer, clean = self._run(line, child)
@@ -240,7 +239,7 @@ class Supervisor:
             )
             watch.start()
             if warm_up:
-                self._warm_up(folder)
+                self._warm_up(folder, self._last)
             with line.makefile() as file:
                 for text in file:
                     job = json.loads(text)
