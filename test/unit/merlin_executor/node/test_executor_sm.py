@@ -1,5 +1,6 @@
 """The Executor's machine over a planning system that hangs, loses goals, and comes back."""
 
+import contextlib
 import threading
 from types import SimpleNamespace
 from typing import Any, Callable, List, Sequence
@@ -18,6 +19,7 @@ from merlin_ros.service_proxy import ServiceUnavailable
 from merlin_sm.dispatching.progress import DispatchResult
 from merlin_sm.knowledge_text import parse_goal
 from merlin_sm.planning_client import Planned, PlanningResult
+from merlin_sm.state_factory import MerlinStateFactory
 
 LONG = 60.0
 KITCHEN = parse_goal("(checked kitchen)")
@@ -178,6 +180,32 @@ def bench(monkeypatch: pytest.MonkeyPatch) -> Bench:
     for level in ("loginfo", "logwarn", "logerr", "logerr_throttle_identical"):
         monkeypatch.setattr(rospy, level, lambda *_: None)
     return Bench()
+
+
+STAGES = {
+    "settle": "SETTLE",
+    "add_goals": "ADD_GOALS",
+    "generate_problem": "GENERATE_PROBLEM",
+    "plan": "PLAN",
+    "parse_plan": "PARSE_PLAN",
+    "dispatch_goals": "DISPATCH_PLAN",
+    "replan": "REPLAN",
+    "remove_goals": "REMOVE_GOALS",
+}
+
+
+@pytest.mark.parametrize(("name", "label"), STAGES.items())
+def test_each_state_is_what_the_factory_makes_under_its_name(name: str, label: str) -> None:
+    class Other(MerlinStateFactory.maker(name)):  # type: ignore[misc]
+        pass
+
+    with contextlib.suppress(InterruptedError), MerlinStateFactory.renewed():
+        MerlinStateFactory.register(name, Other)
+        machine = Bench().machine
+        raise InterruptedError("the factory forgets it")
+    made = machine.get_children()
+    assert isinstance(made[label], Other)
+    assert set(made) == set(STAGES.values())
 
 
 SAID_NO = DispatchResult(False, action="(ask ann)", reason="ann said no", in_vain="(ask ann)")

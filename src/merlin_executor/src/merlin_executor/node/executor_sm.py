@@ -1,7 +1,8 @@
 """The Executor's state machine: a state for every component of the planning system (paper, section 3.2.2).
 
-Its states carry out; what a failure or a stop means is decided in :mod:`merlin_executor.core.course`,
-:mod:`merlin_executor.core.replanning` and :mod:`merlin_executor.core.standstill`.
+The state factory makes its states (paper, section 3.2.1). They carry out; what a failure or a stop means is
+decided in :mod:`merlin_executor.core.course`, :mod:`merlin_executor.core.replanning` and
+:mod:`merlin_executor.core.standstill`.
 """
 
 import time
@@ -15,14 +16,7 @@ from merlin_executor.core.course import REPLAN, Course, StageEnd
 from merlin_executor.core.engine import Stages
 from merlin_executor.core.outcome import Outcome, StopKind, Verdict
 from merlin_executor.core.standstill import still_moving, unstopped
-from merlin_executor.node.executor_stages import (
-    KNOWLEDGE_BASE,
-    AddGoals,
-    Dispatch,
-    PlanningSystem,
-    Replan,
-    Settle,
-)
+from merlin_executor.node.executor_stages import KNOWLEDGE_BASE, PlanningSystem
 from merlin_executor.node.own_goals import OwnGoals
 from merlin_executor.node.request import Request
 from merlin_ros.call_scope import CallScope
@@ -30,14 +24,9 @@ from merlin_ros.service_proxy import ServiceError
 from merlin_sm.dispatching.progress import DispatchResult
 from merlin_sm.knowledge_client import KnowledgeError
 from merlin_sm.merlin_sm import MerlinSM
-from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, SUCCEEDED, MerlinState
-from merlin_sm.states.planning import (
-    FAILED,
-    GenerateProblemState,
-    ParsePlanState,
-    PlanningState,
-    PlanState,
-)
+from merlin_sm.state_factory import MerlinStateFactory
+from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, SUCCEEDED
+from merlin_sm.states.planning import FAILED, PlanningState
 
 REMOVE_GOALS = "REMOVE_GOALS"
 REMOVE_LIMIT = 5.0  # s of wall time for the goals to be removed before the answer; later that is tried again
@@ -97,24 +86,24 @@ class ExecutorSM(MerlinSM, Stages[Request]):
 
     @property
     def course(self) -> Course:
-        """Id of the running request."""
+        """The stages, failures and verdict of the running request."""
         return self.request.course
 
     def _add_stages(self) -> None:
-        def stage(label: str, state: MerlinState, follows: str, **transitions: str) -> None:
-            ends = dict.fromkeys(state.get_registered_outcomes(), REMOVE_GOALS)
-            self.add(label, state, transitions={**ends, ABORTED: REPLAN, SUCCEEDED: follows, **transitions})
+        def stage(label: str, made: smach.State, follows: str, **transitions: str) -> None:
+            ends = dict.fromkeys(made.get_registered_outcomes(), REMOVE_GOALS)
+            self.add(label, made, transitions={**ends, ABORTED: REPLAN, SUCCEEDED: follows, **transitions})
 
-        system, planning = self._system, self._system.planning
-        dispatch = Dispatch(system, self._own, self)
-        stage("SETTLE", Settle(system.recovery, system.dispatcher), "ADD_GOALS")
-        stage("ADD_GOALS", AddGoals(system, self._own, self), "GENERATE_PROBLEM")
-        stage("GENERATE_PROBLEM", GenerateProblemState(planning), "PLAN")
-        stage("PLAN", PlanState(planning, lambda: self.course.without), "PARSE_PLAN")
-        stage("PARSE_PLAN", ParsePlanState(planning, self._take_plan), "DISPATCH_PLAN")
+        system, planning, make = self._system, self._system.planning, MerlinStateFactory.create
+        stage("SETTLE", make("settle", system.recovery, system.dispatcher), "ADD_GOALS")
+        stage("ADD_GOALS", make("add_goals", system, self._own, self), "GENERATE_PROBLEM")
+        stage("GENERATE_PROBLEM", make("generate_problem", planning), "PLAN")
+        stage("PLAN", make("plan", planning, lambda: self.course.without), "PARSE_PLAN")
+        stage("PARSE_PLAN", make("parse_plan", planning, self._take_plan), "DISPATCH_PLAN")
+        dispatch = make("dispatch_goals", system, self._own, self)
         stage("DISPATCH_PLAN", dispatch, REMOVE_GOALS, **{FAILED: REPLAN})
-        stage(REPLAN, Replan(system, self), "SETTLE", **{ABORTED: REMOVE_GOALS})
-        self.add(REMOVE_GOALS, _RemoveGoals(self._finish))
+        stage(REPLAN, make("replan", system, self), "SETTLE", **{ABORTED: REMOVE_GOALS})
+        self.add(REMOVE_GOALS, make("remove_goals", _OUTCOMES, self._finish))
 
     def _take_plan(self, actions: Sequence[ActionDispatch]) -> None:
         self.request.plan = list(actions)
@@ -172,19 +161,3 @@ class ExecutorSM(MerlinSM, Stages[Request]):
         except OSError as error:
             rospy.logerr(f"that the goals of the request are removed cannot be noted: {error}")
         return ""
-
-
-class _RemoveGoals(smach.State):
-    """Ends every run, whatever happened, and gives the machine its outcome.
-
-    :param finish: does that, also when the run is being preempted.
-    """
-
-    def __init__(self, finish: Callable[[], str]) -> None:
-        super().__init__(outcomes=_OUTCOMES)
-        self._finish = finish
-
-    def execute(self, userdata: Any) -> str:
-        """Ends the run."""
-        self.service_preempt()
-        return self._finish()

@@ -1,14 +1,15 @@
-"""The stages of the Executor that ROSPlan does not have: at rest, goals in, dispatched, again.
+"""The Executor's own stages: at rest, goals in, dispatched, again, goals out. The state factory makes them.
 
 They carry out; what their ends mean is decided in :mod:`merlin_executor.core.course` and
 :mod:`merlin_executor.core.replanning`.
 """
 
 import threading
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Callable, NamedTuple, Protocol, Sequence
 
 import rospy
 
+import smach
 from merlin_executor.core.course import Course
 from merlin_executor.node.guard_client import GuardClient
 from merlin_executor.node.own_goals import OwnGoals
@@ -23,6 +24,7 @@ from merlin_sm.dispatching.progress import DispatchResult
 from merlin_sm.knowledge_client import KnowledgeClient, KnowledgeError
 from merlin_sm.knowledge_text import to_pddl
 from merlin_sm.planning_client import PlanningClient, StageError
+from merlin_sm.state_factory import MerlinStateFactory
 from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, SUCCEEDED
 from merlin_sm.states.planning import FAILED, DispatchPlanState, PlanningState
 
@@ -50,11 +52,11 @@ class RunningRequest(Protocol):
 
     @property
     def request(self) -> Request:
-        """The request."""
+        """The request: goals, plan, and whether it is to stop."""
 
     @property
     def course(self) -> Course:
-        """Its course."""
+        """Its stages, failures and verdict."""
 
     def take_result(self, result: DispatchResult) -> None:
         """Notes how a dispatch has ended."""
@@ -97,7 +99,7 @@ class AddGoals(PlanningState):
         self._run = run
 
     def run(self, userdata: Any) -> str:
-        """Adds them."""
+        """Adds the goals that the knowledge base does not have."""
         items = self._run.request.items
         self._planning.read_ahead()
         try:
@@ -199,3 +201,30 @@ class Replan(PlanningState):
             self.reason = f"{self.reason}; {part} did not return within {wait:g} s"
         absence.back(running_time())
         return not part and not cancelled.is_set()
+
+
+class RemoveGoals(smach.State):
+    """Ends every run, whatever happened, and gives the machine its outcome.
+
+    :param outcomes: of the machine.
+    :param finish: removes the goals and returns one of them; called also when the run is being preempted.
+    """
+
+    def __init__(self, outcomes: Sequence[str], finish: Callable[[], str]) -> None:
+        super().__init__(outcomes=outcomes)
+        self._finish = finish
+
+    def execute(self, userdata: Any) -> str:
+        """Ends the run; SMACH calls it."""
+        self.service_preempt()
+        return self._finish()
+
+
+for _name, _state in (
+    ("settle", Settle),
+    ("add_goals", AddGoals),
+    ("dispatch_goals", Dispatch),
+    ("replan", Replan),
+    ("remove_goals", RemoveGoals),
+):
+    MerlinStateFactory.register(_name, _state)
