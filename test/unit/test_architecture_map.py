@@ -1,16 +1,18 @@
 """The map of docs/architecture.md names every package and sub-package, in the order of check_imports."""
 
+import importlib
 import importlib.util
 import re
 from pathlib import Path
 from types import ModuleType
-from typing import Dict, List
+from typing import Any, Dict, List
 
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
 MAP = PAGE.split("## The map", 1)[1].split("\n## ", 1)[0]
+PAPER = PAGE.split("## Who is who in the paper", 1)[1].split("\n## ", 1)[0]
 EVERYWHERE = {"merlin_msgs", "merlin_ros"}
 
 
@@ -78,3 +80,32 @@ def test_what_runs_without_ros_says_so() -> None:
 
 def test_every_room_of_bench_is_there() -> None:
     assert set(re.findall(r"`bench/(\w+)/`", MAP)) == set(folders(ROOT / "bench"))
+
+
+def classes_of_the_paper() -> Dict[str, Any]:
+    """Name → class, of each row that names its module in the table, also in its last column."""
+    (table,) = re.findall(r"^\| in the paper \| module \| \|\n\|---\|---\|---\|\n((?:\|.*\n)+)", PAPER, re.M)
+    found: Dict[str, Any] = {}
+    for name, module, told in rows(table):
+        loaded = importlib.import_module(module.strip("`"))
+        names = re.findall(r"`([A-Z]\w+)`", f"{name} {told}")
+        inside = re.findall(r"`([A-Z]\w+)` \(`([\w.]+)`\)", told)
+        found.update({inner: getattr(importlib.import_module(where), inner) for inner, where in inside})
+        own = [n for n in names if n not in found and n != "RPActionInterface"]
+        found.update({n: getattr(loaded, n) for n in own})
+    return found
+
+
+def test_each_class_of_the_paper_is_where_the_table_says() -> None:
+    found = classes_of_the_paper()
+    assert {"MerlinSM", "ExecutorSM", "GoalDispatcher", "ActionInterface", "MerlinExecutorClient"} <= set(
+        found
+    )
+
+
+def test_the_class_diagrams_say_who_inherits_from_whom() -> None:
+    found = classes_of_the_paper()
+    found["MerlinState"] = importlib.import_module("merlin_sm.states.merlin_state").MerlinState
+    pairs = re.findall(r"^  (\w+) <\|-- (\w+)$", PAPER, re.M)
+    assert len(pairs) == 9
+    assert [pair for pair in pairs if not issubclass(found[pair[1]], found[pair[0]])] == []

@@ -53,7 +53,7 @@ _KNOWLEDGE_ERRORS = (KnowledgeError, ServiceError, ValueError, MasterSilent)
 
 
 class ActionInterface:
-    """Serves one PDDL operator. Subclasses implement :meth:`run`.
+    """Serves one PDDL operator, as ROSPlan's ``RPActionInterface`` does. Subclasses implement :meth:`run`.
 
     :param operator: its name in the domain.
     :param knowledge_base: name of the knowledge base.
