@@ -34,7 +34,7 @@ class Opening(NamedTuple):
 
     parameters: Sequence[KeyValue]
     token: str
-    """Names the execution."""
+    """Id of the execution in the journal of the knowledge base."""
     owner: str
     """The node that carries it out."""
     while_running: Sequence[KnowledgeItem]

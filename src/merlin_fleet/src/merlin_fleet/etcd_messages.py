@@ -54,7 +54,7 @@ def compare_message(compare: Union[Compare, Unwritten]) -> Any:
 
 
 def txn_message(txn: Txn) -> Any:
-    """A transaction."""
+    """The message of etcd for a transaction."""
     done = [
         rpc.RequestOp(
             request_put=rpc.PutRequest(key=put.key.encode(), value=put.value.encode(), lease=put.lease)

@@ -354,20 +354,20 @@ class FleetClient(Listener):
         self._tell()
 
     def on_resumed(self) -> None:
-        """Changes come again."""
+        """The hub calls it when changes arrive again after a loss."""
         with self._changed:
             self._said, self._heard = "", time.time()
         self._tell()
 
     def on_changed(self, changes: Tuple[Change, ...]) -> None:
-        """Keys changed."""
+        """The hub calls it with keys that have changed."""
         with self._changed:
             self._view.apply(changes)
             self._heard = time.time()
         self._tell()
 
     def on_disconnected(self, reason: str) -> None:
-        """No changes come."""
+        """The hub calls it when it loses its connection, with the reason."""
         with self._changed:
             self._said = reason
         self._tell()

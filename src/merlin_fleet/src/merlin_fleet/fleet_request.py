@@ -25,7 +25,7 @@ class GoalNews(NamedTuple):
     refusals: Dict[str, str]
     """Robot → why it does not bid, or what its bid lacks; while it is open."""
     report: Optional[Report]
-    """How it ended."""
+    """How the goal ended; None: it is open."""
     hopeless: str = ""
     """While it is open: why it stays so as the fleet is now; empty: a robot may take it."""
 

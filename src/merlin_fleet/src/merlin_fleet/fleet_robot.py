@@ -26,7 +26,7 @@ Stopped = Callable[[bool, str, str], None]
 
 
 class Body(Protocol):
-    """What executes goals."""
+    """Executes goals of the fleet on one robot, and estimates what they cost."""
 
     def cost(self, goal: Goal, behind: Tuple[Goal, ...]) -> Tuple[Optional[float], str]:
         """What a goal costs behind others, s; None, and why it cannot be done. In a thread of its own."""
@@ -147,11 +147,11 @@ class FleetRobot(Listener):
         self._events.put(ev.Connected(snapshot, view))
 
     def on_resumed(self) -> None:
-        """Changes come again."""
+        """The hub calls it when changes arrive again after a loss."""
         self._events.put(ev.Resumed())
 
     def on_changed(self, changes: Tuple[Change, ...]) -> None:
-        """Keys changed."""
+        """The hub calls it with keys that have changed."""
         self._events.put_changes(changes, any(map(self._concerns, changes)))
 
     def _concerns(self, change: Change) -> bool:
@@ -162,7 +162,7 @@ class FleetRobot(Listener):
         return mine or key.rpartition("/")[2] in self._status.owned
 
     def on_disconnected(self, reason: str) -> None:
-        """No changes come."""
+        """The hub calls it when it loses its connection, with the reason."""
         self._events.put(ev.Disconnected(reason))
 
     # --- threads

@@ -158,7 +158,7 @@ class EtcdHub:
         return self._read()[1]
 
     def _read(self) -> Tuple[int, Snapshot]:
-        """Cluster and keys."""
+        """Reads all keys; returns the id of the cluster and the keys."""
         begin, revision, cluster, items = self._root, 0, 0, []  # type: bytes, int, int, List[Item]
         while True:
             request = rpc.RangeRequest(key=begin, range_end=self._end, limit=PAGE, revision=revision)
@@ -218,7 +218,7 @@ class EtcdHub:
         self._thread.start()
 
     def close(self) -> None:
-        """Ends everything."""
+        """Closes the connection and ends the threads."""
         self._closed.set()
         with self._lock:
             channel, self._channel = self._channel, None

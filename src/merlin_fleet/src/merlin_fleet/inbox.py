@@ -32,7 +32,7 @@ class EventInbox:
         self._due = 0.0
 
     def put(self, event: Union[ev.Event, str]) -> None:
-        """An event."""
+        """Queues an event for the thread that decides; one of the connection is not overtaken by changes."""
         with self._changed:
             if isinstance(event, CONNECTION):
                 self._close()
@@ -40,7 +40,7 @@ class EventInbox:
             self._changed.notify()
 
     def put_changes(self, changes: Tuple[Change, ...], urgent: bool) -> None:
-        """Keys changed.
+        """Queues changes of keys; those of a short time are delivered together.
 
         :param urgent: whether all waiting changes are delivered at once.
         """

@@ -17,7 +17,7 @@ SERVER_WAIT = 30.0  # s; a simulator loads its world that long on a busy machine
 
 
 class GuardParameters(NamedTuple):
-    """The node's parameters."""
+    """What the parameters of the guard say, checked."""
 
     servers: List[str]
     """Resolved names of the actions that move the base."""

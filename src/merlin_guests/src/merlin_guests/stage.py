@@ -334,7 +334,7 @@ class Stage:
     def publish(
         self, event: int, guest: str = "", table: str = "", items: Sequence[str] = (), reason: str = ""
     ) -> None:
-        """Publishes what happened."""
+        """Publishes an event of an evening (``merlin_msgs/GuestEvent``)."""
         message = GuestEvent(guest=guest, event=event, table=table, items=list(items), reason=reason)
         message.header.stamp = rospy.Time.now()
         self._events.publish(message)

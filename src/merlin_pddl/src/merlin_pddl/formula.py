@@ -27,7 +27,7 @@ class Variable:
 
 @dataclass(frozen=True)
 class Number:
-    """A constant."""
+    """A number that stands in a formula."""
 
     value: float
 

@@ -17,7 +17,7 @@ class Pose:
 
     @property
     def point(self) -> Point:
-        """Its position."""
+        """The position without the heading, m."""
         return (self.x, self.y)
 
     def compose(self, other: "Pose") -> "Pose":

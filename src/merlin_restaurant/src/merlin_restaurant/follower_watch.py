@@ -105,7 +105,7 @@ class WatchState(MerlinState):
         self._stopped = False
 
     def run(self, userdata: Any) -> str:
-        """Waits."""
+        """Waits until the condition holds, or the patience is over."""
         watch, begun = self._watch, rospy.get_time()
         self._stopped = False
         self.interruptible(self._stop)

@@ -35,7 +35,7 @@ class UntilKnown(MerlinState):
         self._woken.set()
 
     def run(self, userdata: Any) -> str:
-        """Waits."""
+        """Waits until the condition holds, or the time is over."""
         deadline = Deadline(self._timeout)
         self.interruptible(self.wake)
         while True:

@@ -52,12 +52,12 @@ class NewAction:
 
     @property
     def module(self) -> str:
-        """Its module."""
+        """Name of the Python module that is written for it."""
         return module_name(self.operator)
 
     @property
     def class_name(self) -> str:
-        """Its class."""
+        """Name of the Python class that is written for it."""
         return class_name(self.operator)
 
     @property

@@ -42,7 +42,7 @@ class PutAside:
         self._awaited: FrozenSet[Tuple[int, int]] = frozenset()
 
     def put(self, dispatch: Any) -> None:
-        """Keeps a dispatch."""
+        """Keeps a dispatch; one of the same ids is replaced."""
         self._dispatches[_key(dispatch)] = dispatch
 
     def drop(self, dispatch: Any) -> None:

@@ -17,7 +17,7 @@ class Act(Enum):
 
 
 class Draw(NamedTuple):
-    """One goal's fate."""
+    """What a simulated server does with one goal."""
 
     act: Act
     duration: float

@@ -47,7 +47,7 @@ class Stages(Generic[J]):
         raise NotImplementedError
 
     def run_request(self, request: J) -> Verdict:
-        """Runs it."""
+        """Runs a request to its end, in the calling thread; the verdict says how it ended."""
         raise NotImplementedError
 
     def clean_up(self) -> None:

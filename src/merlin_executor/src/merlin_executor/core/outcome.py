@@ -36,7 +36,7 @@ class Verdict(NamedTuple):
 
     outcome: Outcome
     reason: str = ""
-    """One sentence."""
+    """Why, as one sentence; what clients read."""
     action: str = ""
     """The action that failed or did not stop, as PDDL text."""
     trouble: str = ""

@@ -13,7 +13,7 @@ class Failure(NamedTuple):
     """Why a run did not continue."""
 
     reason: str
-    """A sentence."""
+    """Why the plan failed, as a sentence."""
     action: str = ""
     """The ground action that failed, as PDDL text; empty: none did, as when the goal does not hold."""
     gone: bool = False
@@ -26,7 +26,7 @@ class ReplanDecision(NamedTuple):
     """What to do about a failure."""
 
     again: bool
-    """Plan again."""
+    """Whether the request is planned again."""
     wait: float = 0.0
     """s of running time before that."""
     reason: str = ""

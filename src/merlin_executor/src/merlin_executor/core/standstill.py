@@ -13,7 +13,7 @@ class Halt(NamedTuple):
     """The result of a request to the guard to halt the base."""
 
     guard: bool
-    """A guard exists."""
+    """Whether there is a guard that could halt the base."""
     halted: bool = False
     """The guard has halted the base."""
     message: str = ""

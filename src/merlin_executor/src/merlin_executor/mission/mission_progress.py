@@ -74,7 +74,7 @@ class PauseSwitch:
         self._over = True
 
     def begin(self) -> None:
-        """The mission begins."""
+        """Called when the mission begins: an earlier pause no longer counts."""
         self.paused = self._over = False
 
     def end(self) -> None:

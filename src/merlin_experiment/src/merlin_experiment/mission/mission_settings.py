@@ -93,7 +93,7 @@ class MissionSettings:
         return settings
 
     def make_list(self) -> List[MissionTask]:
-        """The tasks."""
+        """Makes the tasks of the mission, in their order."""
         try:
             count = self.tasks or mission_tasks(self.mission)
             return make_mission(list(self.points), count, self.seed, self.marked_share)

@@ -54,7 +54,7 @@ class Ratio:
 
     @property
     def pairs(self) -> int:
-        """How many."""
+        """Number of compared pairs."""
         return len(self.each)
 
     @classmethod

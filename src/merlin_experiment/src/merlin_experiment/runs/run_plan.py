@@ -50,7 +50,7 @@ class ExperimentRun:
 
     @property
     def tasks(self) -> int:
-        """Number of tasks."""
+        """Number of tasks of its mission."""
         return mission_tasks(self.mission)
 
     @property

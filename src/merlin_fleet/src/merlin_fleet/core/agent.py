@@ -128,7 +128,7 @@ class Agent:
 
     @property
     def wall(self) -> float:
-        """s since 1970."""
+        """Wall time, s since 1970."""
         return self.now + self.wall_offset
 
     def transact(self, tag: str, txn: Txn) -> bool:
@@ -144,7 +144,7 @@ class Agent:
         return tag in self._flying
 
     def say(self, text: str) -> None:
-        """Says something once."""
+        """Logs a text, once in the life of the agent."""
         if text not in self._said:
             self._said[text] = True
             self.decided.append(ev.Say(text))

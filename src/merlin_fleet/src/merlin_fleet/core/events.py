@@ -22,7 +22,7 @@ class Resumed(NamedTuple):
 
 
 class Changed(NamedTuple):
-    """Keys changed."""
+    """Keys of the store have changed."""
 
     changes: Tuple[Change, ...]
 
@@ -57,7 +57,7 @@ class Refused(NamedTuple):
 
     reason: str
     tag: str = ""
-    """Of the transaction."""
+    """Tag of the transaction that was refused."""
 
 
 class Full(NamedTuple):
@@ -161,7 +161,7 @@ class AskTime(NamedTuple):
 
 
 class Begin(NamedTuple):
-    """Execute a goal."""
+    """The robot begins to execute a goal."""
 
     goal: Goal
 

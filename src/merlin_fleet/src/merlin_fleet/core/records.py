@@ -62,7 +62,7 @@ class Keys:
         """The keys before it are all that clients follow; what is behind it only transactions compare."""
 
     def key(self, kind: str, *names: str) -> str:
-        """A key."""
+        """The full key of a kind, such as ``goals``, and the names below it."""
         return self.root + "/".join([kind, *names])
 
     def of_robot(self, robot: str) -> List[str]:
@@ -96,7 +96,7 @@ class Goal(NamedTuple):
 
     id: str
     goals: Tuple[str, ...]
-    """PDDL text."""
+    """What has to hold, each as PDDL text."""
     sent: float
     """s since 1970, by the sender's clock."""
     sender: str = ""
@@ -153,7 +153,7 @@ class Bids(NamedTuple):
     """All bids of a robot."""
 
     of: Dict[str, Bid] = {}
-    """Goal → bid."""
+    """Id of the goal → bid."""
     reason: str = ""
     """Why it bids for no goal at present; empty: it does."""
 

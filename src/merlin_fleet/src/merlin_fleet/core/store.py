@@ -40,7 +40,7 @@ class Unwritten(NamedTuple):
 
 
 class Put(NamedTuple):
-    """Writes a key."""
+    """Writes a value under a key."""
 
     key: str
     value: str

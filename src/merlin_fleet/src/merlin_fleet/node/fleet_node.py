@@ -76,7 +76,7 @@ class Occupation:
         rospy.Subscriber(f"{action}/status", GoalStatusArray, self._receive, queue_size=1)
 
     def busy(self) -> bool:
-        """Whether it has."""
+        """Whether the Executor runs a request, of any client."""
         return self._busy
 
     def _receive(self, message: GoalStatusArray) -> None:

@@ -16,7 +16,7 @@ from merlin_ros.parameters import ParameterError, number
 
 
 class FleetParameters(NamedTuple):
-    """The node's parameters."""
+    """What the parameters of the node ``fleet_robot`` say, checked."""
 
     endpoints: Tuple[str, ...]
     tls: Optional[Tls]

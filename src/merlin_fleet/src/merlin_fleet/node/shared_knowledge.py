@@ -27,7 +27,7 @@ class KnowledgeSource(Protocol):
         """Facts of a predicate."""
 
     def update(self, updates: Sequence[Update]) -> None:
-        """Applies a transaction."""
+        """Applies updates to the knowledge base in one transaction."""
 
 
 class SharedKnowledge:
@@ -69,7 +69,7 @@ class SharedKnowledge:
         self._thread.start()
 
     def close(self) -> None:
-        """Ends."""
+        """Ends the thread that follows the shared facts."""
         with self._changed:
             self._closed = True
             self._changed.notify()

@@ -39,7 +39,7 @@ class EtcdProcess:
 
     @property
     def port(self) -> int:
-        """Of clients."""
+        """The port for clients."""
         return self._ports[0]
 
     @property

@@ -20,7 +20,7 @@ class SimulatedStore:
         self._last_lease = 0
 
     def grant(self, ttl: float) -> int:
-        """A new lease."""
+        """Makes a lease of that many seconds; returns its id."""
         self._last_lease += 1
         self._leases[self._last_lease] = [ttl, ttl]
         return self._last_lease
@@ -71,7 +71,7 @@ class SimulatedStore:
         return TxnResult(True, self.revision)
 
     def snapshot(self) -> Snapshot:
-        """All keys."""
+        """All keys at the present revision."""
         return Snapshot(self.revision, tuple(item for item, _ in self._items.values()))
 
     def value(self, key: str) -> str:

@@ -34,12 +34,12 @@ class BagClock:
 
     @property
     def begin(self) -> float:
-        """s since 1970."""
+        """Wall time of the first message, s since 1970."""
         return float(self._walls[0])
 
     @property
     def end(self) -> float:
-        """s since 1970."""
+        """Wall time of the last message, s since 1970."""
         return float(self._walls[-1])
 
     def wall(self, at: float) -> float:

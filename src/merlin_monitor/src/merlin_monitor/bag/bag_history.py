@@ -112,7 +112,7 @@ class _Progress:
         self._open = self._terminal
 
     def end(self) -> None:
-        """Leaves the line."""
+        """Ends the line of the terminal on which the progress stands."""
         if self._open:
             print(file=sys.stderr)
 

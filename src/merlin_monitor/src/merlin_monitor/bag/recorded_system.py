@@ -119,7 +119,7 @@ class RecordedSystem(RosSystem):
         return TopicGraph(self._senders, dict(self._recording.topics))
 
     def address_of(self, service: str) -> str:
-        """None is served."""
+        """Always empty: a recording serves nothing."""
         return ""
 
     def _read(self, message: Message, message_class: Any) -> Any:

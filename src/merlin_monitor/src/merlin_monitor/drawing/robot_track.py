@@ -14,10 +14,10 @@ class TrackStore(Protocol):
     """Where it is kept: a path of names, and last a value."""
 
     def set(self, *path_and_value: Any) -> bool:
-        """Takes a value."""
+        """Stores a value under a path; returns whether it differs."""
 
     def remove(self, *path: str) -> bool:
-        """Forgets one."""
+        """Removes the value under a path; returns whether there was one."""
 
 
 class RobotTrack:

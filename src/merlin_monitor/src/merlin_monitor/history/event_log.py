@@ -72,7 +72,7 @@ class EventLog:
         return list(self._select(f"{where}ORDER BY id DESC LIMIT ?", (*values, limit)))[::-1]
 
     def all(self) -> List[Row]:
-        """All events."""
+        """All events, oldest first."""
         return list(self._select("ORDER BY id", ()))
 
     def neighbour(self, wanted: Neighbour) -> Optional[Row]:

@@ -156,5 +156,5 @@ class WallClock:
         self._monotonic = time.monotonic()
 
     def __call__(self) -> float:
-        """The time."""
+        """Wall time, s since 1970, that never jumps."""
         return round(self.began + time.monotonic() - self._monotonic, 3)

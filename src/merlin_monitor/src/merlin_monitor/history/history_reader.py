@@ -47,7 +47,7 @@ class HistoryReader:
         return self._ask(lambda: self._log.page(before, limit, kinds))
 
     def export(self) -> "Future[List[Row]]":
-        """All events."""
+        """All events, oldest first."""
         return self._ask(lambda: self._log.all())
 
     def neighbour(self, wanted: Neighbour) -> "Future[Optional[Row]]":
@@ -67,7 +67,7 @@ class HistoryReader:
         return self._ask(lambda: self._recording.segment(run, wall))
 
     def picture(self, name: str, version: str) -> "Future[Optional[bytes]]":
-        """A picture."""
+        """A recorded picture in that version; None: there is none."""
         return self._ask(lambda: self._recording.picture(name, version))
 
     def close(self) -> None:

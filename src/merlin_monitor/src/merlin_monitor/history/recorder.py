@@ -18,7 +18,7 @@ class _Changes(Protocol):
     whole: bool
 
     def as_list(self) -> List[List[Any]]:
-        """Paths and values."""
+        """Each change as ``[path, value]``."""
 
 
 class _Feed(Protocol):
@@ -39,7 +39,7 @@ class RecordedState(Protocol):
         """The version and the whole state."""
 
     def get(self, *path: str) -> Any:
-        """A value."""
+        """The value under a path."""
 
 
 class Recorder:

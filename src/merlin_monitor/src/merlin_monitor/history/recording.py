@@ -61,7 +61,7 @@ class Recording:
         self._connection.execute("INSERT OR REPLACE INTO pictures VALUES (?,?,?,?)", row)
 
     def picture(self, name: str, version: str) -> Optional[bytes]:
-        """A picture."""
+        """A recorded picture in that version; None: there is none."""
         row = self._connection.execute(
             "SELECT data FROM pictures WHERE name = ? AND version = ?", (name, version)
         ).fetchone()

@@ -30,7 +30,7 @@ class GraphWatch:
         self._thread.start()
 
     def stop(self) -> None:
-        """Ends."""
+        """Ends the thread that asks the master."""
         self._stopped.set()
 
     def publisher_of(self, topic: str) -> str:
@@ -46,7 +46,7 @@ class GraphWatch:
         return self.ros.address_of(service)
 
     def look(self) -> None:
-        """Looks once."""
+        """Asks the master once. Without an answer what was known stays."""
         graph = self.ros.graph()
         if graph is not None:  # else what is known stays
             self._publishers = graph.publishers

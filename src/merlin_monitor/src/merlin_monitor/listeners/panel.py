@@ -39,7 +39,7 @@ class Panel:
     # --- what a panel may do when something happens ---------------------------------------------------------
 
     def start(self) -> None:
-        """The monitor begins."""
+        """Called once when the monitor begins; subscribe here."""
 
     def look(self, topics: Dict[str, str]) -> None:
         """Once per second, in the watch's thread: the topics that are published, with their types."""

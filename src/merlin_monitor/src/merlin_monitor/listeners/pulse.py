@@ -46,12 +46,12 @@ class Pulse:
             self._subscriber = ros.subscribe(SIM_STATUS_TOPIC, SimStatus, self._simulator, queue_size=10)
 
     def start(self) -> None:
-        """Begins."""
+        """Starts the thread of the pulse."""
         rospy.on_shutdown(self.stop)
         self._thread.start()
 
     def stop(self) -> None:
-        """Ends."""
+        """Ends the thread of the pulse."""
         self._stopped.set()
 
     def _work(self) -> None:

@@ -36,11 +36,11 @@ class RosSystem:
         return str(rospy.get_name())
 
     def resolve(self, name: str) -> str:
-        """A global name."""
+        """The global name of a relative one."""
         return str(rospy.resolve_name(name))
 
     def parameter(self, name: str, default: Any) -> Any:
-        """A parameter."""
+        """The value of a parameter, or the default."""
         return rospy.get_param(name, default)
 
     def time(self) -> float:

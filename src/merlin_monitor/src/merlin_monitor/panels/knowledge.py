@@ -73,7 +73,7 @@ class KnowledgePanel(Panel):
         self._thread.start()
 
     def stop(self) -> None:
-        """Ends."""
+        """Ends the thread that reads the knowledge base."""
         with self._wanted:
             self._stopping = True
             self._wanted.notify_all()

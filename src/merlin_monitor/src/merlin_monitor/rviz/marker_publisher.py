@@ -32,7 +32,7 @@ class MarkerPublisher(rospy.SubscribeListener):
         self._thread.start()
 
     def stop(self) -> None:
-        """Ends."""
+        """Ends the thread that publishes."""
         with self._changed:
             self._ended = True
             self._changed.notify_all()

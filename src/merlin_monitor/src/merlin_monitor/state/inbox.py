@@ -63,5 +63,5 @@ class DirectInbox(Inbox):
     """Calls at once, in the thread of the caller, which owns the model: for a recording."""
 
     def put(self, call: Callable[..., object], *arguments: Any) -> None:
-        """Makes a call."""
+        """Makes the call at once, in the calling thread."""
         self._make(call, arguments)

@@ -44,7 +44,7 @@ class Terminal:
         self._feed = state.tree.subscribe(self._changed.set)
 
     def report(self, event: Event) -> None:
-        """Takes an event."""
+        """Keeps an event until the next print; from any thread."""
         self._events.append(event)
 
     def print_once(self) -> None:

@@ -157,7 +157,7 @@ class RobotControl:
         return self._planning.plan(goal, without, by)
 
     def change(self, facts: str, by: str) -> str:
-        """Changes the knowledge."""
+        """Changes facts of the knowledge base in the name of an operator; returns what was done."""
         return self._planning.change(facts, by)
 
     def hold_before(self, texts: Sequence[str], by: str) -> str:

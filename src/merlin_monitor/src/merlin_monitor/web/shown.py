@@ -23,4 +23,4 @@ class Shown(Protocol):
         """When what is shown was checked last, s of ``time.monotonic``."""
 
     def report(self, event: Event) -> None:
-        """Takes an event."""
+        """Adds an event to the history."""

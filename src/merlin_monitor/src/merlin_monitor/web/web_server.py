@@ -106,7 +106,7 @@ class WebServer:
             self._thread.join(1.5)
 
     def application(self) -> web.Application:
-        """The routes."""
+        """Makes the application of aiohttp with all routes."""
         application = web.Application(middlewares=[self._guard], client_max_size=LONGEST_REQUEST)
         routes = application.router
         routes.add_get("/", self._index)

@@ -59,7 +59,7 @@ class ObstacleMemory:
         self._known = rows[~near], columns[~near]
 
     def forget(self) -> None:
-        """Forgets everything."""
+        """Forgets all obstacles that were seen."""
         self._seen.fill(-np.inf)
         self._known = np.nonzero(np.isfinite(self._seen))
 

@@ -37,7 +37,7 @@ class CameraPlacement(tf2_ros.Buffer):
         self.wake()
 
     def set_transform_static(self, transform: TransformStamped, authority: str) -> None:
-        """Likewise."""
+        """Stores a static transform, and wakes who waits for one."""
         super().set_transform_static(transform, authority)
         self.wake()
 

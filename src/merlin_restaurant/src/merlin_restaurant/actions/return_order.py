@@ -10,6 +10,6 @@ class ReturnOrder(MerlinActionSM):
     parameters = ["t"]
 
     def build(self) -> None:
-        """One question."""
+        """ASK, which the barman has to confirm."""
         text = "The guests of {t} have left. Please take the order from my tray."
         self.add("ASK", self.state("ask", text, ALL_RIGHT, ["t"]), {"misunderstood": "aborted"})

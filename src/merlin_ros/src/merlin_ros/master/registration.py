@@ -22,11 +22,11 @@ class Registrations(NamedTuple):
     """What a node has registered."""
 
     published: Dict[str, str]
-    """Topic → type."""
+    """Topics this node publishes → type."""
     subscribed: Dict[str, str]
-    """Topic → type."""
+    """Topics this node subscribes to → type."""
     served: Dict[str, str]
-    """Service → address."""
+    """Services of this node → address."""
 
 
 class KeptParameters:

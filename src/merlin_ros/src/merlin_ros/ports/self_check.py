@@ -74,7 +74,7 @@ class SelfCheck:
         threading.Thread.start, threading.excepthook = start, report  # type: ignore
 
     def stop(self) -> None:
-        """Looks no more."""
+        """Ends the thread that looks."""
         self._stopped.set()
 
     def _work(self) -> None:

@@ -60,7 +60,7 @@ class Schedule(abc.ABC):
         """Whether every action has succeeded."""
 
     def begin(self, now: float) -> None:  # noqa: B027 - nothing to do is a fine default
-        """The plan starts."""
+        """Called when the plan starts. ``now`` is ROS time, s."""
 
     @abc.abstractmethod
     def ready(self, now: float) -> List[PlannedAction]:

@@ -114,5 +114,5 @@ class _LooseReader(FormulaReader):
     """Reads what was checked when the execution began; the types of objects no longer matter."""
 
     def types_of(self, term: str, scope: Mapping[str, Tuple[str, ...]]) -> Tuple[str, ...]:
-        """Every type."""
+        """Every type of the domain: any term fits anywhere."""
         return ("object", *self._domain.types)

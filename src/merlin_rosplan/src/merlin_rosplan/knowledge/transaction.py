@@ -84,7 +84,7 @@ class Transaction:
             self.steps.append((table, key, row, None))
 
     def undo(self) -> None:
-        """Takes everything back."""
+        """Takes all its steps back, the last one first."""
         came_back = set()
         for table, key, before, after in reversed(self.steps):
             if key is None:

@@ -60,7 +60,7 @@ class PlanGraphDrawer(rospy.SubscribeListener):
         self.refresh()
 
     def refresh(self) -> None:
-        """Something has happened."""
+        """Has the graph drawn anew, in the drawing thread."""
         with self._changed:
             self._dirty = True
             self._changed.notify()

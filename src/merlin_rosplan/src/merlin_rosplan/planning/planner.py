@@ -69,7 +69,7 @@ class Attempt:
 
 
 class Planner(Protocol):
-    """An engine."""
+    """Finds plans for a task; one class for each engine."""
 
     name: str
 

@@ -71,7 +71,7 @@ class KairosPlanner:
         """Nothing: it works in this process."""
 
     def plan(self, task: Task) -> Attempt:
-        """Plans."""
+        """Plans in this thread; an attempt without a plan says why."""
         try:
             kairos = importlib.import_module(KAIROS)
         except ImportError:

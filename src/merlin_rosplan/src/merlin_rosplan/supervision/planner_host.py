@@ -55,7 +55,7 @@ class PlannerHost:
 
     @property
     def pid(self) -> int:
-        """Its process id."""
+        """Process id of the host."""
         return self._process.pid
 
     @property

@@ -166,7 +166,7 @@ class Subscription:
                 )
 
     def shutdown(self) -> None:
-        """Receives no more."""
+        """Ends the subscription."""
         with Handover._lock:
             subscriptions = Handover._receivers.get(self._topic, [])
             if self in subscriptions:

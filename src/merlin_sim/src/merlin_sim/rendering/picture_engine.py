@@ -91,7 +91,7 @@ class PictureEngine:
         return shot.camera.expose(self._film.pixels(), shot.tick)
 
     def close(self) -> None:
-        """Forgets everything."""
+        """Frees the image buffer and all nodes of the scene."""
         self._drop_film()
         self._root.remove_node()
         self._root = NodePath("scene")

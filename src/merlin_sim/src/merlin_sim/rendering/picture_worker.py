@@ -69,7 +69,7 @@ class PictureWorker:
 
     @property
     def pid(self) -> int:
-        """Its process id."""
+        """Process id of the worker."""
         return self._process.pid
 
     def expose(self, shot: Shot, limit: float) -> np.ndarray:

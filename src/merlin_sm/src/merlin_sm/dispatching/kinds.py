@@ -118,7 +118,7 @@ class ReportingDispatcher(DispatcherKind):
         self.receive(status)
 
     def receive(self, status: DispatchStatus) -> None:
-        """Takes a status."""
+        """Keeps the status that the dispatcher has published last."""
         self._status, self._is_new = status, True
         self.hold = Hold(status.held, tuple(status.breakpoints))
 

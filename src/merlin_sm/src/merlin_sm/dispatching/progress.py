@@ -62,7 +62,7 @@ class Reply(NamedTuple):
 
 
 class Action(NamedTuple):
-    """A dispatched action."""
+    """An action that a dispatcher has sent."""
 
     id: int
     plan_id: int

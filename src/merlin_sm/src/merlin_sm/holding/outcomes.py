@@ -31,7 +31,7 @@ class Left(NamedTuple):
     by: str
     """The operator; empty: there was no console."""
     outcome: str
-    """What was wished."""
+    """The outcome that an operator has asked for."""
     ended: str
     """The state's own outcome; empty: it was not entered."""
     refused: str = ""

@@ -29,7 +29,7 @@ class FunctionState(MerlinState):
         self._function = function
 
     def run(self, userdata: Any) -> str:
-        """Calls it."""
+        """Calls the function; its result is the outcome."""
         try:
             return self._function(userdata) or SUCCEEDED
         except (ValueError, KnowledgeError, ServiceError) as error:

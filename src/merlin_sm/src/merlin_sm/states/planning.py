@@ -74,7 +74,7 @@ class GenerateProblemState(PlanningState):
         self._client = client or PlanningClient()
 
     def run(self, userdata: Any) -> str:
-        """Generates the problem."""
+        """Has the problem generated from the knowledge base."""
         try:
             self._client.generate_problem()
         except StageError as error:
@@ -101,7 +101,7 @@ class PlanState(PlanningState):
         self._client = client or PlanningClient()
 
     def run(self, userdata: Any) -> str:
-        """Plans."""
+        """Calls the planner; the outcome says what it found."""
         verdict, self.reason, self.gone = self._client.plan(self.interruptible, self._without())
         return {
             Planned.SOLVED: SUCCEEDED,
@@ -129,7 +129,7 @@ class ParsePlanState(PlanningState):
         self._on_plan = on_plan
 
     def run(self, userdata: Any) -> str:
-        """Parses."""
+        """Has the plan parsed and keeps its actions."""
         try:
             actions = self._client.parse_plan()
         except StageError as error:
@@ -168,7 +168,7 @@ class DispatchPlanState(PlanningState):
         """Limits nothing: a cancel is a call too. The client bounds them all by its cancel deadline."""
 
     def run(self, userdata: Any) -> str:
-        """Dispatches."""
+        """Dispatches the plan and waits for its end."""
         result = self._client.dispatch(self.interruptible, self._plan(), self._owner())
         self._on_result(result)
         self.gone = result.gone

@@ -22,7 +22,7 @@ class WaitState(MerlinState):
         self._seconds = seconds
 
     def run(self, userdata: Any) -> str:
-        """Waits."""
+        """Waits the given ROS time, unless it is preempted."""
         over = threading.Event()
         alarm = call_after(self._seconds, over.set, f"wait of {self._seconds:g} s")
         self.interruptible(over.set)
