@@ -55,9 +55,11 @@ def application(tmp_path: Path, actions: str, on: str = "simulator", points: str
     return str(file)
 
 
-@pytest.mark.parametrize("name", ["home.launch", "restaurant.launch"])
+@pytest.mark.parametrize(
+    "name", ["home.launch", "restaurant.launch", "restaurant.launch robots:=robot_1,robot_2"]
+)
 def test_the_applications_of_merlin_fit(tmp_path: Path, name: str) -> None:
-    done = check(tmp_path, name)
+    done = check(tmp_path, *name.split())
     assert done.returncode == 0, done.stderr
     assert "points of interest fit; servers: " in done.stdout
 

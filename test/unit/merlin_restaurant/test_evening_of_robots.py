@@ -1,5 +1,6 @@
 """The mission with several robots: one plan for all that waits."""
 
+import re
 import threading
 from pathlib import Path
 from types import SimpleNamespace
@@ -12,13 +13,14 @@ from merlin_msgs.msg import ExecuteResult, ListenResult, RobotWay
 from merlin_executor.mission.readiness import NotReady
 from merlin_pddl.domain_reader import parse_domain
 from merlin_restaurant import evening as evening_module
-from merlin_restaurant.actions import of_robots
 from merlin_restaurant.evening import AT_ONCE, TRIES, Evening
 from merlin_restaurant.table_state import remember_state
+from merlin_ros.class_path import load_class
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 
 FAILED = ExecuteResult(outcome=ExecuteResult.ACTION_FAILED, reason="the way is blocked")
-DOMAIN = Path(__file__).resolve().parents[3] / "pddl" / "restaurant" / "robots.pddl"
+ROOT = Path(__file__).resolve().parents[3]
+DOMAIN = ROOT / "pddl" / "restaurant" / "robots.pddl"
 NAMES = ["robot_1", "robot_2"]
 
 
@@ -361,11 +363,10 @@ def test_a_guest_who_left_leaves_no_waiter(evening: FakeRobot, monkeypatch: pyte
 
 def test_each_operator_has_a_class_with_its_parameters() -> None:
     domain = parse_domain(DOMAIN.read_text())
-    classes = {
-        kind.operator_name(): kind for kind in vars(of_robots).values() if getattr(kind, "parameters", ())
-    }
+    launch = (ROOT / "launch" / "restaurant.launch").read_text()
+    paths = re.findall(r"'(merlin_restaurant\.actions\.\w+:\w+)'", launch)
+    classes = {kind.operator_name(): kind for kind in map(load_class, paths)}
+    assert set(classes) == set(domain.operators)
     for operator in domain.operators.values():
-        assert list(classes.pop(operator.name).parameters) == [
-            one.name.strip("?") for one in operator.parameters
-        ]
-    assert classes == {}
+        variables = [one.label for one in operator.parameters]
+        assert classes[operator.name].fitted(variables, "r").parameters == variables

@@ -6,7 +6,8 @@ from typing import Any, Callable, List
 import pytest
 
 from merlin_restaurant import second_look
-from merlin_restaurant.actions import of_robots
+from merlin_restaurant.actions.check_table import CheckTable
+from merlin_restaurant.actions.deliver_order import DeliverOrder
 from merlin_restaurant.second_look import LOOKS, SecondLook
 from merlin_sm.states import wait
 from merlin_sm.states.function_state import FunctionState
@@ -64,6 +65,7 @@ def test_it_looks_again_where_an_order_is_under_way(
         assert userdata.detections == looks[-1]
 
 
-@pytest.mark.parametrize("action", [of_robots.CheckTable, of_robots.DeliverOrder])
+@pytest.mark.parametrize("action", [CheckTable, DeliverOrder])
 def test_several_robots_look_at_tables_so(action: Any) -> None:
-    assert isinstance(action().get_children()["LOOK"], SecondLook)
+    assert isinstance(action.fitted(["r", "t"], "r")().get_children()["LOOK"], SecondLook)
+    assert not isinstance(action().get_children()["LOOK"], SecondLook)

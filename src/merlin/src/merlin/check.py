@@ -2,7 +2,7 @@
 
 import os
 import sys
-from typing import Dict, List, Tuple
+from typing import Dict, List, Mapping, Tuple
 
 import rospy
 from rosgraph.names import load_mappings
@@ -16,10 +16,10 @@ from merlin_actions.action_classes import make_machines
 from merlin_actions.core.application_check import ApplicationError, ApplicationWorld, check_application
 from merlin_actions.core.declared import declared_fault
 from merlin_actions.core.robot_check import check_robots, robot_parameters, unnamed_robots
-from merlin_actions.machine_survey import survey
+from merlin_actions.machine_survey import fitted, survey
 from merlin_executor.mission.mission_host import load_mission
 from merlin_pddl.checks.portability import declared_twice
-from merlin_pddl.domain import Domain
+from merlin_pddl.domain import Domain, Signature
 from merlin_pddl.domain_reader import read_domain
 from merlin_pddl.problem import Problem
 from merlin_pddl.problem_reader import read_problem
@@ -97,23 +97,20 @@ def check_host(config: LaunchConfig, namespace: str, host: Node) -> str:
     if not isinstance(paths, list) or not all(isinstance(path, str) for path in paths):
         raise LaunchError(f"parameter {own}/actions has to be a list of package.module:Class")
     machines = make_machines(paths)
-    operators: Dict[str, List[Tuple[str, str]]] = {
-        operator.name: [(variable.label, variable.types[0]) for variable in operator.parameters]
-        for operator in domain.operators.values()
-    }
     robot = str(config.param(f"{own}/robot", ""))
     robots = config.robots()
     points = list(config.param(f"{namespace}world/points_of_interest", {}))
     served = config.servers(namespace)
     world = ApplicationWorld(
-        operators,
+        _signatures(domain.operators),
         lambda kind: _objects(domain, problem, kind),
         points,
         list(served) if config.has_robot else None,
-        {name: next(iter(domain.types.parents(name)), "") for name in domain.types} if robots else {},
+        {name: next(iter(domain.types.parents(name)), "") for name in domain.types},
+        _signatures({**domain.functions, **domain.predicates}),
         lambda text, operator: declared_fault(text, operator, domain, problem.objects),
     )
-    everything = [survey(machine) for machine in machines]
+    everything = [survey(fitted(machine, world)) for machine in machines]
     bound = robot_parameters(everything, world) if robots else {}
     # With several robots a host serves the actions that name one, or the others.
     needs = [need for need in everything if not robots or (need.operator in bound) == bool(robot)]
@@ -128,7 +125,7 @@ def check_host(config: LaunchConfig, namespace: str, host: Node) -> str:
     there = "" if config.has_robot else ", which the robot has to serve"
     return (
         f"{f'robot {robot}: ' if robot else ''}"
-        f"{len(operators)} operators, {len(needs)} classes, {len(points)} points of interest fit; "
+        f"{len(domain.operators)} operators, {len(needs)} classes, {len(points)} points of interest fit; "
         f"servers: {', '.join(wanted) or 'none'}{there}"
     )
 
@@ -154,6 +151,13 @@ def check_missions(config: LaunchConfig) -> None:
                 f"node {own}: {path} waits for the action servers {', '.join(missing)}, which the launch "
                 f"file does not start; it starts: {', '.join(sorted(served)) or 'none'}"
             )
+
+
+def _signatures(named: Mapping[str, Signature]) -> Dict[str, List[Tuple[str, str]]]:
+    return {
+        name: [(variable.label, variable.types[0]) for variable in signature.parameters]
+        for name, signature in named.items()
+    }
 
 
 def _objects(domain: Domain, problem: Problem, kind: str) -> List[str]:

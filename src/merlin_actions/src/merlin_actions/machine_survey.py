@@ -3,11 +3,31 @@
 from typing import Any, Dict, Iterator, List, Mapping, Sequence, Tuple
 
 import smach
-from merlin_actions.core.application_check import Needs
+from merlin_actions.core.application_check import ApplicationError, ApplicationWorld, Needs, cannot_be_made
+from merlin_actions.core.robot_parameter import robot_parameter, with_robot
 from merlin_actions.merlin_action_sm import MerlinActionSM
 from merlin_sm.autonomy import label_text
 from merlin_sm.states.action_state import ActionState
 from merlin_sm.states.navigation import NavigationState
+
+
+def fitted(machine: MerlinActionSM, world: ApplicationWorld) -> MerlinActionSM:
+    """The machine for the domain: the same, or one that has the robot too (:meth:`MerlinActionSM.fitted`).
+
+    :raises ApplicationError: when that one cannot be made.
+    """
+    operator, own = machine.operator_name(), type(machine)
+    parameters = world.operators.get(operator, ())
+    try:
+        robot = robot_parameter(operator, parameters, world.parents, machine.robot_parameter)
+    except ValueError:  # the check of the robots says so
+        return machine
+    variables = [variable for variable, _ in parameters]
+    kind = own.fitted(variables, robot, lambda text: with_robot(text, robot, world.facts, world.parents))
+    try:
+        return machine if kind is own else kind()
+    except Exception as error:  # users' code
+        raise ApplicationError([cannot_be_made(f"{own.__module__}:{own.__name__}", error)]) from error
 
 
 def survey(machine: MerlinActionSM) -> Needs:

@@ -1,9 +1,9 @@
 """MerlinActionSM: the base class of MERLIN's actions, each a state machine (paper, section 3.2.3)."""
 
-from typing import Any, Dict, List, Sequence
+from typing import Any, Callable, Dict, List, Sequence, Type
 
 import smach
-from merlin_actions.core.names import snake_case
+from merlin_actions.core.names import DECLARED, IF_STOPPED_AT, snake_case
 from merlin_sm.merlin_sm import MerlinSM
 from merlin_sm.state_factory import MerlinStateFactory
 from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, SUCCEEDED
@@ -30,7 +30,11 @@ class MerlinActionSM(MerlinSM):
     """Name of the PDDL operator; the class name in snake case when empty."""
 
     parameters: Sequence[str] = ()
-    """Its variables without ``?``, compared with the domain at start."""
+    """Its variables without ``?``, compared with the domain at start. An operator that has the robot as well
+    needs no other class, see :meth:`fitted`."""
+
+    optional: Sequence[str] = ()
+    """Variables that only the operator of some domains has; ``"t" in self.parameters`` says whether."""
 
     outcomes: Sequence[str] = ()
     """Outcomes besides succeeded, aborted and preempted; they count as failures."""
@@ -50,7 +54,7 @@ class MerlinActionSM(MerlinSM):
 
     robot_parameter = ""
     """With several robots: the parameter that names the one on which it runs. Empty: the one of type
-    ``robot``, where there is one (docs/several-robots.md)."""
+    ``robot``, which is set here before :meth:`build`, where there is one (docs/several-robots.md)."""
 
     concurrent = 1
     """How many of it may run at once, each in a machine of its own. Their states share one set of servers."""
@@ -69,6 +73,27 @@ class MerlinActionSM(MerlinSM):
     def operator_name(cls) -> str:
         """The PDDL operator that this machine runs."""
         return cls.operator or snake_case(cls.__name__)
+
+    @classmethod
+    def fitted(
+        cls, variables: Sequence[str], robot: str = "", declare: Callable[[str], str] = lambda text: text
+    ) -> Type["MerlinActionSM"]:
+        """The class for an operator: this one, or one that has the robot and :attr:`optional` variables too.
+
+        :param variables: of the operator, without ``?``.
+        :param robot: the one that names the robot; empty: there is one robot.
+        :param declare: makes of a declared literal what it is with several robots.
+        """
+        own = [name for name in variables if name not in (robot, *cls.optional) or name in cls.parameters]
+        if own != list(cls.parameters) or not (robot or cls.if_stopped_at or len(own) < len(variables)):
+            return cls
+        fits = {"parameters": list(variables)}
+        if robot:
+            fits.update((key, [declare(text) for text in getattr(cls, key)]) for key in DECLARED)
+        else:
+            fits[IF_STOPPED_AT] = []
+        same = {key: getattr(cls, key) for key in ("__module__", "__qualname__", "__doc__")}
+        return type(cls.__name__, (cls,), {**same, **fits, "robot_parameter": robot})
 
     @staticmethod
     def state(name: str, *args: Any, **options: Any) -> smach.State:

@@ -13,6 +13,14 @@ LOOKS = 4  # at most
 PAUSE = 2.5  # s between two of them, in which a robot drives on
 
 
+def table_look(several: bool) -> State:
+    """Makes the state that looks at a table.
+
+    :param several: of several robots, another one may hide a guest for a moment.
+    """
+    return SecondLook() if several else MerlinStateFactory.create("recognize")
+
+
 class SecondLook(MerlinSM):
     """Looks at ``userdata.t``; again where no guest is seen at a table that has ordered.
 

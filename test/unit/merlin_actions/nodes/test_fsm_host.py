@@ -6,6 +6,7 @@ import pytest
 from diagnostic_msgs.msg import KeyValue
 from rosplan_knowledge_msgs.msg import DomainFormula
 
+from merlin_actions.core.application_check import ApplicationWorld
 from merlin_actions.merlin_action_sm import MerlinActionSM
 from merlin_actions.nodes import fsm_host
 from merlin_sm.state_factory import MerlinStateFactory
@@ -61,11 +62,14 @@ def test_machines_that_do_not_fit_the_domain_are_refused(monkeypatch: pytest.Mon
         "operators": lambda self: operators,
         "instances": lambda self, kind: [],
         "types": lambda self: {},
+        "predicates": lambda self: {},
+        "function_signatures": lambda self: {},
     }
     monkeypatch.setattr(fsm_host, "knowledge_client", lambda name: type("Knowledge", (), fields)())
     monkeypatch.setattr(fsm_host, "get_param", lambda name, default: default)
+    world = fsm_host.read_world("rosplan_knowledge_base")
     with pytest.raises(ValueError, match="CheckTable"):
-        fsm_host.check_machines([CheckTable()], "rosplan_knowledge_base", complete=False)
+        fsm_host.check_machines([CheckTable()], world, complete=False)
 
 
 class Greet(CheckTable):
@@ -85,13 +89,20 @@ def test_declared_effects_are_compared_with_the_file_of_the_domain(
         "operators": lambda self: {"greet": DomainFormula(typed_parameters=[KeyValue("p", "object")])},
         "instances": lambda self, kind, **options: [],
         "types": lambda self: {},
+        "predicates": lambda self: {},
+        "function_signatures": lambda self: {},
     }
     monkeypatch.setattr(fsm_host, "knowledge_client", lambda name: type("Knowledge", (), fields)())
     params = {"/kb/domain_path": str(domain)}
     monkeypatch.setattr(fsm_host, "get_param", lambda name, default: params.get(name, default))
     monkeypatch.setattr(fsm_host.rospy, "resolve_name", lambda name: f"/{name}")
     with pytest.raises(ValueError, match=r"Greet declares '\(robot_at anywere\)': unknown object"):
-        fsm_host.check_machines([Greet()], "kb", complete=False)
+        fsm_host.check_machines([Greet()], fsm_host.read_world("kb"), complete=False)
+
+
+WORLD = ApplicationWorld(
+    {"check_table": [("r", "robot"), ("t", "table")]}, lambda kind: [], [], parents={"robot": "object"}
+)
 
 
 @pytest.fixture
@@ -99,8 +110,16 @@ def host(monkeypatch: pytest.MonkeyPatch) -> fsm_host.MachineHost:
     monkeypatch.setattr(fsm_host.rospy, "get_param", lambda name, default: default)
     monkeypatch.setattr(fsm_host, "read_machines", lambda: [CheckTable()])
     monkeypatch.setattr(fsm_host, "wait_for_knowledge_base", lambda name, timeout: None)
+    monkeypatch.setattr(fsm_host, "read_world", lambda name: WORLD)
     monkeypatch.setattr(fsm_host, "check_machines", lambda *_: {})
     return fsm_host.MachineHost()
+
+
+def test_a_class_for_one_robot_serves_an_operator_of_several(host: fsm_host.MachineHost) -> None:
+    (server,) = host.servers
+    assert list(server.machine.parameters) == ["r", "t"]
+    host.reload()
+    assert list(server.machine.parameters) == ["r", "t"] and server.operator == "check_table"
 
 
 def test_a_reload_gives_each_server_a_new_machine(host: fsm_host.MachineHost) -> None:

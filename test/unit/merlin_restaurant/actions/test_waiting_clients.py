@@ -5,7 +5,8 @@ from typing import Any, List
 import pytest
 from fake_robot import FakeRobot
 
-from merlin_restaurant.actions import check_entrance, of_robots
+from merlin_restaurant.actions import check_entrance
+from merlin_restaurant.actions.greet_client import GreetClient
 from merlin_sm.states.function_state import FunctionState
 from smach import State
 
@@ -29,16 +30,15 @@ class Sees:
         userdata.heard = "yes please"
 
 
-class Greet(Sees, of_robots.GreetClient):
-    pass
-
-
-class Look(Sees, of_robots.CheckEntrance):
+class GreetAlone(Sees, GreetClient):
     pass
 
 
 class LookAlone(Sees, check_entrance.CheckEntrance):
     pass
+
+
+Greet, Look = GreetAlone.fitted(["r", "c"], "r"), LookAlone.fitted(["r"], "r")
 
 
 @pytest.fixture(autouse=True)
@@ -58,6 +58,7 @@ def at_the_entrance(monkeypatch: pytest.MonkeyPatch) -> None:
         (Look, 2, 0, 0),
         (LookAlone, 0, 2, 1),
         (LookAlone, 1, 2, 1),
+        (GreetAlone, 1, 3, 1),
     ],
 )
 def test_who_waits_is_noted(robot: FakeRobot, kind: Any, known: int, people: int, waiting: int) -> None:

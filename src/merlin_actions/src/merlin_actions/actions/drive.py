@@ -1,14 +1,7 @@
-"""The action (drive ?r ?from ?to): one of several robots drives from one place to another."""
+"""The action (drive ?from ?to), or (drive ?r ?from ?to) of several robots: navigate by another name."""
 
-from merlin_actions.merlin_action_sm import MerlinActionSM
+from merlin_actions.actions.navigate import Navigate
 
 
-class Drive(MerlinActionSM):
+class Drive(Navigate):
     """Drives to a point of interest through the robot's own move_base. Stopped on the way, it is anywhere."""
-
-    parameters = ["r", "from", "to"]
-    if_interrupted = ["(robot_at ?r anywhere)"]
-
-    def build(self) -> None:
-        """One state: the drive."""
-        self.add("DRIVE", self.state("navigation"), remapping={"target": "to"})

@@ -10,8 +10,7 @@ from types import MappingProxyType
 from typing import Callable, Collection, Dict, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 from merlin_actions.core.names import DECLARED, HERE
-
-Parameters = Sequence[Tuple[str, str]]  # variable without '?', type
+from merlin_actions.core.robot_parameter import Parameters
 
 
 class Needs(NamedTuple):
@@ -50,7 +49,9 @@ class ApplicationWorld(NamedTuple):
     points: Collection[str]
     servers: Optional[Collection[str]] = None
     parents: Mapping[str, str] = MappingProxyType({})
-    """Types of the domain -> their parents; empty: not needed, there are not several robots."""
+    """Types of the domain -> their parents."""
+    facts: Mapping[str, Parameters] = MappingProxyType({})
+    """Predicates and functions of the domain."""
     declared_fault: Callable[[str, str], str] = lambda text, operator: ""
     """What is wrong with a declared effect of an operator; empty: nothing, or the domain is not known."""
 

@@ -5,6 +5,7 @@ import threading
 from typing import Callable, Dict, List, Mapping, Optional, Tuple
 
 import rospy
+from rosplan_knowledge_msgs.msg import DomainFormula
 from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
 
 from merlin_actions.action_classes import read_machines
@@ -13,7 +14,7 @@ from merlin_actions.core.application_modules import ApplicationModules
 from merlin_actions.core.declared import declared_fault
 from merlin_actions.core.names import by_ros_name
 from merlin_actions.core.robot_check import check_robots, robot_parameters
-from merlin_actions.machine_survey import survey
+from merlin_actions.machine_survey import fitted, survey
 from merlin_actions.merlin_action_server import CANCEL_LIMIT, MerlinActionServer
 from merlin_actions.merlin_action_sm import MerlinActionSM
 from merlin_actions.robot_presence import RobotPresence
@@ -36,8 +37,29 @@ from merlin_sm.state_factory import MerlinStateFactory
 from merlin_sm.states.navigation import POINTS_PARAM
 
 
+def read_world(knowledge_base: str) -> ApplicationWorld:
+    """Domain, objects and points of interest, of a knowledge base and the parameter server."""
+    client = knowledge_client(knowledge_base)
+    return ApplicationWorld(
+        _signatures(client.operators()),
+        client.instances,
+        list(get_param(POINTS_PARAM, {})),
+        None,
+        client.types(),
+        _signatures({**client.function_signatures(), **client.predicates()}),
+        _declared_faults(knowledge_base, client),
+    )
+
+
+def _signatures(formulas: Mapping[str, DomainFormula]) -> Dict[str, List[Tuple[str, str]]]:
+    return {
+        name: [(parameter.key, parameter.value) for parameter in formula.typed_parameters]
+        for name, formula in formulas.items()
+    }
+
+
 def check_machines(
-    machines: List[MerlinActionSM], knowledge_base: str, complete: bool, robot: str = ""
+    machines: List[MerlinActionSM], world: ApplicationWorld, complete: bool, robot: str = ""
 ) -> Dict[str, str]:
     """Compares machines with domain, objects and points of interest.
 
@@ -46,14 +68,6 @@ def check_machines(
     :return: operator -> the variable that names its robot, for those that need one.
     :raises ApplicationError: when they do not fit; it names all mistakes.
     """
-    client = knowledge_client(knowledge_base)
-    operators = {
-        name: [(parameter.key, parameter.value) for parameter in formula.typed_parameters]
-        for name, formula in client.operators().items()
-    }
-    points = list(get_param(POINTS_PARAM, {}))
-    fault = _declared_faults(knowledge_base, client)
-    world = ApplicationWorld(operators, client.instances, points, None, client.types(), fault)
     needs = [survey(machine) for machine in machines]
     mistakes = check_application(needs, world, complete)
     mistakes += check_robots(needs, world, [robot] if robot else [])
@@ -105,12 +119,12 @@ class MachineHost:
         machines = read_machines()
         self._modules.note()
         wait_for_knowledge_base(self._knowledge_base, number("~knowledge_base_wait", 30.0, 0.0))
-        variables = self._check(machines)
+        machines, variables = self._fit(machines)
         if self._robot:
             name = rospy.resolve_name(self._knowledge_base)
             self._presence = RobotPresence(self._robot, name, variables)
             self._presence.refuse_second()
-        self.servers = make_servers(self._own(machines, variables))
+        self.servers = make_servers(machines)
 
     def start(self) -> None:
         """Begins to serve."""
@@ -133,8 +147,7 @@ class MachineHost:
         with self._reloading:
             edited = self._modules.edited()
             with self._modules.renewed(), MerlinStateFactory.renewed():
-                everything = read_machines()
-                own = self._own(everything, self._check(everything))
+                own, _ = self._fit(read_machines())
                 machines = {machine.operator_name(): machine for machine in own}
                 served = {server.operator for server in self.servers}
                 if set(machines) != served:
@@ -149,20 +162,15 @@ class MachineHost:
             said += f"; {', '.join(running)} runs, and is the edited one from its next run on"
         return said
 
-    def _check(self, machines: List[MerlinActionSM]) -> Dict[str, str]:
+    def _fit(self, machines: List[MerlinActionSM]) -> Tuple[List[MerlinActionSM], Dict[str, str]]:
+        """Those that this host serves, for its domain; and operator -> the variable that names its robot."""
+        world = read_world(self._knowledge_base)
+        machines = [fitted(machine, world) for machine in machines]
         complete = bool(rospy.get_param("~complete", False))
-        return check_machines(machines, self._knowledge_base, complete, self._robot)
-
-    def _own(self, machines: List[MerlinActionSM], variables: Mapping[str, str]) -> List[MerlinActionSM]:
-        """Those that this host serves.
-
-        :param variables: operator -> the variable that names its robot.
-        """
-        if not self._robots:
-            return machines
-        return [
-            machine for machine in machines if (machine.operator_name() in variables) == bool(self._robot)
-        ]
+        robots = check_machines(machines, world, complete, self._robot)
+        if self._robots:
+            machines = [each for each in machines if (each.operator_name() in robots) == bool(self._robot)]
+        return machines, robots
 
     def _serve_reload(self, _: TriggerRequest) -> TriggerResponse:
         try:

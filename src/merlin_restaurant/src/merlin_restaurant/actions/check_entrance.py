@@ -4,7 +4,7 @@ from typing import Any, Sequence
 
 from merlin_actions.merlin_action_sm import MerlinActionSM
 from merlin_restaurant.table_state import seen_near, spot
-from merlin_restaurant.waiting_clients import add_client
+from merlin_restaurant.waiting_clients import add_client, note_clients
 from merlin_sm.states.recognition import Recognized
 
 WAITING = 1.3  # m from the entrance's point of interest, straight ahead, to where clients wait
@@ -12,7 +12,7 @@ AROUND = 1.0  # m around that place
 
 
 class CheckEntrance(MerlinActionSM):
-    """Takes a picture, and remembers whether a client waits."""
+    """Takes a picture, and remembers whether a client waits; several robots remember each one."""
 
     def build(self) -> None:
         """LOOK → REMEMBER."""
@@ -26,6 +26,8 @@ class CheckEntrance(MerlinActionSM):
             add_client(self)
         elif not there and waiting:
             self.remove_facts(waiting)
+        if self.robot_parameter:
+            note_clients(self, there)
 
 
 def people_waiting(detections: Sequence[Recognized]) -> int:

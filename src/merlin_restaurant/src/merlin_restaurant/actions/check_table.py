@@ -3,8 +3,8 @@
 from typing import Any
 
 from merlin_actions.merlin_action_sm import MerlinActionSM
+from merlin_restaurant.second_look import table_look
 from merlin_restaurant.table_state import decide, dishes_on, people_at, remember_state
-from smach import State
 
 
 class CheckTable(MerlinActionSM):
@@ -14,14 +14,10 @@ class CheckTable(MerlinActionSM):
 
     def build(self) -> None:
         """LOOK → JUDGE → TELL."""
-        self.add_auto("LOOK", self.look(), ["succeeded"])
+        self.add_auto("LOOK", table_look(bool(self.robot_parameter)), ["succeeded"])
         judge = self.state("function", self._judge, ["t", "detections"], ["state"])
         self.add_auto("JUDGE", judge, ["succeeded"])
         self.add("TELL", self.state("speak", "{t}: {state}.", keys=("t", "state")))
-
-    def look(self) -> State:
-        """Makes the state that looks at the table."""
-        return self.state("recognize")
 
     def _judge(self, userdata: Any) -> None:
         table, seen = userdata.t, userdata.detections

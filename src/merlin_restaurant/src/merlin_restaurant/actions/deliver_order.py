@@ -5,8 +5,8 @@ from typing import Any
 from merlin_actions.merlin_action_sm import MerlinActionSM
 from merlin_restaurant.menu import YES_NO, listed
 from merlin_restaurant.orders import order_of
+from merlin_restaurant.second_look import table_look
 from merlin_restaurant.table_state import decide, dishes_on, people_at, remember_state
-from smach import State
 
 
 class DeliverOrder(MerlinActionSM):
@@ -16,16 +16,12 @@ class DeliverOrder(MerlinActionSM):
 
     def build(self) -> None:
         """LOOK → SEE → OFFER → ACCEPTED."""
-        self.add_auto("LOOK", self.look(), ["succeeded"])
+        self.add_auto("LOOK", table_look(bool(self.robot_parameter)), ["succeeded"])
         see = self.state("function", self._see, ["t", "detections"], ["order"])
         self.add_auto("SEE", see, ["succeeded"])
         offer = self.state("ask", "Here is your {order}. Is everything right?", YES_NO, ["order"])
         self.add("OFFER", offer, {"succeeded": "ACCEPTED", "misunderstood": "aborted"})
         self.add("ACCEPTED", self.state("function", self._accepted, ["t", "heard"]))
-
-    def look(self) -> State:
-        """Makes the state that looks at the table."""
-        return self.state("recognize")
 
     def _see(self, userdata: Any) -> None:
         table, seen = userdata.t, userdata.detections

@@ -3,7 +3,9 @@
 from typing import Any
 
 from merlin_actions.merlin_action_sm import MerlinActionSM
+from merlin_restaurant.actions.check_entrance import people_waiting
 from merlin_restaurant.menu import YES_NO
+from merlin_restaurant.waiting_clients import note_clients
 
 
 class GreetClient(MerlinActionSM):
@@ -12,11 +14,18 @@ class GreetClient(MerlinActionSM):
     parameters = ["c"]
 
     def build(self) -> None:
-        """GREET → WANTED; silence leads to NOBODY."""
+        """GREET → WANTED; silence leads to NOBODY. Several robots LOOK and COUNT the other clients before."""
+        if self.robot_parameter:
+            look = self.state("recognize", ["person"])
+            self.add("LOOK", look, {"succeeded": "COUNT", "aborted": "GREET"})
+            self.add("COUNT", self.state("function", self._count, ["detections"]), {"succeeded": "GREET"})
         greet = self.state("ask", "Good evening, and welcome. Would you like a table?", YES_NO)
         self.add("GREET", greet, {"succeeded": "WANTED", "misunderstood": "NOBODY"})
         self.add("WANTED", self.state("function", self._wanted, ["c", "heard"]))
         self.add("NOBODY", self.state("function", self._nobody, ["c"]))
+
+    def _count(self, userdata: Any) -> None:
+        note_clients(self, people_waiting(userdata.detections))
 
     def _wanted(self, userdata: Any) -> None:
         if userdata.heard.startswith("no"):

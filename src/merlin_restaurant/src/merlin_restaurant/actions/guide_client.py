@@ -5,6 +5,7 @@ from typing import Any, Optional
 import rospy
 
 from merlin_actions.merlin_action_sm import MerlinActionSM
+from merlin_restaurant.actions.navigate import STOPPED_AT
 from merlin_restaurant.follower_watch import FollowerWatch, WatchState
 from merlin_restaurant.table_state import people_at
 
@@ -20,11 +21,12 @@ class GuideClient(MerlinActionSM):
 
     parameters = ["c", "t"]
     if_interrupted = ["(robot_at anywhere)", "(ready ?t)"]
-    greeted = "(greeted {c})"
-    """What is forgotten with a lost client."""
+    if_stopped_at = STOPPED_AT
 
     def build(self) -> None:
         """INVITE → LEAD → OFFER_SEAT → LOOK → SEATED; a client behind leads to CALL → WAIT (→ SAY_LOST)."""
+        if self.robot_parameter:
+            self.if_interrupted = [*self.if_interrupted, f"(quiet ?{self.robot_parameter})", "(free ?t)"]
         watch = FollowerWatch()
         self.register_start_cb(self._begin)
         self.register_start_cb(watch.begin)
@@ -59,5 +61,6 @@ class GuideClient(MerlinActionSM):
         return "not_yet"
 
     def _gone(self, userdata: Any) -> None:
-        self.remove_facts(self.greeted.format(**{name: userdata[name] for name in self.parameters}))
+        who = [userdata[name] for name in self.parameters if name != "t"]
+        self.remove_facts(f"(greeted {' '.join(who)})")
         raise ValueError(f"{userdata.c} no longer follows")

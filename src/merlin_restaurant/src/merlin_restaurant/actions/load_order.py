@@ -18,6 +18,7 @@ class LoadOrder(MerlinActionBT):
     """Asks the barman, and sees that nothing of the order stays on the bar; a behaviour tree."""
 
     parameters = ["t"]
+    optional = [COUNTER]
 
     def tree(self) -> Behaviour:
         """ASK, LOOK, NOTHING_LEFT, and from the beginning as long as one of them fails."""

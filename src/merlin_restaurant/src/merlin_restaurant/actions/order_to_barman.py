@@ -18,6 +18,7 @@ class OrderToBarman(MerlinActionSM):
     """Orders from the barman, waits for his call, checks what stands on the bar, and names what is wrong."""
 
     parameters = ["t"]
+    optional = [COUNTER]
 
     def build(self) -> None:
         """RECALL → TELL → CHECK, a machine of its own that ends when the order is right."""

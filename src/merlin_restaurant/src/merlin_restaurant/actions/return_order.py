@@ -1,6 +1,7 @@
 """The action (return_order ?t): bring back an order whose guests have left."""
 
 from merlin_actions.merlin_action_sm import MerlinActionSM
+from merlin_restaurant.actions.order_to_barman import COUNTER
 from merlin_restaurant.menu import ALL_RIGHT
 
 
@@ -8,6 +9,7 @@ class ReturnOrder(MerlinActionSM):
     """Asks the barman to take an order from the tray."""
 
     parameters = ["t"]
+    optional = [COUNTER]
 
     def build(self) -> None:
         """ASK, which the barman has to confirm."""
