@@ -1,7 +1,6 @@
 """The fault campaign: `python bench/chaos --trials 20 --seed 1`. Exit code 0: nothing was violated."""
 
 import argparse
-import ctypes
 import fnmatch
 import os
 import signal
@@ -23,10 +22,10 @@ from chaos.moments import Moment
 from chaos.trials import Trial, draw, known_failures
 from chaos.under_test.network import why_impossible, why_slow
 from chaos.under_test.system import StartError
+from merlin_ros.processes.process_tree import adopt_orphans
 
 ROOT = Path(__file__).resolve().parents[2]
 RESULTS = ROOT / "results" / "chaos"
-PR_SET_CHILD_SUBREAPER = 36
 EXIT_VIOLATED, EXIT_USAGE, EXIT_START, EXIT_INTERRUPTED = 1, 2, 3, 130
 
 
@@ -168,7 +167,7 @@ def _endure(options: argparse.Namespace) -> int:
 def _guarded(work: Callable[[], int]) -> int:
     """Does work that starts systems; an interrupt ends it cleanly."""
     # What a killed launcher leaves behind becomes a child of this process, which ends it.
-    ctypes.CDLL(None).prctl(PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
+    adopt_orphans()
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, _interrupt)
     try:

@@ -32,8 +32,9 @@ from merlin.linger import Page, keep, lingers, page_of, terminal
 from merlin.local_names import LOCALHOST, LOOPBACK, given_address, master_uri, resolves, use_loopback
 from merlin.master import Master
 from merlin.running import announced
-from merlin.supervision import WRAPPER_SPAN, Restarts, adopt_orphans, end_children
+from merlin.supervision import WRAPPER_SPAN, Restarts, end_children
 from merlin_ros.lean_start import end_lightly
+from merlin_ros.processes.process_tree import adopt_orphans
 
 MISSION_NODE = "mission"
 #: The script that starts a node again which has died, as a launch-prefix.

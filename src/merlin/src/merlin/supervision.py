@@ -7,7 +7,6 @@ be ended without guessing by name.
 """
 
 import contextlib
-import ctypes
 import mmap
 import os
 import signal
@@ -15,8 +14,8 @@ import sys
 import time
 from typing import Callable, List, Optional, Set, Tuple
 
-PR_SET_PDEATHSIG = 1
-PR_SET_CHILD_SUBREAPER = 36
+from merlin_ros.processes.process_tree import adopt_orphans, children, end_with
+
 SI_KERNEL = 0x80
 
 #: Pauses before the 1st, 2nd, … start within the span, s.
@@ -124,9 +123,7 @@ def supervise(run: Callable[[bool, Callable[[], None]], int], command: str) -> i
 
 def _bind_to(supervisor: int) -> None:
     """Lets a child end in order when its supervisor is killed."""
-    with contextlib.suppress(OSError, AttributeError):
-        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
-    if os.getppid() != supervisor:
+    if not end_with(supervisor, signal.SIGTERM):
         raise SystemExit(128 + signal.SIGTERM)
 
 
@@ -165,33 +162,6 @@ def _end_in_order() -> int:
             stopped = told.si_signo
     end_children()
     return stopped
-
-
-def adopt_orphans() -> bool:
-    """Makes this process the new parent of grandchildren that lose theirs.
-
-    :return: false where the system has no such thing (not Linux); then only direct children are found.
-    """
-    try:
-        return ctypes.CDLL(None).prctl(PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0) == 0
-    except (OSError, AttributeError):
-        return False
-
-
-def children() -> List[int]:
-    """Process ids of the children of this process, ended ones that were not waited for included."""
-    found = []
-    for entry in os.listdir("/proc"):
-        if not entry.isdigit():
-            continue
-        try:
-            with open(f"/proc/{entry}/stat") as file:
-                parent = int(file.read().rsplit(")", 1)[1].split()[1])
-        except OSError:
-            continue  # it ended between the listing and the look
-        if parent == os.getpid():
-            found.append(int(entry))
-    return found
 
 
 def end_children() -> List[int]:

@@ -23,7 +23,7 @@ from merlin_ros.deadline import SIM_STATUS_TOPIC, simulated
 from merlin_ros.master.master_link import MasterSilent, get_param, set_param
 from merlin_ros.node import run_node
 from merlin_ros.parameters import ParameterError
-from merlin_ros.process_priority import raise_priority
+from merlin_ros.processes.process_priority import raise_priority
 from merlin_ros.publishing import OnSubscriber
 
 NAME = "merlin_guard"

@@ -14,11 +14,11 @@ import pytest
 from process_end import gone
 
 from merlin_ros.alarms import LONGEST_TICK, TickClock
+from merlin_ros.processes.process_tree import descendants
 from merlin_rosplan.planning.planner import PlannerSettings
 from merlin_rosplan.planning.planning_outcome import PlannerState
-from merlin_rosplan.supervision import planner_host, planner_tree
+from merlin_rosplan.supervision import planner_host
 from merlin_rosplan.supervision.planner_host import HostError, PlannerHost, PlannerHosts
-from merlin_rosplan.supervision.planner_tree import descendants
 from merlin_rosplan.supervision.planning import Planning
 
 pytestmark = pytest.mark.processes
@@ -236,21 +236,6 @@ def test_a_killed_supervisor_costs_one_planning(planner, tmp_path):
     settings = PlannerSettings(command=planner("echo ';; Problem unsolvable!'"))
     assert Planning(settings, *paths, hosts=hosts).run().state == PlannerState.UNSOLVABLE
     hosts.take().close()
-
-
-def test_descendants_are_the_same_with_and_without_the_list_of_the_kernel(monkeypatch):
-    script = "sh -c 'sleep 600 & echo $!; wait' & wait"
-    shell = subprocess.Popen(["sh", "-c", script], stdout=subprocess.PIPE, text=True, start_new_session=True)
-    try:
-        sleep = int(shell.stdout.readline())
-        found = {}
-        for lists in {planner_tree._LISTS, False}:
-            monkeypatch.setattr(planner_tree, "_LISTS", lists)
-            found[lists] = set(descendants(shell.pid))
-        assert all(sleep in pids and len(pids) == 2 for pids in found.values()), found
-    finally:
-        os.killpg(shell.pid, signal.SIGKILL)
-        shell.communicate()
 
 
 def processes_of(plannings, pids):

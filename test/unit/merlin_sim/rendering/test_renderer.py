@@ -181,7 +181,7 @@ def test_without_descriptors_pictures_fail_with_a_reason_until_there_are_some(
         raise OSError(errno.EMFILE, "Too many open files")
 
     with monkeypatch.context() as context:
-        context.setattr(f"merlin_sim.rendering.picture_worker.{fails}", none_left)
+        context.setattr(fails, none_left)
         for _ in range(2):
             with pytest.raises(PictureError, match="cannot be started: .*Too many open files"):
                 renderer.take(simulation.shot(simulation.robots["ann"])).result(LONG)

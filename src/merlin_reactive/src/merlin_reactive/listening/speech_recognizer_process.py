@@ -5,12 +5,11 @@ In the node's own process nothing else would run meanwhile: no status, no answer
 machine the clients of the node would take it for dead.
 """
 
-import os
-import pickle
-import subprocess
+import contextlib
+import socket
 import sys
 import threading
-from typing import Any, BinaryIO, Optional, Union
+from typing import Any, Optional, Union
 
 import numpy as np
 
@@ -20,8 +19,9 @@ from merlin_reactive.listening.speech_recognizer import (
     SpeechRecognizer,
     Understanding,
 )
+from merlin_ros.processes.child_process import ChildProcess, parent, receive, send
 
-END_LIMIT = 1.0  # s of wall time for the process to end by itself
+_MODULE = "merlin_reactive.listening.speech_recognizer_process"
 
 
 class SpeechRecognizerLost(Exception):
@@ -39,7 +39,7 @@ class SpeechRecognizerProcess:
         self._lock = threading.Lock()  # guards what follows
         self._grammar = ""
         self._closed = False
-        self._process: Optional[subprocess.Popen[bytes]] = self._start()
+        self._process: Optional[ChildProcess] = ChildProcess(_MODULE, str(self._threshold))
 
     def use(self, grammar: str) -> None:
         """Sets the grammar (JSGF text) for the next utterances.
@@ -63,60 +63,40 @@ class SpeechRecognizerProcess:
             understanding: Understanding = self._call(np.asarray(samples, dtype=np.int16))
             return understanding
 
+    @property
+    def pid(self) -> int:
+        """Process id of the recogniser; 0: none runs."""
+        process = self._process
+        return process.pid if process is not None else 0
+
     def close(self) -> None:
         """Ends the process, also one that is decoding."""
         self._closed = True
         process = self._process
-        if process is not None and process.poll() is None:
-            process.terminate()
-            try:
-                process.wait(END_LIMIT)
-            except subprocess.TimeoutExpired:
-                process.kill()
-
-    def _start(self) -> "subprocess.Popen[bytes]":
-        command = [
-            sys.executable,
-            "-m",
-            "merlin_reactive.listening.speech_recognizer_process",
-            str(self._threshold),
-        ]
-        # In a session of its own, where no Ctrl-C reaches it: the node that started it ends it.
-        return subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
-        )
+        if process is not None:
+            process.kill()
 
     def _call(self, request: Any) -> Any:
         if self._closed:
             raise SpeechRecognizerLost("the speech recogniser is shut down")
-        process = self._process = self._process or self._start()
-        assert process.stdin is not None and process.stdout is not None  # both are pipes
+        process = self._process = self._process or ChildProcess(_MODULE, str(self._threshold))
         try:
-            _write(process.stdin, request)
-            answer = pickle.load(process.stdout)
-        except (OSError, EOFError, pickle.UnpicklingError) as error:
+            send(process.channel, request)
+            answer = receive(process.channel)
+        except (OSError, EOFError) as error:
             self._process = None
-            process.kill()
             raise SpeechRecognizerLost(
-                f"the speech recogniser's process ended (exit code {process.wait()})"
+                f"the speech recogniser's process ended (exit code {process.kill()})"
             ) from error
         if isinstance(answer, GrammarError):
             raise answer
         return answer
 
 
-def _write(stream: Any, value: Any) -> None:
-    pickle.dump(value, stream)
-    stream.flush()
-
-
-def serve(requests: BinaryIO, answers: BinaryIO, recognizer: SpeechRecognizer) -> None:
-    """Answers requests, a grammar or the samples of an utterance, until there are no more."""
+def serve(channel: socket.socket, recognizer: SpeechRecognizer) -> None:
+    """Answers requests, a grammar or the samples of an utterance, until the other end closes."""
     while True:
-        try:
-            request = pickle.load(requests)
-        except EOFError:
-            return
+        request = receive(channel)
         answer: Union[Understanding, GrammarError, None] = None
         try:
             if isinstance(request, str):
@@ -125,18 +105,10 @@ def serve(requests: BinaryIO, answers: BinaryIO, recognizer: SpeechRecognizer) -
                 answer = recognizer.understand(request)
         except GrammarError as error:
             answer = error
-        try:
-            _write(answers, answer)
-        except BrokenPipeError:
-            return  # the node has closed its end
+        send(channel, answer)
 
 
 def main() -> None:
-    """The process: serves its standard input and output."""
-    answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
-    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what a library prints is not an answer
-    serve(sys.stdin.buffer, answers, SpeechRecognizer(float(sys.argv[1])))
-
-
-if __name__ == "__main__":
-    main()
+    """Entry point of the process; its first argument is the threshold."""
+    with parent() as channel, contextlib.suppress(EOFError, OSError):
+        serve(channel, SpeechRecognizer(float(sys.argv[1])))

@@ -4,13 +4,11 @@ import contextlib
 import json
 import os
 import select
-import socket
-import subprocess
-import sys
 import threading
 from typing import Any, Dict, List, Optional
 
 from merlin_ros.alarms import TICK, TickClock, call_later
+from merlin_ros.processes.child_process import ChildProcess
 
 #: s within which a cancel is answered even when the supervising process does not answer
 CANCEL_LIMIT = 1.0
@@ -28,25 +26,14 @@ class PlannerHost:
     """
 
     def __init__(self) -> None:
-        self._channel, theirs = socket.socketpair()
-        # The modules of this process, without a PYTHONPATH that planners written in Python would inherit.
-        program = f"import sys; sys.path[:] = {sys.path!r}; from {_MODULE} import main; main()"
-        command = [sys.executable, "-c", program, str(theirs.fileno())]
         environment = dict(os.environ)
         if environment.pop("RESPAWN_TUNED", ""):  # by scripts/respawn: it would slow down a search
             environment.pop("GLIBC_TUNABLES", "")
         try:
-            with theirs:
-                self._process = subprocess.Popen(
-                    command,
-                    pass_fds=[theirs.fileno()],
-                    env=environment,
-                    stdin=subprocess.DEVNULL,
-                    start_new_session=True,
-                )
+            self._process = ChildProcess(_MODULE, environment=environment)
         except OSError as error:
-            self._channel.close()
             raise HostError(f"the planner's supervising process cannot be started: {error}") from error
+        self._channel = self._process.channel
         self._lock = threading.Lock()  # guards the two fields below
         self._number = 0
         self._running = False
@@ -61,7 +48,7 @@ class PlannerHost:
     @property
     def alive(self) -> bool:
         """Whether it answers; its socket closes before its end can be seen."""
-        return not self._lost.is_set() and self._process.poll() is None
+        return not self._lost.is_set() and self._process.alive
 
     def begin(self, job: Dict[str, Any]) -> None:
         """Begins a planning; :meth:`wait` follows.
@@ -107,8 +94,7 @@ class PlannerHost:
     def close(self) -> None:
         """Ends the process and everything below it."""
         self._channel.close()
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            self._process.wait(CANCEL_LIMIT)
+        self._process.wait(CANCEL_LIMIT)
 
     def _receive(self, limit: Optional[float], ticks: TickClock) -> bytes:
         poll = select.poll()
@@ -144,8 +130,7 @@ class PlannerHost:
         with self._lock:
             if self._running and self._number == number:
                 # Its end of the socket closes too: should it come to itself, it ends what it has started.
-                with contextlib.suppress(OSError):
-                    self._channel.shutdown(socket.SHUT_RDWR)
+                self._process.interrupt()
 
 
 class PlannerHosts:

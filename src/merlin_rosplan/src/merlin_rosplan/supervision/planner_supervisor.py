@@ -1,7 +1,7 @@
 """The supervising process: runs one planning at a time and ends whatever a planning has started.
 
-``python -m merlin_rosplan.supervision.planner_supervisor FD`` serves the socket FD until its other end
-closes, which it does also when the node there is killed. Lines of JSON come and go:
+It is a child of a node (:class:`.planner_host.PlannerHost`) and serves it until the socket closes, which it
+does also when the node is killed. Lines of JSON come and go:
 
 ==============================  ==========================================================================
 ``{"job": 3, ...}``             plan; the keys are those of :class:`.planner_job.PlannerJob`
@@ -31,9 +31,10 @@ import traceback
 from pathlib import Path
 from typing import Any, Callable, Dict, List, NamedTuple, Optional, Tuple
 
+from merlin_ros.processes.child_process import parent
+from merlin_ros.processes.process_tree import adopt_orphans, descendants, end_descendants, tree_size
 from merlin_rosplan.planning.planner_files import MEGABYTE, too_much
 from merlin_rosplan.planning.planning_outcome import PlannerState
-from merlin_rosplan.supervision.planner_tree import adopt_orphans, descendants, end_descendants, tree_size
 
 #: s between two looks at memory and files of a planning; cancel and end are events and do not wait for it
 WATCH = 0.25
@@ -318,14 +319,10 @@ def main() -> None:
 
     kairos_check.load()  # once for all plannings: they are forked from here
     gc.freeze()
-    with socket.socket(fileno=int(sys.argv[1])) as channel:
+    with parent() as channel:
         supervisor = Supervisor(channel, work, warm_up)
         try:
             supervisor.serve()
         finally:
             supervisor.close()
             os._exit(0)  # kairos' bindings print much at the end of an interpreter
-
-
-if __name__ == "__main__":
-    main()

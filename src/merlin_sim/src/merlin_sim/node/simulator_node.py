@@ -31,7 +31,7 @@ from merlin_ros.health import OK, WARN, Health, HealthReporter
 from merlin_ros.master.master_link import bounded_master
 from merlin_ros.node import run_node
 from merlin_ros.parameters import ParameterError
-from merlin_ros.process_priority import lower_priority
+from merlin_ros.processes.process_priority import lower_priority
 from merlin_ros.publishing import publish
 from merlin_sim.engine.physics import PhysicsError
 from merlin_sim.engine.simulation import PHYSICS_RATE, Simulation

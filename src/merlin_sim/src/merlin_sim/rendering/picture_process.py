@@ -5,29 +5,25 @@ both processes share, and the number of bytes, or the text of an error, is sent 
 """
 
 import contextlib
-import ctypes
 import mmap
 import os
 import signal
 import socket
 import sys
 
-from merlin_ros.process_priority import inherit_priority
-from merlin_sim.rendering.channel import receive, send
-
-_PR_SET_PDEATHSIG = 1  # linux/prctl.h
+from merlin_ros.processes.child_process import parent, receive, send
+from merlin_ros.processes.process_priority import inherit_priority
 
 
 def main() -> None:
-    """Entry point of the process; its arguments: socket, shared memory, the simulator's process id."""
-    descriptor, memory, simulator = (int(argument) for argument in sys.argv[-3:])
+    """Entry point of the process; its last argument is the shared memory."""
+    memory = int(sys.argv[-3])
     # The simulator says when to end, not a terminal; a SIGTERM means this process alone.
     for number in (signal.SIGINT, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
-    _end_with(simulator)
+    channel = parent(dies_with_thread=True)
     inherit_priority()  # the simulator yields to the robots' software
-    with socket.socket(fileno=descriptor) as channel, contextlib.suppress(EOFError, OSError):
-        channel.setblocking(True)  # it is not, where the simulator has a default time limit for sockets
+    with channel, contextlib.suppress(EOFError, OSError):
         _serve(channel, memory)
     os._exit(0)
 
@@ -58,13 +54,3 @@ def _share(pixels: bytes, memory: int) -> int:
     with mmap.mmap(memory, len(pixels)) as shared:
         shared[:] = pixels
     return len(pixels)
-
-
-def _end_with(simulator: int) -> None:
-    """Lets the kernel kill this process when the thread that started it has gone.
-
-    A closed socket says the same, but is not noticed by a process that was stopped.
-    """
-    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
-    if os.getppid() != simulator:
-        os._exit(0)  # it went before

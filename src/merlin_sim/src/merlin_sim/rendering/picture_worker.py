@@ -5,15 +5,13 @@ import mmap
 import os
 import select
 import socket
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from merlin_sim.rendering.channel import receive, send
+from merlin_ros.processes.child_process import ChildProcess, receive, send
 from merlin_sim.rendering.shot import PictureError, Shot
 
 _MODULE = "merlin_sim.rendering.picture_process"
@@ -47,20 +45,12 @@ class PictureWorker:
     """
 
     def __init__(self) -> None:
-        # The modules of this process, wherever they come from.
-        program = f"import sys; sys.path[:] = {sys.path!r}; from {_MODULE} import main; main()"
         try:
             with contextlib.ExitStack() as given_back:
-                self._channel, theirs = socket.socketpair()
-                given_back.callback(self._channel.close)
-                with theirs:
-                    self._memory = os.memfd_create("pictures")
-                    given_back.callback(os.close, self._memory)
-                    descriptors = (theirs.fileno(), self._memory)
-                    command = [sys.executable, "-c", program, NAME, *map(str, (*descriptors, os.getpid()))]
-                    self._process = subprocess.Popen(
-                        command, pass_fds=descriptors, stdin=subprocess.DEVNULL, start_new_session=True
-                    )
+                self._memory = os.memfd_create("pictures")
+                given_back.callback(os.close, self._memory)
+                words = (NAME, str(self._memory))
+                self._process = ChildProcess(_MODULE, *words, descriptors=[self._memory])
                 given_back.pop_all()  # it has begun: they are needed
         except OSError as error:
             raise WorkerLost(f"the process that makes pictures cannot be started: {error}") from error
@@ -87,8 +77,8 @@ class PictureWorker:
                 if problem is not None:
                     raise WorkerLost(f"the process that makes pictures cannot start: {problem}")
                 self._ready = True
-            self._channel.settimeout(limit)
-            send(self._channel, replace(shot, looks=shot.looks[known:]))
+            self._process.channel.settimeout(limit)
+            send(self._process.channel, replace(shot, looks=shot.looks[known:]))
             pixels = shot.camera.model.width * shot.camera.model.height
             answer = self._answer(limit, WORK_LIMIT + WORK_LIMIT_PER_MEGAPIXEL * pixels / 1e6)
         except socket.timeout:
@@ -109,14 +99,14 @@ class PictureWorker:
         :param most: s of processor time.
         """
         poll = select.poll()
-        poll.register(self._channel, select.POLLIN)
+        poll.register(self._process.channel, select.POLLIN)
         began = before = self._activity()
         while not poll.poll(limit * 1000.0):
             now = self._activity()
             if now == before or now.worked - began.worked > most:
                 raise socket.timeout
             before = now
-        return receive(self._channel)
+        return receive(self._process.channel)
 
     def _activity(self) -> _Activity:
         process = Path(f"/proc/{self.pid}")
@@ -132,12 +122,9 @@ class PictureWorker:
 
     def interrupt(self) -> None:
         """Ends a wait for a picture, from another thread."""
-        with contextlib.suppress(OSError):  # closed on the other side
-            self._channel.shutdown(socket.SHUT_RDWR)
+        self._process.interrupt()
 
     def close(self) -> None:
         """Ends the process."""
         self._process.kill()
-        self._process.wait()
-        self._channel.close()
         os.close(self._memory)

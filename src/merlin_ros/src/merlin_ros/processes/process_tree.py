@@ -7,7 +7,7 @@ import signal
 import time
 from typing import Callable, Dict, List, NamedTuple
 
-_PR_SET_CHILD_SUBREAPER = 36  # linux/prctl.h
+_PR_SET_PDEATHSIG, _PR_SET_CHILD_SUBREAPER = 1, 36  # linux/prctl.h
 _LISTS = os.path.exists(f"/proc/self/task/{os.getpid()}/children")  # not every kernel is built with it
 _PAGE = os.sysconf("SC_PAGE_SIZE")
 
@@ -24,9 +24,30 @@ def adopt_orphans() -> None:
 
     :raises OSError: the kernel refuses.
     """
+    _prctl(_PR_SET_CHILD_SUBREAPER, 1)
+
+
+def end_with(starter: int, number: int) -> bool:
+    """Has the kernel send the calling process a signal when the thread that started it ends.
+
+    :param starter: process id of that thread's process.
+    :param number: the signal.
+    :return: whether that process lives; otherwise the signal never comes.
+    :raises OSError: the kernel refuses.
+    """
+    _prctl(_PR_SET_PDEATHSIG, number)
+    return os.getppid() == starter
+
+
+def _prctl(option: int, value: int) -> None:
     library = ctypes.CDLL(None, use_errno=True)
-    if library.prctl(_PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0):
-        raise OSError(ctypes.get_errno(), "PR_SET_CHILD_SUBREAPER")
+    if library.prctl(option, value, 0, 0, 0):
+        raise OSError(ctypes.get_errno(), f"prctl {option}")
+
+
+def children() -> List[int]:
+    """Process ids of the children of this process, ended ones that were not waited for included."""
+    return _children()(os.getpid())
 
 
 def descendants(root: int) -> List[int]:
@@ -34,14 +55,18 @@ def descendants(root: int) -> List[int]:
 
     A process that ends meanwhile may hide another one: ask again after its end.
     """
-    children = _listed_children if _LISTS else _scanned_children()
+    of = _children()
     found: List[int] = []
     waiting = [root]
     while waiting:
-        below = children(waiting.pop())
+        below = of(waiting.pop())
         found.extend(below)
         waiting.extend(below)
     return found
+
+
+def _children() -> Callable[[int], List[int]]:
+    return _listed_children if _LISTS else _scanned_children()
 
 
 def _listed_children(pid: int) -> List[int]:

@@ -11,7 +11,7 @@ from merlin_test.priorities import may_go_before_others
 
 SCRIPT = """
 import os, resource, threading
-from merlin_ros.process_priority import lower_priority, raise_priority
+from merlin_ros.processes.process_priority import lower_priority, raise_priority
 {before}
 allowed = {call}
 later = []
@@ -62,7 +62,7 @@ def test_a_process_that_yields_more_is_left_alone() -> None:
 @yields
 @grouped
 def test_a_child_in_a_session_of_its_own_yields_as_its_parent() -> None:
-    child = f"from merlin_ros.process_priority import inherit_priority; inherit_priority(); {GROUP}"
+    child = f"from merlin_ros.processes.process_priority import inherit_priority; inherit_priority(); {GROUP}"
     # The parent prints what the child said: of two processes, each may print before the other.
     begin = (
         "import subprocess, sys\n"

@@ -1,0 +1,1 @@
+"""What a process has started: children that work for it, all below it, and which goes first. Without ROS."""
