@@ -93,7 +93,7 @@ LAYERS: Dict[str, Tuple[str, ...]] = {
     "merlin_reactive": (".", "localization navigation speech listening recognition"),
     "merlin_sim": ("world", "robot people", "rendering", "engine", "node"),
     "merlin_actions": ("core", ".", "actions nodes testing"),
-    "merlin_executor": ("core goals", ".", "mission node testing"),
+    "merlin_executor": ("core goals", ".", "mission node"),
     "merlin_fleet": ("core", ". testing", "page node", "commands"),
     "merlin_monitor": (
         "text drawing access",

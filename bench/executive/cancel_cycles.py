@@ -6,10 +6,9 @@ from typing import Any, Dict, List, Optional
 import rospy
 from measuring.figures import figure
 from measuring.ros_process import RosMaster
-
-from merlin_executor.testing.cancel_stress import CancelStress
-from merlin_executor.testing.process_status import Usage
-from merlin_executor.testing.process_usage import usage_of_nodes
+from stress.cancel_stress import CancelStress
+from stress.process_status import Usage
+from stress.process_usage import usage_of_nodes
 
 GOALS = [f"(checked {poi})" for poi in ("kitchen", "bathroom", "dorm_room", "main_door")]
 WARM_UP = 10  # cycles until every connection has been made once

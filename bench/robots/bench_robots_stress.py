@@ -11,8 +11,8 @@ from typing import Any, Dict
 
 import rospy
 from measuring.ros_process import RosMaster
+from stress.robots_stress import RobotsStress
 
-from merlin_executor.testing.robots_stress import RobotsStress
 from robots.bench_robots_dispatch import PDDL, PLACES, problem
 
 ROBOTS = ["ann", "bob", "carl"]

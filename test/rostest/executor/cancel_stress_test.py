@@ -1,14 +1,19 @@
 #!/usr/bin/env python3
 """A hundred cancels and interruptions at random moments leave everything as it has to be; soak has 10 000."""
 
+import sys
 import time
 import unittest
+from pathlib import Path
 
 import rospy
 
 import rostest
-from merlin_executor.testing.cancel_stress import CancelStress
-from merlin_executor.testing.process_usage import usage_of_nodes
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[3] / "bench"))  # not installed
+
+from stress.cancel_stress import CancelStress
+from stress.process_usage import usage_of_nodes
 
 GOALS = [f"(checked {poi})" for poi in ("kitchen", "bathroom", "dorm_room", "main_door")]
 LONG = 60.0

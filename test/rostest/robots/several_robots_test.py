@@ -4,9 +4,11 @@
 import os
 import signal
 import subprocess
+import sys
 import tempfile
 import threading
 import unittest
+from pathlib import Path
 from xmlrpc.client import ServerProxy
 
 import rosgraph
@@ -25,11 +27,14 @@ import smach
 from merlin_actions.merlin_action_server import MerlinActionServer
 from merlin_actions.merlin_action_sm import MerlinActionSM
 from merlin_executor.executor_client import MerlinExecutorClient, outcome_name
-from merlin_executor.testing.robots_stress import RobotsStress
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 from merlin_test.announced_interfaces import wait_for_interfaces
 from merlin_test.node_path import node_path
 from merlin_test.topic_links import sends, wait_for_publisher
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[3] / "bench"))  # not installed
+
+from stress.robots_stress import RobotsStress
 
 LONG = 60.0
 SUCCEEDED, FAILED = ActionFeedback.ACTION_SUCCEEDED_TO_GOAL_STATE, ActionFeedback.ACTION_FAILED

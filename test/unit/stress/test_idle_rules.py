@@ -1,8 +1,7 @@
 """The stress test sees a robot that is not as an idle one has to be."""
 
 import pytest
-
-from merlin_executor.testing.idle_rules import NEAR, IdleRobot, violations
+from stress.idle_rules import NEAR, IdleRobot, violations
 
 IDLE = IdleRobot(
     positions=["(robot_at kitchen)"],

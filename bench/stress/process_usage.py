@@ -6,7 +6,7 @@ from typing import Any, Dict
 import rosgraph
 import rosnode
 
-from merlin_executor.testing.process_status import Usage, usage_of
+from stress.process_status import Usage, usage_of
 
 
 def usage_of_nodes() -> Dict[str, Usage]:

@@ -22,11 +22,11 @@ from move_base_msgs.msg import MoveBaseActionGoal, MoveBaseActionResult
 from std_srvs.srv import SetBool
 
 from merlin_executor.executor_client import ExecutorRequest, MerlinExecutorClient, outcome_name
-from merlin_executor.testing.robots_record import ANYWHERE, RobotsRecord
-from merlin_executor.testing.stress_cycles import Cycle, Violation, arguments_of, draw, places_of, twice
 from merlin_ros.actions.peers import connected_peers
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 from merlin_sm.states.navigation import POINTS_PARAM
+from stress.robots_record import ANYWHERE, RobotsRecord
+from stress.stress_cycles import Cycle, Violation, arguments_of, draw, places_of, twice
 
 LIMIT = 60.0  # s for anything to happen; exceeding it is a violation
 DISPATCHER = "rosplan_plan_dispatcher"

@@ -4,8 +4,7 @@ import random
 from typing import List
 
 import pytest
-
-from merlin_executor.testing.stress_cycles import Cycle, arguments_of, draw, places_of, twice
+from stress.stress_cycles import Cycle, arguments_of, draw, places_of, twice
 
 ROBOTS = ["ann", "bob"]
 PLACES = ["kitchen", "hall", "yard", "attic"]

@@ -3,9 +3,8 @@
 import random
 
 import pytest
-
-from merlin_executor.testing.robots_record import RobotsRecord
-from merlin_executor.testing.stress_cycles import draw
+from stress.robots_record import RobotsRecord
+from stress.stress_cycles import draw
 
 ROBOTS = ["ann", "bob"]
 

@@ -4,8 +4,7 @@ import os
 import threading
 
 import pytest
-
-from merlin_executor.testing.process_status import Usage, usage_in, usage_of
+from stress.process_status import Usage, usage_in, usage_of
 
 STATUS = """Name:\tpython3
 State:\tS (sleeping)

@@ -1,1 +1,0 @@
-"""Tools that put an Executor and everything below it under stress, for our suites and for users' own."""
