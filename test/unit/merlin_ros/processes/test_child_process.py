@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any, List
 
 import pytest
-from process_end import gone
 
 from merlin_ros.processes import child_process
 from merlin_ros.processes.child_process import ChildProcess, receive, send
+from merlin_test.process_end import gone
 
 pytestmark = pytest.mark.processes
 

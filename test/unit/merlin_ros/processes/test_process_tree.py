@@ -6,10 +6,10 @@ import subprocess
 import sys
 
 import pytest
-from process_end import gone
 
 from merlin_ros.processes import process_tree
 from merlin_ros.processes.process_tree import children, descendants
+from merlin_test.process_end import gone
 
 pytestmark = pytest.mark.processes
 

@@ -9,7 +9,6 @@ import time
 from pathlib import Path
 
 import pytest
-from process_end import gone
 
 from merlin_pddl.checks import kairos_check
 from merlin_pddl.plan_text import parse_plan
@@ -18,6 +17,7 @@ from merlin_rosplan.planning.planner_command import PlannerCommandError, parse_c
 from merlin_rosplan.planning.planner_process import PlannerProcess
 from merlin_rosplan.planning.planning_outcome import PlannerState
 from merlin_rosplan.supervision.planning import Planning
+from merlin_test.process_end import gone
 
 DOMAIN = Path(__file__).parents[4] / "pddl" / "home" / "domain.pddl"
 PROBLEM = (DOMAIN.parent / "problem.pddl").read_text()

@@ -11,7 +11,6 @@ import time
 from pathlib import Path
 
 import pytest
-from process_end import gone
 
 from merlin_ros.alarms import LONGEST_TICK, TickClock
 from merlin_ros.processes.process_tree import descendants
@@ -20,6 +19,7 @@ from merlin_rosplan.planning.planning_outcome import PlannerState
 from merlin_rosplan.supervision import planner_host
 from merlin_rosplan.supervision.planner_host import HostError, PlannerHost, PlannerHosts
 from merlin_rosplan.supervision.planning import Planning
+from merlin_test.process_end import gone
 
 pytestmark = pytest.mark.processes
 
