@@ -2,8 +2,7 @@
 
 import pytest
 
-from merlin_sm.knowledge_changes import parse_changes
-from merlin_sm.knowledge_client import ADD, REMOVE
+from merlin_sm.knowledge_client import ADD, REMOVE, parse_changes
 from merlin_sm.knowledge_text import PDDLSyntaxError, to_pddl
 
 

@@ -23,12 +23,17 @@ from merlin_ros.actions.lease_watch import LeaseWatch
 from merlin_ros.deadline import Deadline, limit, running_time
 from merlin_ros.publishing import publish
 from merlin_ros.service_proxy import ServiceError, ServiceProxy, ServiceUnavailable
-from merlin_sm.dispatching.action_messages import CANCEL_ACTION, answer_in, cancel_of, dispatched_action
+from merlin_sm.dispatching.action_messages import (
+    CANCEL_ACTION,
+    answer_in,
+    cancel_of,
+    dispatched_action,
+    reply_of,
+)
 from merlin_sm.dispatching.kinds import DispatcherKind, Hold, ReportingDispatcher, SilentDispatcher
 from merlin_sm.dispatching.owners import DispatchOwners
 from merlin_sm.dispatching.progress import PART, Action, DispatchProgress, DispatchResult, ground
 from merlin_sm.dispatching.readiness import DispatchReadiness
-from merlin_sm.dispatching.reply import reply_of
 from merlin_sm.knowledge_client import DEFAULT_KNOWLEDGE_BASE
 from merlin_sm.planning_client import Interruptible
 

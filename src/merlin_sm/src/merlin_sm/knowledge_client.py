@@ -6,7 +6,13 @@ from typing import Any, Dict, List, NamedTuple, Optional, Sequence, Type
 
 import rospy
 from diagnostic_msgs.msg import KeyValue
-from rosplan_knowledge_msgs.msg import DomainFormula, DomainOperator, KnowledgeItem
+from rosplan_knowledge_msgs.msg import (
+    DomainFormula,
+    DomainInequality,
+    DomainOperator,
+    ExprBase,
+    KnowledgeItem,
+)
 from rosplan_knowledge_msgs.srv import (
     GetAttributeService,
     GetDomainAttributeService,
@@ -21,7 +27,7 @@ from rosplan_knowledge_msgs.srv import (
 from std_srvs.srv import Trigger
 
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
-from merlin_sm.knowledge_text import to_pddl
+from merlin_sm.knowledge_text import PDDLSyntaxError, parse_goal, to_pddl
 
 DEFAULT_KNOWLEDGE_BASE = "rosplan_knowledge_base"
 ADD = KnowledgeUpdateServiceArrayRequest.ADD_KNOWLEDGE
@@ -213,3 +219,33 @@ def _positive(item: KnowledgeItem) -> KnowledgeItem:
     if item.knowledge_type != KnowledgeItem.FACT or not item.is_negative:
         return item
     return fact(item.attribute_name, *[value.value for value in item.values])
+
+
+def parse_changes(text: str) -> List[Update]:
+    """What makes a text true, ``(and (checked kitchen) (not (open door)) (= (battery) 20))``.
+
+    :raises PDDLSyntaxError: when it is something else than facts, ``not``, values and ``and`` of them.
+    """
+    return [_update(item) for item in parse_goal(text)]
+
+
+def _update(item: KnowledgeItem) -> Update:
+    if item.knowledge_type == KnowledgeItem.INEQUALITY:
+        return Update(ADD, _value(item))
+    kind = REMOVE if item.is_negative else ADD
+    item.is_negative = False
+    return Update(kind, item)
+
+
+def _value(item: KnowledgeItem) -> KnowledgeItem:
+    left, right = item.ineq.LHS.tokens, item.ineq.RHS.tokens
+    if (
+        item.ineq.comparison_type != DomainInequality.EQUALS
+        or [token.expr_type for token in left] != [ExprBase.FUNCTION]
+        or [token.expr_type for token in right] != [ExprBase.CONSTANT]
+    ):
+        raise PDDLSyntaxError(f"{to_pddl(item)} sets no value; write (= (battery) 20)")
+    function = left[0].function
+    return function_value(
+        function.name, [entry.value for entry in function.typed_parameters], right[0].constant
+    )

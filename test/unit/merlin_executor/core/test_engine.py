@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from merlin_executor.core.engine import Engine, Job, Stages
 from merlin_executor.core.outcome import Outcome, Verdict
+from merlin_executor.goal_check import GoalError, check_atom
 from merlin_executor.goals.goal_notes import GoalNotes, NotesError
-from merlin_executor.goals.goal_rules import GoalError, check_atom
 
 LONG = 60.0
 

@@ -7,9 +7,8 @@ from unittest import mock
 import pytest
 import rospy
 
-from merlin_executor.node import own_goals, parameter_notes
-from merlin_executor.node.own_goals import OwnGoals
-from merlin_executor.node.parameter_notes import ParameterNotes
+from merlin_executor.node import own_goals
+from merlin_executor.node.own_goals import OwnGoals, ParameterNotes
 from merlin_ros.master.master_link import MasterSilent
 from merlin_sm.knowledge_text import parse_goal
 
@@ -47,8 +46,8 @@ class Master:
 @pytest.fixture
 def master(monkeypatch: pytest.MonkeyPatch) -> Master:
     made = Master()
-    monkeypatch.setattr(parameter_notes, "set_param", made.set_param)
-    monkeypatch.setattr(parameter_notes, "get_param", made.get_param)
+    monkeypatch.setattr(own_goals, "set_param", made.set_param)
+    monkeypatch.setattr(own_goals, "get_param", made.get_param)
     return made
 
 

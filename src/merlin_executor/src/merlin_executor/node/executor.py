@@ -7,7 +7,7 @@ import itertools
 import threading
 import traceback
 from contextlib import contextmanager
-from typing import Dict, Iterator, List, Optional, Set
+from typing import Callable, Dict, Iterator, List, Optional, Set
 
 import rospy
 from actionlib_msgs.msg import GoalStatus
@@ -18,6 +18,7 @@ from merlin_msgs.msg import (
     ExecutorStatus,
     GoalQueue,
 )
+from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
 
 from merlin_executor.core.activity import LONGEST_REASON, Activity
 from merlin_executor.core.agenda import Agenda, Client, Decision
@@ -31,7 +32,6 @@ from merlin_executor.node.executor_sm import ExecutorSM
 from merlin_executor.node.executor_stages import KNOWLEDGE_BASE, PlanningSystem
 from merlin_executor.node.guard_client import GuardClient
 from merlin_executor.node.own_goals import OwnGoals
-from merlin_executor.node.pause_services import PauseServices
 from merlin_executor.node.recovery import Recovery
 from merlin_executor.node.request import Request
 from merlin_pddl.text_reader import shortened
@@ -40,6 +40,7 @@ from merlin_ros.actions.lease import LeaseState
 from merlin_ros.actions.lease_holder import LeaseHolder
 from merlin_ros.call_scope import CallScope
 from merlin_ros.health import OK, WARN, Health
+from merlin_ros.master.master_link import ERRORS, bounded_master
 from merlin_ros.publishing import publish
 from merlin_ros.service_proxy import ServiceError
 from merlin_sm.breakpoint_service import BreakpointService
@@ -50,6 +51,7 @@ from merlin_sm.knowledge_text import PDDLSyntaxError, to_pddl
 from merlin_sm.planning_client import PlanningClient
 from merlin_sm.states.planning import CALL_GRACE
 
+PAUSED_PARAM = "~paused"
 STATUS_WAIT = 1.0  # s of running time at start for the dispatcher's status; ROSPlan's own publish none
 CHECK_LIMIT = 5.0  # s of wall time to check the goals of a request; others wait behind it
 START_REST = 6.0  # s of running time at start for a plan to stop that is cancelled without a limit
@@ -303,3 +305,37 @@ def _ended_by_server(status: GoalStatus) -> ExecuteResult:
     cancelled = status.status in (GoalStatus.RECALLED, GoalStatus.PREEMPTED)
     outcome = Outcome.CANCELLED if cancelled else Outcome.INTERNAL
     return ExecuteResult(outcome=int(outcome), reason=status.text)
+
+
+class PauseServices:
+    """The services ``merlin/pause`` and ``merlin/resume``; a pause outlives its process.
+
+    :param switch: called with whether no further request begins; at once when the last process was paused.
+    """
+
+    def __init__(self, switch: Callable[[bool], None]) -> None:
+        self._switch = switch
+        self._lock = threading.Lock()  # orders the changes
+        if rospy.get_param(PAUSED_PARAM, False) is True:
+            switch(True)
+            rospy.logwarn("the executor is paused, as it was before; call merlin/resume")
+        self._services = [
+            rospy.Service("merlin/pause", Trigger, self._pause),
+            rospy.Service("merlin/resume", Trigger, self._resume),
+        ]
+
+    def _pause(self, _: TriggerRequest) -> TriggerResponse:
+        return self._set(True, "Paused: no further request begins; the running one continues.")
+
+    def _resume(self, _: TriggerRequest) -> TriggerResponse:
+        return self._set(False, "The next request may begin.")
+
+    def _set(self, paused: bool, words: str) -> TriggerResponse:
+        with self._lock:
+            self._switch(paused)
+            try:
+                # It is in effect already; when the master hangs, only the parameter is missing.
+                bounded_master().setParam(rospy.resolve_name(PAUSED_PARAM), paused)
+            except ERRORS as error:
+                rospy.logerr(f"executor: the master does not keep the pause for a restart: {error}")
+        return TriggerResponse(True, words)

@@ -11,8 +11,7 @@ from merlin_monitor.text.phrase import Phrase, action_phrase, goal_phrase, say, 
 from merlin_monitor.text.plain_words import action_in_words, shown_parameters
 from merlin_monitor.web.control import ControlError
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
-from merlin_sm.knowledge_changes import parse_changes
-from merlin_sm.knowledge_client import KnowledgeClient, KnowledgeError
+from merlin_sm.knowledge_client import KnowledgeClient, KnowledgeError, parse_changes
 from merlin_sm.knowledge_text import PDDLSyntaxError, to_pddl
 
 PREVIEW_ANSWERS = 13.0  # s of wall time; the planner stops after 10 s

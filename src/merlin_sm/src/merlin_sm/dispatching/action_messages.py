@@ -1,12 +1,14 @@
-"""Dispatched actions and their answers, to and from ROSPlan's messages."""
+"""Dispatched actions, their answers and that of the dispatcher, to and from ROSPlan's messages."""
 
 from typing import Dict, Optional, Tuple
 
 import rospy
 from merlin_msgs.msg import RunningAction
 from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback
+from rosplan_dispatch_msgs.srv import DispatchServiceResponse
 
-from merlin_sm.dispatching.progress import Action, DispatchAnswer
+from merlin_ros.service_proxy import ServiceError, ServiceUnavailable
+from merlin_sm.dispatching.progress import PART, Action, DispatchAnswer, Reply
 
 CANCEL_ACTION = "cancel_action"
 _DISPATCHER = "dispatcher"  # key in the information of feedback that a dispatcher published itself
@@ -45,3 +47,27 @@ def answer_in(feedback: ActionFeedback) -> Optional[Tuple[DispatchAnswer, Dict[s
     answer = _ANSWERS.get(feedback.status)
     information = {entry.key: entry.value for entry in feedback.information}
     return None if answer is None or _DISPATCHER in information else (answer, information)
+
+
+def reply_of(answer: object, dispatcher: str, begun: bool) -> Reply:
+    """Reads it.
+
+    :param answer: the goal that has ended, the response of the service, or what the call has raised.
+    :param dispatcher: its name.
+    :param begun: whether an action of the dispatch was seen.
+    """
+    if isinstance(answer, ClientGoal):
+        if answer.status == GoalStatus.REJECTED:
+            return Reply(refused=answer.text)
+        if answer.status != GoalStatus.LOST:
+            return Reply(achieved=answer.result.goal_achieved)
+        answer = ServiceUnavailable(answer.text)
+    if isinstance(answer, DispatchServiceResponse):
+        return Reply(achieved=answer.goal_achieved)
+    if not isinstance(answer, ServiceError):
+        return Reply(gone=f"the call of {PART} failed: {type(answer).__name__}: {answer}")
+    if not isinstance(answer, ServiceUnavailable):
+        return Reply(refused=str(answer))
+    if begun:
+        return Reply(gone=f"{PART} {dispatcher} ended while it carried out the plan")
+    return Reply(gone=f"{PART} does not answer: {answer}")

@@ -5,7 +5,7 @@ from typing import List
 
 import pytest
 
-from merlin_executor.goals.late_writer import LateWriter
+from merlin_executor.node.own_goals import LateWriter
 
 LONG = 60.0
 

@@ -7,12 +7,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from merlin_msgs.msg import ExecuteResult, MissionStatus
 
-from merlin_executor.core.leftovers import ATTEMPTS, BRIDGE_GRACE, Leftovers
 from merlin_executor.core.outcome import Outcome, Verdict, crashed, outcome_name
 from merlin_executor.core.request_limits import MAX_GOALS, MAX_TEXT, MAX_TOKENS, RequestTooLarge, check_size
-from merlin_executor.core.rivals import must_yield, publishers_by_topic, rival_executors
 from merlin_executor.core.standstill import Halt, still_moving, together, unstopped
 from merlin_executor.mission.mission_progress import PAUSED_TEXT, MissionProgress, MissionState, PauseSwitch
+from merlin_executor.node.executor_node import must_yield, publishers_by_topic, rival_executors
+from merlin_executor.node.recovery import ATTEMPTS, BRIDGE_GRACE, Leftovers
 
 
 def constants(message_class: type) -> Dict[str, int]:
