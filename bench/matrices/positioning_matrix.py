@@ -12,7 +12,7 @@ from matrices.trial import SCAN_EVERY, URDF, Trial, trials
 from merlin_reactive.localization.particle_filter import FilterSettings, Localizer, ParticleFilter
 from merlin_reactive.pose import Pose, wrap
 from merlin_sim.engine.simulation import PHYSICS_RATE, RobotSpec, Simulation
-from merlin_sim.robot.drive import OdometryNoise
+from merlin_sim.robot.diff_drive import OdometryNoise
 from merlin_sim.world.survey import map_of
 from merlin_sim.world.world_file import find_world, load_world
 from merlin_sim.world.world_model import World

@@ -15,7 +15,7 @@ from merlin_reactive.navigation.navigator import DriveOutcome, NavigationSetting
 from merlin_reactive.navigation.path_planner import NoPath
 from merlin_reactive.pose import Point, Pose
 from merlin_sim.engine.simulation import ODOMETRY_EVERY, RobotSpec, Simulation
-from merlin_sim.robot.drive import OdometryNoise
+from merlin_sim.robot.diff_drive import OdometryNoise
 from merlin_sim.robot.truth_localization import PoseNoise, TruthLocalization
 from merlin_sim.world.survey import map_of
 from merlin_sim.world.world_model import World

@@ -3,9 +3,9 @@
 import threading
 
 import smach
-from merlin_sm.holding.gate import gate
 from merlin_sm.holding.outcomes import Outcomes
 from merlin_sm.holding.state_holds import StateHolds
+from merlin_sm.holding.state_hook import hook_states
 from merlin_sm.merlin_sm import MerlinSM
 from merlin_sm.states.function_state import FunctionState
 from merlin_sm.states.merlin_state import MerlinState
@@ -78,7 +78,7 @@ class World:
             self.machine.add("WORK", self.work, targets, autonomy=autonomy)
             self.see = self.machine.add("SEE", Noted("SEE", self.runs))
             self.machine.add("LOOK", self.note("LOOK"))
-        gate(self.machine, "DO", self.outcomes)
+        hook_states(self.machine, "DO", self.outcomes)
 
     def notify(self):
         with self.changed:

@@ -10,7 +10,7 @@ from matrices.navigation_matrix import main as navigation_matrix
 from matrices.positioning_matrix import found_after, odometry_errors
 from matrices.trial import trials
 
-from merlin_sim.robot.drive import OdometryNoise
+from merlin_sim.robot.diff_drive import OdometryNoise
 from merlin_sim.world.world_file import find_world, load_world
 
 

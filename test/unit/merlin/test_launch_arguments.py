@@ -153,7 +153,7 @@ def of_base(config, robot=""):
 )
 def test_of_the_simulated_base_all_is_known_and_nothing_that_it_does_is_limited(file, arguments, robot):
     from merlin_sim.engine.simulation import RobotSpec
-    from merlin_sim.robot.drive import DriveLimits
+    from merlin_sim.robot.diff_drive import DriveLimits
 
     speed, turn_speed, *others, timeout = of_base(load(file, **arguments), robot)
     assert (speed, turn_speed) == (DriveLimits.speed, DriveLimits.turn_speed)

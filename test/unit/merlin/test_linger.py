@@ -17,7 +17,7 @@ from roslaunch.core import Node
 
 from merlin.launch_request import LaunchRequest
 from merlin.linger import Linger, Page, lingers, page_of
-from merlin_monitor.state.events import Event
+from merlin_monitor.state.history_events import Event
 from merlin_monitor.state.inbox import Inbox
 from merlin_monitor.state.monitor_model import MonitorModel
 

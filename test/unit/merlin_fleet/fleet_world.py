@@ -16,8 +16,8 @@ from merlin_fleet.core.agent import Rules
 from merlin_fleet.core.auction import AuctionTimes
 from merlin_fleet.core.records import Goal, Keys
 from merlin_fleet.core.retention import Retention
+from merlin_fleet.core.robot_lease import LeaseTimes
 from merlin_fleet.core.store import Compare, Put, Txn, TxnResult
-from merlin_fleet.core.tenure import LeaseTimes
 from merlin_fleet.core.view import FleetView
 from merlin_fleet.forgetting import Leavings, leavings
 from merlin_fleet.testing.simulated_store import SimulatedLeaseUnknown, SimulatedStore

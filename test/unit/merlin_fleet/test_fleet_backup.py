@@ -17,8 +17,8 @@ from merlin_fleet.core.agent import REPLACED, Agent, Rules
 from merlin_fleet.core.auction import AuctionTimes
 from merlin_fleet.core.records import Goal, Profile
 from merlin_fleet.core.reporting import Outbox
+from merlin_fleet.core.robot_lease import LeaseTimes
 from merlin_fleet.core.store import Put, Txn
-from merlin_fleet.core.tenure import LeaseTimes
 from merlin_fleet.core.view import FleetView
 from merlin_fleet.fleet_client import FleetClient
 from merlin_fleet.fleet_request import REMOVED

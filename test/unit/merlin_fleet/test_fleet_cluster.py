@@ -19,7 +19,7 @@ from merlin_fleet.core.agent import Agent, Rules
 from merlin_fleet.core.auction import AuctionTimes
 from merlin_fleet.core.records import Profile
 from merlin_fleet.core.reporting import Outbox
-from merlin_fleet.core.tenure import LeaseTimes
+from merlin_fleet.core.robot_lease import LeaseTimes
 from merlin_fleet.fleet_client import FleetClient
 from merlin_fleet.fleet_robot import FleetRobot
 from merlin_fleet.hub import EtcdHub

@@ -18,8 +18,8 @@ from merlin_fleet.core.agent import Agent, Rules
 from merlin_fleet.core.auction import AuctionTimes
 from merlin_fleet.core.records import Keys, Profile
 from merlin_fleet.core.reporting import Outbox
+from merlin_fleet.core.robot_lease import LeaseTimes
 from merlin_fleet.core.store import Put, Txn
-from merlin_fleet.core.tenure import LeaseTimes
 from merlin_fleet.etcd_messages import HubFull
 from merlin_fleet.fleet_client import FleetClient, FleetError
 from merlin_fleet.fleet_robot import FleetRobot, FleetStatus

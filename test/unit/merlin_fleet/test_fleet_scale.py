@@ -18,7 +18,7 @@ from merlin_fleet.core.records import Bid, Bids, Claim, Goal, Profile, Report
 from merlin_fleet.core.retention import Keeper, Retention
 from merlin_fleet.core.store import Change, Put, Snapshot, Txn
 from merlin_fleet.core.view import FleetGoalState, FleetView
-from merlin_fleet.inbox import EventInbox
+from merlin_fleet.event_inbox import EventInbox
 
 _SPEC = importlib.util.spec_from_file_location("fleet_crowd", Path(__file__).with_name("fleet_crowd.py"))
 crowds = importlib.util.module_from_spec(_SPEC)

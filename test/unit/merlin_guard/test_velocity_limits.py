@@ -170,7 +170,7 @@ def test_whatever_is_asked_for(limits, commands):
 
 
 def test_the_defaults_are_those_of_the_simulated_robot():
-    from merlin_sim.robot.drive import DriveLimits
+    from merlin_sim.robot.diff_drive import DriveLimits
 
     base = DriveLimits()
     assert VelocityLimits()[:4] == (base.speed, base.turn_speed, base.acceleration, base.turn_acceleration)

@@ -9,7 +9,7 @@ from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback
 from rosplan_knowledge_msgs.msg import KnowledgeItem
 from smach_msgs.msg import SmachContainerStatus, SmachContainerStructure
 
-from merlin_monitor.state.events import Event
+from merlin_monitor.state.history_events import Event
 
 
 class Told(List[Event]):

@@ -12,7 +12,7 @@ from merlin_monitor.access.tls import ServerTls
 from merlin_monitor.access.web_access import WebAccess
 from merlin_monitor.state.inbox import Inbox
 from merlin_monitor.state.monitor_model import MonitorModel
-from merlin_monitor.web.control import Control, ControlError
+from merlin_monitor.web.page_control import Control, ControlError
 from merlin_monitor.web.web_server import WebServer
 
 WEB = Path(__file__).resolve().parents[3] / "src" / "merlin_monitor" / "web"

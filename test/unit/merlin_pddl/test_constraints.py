@@ -11,7 +11,7 @@ from merlin_pddl.problem_writer import write_problem
 from merlin_pddl.text_reader import PddlError
 from merlin_rosplan.planning.planner import PlannerSettings
 from merlin_rosplan.planning.planning_outcome import PlannerState
-from merlin_rosplan.supervision.planning import Planning
+from merlin_rosplan.supervision.supervised_planning import Planning
 
 DOMAIN = """(define (domain rooms)
   (:requirements :typing :durative-actions :negative-preconditions :constraints :preferences)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import cv2
 
-from merlin_executor.core.robot_story import Deed
+from merlin_executor.core.robot_lines import Deed
 from merlin_restaurant.evening_record import CAME, DISTURBED, LEFT, ORDERED, SEATED, SERVED, EveningRecord
 from merlin_restaurant.evening_results import guest_table, plot_timeline, write_guests
 

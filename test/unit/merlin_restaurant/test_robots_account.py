@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from nav_msgs.msg import Odometry
 
-from merlin_executor.core.robot_story import Deed
+from merlin_executor.core.robot_lines import Deed
 from merlin_restaurant.robots_account import Mileage, robot_rows, robot_table, write_robots
 
 ROBOTS = ["robot_1", "robot_2"]

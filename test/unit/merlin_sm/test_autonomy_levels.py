@@ -3,9 +3,9 @@
 import pytest
 from outcome_world import LONG, Work, World
 
-from merlin_sm.holding.gate import gate
 from merlin_sm.holding.outcomes import Outcomes
 from merlin_sm.holding.state_holds import GRACE, StateHolds
+from merlin_sm.holding.state_hook import hook_states
 from merlin_sm.merlin_sm import MerlinSM
 
 
@@ -142,5 +142,5 @@ def test_levels_are_checked_where_they_are_written():
         machine.add("GO", Work([]), {"nothing": "succeeded"}, autonomy={"succeeded": "high"})
     outcomes = Outcomes(StateHolds())
     assert outcomes.level == ""
-    gate(machine, "DO", outcomes)
+    hook_states(machine, "DO", outcomes)
     assert outcomes.level == "full"

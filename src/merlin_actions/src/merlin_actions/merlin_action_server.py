@@ -18,8 +18,8 @@ from merlin_ros.deadline import Deadline, limit
 from merlin_ros.health import ERROR, OK, WARN, Health
 from merlin_ros.work.work_book import Decision, Policy, Step, WorkBook
 from merlin_sm.autonomy import label_text
-from merlin_sm.holding.gate import gate
 from merlin_sm.holding.node_holds import node_holds
+from merlin_sm.holding.state_hook import hook_states
 from merlin_sm.introspection import start_introspection
 from merlin_sm.states.action_state import give_up_goals
 from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, MerlinState, merlin_states
@@ -348,7 +348,7 @@ class MerlinActionServer:
         for label, child in machine.get_children().items():
             if isinstance(child, smach.Container):
                 child.register_transition_cb(report, [f"{label_text(label)}/"])
-        gate(machine, self._name, node_holds.outcomes)
+        hook_states(machine, self._name, node_holds.outcomes)
 
 
 def given_up(machine: Any) -> str:

@@ -18,7 +18,7 @@ from merlin_fleet.core.view import FleetGoalState, FleetView
 from merlin_fleet.etcd_messages import HubRefuses
 from merlin_fleet.fleet_request import FleetRequest, GoalNews, own_name
 from merlin_fleet.forgetting import Leavings, leavings
-from merlin_fleet.goal_check import check_goal
+from merlin_fleet.goal_refusals import check_goal
 from merlin_fleet.hub import DEFAULT_ENDPOINT, EtcdHub
 from merlin_fleet.hub_watch import Listener
 from merlin_fleet.prospects import hopeless, remarks

@@ -18,9 +18,9 @@ from merlin_fleet.core.records import Goal
 from merlin_fleet.core.store import Change, Snapshot
 from merlin_fleet.core.view import FleetView
 from merlin_fleet.etcd_messages import HubFails, HubFull, HubRefuses, LeaseUnknown
+from merlin_fleet.event_inbox import EventInbox
 from merlin_fleet.hub import EtcdHub
 from merlin_fleet.hub_watch import Listener
-from merlin_fleet.inbox import EventInbox
 
 Stopped = Callable[[bool, str, str], None]
 

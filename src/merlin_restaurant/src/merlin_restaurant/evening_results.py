@@ -12,7 +12,7 @@ import matplotlib.pyplot as plt
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from merlin_executor.core.robot_story import Deed
+from merlin_executor.core.robot_lines import Deed
 from merlin_restaurant.evening_record import COLUMNS, EveningRecord, GuestAccount
 from merlin_restaurant.robots_account import robot_of
 

@@ -12,9 +12,9 @@ import rospy
 from merlin_msgs.msg import GuestEvent
 
 from merlin_executor.mission import RESEND, MissionError, results_folder
+from merlin_restaurant.delivery_log import DeliveryLog
 from merlin_restaurant.evening import Evening
 from merlin_restaurant.evening_record import EveningRecord
-from merlin_restaurant.robot_watch import DeliveryLog
 from merlin_restaurant.robots_account import robot_rows, robot_table, write_robots
 from merlin_restaurant.table_state import STATES
 from merlin_sm.states.merlin_state import SUCCEEDED
@@ -79,12 +79,12 @@ class RecordedEvening(Evening):
         }
         kept = self._kept()
         blocked = self._blocked(kept)
-        in_vain = [predicate for predicate, place in UNDER_WAY.items() if place in blocked]
+        unreachable = [predicate for predicate, place in UNDER_WAY.items() if place in blocked]
         held = [
             fact
             for predicate in UNDER_WAY
             for fact in self.facts(predicate)
-            if not self.out_of_reach(fact) and predicate not in in_vain and not _stands_at(fact, kept)
+            if not self.out_of_reach(fact) and predicate not in unreachable and not _stands_at(fact, kept)
         ]
         problems = [] if succeeded else [f"the mission ended with {self._outcome}: {self.reason}"]
         with self._record_lock:

@@ -8,7 +8,7 @@ from typing import Dict, List, Sequence, Tuple
 
 from nav_msgs.msg import Odometry
 
-from merlin_executor.core.robot_story import Deed
+from merlin_executor.core.robot_lines import Deed
 
 #: Of the table per robot.
 COLUMNS = (

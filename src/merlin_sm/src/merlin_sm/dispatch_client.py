@@ -30,10 +30,10 @@ from merlin_sm.dispatching.action_messages import (
     dispatched_action,
     reply_of,
 )
+from merlin_sm.dispatching.dispatch_readiness import DispatchReadiness
 from merlin_sm.dispatching.kinds import DispatcherKind, Hold, ReportingDispatcher, SilentDispatcher
 from merlin_sm.dispatching.owners import DispatchOwners
 from merlin_sm.dispatching.progress import PART, Action, DispatchProgress, DispatchResult, ground
-from merlin_sm.dispatching.readiness import DispatchReadiness
 from merlin_sm.knowledge_client import DEFAULT_KNOWLEDGE_BASE
 from merlin_sm.planning_client import Interruptible
 

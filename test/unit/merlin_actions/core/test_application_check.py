@@ -8,7 +8,7 @@ import pytest
 
 from merlin_actions.action_classes import make_machines
 from merlin_actions.core.application_check import ApplicationError, ApplicationWorld, Needs, check_application
-from merlin_actions.core.ending import in_vain
+from merlin_actions.core.ending import no_retry
 from merlin_actions.machine_survey import survey
 from merlin_actions.merlin_action_server import given_up, given_up_about
 from merlin_actions.merlin_action_sm import MerlinActionSM
@@ -199,9 +199,9 @@ def test_a_state_names_on_what_account_it_gives_up():
     made = NoPoint()
     made.run_once({})
     assert given_up_about(made) == "attic"
-    assert in_vain("navigate", ["hall", "Attic"], "attic") == "(navigate * Attic)"
-    assert in_vain("navigate", ["hall", "attic"], "") == "(navigate hall attic)"
-    assert in_vain("navigate", ["hall", "attic"], "box") == "(navigate hall attic)"
+    assert no_retry("navigate", ["hall", "Attic"], "attic") == "(navigate * Attic)"
+    assert no_retry("navigate", ["hall", "attic"], "") == "(navigate hall attic)"
+    assert no_retry("navigate", ["hall", "attic"], "box") == "(navigate hall attic)"
 
 
 class Fails(Refuse):

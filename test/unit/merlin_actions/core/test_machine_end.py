@@ -75,7 +75,7 @@ def test_a_machine_that_is_gone_may_have_done_something(execution: Execution) ->
 def test_what_another_try_cannot_help_is_named(outcome: str, begun: bool, execution: Execution) -> None:
     how, end = answer_of(MachineEnd(outcome, "no such place", about="attic"), "bring", None)
     ending = ending_of(how, end, execution)
-    assert (ending.begun, ending.in_vain) == (begun, "(bring * attic)")
+    assert (ending.begun, ending.no_retry) == (begun, "(bring * attic)")
     assert information_of(ending) == {"reason": "no such place", "final": "(bring * attic)"}
 
 

@@ -209,17 +209,17 @@ def test_every_run_ends(limit: int, failures: List[Failure]) -> None:
         if not decision.again:
             assert decision.reason.startswith(failure.reason)
             return
-        if failure.in_vain:
-            assert len([other for other in seen if other.in_vain == failure.in_vain]) < 2
+        if failure.no_retry:
+            assert len([other for other in seen if other.no_retry == failure.no_retry]) < 2
         else:
-            same = [other for other in seen if other[:2] == failure[:2] and not other.in_vain]
+            same = [other for other in seen if other[:2] == failure[:2] and not other.no_retry]
             assert failure.gone or len(same) < 2
     assert len(failures) <= limit
 
 
-def give_up(course: Course, action: str, in_vain: str = "") -> None:
+def give_up(course: Course, action: str, no_retry: str = "") -> None:
     """A plan ends because an action was given up."""
-    course.action, course.in_vain = action, in_vain or action
+    course.action, course.no_retry = action, no_retry or action
     run(course, ("DISPATCH_PLAN", "failed", f"{action}: the pharmacist said no"))
 
 

@@ -8,7 +8,7 @@ from merlin_msgs.msg import ExecutorStatus, ListenActionResult, ListenResult
 from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback
 from sound_play.msg import SoundRequest, SoundRequestActionGoal, SoundRequestGoal
 
-from merlin_executor.core.robot_story import REMEMBERED, RobotStory, Screen
+from merlin_executor.core.robot_lines import REMEMBERED, RobotLines, Screen
 from merlin_executor.mission import robot_log
 from merlin_executor.mission.robot_log import RobotLog
 
@@ -91,7 +91,7 @@ def test_lines_have_the_time_since_the_first(capsys: Any) -> None:
 def test_an_action_ends_once_and_a_cancelled_one_is_no_failure() -> None:
     lines: List[str] = []
     failures: List[str] = []
-    story = RobotStory(lines.append, lambda action, reason: failures.append(action))
+    story = RobotLines(lines.append, lambda action, reason: failures.append(action))
     story.end((1, 1), 5.0, None)  # it began before this log did
     story.begin((1, 2), "(ask hall)", 6.0)
     story.begin((1, 3), "(ask kitchen)", 6.5)
@@ -107,7 +107,7 @@ def test_an_action_ends_once_and_a_cancelled_one_is_no_failure() -> None:
 
 def test_what_is_remembered_does_not_grow_for_ever() -> None:
     lines: List[str] = []
-    story = RobotStory(lines.append, lambda action, reason: None)
+    story = RobotLines(lines.append, lambda action, reason: None)
     for number in range(2 * REMEMBERED):
         story.pursue(f"request {number}", ["(checked hall)"], 0, "")
         story.begin((number, 0), "(never answered)", 1.0)
@@ -121,7 +121,7 @@ def test_what_is_remembered_does_not_grow_for_ever() -> None:
 
 def test_what_is_seen_is_told_with_its_place() -> None:
     lines: List[str] = []
-    story = RobotStory(lines.append, lambda action, reason: None)
+    story = RobotLines(lines.append, lambda action, reason: None)
     story.see([("cup", 1.23, -0.5)])
     story.see([])
     assert lines == ["sees cup (1.2, -0.5)", "sees nothing"]

@@ -208,7 +208,7 @@ def test_each_state_is_what_the_factory_makes_under_its_name(name: str, label: s
     assert set(made) == set(STAGES.values())
 
 
-SAID_NO = DispatchResult(False, action="(ask ann)", reason="ann said no", in_vain="(ask ann)")
+SAID_NO = DispatchResult(False, action="(ask ann)", reason="ann said no", no_retry="(ask ann)")
 
 
 def test_what_was_given_up_is_planned_around(bench: Bench) -> None:

@@ -24,8 +24,8 @@ from merlin_fleet.core.agent import Agent, Rules
 from merlin_fleet.core.auction import AuctionTimes
 from merlin_fleet.core.records import Claim, Keys, Profile, Report
 from merlin_fleet.core.retention import Keeper, Retention
+from merlin_fleet.core.robot_lease import LeaseTimes
 from merlin_fleet.core.store import Compare, Put, Snapshot, Txn, Unwritten
-from merlin_fleet.core.tenure import LeaseTimes
 from merlin_fleet.etcd_messages import HubRefuses
 from merlin_fleet.fleet_client import FleetClient, FleetError
 from merlin_fleet.fleet_robot import FleetRobot

@@ -7,7 +7,7 @@ import pytest
 
 from merlin_executor.core.request_limits import MAX_TEXT
 from merlin_fleet.core.records import Goal, encode
-from merlin_fleet.goal_check import LONGEST_RECORD, check_goal
+from merlin_fleet.goal_refusals import LONGEST_RECORD, check_goal
 from merlin_fleet.hub import LARGEST, PAGE
 
 

@@ -13,7 +13,7 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, pr
 from merlin_fleet.core import records
 from merlin_fleet.core.agent import Agent
 from merlin_fleet.core.reporting import Outbox
-from merlin_fleet.core.tenure import LeaseTimes
+from merlin_fleet.core.robot_lease import LeaseTimes
 
 
 @pytest.mark.parametrize(("goals", "finish"), [("ab", False), ("a", True)])

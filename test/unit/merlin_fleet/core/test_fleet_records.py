@@ -8,8 +8,8 @@ from merlin_fleet.core.agent import Agent
 from merlin_fleet.core.auction import AuctionTimes, Offers, take_at, unsuited
 from merlin_fleet.core.records import Bid, Bids, Claim, Goal, Keys, Profile, RecordError, Report
 from merlin_fleet.core.reporting import Outbox
+from merlin_fleet.core.robot_lease import LeaseTimes, RobotLease
 from merlin_fleet.core.store import Change, Item, Put, Snapshot, Txn, Unwritten
-from merlin_fleet.core.tenure import LeaseTimes, Tenure
 from merlin_fleet.core.view import FleetGoalState, FleetView
 from merlin_fleet.testing.simulated_store import SimulatedStore
 
@@ -183,7 +183,7 @@ def test_the_cheapest_takes_a_goal_at_once_when_all_have_answered() -> None:
 
 
 def test_a_tenure_ends_early_enough_for_stop_and_drift() -> None:
-    tenure = Tenure(LeaseTimes(ttl=20.0, renew_every=2.0, stop_time=6.0, drift=0.05))
+    tenure = RobotLease(LeaseTimes(ttl=20.0, renew_every=2.0, stop_time=6.0, drift=0.05))
     assert not tenure.holds(0.0)
     tenure.renew(7, 100.0, 20.0)
     assert tenure.holds(112.9)

@@ -7,7 +7,7 @@ from typing import Any, List, Optional
 
 import pytest
 
-from merlin_monitor.state.events import Event
+from merlin_monitor.state.history_events import Event
 from merlin_monitor.state.history_section import NEWEST, HistorySection
 from merlin_monitor.state.history_store import HistoryError, HistoryStore
 from merlin_monitor.state.state_tree import StateTree

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from merlin_monitor.state.events import Event
+from merlin_monitor.state.history_events import Event
 from merlin_monitor.state.history_store import HistoryStore
 from merlin_monitor.terminal import history_command
 

@@ -6,7 +6,7 @@ from typing import Any, Dict
 from hypothesis import given
 from hypothesis import strategies as st
 
-from merlin_monitor.state.events import Event
+from merlin_monitor.state.history_events import Event
 from merlin_monitor.terminal.terminal_view import lines, paint, printable
 
 STATE: Dict[str, Any] = {

@@ -10,7 +10,7 @@ from shown_page import Visit, chromium, fill, show_panels
 
 from merlin_monitor.panel_board import own_panels
 from merlin_monitor.panels import knowledge
-from merlin_monitor.state import events, guard_section, map_section, plan_section
+from merlin_monitor.state import guard_section, history_events, map_section, plan_section
 from merlin_monitor.state.health_section import LEVELS
 from merlin_monitor.text import now_words
 from merlin_monitor.text.phrase import action_phrase, goal_phrase, in_english, say, value_phrase
@@ -49,7 +49,7 @@ def _texts() -> Set[str]:
     ):
         found |= set(words)
     found |= {
-        *events.KINDS,
+        *history_events.KINDS,
         *LEVELS,
         *now_words.STAGES.values(),
         *now_words.ENDS.values(),
@@ -77,7 +77,7 @@ def test_every_event_is_told_as_data() -> None:
     plain = [
         module.name
         for module in SOURCE.rglob("*.py")
-        if re.search(r"(?<![.\w])Event\(", module.read_text()) and module.name != "events.py"
+        if re.search(r"(?<![.\w])Event\(", module.read_text()) and module.name != "history_events.py"
     ]
     assert plain == [], "report them as phrases: sentence(…)"
 

@@ -30,7 +30,7 @@ from merlin_fleet.testing.simulated_store import SimulatedStore
 from merlin_monitor.access.operators import Operators, write_operators
 from merlin_monitor.access.web_access import WebAccess
 from merlin_monitor.panel_scripts import script_file
-from merlin_monitor.web.control import ControlError
+from merlin_monitor.web.page_control import ControlError
 from merlin_monitor.web.web_server import WebServer
 
 pytestmark = pytest.mark.processes

@@ -9,7 +9,7 @@ from typing import Any, Iterator, List, Tuple
 import pytest
 from served import TOKEN, WEB, Served
 
-from merlin_monitor.state.events import Event
+from merlin_monitor.state.history_events import Event
 from merlin_monitor.state.state_tree import apply_changes
 from merlin_monitor.web.open_command import opened
 from merlin_test.chromium import Visit

@@ -12,7 +12,7 @@ import aiohttp
 import pytest
 from served import WEB, Served, ask
 
-from merlin_monitor.state.events import Event
+from merlin_monitor.state.history_events import Event
 from merlin_monitor.state.state_tree import apply_changes
 from merlin_monitor.web import live_feed, web_server
 from merlin_monitor.web.web_server import ServerError, listen

@@ -16,7 +16,7 @@ from merlin_rosplan.planning.planner import PlannerSettings
 from merlin_rosplan.planning.planner_command import PlannerCommandError, parse_command
 from merlin_rosplan.planning.planner_process import PlannerProcess
 from merlin_rosplan.planning.planning_outcome import PlannerState
-from merlin_rosplan.supervision.planning import Planning
+from merlin_rosplan.supervision.supervised_planning import Planning
 from merlin_test.process_end import gone
 
 DOMAIN = Path(__file__).parents[4] / "pddl" / "home" / "domain.pddl"

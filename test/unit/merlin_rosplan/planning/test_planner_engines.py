@@ -14,7 +14,7 @@ from merlin_rosplan.planning.planner_command import PlannerCommandError
 from merlin_rosplan.planning.planner_engines import engines
 from merlin_rosplan.planning.planner_race import PlannerRace
 from merlin_rosplan.planning.planning_outcome import PlannerState
-from merlin_rosplan.supervision.planning import Planning
+from merlin_rosplan.supervision.supervised_planning import Planning
 
 needs_kairos = pytest.mark.skipif(not kairos_check.available(), reason="kairos needs Python 3.10")
 DOMAIN = """(define (domain costs) (:requirements :typing :action-costs) (:types place)

@@ -18,7 +18,7 @@ from merlin_rosplan.planning.planner import PlannerSettings
 from merlin_rosplan.planning.planning_outcome import PlannerState
 from merlin_rosplan.supervision import planner_host
 from merlin_rosplan.supervision.planner_host import HostError, PlannerHost, PlannerHosts
-from merlin_rosplan.supervision.planning import Planning
+from merlin_rosplan.supervision.supervised_planning import Planning
 from merlin_test.process_end import gone
 
 pytestmark = pytest.mark.processes
@@ -126,7 +126,7 @@ def test_nothing_survives_the_death_of_the_node(planner, tmp_path):
             sys.executable,
             "-c",
             "import sys; from merlin_rosplan.planning.planner import PlannerSettings; "
-            "from merlin_rosplan.supervision.planning import Planning; "
+            "from merlin_rosplan.supervision.supervised_planning import Planning; "
             "Planning(PlannerSettings(command=sys.argv[1]), sys.argv[2], sys.argv[3]).run()",
             command,
             str(HOME / "domain.pddl"),
@@ -210,7 +210,7 @@ def test_a_cancel_does_not_wait_for_the_output_to_be_read(planner, tmp_path):
 
 
 def test_reading_without_end_keeps_the_time_limit(planner, monkeypatch):
-    monkeypatch.setattr("merlin_rosplan.supervision.planning.READING", 0.5)
+    monkeypatch.setattr("merlin_rosplan.supervision.supervised_planning.READING", 0.5)
     line = "0.000: (navigate anywhere kitchen)  [25.000]"
     outcome = planning(planner(f"yes '{line}' | head -c 60000000"), time_limit=2.0).run()
     assert outcome.state == PlannerState.TIMEOUT and outcome.seconds < LONG

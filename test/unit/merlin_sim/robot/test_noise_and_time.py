@@ -8,7 +8,7 @@ import numpy as np
 from merlin_reactive.pose import Pose
 from merlin_reactive.seeded_random import draw
 from merlin_sim.node.pacer import Pacer
-from merlin_sim.robot.drive import BaseController, DriveGeometry, DriveLimits
+from merlin_sim.robot.diff_drive import BaseController, DriveGeometry, DriveLimits
 from merlin_sim.robot.smooth_noise import SmoothNoise
 from merlin_sim.robot.truth_localization import PoseNoise, TruthLocalization, map_to_odom
 

@@ -88,7 +88,7 @@ def test_answers_that_overtake_their_action_count_when_it_comes() -> None:
     assert progress.failed == ""
     progress.dispatched(NAVIGATE)
     assert (progress.failed, progress.running) == ("(navigate hall kitchen)", {})
-    assert progress.result(Reply(), "(navigate hall kitchen)").in_vain == "(navigate hall kitchen)"
+    assert progress.result(Reply(), "(navigate hall kitchen)").no_retry == "(navigate hall kitchen)"
     progress.dispatched(NAVIGATE)  # answers count once
     assert progress.running == {1: NAVIGATE}
 
@@ -291,7 +291,7 @@ def test_whatever_is_heard_a_dispatch_that_was_cancelled_hides_nothing(events: L
 
 
 def test_the_result_says_that_another_try_cannot_help() -> None:
-    for information, in_vain in (
+    for information, no_retry in (
         ({"reason": "no", "final": "yes"}, "(Prescribe Ann)"),
         ({"reason": "no", "final": "(prescribe *)"}, "(prescribe *)"),
         ({"reason": "no"}, ""),
@@ -299,4 +299,4 @@ def test_the_result_says_that_another_try_cannot_help() -> None:
         progress = DispatchProgress()
         progress.dispatched(Action(1, 1, "Prescribe", ("Ann",)))
         progress.answered(1, 1, DispatchAnswer.FAILED, information)
-        assert progress.result(Reply(), "(prescribe ann)", "no").in_vain == in_vain
+        assert progress.result(Reply(), "(prescribe ann)", "no").no_retry == no_retry

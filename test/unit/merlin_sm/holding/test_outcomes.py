@@ -8,9 +8,9 @@ from outcome_world import LONG, World
 
 import smach
 from merlin_pddl.breakpoints import BreakpointError
-from merlin_sm.holding.gate import gate
 from merlin_sm.holding.outcomes import NoSuchState, Outcomes
 from merlin_sm.holding.state_holds import StateHolds
+from merlin_sm.holding.state_hook import hook_states
 from merlin_sm.merlin_sm import MerlinSM
 
 
@@ -117,7 +117,7 @@ def test_what_cannot_be_is_refused_with_a_reason(world):
 
 def test_two_runs_of_one_state_are_not_mistaken_for_each_other(world):
     other = World()
-    gate(other.machine, "DO", world.outcomes)
+    hook_states(other.machine, "DO", world.outcomes)
     for each in (world, other):
         each.begin()
         assert each.work.runs_now.wait(LONG)
@@ -157,7 +157,7 @@ def test_a_machine_within_a_machine_is_left_with_all_that_runs_in_it(world):
         outer.add("AFTER", world.note("AFTER"))
     outcomes = Outcomes(world.holds)
     outcomes.on_left = world.left.append
-    gate(outer, "OUTER", outcomes)
+    hook_states(outer, "OUTER", outcomes)
     world.machine, inner = outer, world.machine
     world.begin()
     assert world.work.runs_now.wait(LONG)
@@ -298,7 +298,7 @@ def test_labels_and_outcomes_that_are_members_of_an_enumeration():
     machine = MerlinSM([Part.GOOD, Part.BAD])
     with machine:
         machine.add(Part.INNER, inner)
-    gate(machine, "DO", outcomes)
+    hook_states(machine, "DO", outcomes)
     ended = []
     thread = threading.Thread(target=lambda: ended.append(machine.execute(smach.UserData())), daemon=True)
     thread.start()

@@ -13,7 +13,7 @@ class Ending(NamedTuple):
     """False when nothing was done at all: the world is as it was before the dispatch."""
     unstopped: str = ""
     """Name of the server that did not stop after a cancel; empty when everything has ended."""
-    in_vain: str = ""
+    no_retry: str = ""
     """Which actions another try cannot help, as PDDL text with ``*`` for any argument; empty: it may help."""
     robot: str = ""
     """The robot that no longer takes actions; other robots continue theirs. Empty: that is not the cause."""
@@ -25,7 +25,7 @@ def information_of(ending: Ending) -> Dict[str, str]:
         return {}
     said = {
         "reason": ending.reason,
-        "final": ending.in_vain,
+        "final": ending.no_retry,
         "stopped": "no" if ending.unstopped else "",
         "robot": ending.robot,
     }
@@ -38,7 +38,7 @@ GIVEN_UP = "given_up"
 NOT_BEGUN = "not_begun"
 
 
-def in_vain(operator: str, arguments: Sequence[str], about: str) -> str:
+def no_retry(operator: str, arguments: Sequence[str], about: str) -> str:
     """The actions that can no longer help after one was given up.
 
     :param arguments: of that action.

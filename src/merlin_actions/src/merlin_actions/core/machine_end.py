@@ -3,7 +3,7 @@
 from enum import Enum
 from typing import NamedTuple, Optional
 
-from merlin_actions.core.ending import GIVEN_UP, NOT_BEGUN, Ending, in_vain
+from merlin_actions.core.ending import GIVEN_UP, NOT_BEGUN, Ending, no_retry
 from merlin_actions.core.execution import Execution
 
 #: Outcome of a machine that has done its work.
@@ -85,5 +85,5 @@ def ending_of(how: GoalEnd, end: MachineEnd, execution: Execution, text: str = "
     hopeless = ""
     if end.outcome in (GIVEN_UP, NOT_BEGUN):
         arguments = [parameter.value for parameter in execution.parameters]
-        hopeless = in_vain(execution.dispatch.name, arguments, end.about)
+        hopeless = no_retry(execution.dispatch.name, arguments, end.about)
     return Ending(False, reason, begun, end.unstopped, hopeless)

@@ -61,7 +61,7 @@ class Course:
         """The action that failed last, as PDDL text."""
         self.unstopped: Tuple[str, ...] = ()
         """What did not stop, as PDDL text."""
-        self.in_vain = ""
+        self.no_retry = ""
         """Which actions another try cannot help, see :class:`.replanning.Failure`."""
         self.timed_out = False
         """Whether the dispatcher itself did not end the plan in time."""
@@ -86,7 +86,7 @@ class Course:
     @property
     def without(self) -> List[str]:
         """The actions that plans have to do without, as PDDL text with ``*`` for any argument."""
-        return list(dict.fromkeys(failure.in_vain for failure in self._replanning.given_up))
+        return list(dict.fromkeys(failure.no_retry for failure in self._replanning.given_up))
 
     @property
     def is_replan(self) -> bool:
@@ -98,7 +98,7 @@ class Course:
         self._earlier_replans = self.replans
         self._replanning = Replanning(self._max_replans, self._replanning.given_up)
         self.end = StageEnd()
-        self.stage = self.action = self.in_vain = ""
+        self.stage = self.action = self.no_retry = ""
         self.unstopped = ()
         self.may_move = self.unreachable = self.timed_out = False
 
@@ -124,7 +124,7 @@ class Course:
         failed = (end.stage, end.outcome) == (DISPATCH_PLAN, "failed")
         if not failed and not (end.gone and end.outcome == "aborted"):
             return ReplanDecision(False, reason=end.reason)
-        decision = self._replanning.failed(Failure(end.reason, self.action, end.gone, self.in_vain))
+        decision = self._replanning.failed(Failure(end.reason, self.action, end.gone, self.no_retry))
         if not decision.again:
             self.end = end._replace(reason=decision.reason)
         return decision

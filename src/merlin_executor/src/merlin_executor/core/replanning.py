@@ -18,7 +18,7 @@ class Failure(NamedTuple):
     """The ground action that failed, as PDDL text; empty: none did, as when the goal does not hold."""
     gone: bool = False
     """A part of the planning system is gone."""
-    in_vain: str = ""
+    no_retry: str = ""
     """Which actions another try cannot help, as PDDL text with ``*`` for any argument; empty: it may help."""
 
 
@@ -52,11 +52,11 @@ class Replanning:
     def failed(self, failure: Failure) -> ReplanDecision:
         """Decides about a failure."""
         self.last = failure
-        if failure.in_vain:
-            known = {other.in_vain.lower() for other in self.given_up}
+        if failure.no_retry:
+            known = {other.no_retry.lower() for other in self.given_up}
             self.given_up.append(failure)
             if (
-                failure.in_vain.lower() in known or self.count >= self._limit
+                failure.no_retry.lower() in known or self.count >= self._limit
             ):  # or it was planned all the same
                 return ReplanDecision(False, reason=failure.reason)
             self.count += 1

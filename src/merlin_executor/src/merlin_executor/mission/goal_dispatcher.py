@@ -31,8 +31,8 @@ from merlin_executor.mission.mission_pause import WAIT, MissionPause
 from merlin_executor.mission.mission_reporter import MissionReporter
 from merlin_executor.resending import RESEND
 from merlin_ros.ros_alarm import call_after
-from merlin_sm.holding.gate import gate
 from merlin_sm.holding.node_holds import node_holds
+from merlin_sm.holding.state_hook import hook_states
 from merlin_sm.introspection import start_introspection
 from merlin_sm.knowledge_client import KnowledgeError
 from merlin_sm.merlin_sm import MerlinSM
@@ -195,7 +195,7 @@ class MissionSM(MissionNode, MerlinSM):
         self.register_start_cb(self._report)
         self.register_transition_cb(self._report)
         self._label = f"MISSION_{self.name.upper()}"
-        gate(self, self._label, node_holds.outcomes)
+        hook_states(self, self._label, node_holds.outcomes)
 
     @abstractmethod
     def build(self) -> None:

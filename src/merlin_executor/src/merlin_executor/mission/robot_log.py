@@ -7,7 +7,7 @@ from merlin_msgs.msg import ExecutorStatus, ListenActionResult, RecognizeActionR
 from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback
 from sound_play.msg import SoundRequestActionGoal
 
-from merlin_executor.core.robot_story import Deed, RobotStory
+from merlin_executor.core.robot_lines import Deed, RobotLines
 from merlin_sm.knowledge_text import action_text
 from merlin_sm.states.recognition import recognized
 
@@ -28,7 +28,7 @@ class RobotLog:
         on_failure: Callable[[str, str], None] = lambda action, reason: None,
         robots: Sequence[str] = ("",),
     ) -> None:
-        self._story = RobotStory(log, on_failure)
+        self._story = RobotLines(log, on_failure)
         topics: Sequence[Tuple[str, type, Callable[..., None]]] = (
             ("merlin/status", ExecutorStatus, self._pursued),
             (f"{DISPATCHER}/action_dispatch", ActionDispatch, self._dispatched),

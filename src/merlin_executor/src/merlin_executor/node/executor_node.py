@@ -41,8 +41,8 @@ def _start() -> None:
             "is it launched?"
         )
     planning.wait(wait)
-    for rival in living_rivals(dispatcher):
-        raise StageError(_second(rival))
+    for other in living_executors(dispatcher):
+        raise StageError(_second(other))
     try:
         executor = Executor(
             knowledge,
@@ -59,15 +59,15 @@ def _start() -> None:
         raise ParameterError(f"parameter ~goals_file cannot be used: {error}") from error
     executor.start()
     rospy.on_shutdown(executor.shutdown)
-    rivals = living_rivals(dispatcher)
-    if must_yield(rospy.get_name(), rivals):
-        raise StageError(_second(rivals[0]))
+    others = living_executors(dispatcher)
+    if must_yield(rospy.get_name(), others):
+        raise StageError(_second(others[0]))
     keep_foreign_nodes()
     HealthReporter({"requests": executor.health}).start()
     rospy.loginfo("the executor is ready")
 
 
-def living_rivals(dispatcher: str) -> List[str]:
+def living_executors(dispatcher: str) -> List[str]:
     """Names of the other nodes that serve as an Executor on the same planning system, and live.
 
     :param dispatcher: name of its dispatcher.
@@ -76,7 +76,7 @@ def living_rivals(dispatcher: str) -> List[str]:
     master = bounded_master()
     try:
         publishers = publishers_by_topic(master.getSystemState())
-        found = rival_executors(me, topic, publishers, dict(master.getTopicTypes()))
+        found = other_executors(me, topic, publishers, dict(master.getTopicTypes()))
         return [name for name in found if living_namesake(name, master) is not None]
     except ERRORS as error:
         raise StageError(f"the master cannot say whether another executor runs: {error}") from error
@@ -89,7 +89,7 @@ def _second(other: str) -> str:
     )
 
 
-def rival_executors(
+def other_executors(
     me: str,
     dispatch_topic: str,
     publishers: Mapping[str, Collection[str]],
@@ -112,9 +112,9 @@ def rival_executors(
     return sorted((executors & set(publishers.get(dispatch_topic, ()))) - {me})
 
 
-def must_yield(me: str, rivals: Collection[str]) -> bool:
+def must_yield(me: str, others: Collection[str]) -> bool:
     """Whether this node gives way after all: both have begun to serve in the same moment."""
-    return any(rival < me for rival in rivals)
+    return any(other < me for other in others)
 
 
 def publishers_by_topic(system_state: Any) -> Dict[str, List[str]]:

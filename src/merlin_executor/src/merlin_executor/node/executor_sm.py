@@ -112,7 +112,7 @@ class ExecutorSM(MerlinSM, Stages[Request]):
         """Notes how a dispatch has ended."""
         course = self.course
         course.action, course.unstopped, course.timed_out = result.action, result.unstopped, result.timed_out
-        course.in_vain = result.in_vain
+        course.no_retry = result.no_retry
 
     def _enter(self, userdata: Any, states: List[str], *outcome: str) -> None:
         course = self.course

@@ -17,9 +17,9 @@ from merlin_fleet.core.possession import Possession
 from merlin_fleet.core.records import Claim, Keys, Profile
 from merlin_fleet.core.reporting import Outbox, Reporting
 from merlin_fleet.core.retention import Retention
+from merlin_fleet.core.robot_lease import LeaseTimes, RobotLease
 from merlin_fleet.core.sharing import Sharing
 from merlin_fleet.core.store import Compare, Put, Txn, TxnResult, Unwritten
-from merlin_fleet.core.tenure import LeaseTimes, Tenure
 from merlin_fleet.core.view import FleetView
 
 #: Transactions that write keys which robots follow.
@@ -98,7 +98,7 @@ class Agent:
         self.full = ""
         """Why the hub takes no changes."""
         self.leaving = False
-        self.tenure = Tenure(rules.lease)
+        self.tenure = RobotLease(rules.lease)
         self.lag = Lag()
         self.decided: List[ev.Decision] = []
         self._flying: Dict[str, bool] = {}

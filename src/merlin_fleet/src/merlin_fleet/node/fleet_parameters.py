@@ -9,7 +9,7 @@ import rospy
 from merlin_fleet.certified import Tls
 from merlin_fleet.core.records import RecordError, checked_name
 from merlin_fleet.core.retention import Retention
-from merlin_fleet.core.tenure import LeaseTimes
+from merlin_fleet.core.robot_lease import LeaseTimes
 from merlin_fleet.fleet_client import DEFAULT_FLEET
 from merlin_fleet.hub import DEFAULT_ENDPOINT
 from merlin_ros.parameters import ParameterError, number

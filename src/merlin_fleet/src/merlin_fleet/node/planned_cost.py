@@ -14,8 +14,8 @@ from merlin_pddl.text_reader import PddlError
 from merlin_rosplan.messages.knowledge_snapshot import KnowledgeBaseError
 from merlin_rosplan.planning.goal_problem import write_goal_problem
 from merlin_rosplan.planning.planner import PlannerSettings
-from merlin_rosplan.supervision.planning import Planning
 from merlin_rosplan.supervision.scratch_folder import ScratchFolder
+from merlin_rosplan.supervision.supervised_planning import Planning
 
 
 class SnapshotSource(Protocol):

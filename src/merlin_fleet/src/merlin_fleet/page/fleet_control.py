@@ -5,13 +5,13 @@ import sys
 from typing import Any, Dict, Optional, Tuple
 
 from merlin_fleet.fleet_client import OVER, FleetClient, FleetError
-from merlin_monitor.web.control import LONGEST_GOAL, ControlError
+from merlin_monitor.web.page_control import LONGEST_GOAL, ControlError
 
 LONGEST_NAME = 200  # characters
 
 
 class FleetControl:
-    """Stands where a :class:`merlin_monitor.web.control.Control` stands otherwise.
+    """Stands where a :class:`merlin_monitor.web.page_control.Control` stands otherwise.
 
     :param client: of the fleet.
     """

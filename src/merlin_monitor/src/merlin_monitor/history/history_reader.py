@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any, Callable, List, Optional, Tuple, TypeVar
 
 from merlin_monitor.history.event_log import EventLog, Neighbour, Row
+from merlin_monitor.history.frames import Recording
 from merlin_monitor.history.history_file import HistoryError, open_for_reading
-from merlin_monitor.history.recording import Recording
 
 A = TypeVar("A")
 WAITING = 5000  # questions and events that wait for the disk

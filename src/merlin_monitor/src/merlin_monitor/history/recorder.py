@@ -5,7 +5,7 @@ import threading
 import zlib
 from typing import Any, Callable, List, Protocol, Tuple
 
-from merlin_monitor.history.recording import Frame
+from merlin_monitor.history.frames import Frame
 
 GATHER = 0.2  # s that changes are gathered for one frame
 LONGEST_SEGMENT = 300.0  # s

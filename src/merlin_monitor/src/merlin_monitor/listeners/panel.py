@@ -3,8 +3,8 @@
 from typing import Any, Callable, ClassVar, Dict, Mapping, Optional, Union
 
 from merlin_monitor.listeners.graph_watch import GraphWatch
-from merlin_monitor.state.events import sentence
 from merlin_monitor.state.freshness import Source
+from merlin_monitor.state.history_events import sentence
 from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_monitor.text.phrase import Phrase
 
@@ -91,7 +91,7 @@ class Panel:
     def report(self, kind: str, text: Phrase, at: float) -> None:
         """Puts an event into the history.
 
-        :param kind: one of :data:`merlin_monitor.state.events.KINDS`.
+        :param kind: one of :data:`merlin_monitor.state.history_events.KINDS`.
         :param text: a text, or a phrase of :mod:`merlin_monitor.text.phrase`, for more than one language.
         :param at: s of ROS time.
         """

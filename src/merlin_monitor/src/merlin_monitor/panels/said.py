@@ -11,7 +11,7 @@ from merlin_monitor.drawing.png import png
 from merlin_monitor.history.pictures import Pictures
 from merlin_monitor.listeners.graph_watch import GraphWatch
 from merlin_monitor.listeners.panel import Panel
-from merlin_monitor.state.events import Reporter, sentence
+from merlin_monitor.state.history_events import Reporter, sentence
 from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.text.phrase import Phrase, say

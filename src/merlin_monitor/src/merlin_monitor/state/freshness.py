@@ -2,8 +2,8 @@
 
 from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Tuple
 
-from merlin_monitor.state.events import Reporter, sentence
 from merlin_monitor.state.health_section import HealthSection
+from merlin_monitor.state.history_events import Reporter, sentence
 from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.text.phrase import say
 from merlin_monitor.truth.worst_truth import (

@@ -2,7 +2,7 @@
 
 from typing import Any, Collection, Dict, List, Tuple
 
-from merlin_monitor.state.events import Reporter, sentence
+from merlin_monitor.state.history_events import Reporter, sentence
 from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.text.phrase import say, with_reason
 

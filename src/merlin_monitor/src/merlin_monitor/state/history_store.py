@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any, Callable, Dict, List, Optional, Tuple
 
 from merlin_monitor.history.event_log import Row
+from merlin_monitor.history.frames import Frame
 from merlin_monitor.history.history_file import HistoryError, WallClock, begin_run, last_run, open_for_writing
 from merlin_monitor.history.history_reader import HistoryReader
-from merlin_monitor.history.recording import Frame
-from merlin_monitor.state.events import Event, sentence
+from merlin_monitor.state.history_events import Event, sentence
 from merlin_monitor.state.state_tree import apply_changes
 from merlin_monitor.text.phrase import say
 

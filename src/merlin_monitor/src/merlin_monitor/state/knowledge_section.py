@@ -3,7 +3,7 @@
 from collections import deque
 from typing import Any, Deque, Dict, Iterable, List, NamedTuple, Tuple
 
-from merlin_monitor.state.events import Reporter, sentence
+from merlin_monitor.state.history_events import Reporter, sentence
 from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.text.fact_text import FACT, FUNCTION, INSTANCE, item_text, number_text
 from merlin_monitor.text.phrase import Phrase, goal_phrase, say, value_phrase

@@ -10,10 +10,10 @@ from merlin_monitor.drawing.layout_thread import LayoutThread
 from merlin_monitor.drawing.machine_graph import DrawnGraph, machine_graph, plan_graph
 from merlin_monitor.history.pictures import Pictures
 from merlin_monitor.history.recorder import Recorder
-from merlin_monitor.state.events import Event, Reporter, sentence
 from merlin_monitor.state.freshness import Freshness
 from merlin_monitor.state.guard_section import GuardSection
 from merlin_monitor.state.health_section import HealthSection
+from merlin_monitor.state.history_events import Event, Reporter, sentence
 from merlin_monitor.state.history_section import NEWEST, HistorySection
 from merlin_monitor.state.history_store import HistoryError, HistoryStore
 from merlin_monitor.state.inbox import Inbox

@@ -2,9 +2,9 @@
 
 from typing import Any, Dict, Iterable, List, Mapping, Optional, Set, Tuple
 
-from merlin_monitor.state.events import Reporter, sentence
 from merlin_monitor.state.freshness import LOST, Freshness
 from merlin_monitor.state.guard_section import GUARD, HELD_WORDS, KEPT
+from merlin_monitor.state.history_events import Reporter, sentence
 from merlin_monitor.state.machine_section import MachineSection, held_words, unconfirmed_words
 from merlin_monitor.state.plan_section import PlanSection
 from merlin_monitor.state.state_tree import StateTree

@@ -2,7 +2,7 @@
 
 from typing import Any, Dict, List, Mapping, Optional, Set, Tuple
 
-from merlin_monitor.state.events import Reporter, sentence
+from merlin_monitor.state.history_events import Reporter, sentence
 from merlin_monitor.state.plan_order import Edges, ShownStep
 from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.text.fact_text import atom_text

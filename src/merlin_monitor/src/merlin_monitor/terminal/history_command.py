@@ -11,7 +11,7 @@ from typing import Any, Dict, Iterator, List, Optional, Sequence
 
 import rospkg
 
-from merlin_monitor.state.events import KINDS
+from merlin_monitor.state.history_events import KINDS
 
 FILE = "history.sqlite"
 EXIT_MISTAKES = 2

@@ -15,7 +15,7 @@ from typing import Any, Deque, Iterator, List
 import rospy
 
 from merlin_monitor.panel_board import PanelBoard
-from merlin_monitor.state.events import Event
+from merlin_monitor.state.history_events import Event
 from merlin_monitor.state.inbox import Inbox
 from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_monitor.terminal.terminal_view import lines, paint

@@ -11,7 +11,7 @@ from merlin_monitor.history.history_file import HistoryError
 from merlin_monitor.history.history_reader import HistoryReader
 from merlin_monitor.history.pictures import Pictures
 from merlin_monitor.panel_scripts import script_file
-from merlin_monitor.state.events import Event
+from merlin_monitor.state.history_events import Event
 from merlin_monitor.state.history_section import NEWEST, HistorySection
 from merlin_monitor.state.state_tree import StateTree, apply_changes
 

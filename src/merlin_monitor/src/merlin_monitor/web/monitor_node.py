@@ -16,7 +16,7 @@ from merlin_monitor.panels.control import open_stop_of_node, operators_of_node, 
 from merlin_monitor.state.history_store import HistoryError
 from merlin_monitor.state.inbox import Inbox
 from merlin_monitor.state.monitor_model import MonitorModel
-from merlin_monitor.web.control import Control
+from merlin_monitor.web.page_control import Control
 from merlin_monitor.web.robot_control import RobotControl
 from merlin_monitor.web.web_server import ServerError, WebServer
 from merlin_ros.health import OK, Health, HealthReporter

@@ -5,7 +5,7 @@ from typing import Callable, Sequence
 import rospy
 
 from merlin_monitor.text.phrase import Phrase, say
-from merlin_monitor.web.control import ControlError
+from merlin_monitor.web.page_control import ControlError
 from merlin_pddl.breakpoints import BreakpointError
 from merlin_sm.breakpoint_client import BreakpointClient, Stepped
 from merlin_sm.knowledge_client import KnowledgeClient

@@ -14,12 +14,12 @@ from std_srvs.srv import Trigger
 
 from merlin_executor.executor_client import MerlinExecutorClient
 from merlin_executor.goal_check import GoalError, check_goals
-from merlin_monitor.state.events import sentence
 from merlin_monitor.state.freshness import SILENT
+from merlin_monitor.state.history_events import sentence
 from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_monitor.text.now_words import cancel_words
 from merlin_monitor.text.phrase import Phrase, goal_phrase, say
-from merlin_monitor.web.control import ControlError
+from merlin_monitor.web.page_control import ControlError
 from merlin_monitor.web.robot_breakpoints import RobotBreakpoints
 from merlin_monitor.web.robot_guards import RobotGuards, ask
 from merlin_monitor.web.robot_knowledge import RobotKnowledge
@@ -34,7 +34,7 @@ ALL_REQUESTS = GoalID()  # a cancel without name and time is for all goals of an
 
 
 class RobotControl:
-    """The robot as :class:`merlin_monitor.web.control.ControlledRobot` wants it.
+    """The robot as :class:`merlin_monitor.web.page_control.ControlledRobot` wants it.
 
     :param state: takes the events, and knows which requests there are.
     """

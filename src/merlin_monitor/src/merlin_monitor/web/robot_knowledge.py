@@ -9,7 +9,7 @@ from merlin_msgs.srv import PreviewPlan
 from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_monitor.text.phrase import Phrase, action_phrase, goal_phrase, say, with_reason
 from merlin_monitor.text.plain_words import action_in_words, shown_parameters
-from merlin_monitor.web.control import ControlError
+from merlin_monitor.web.page_control import ControlError
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
 from merlin_sm.knowledge_client import KnowledgeClient, KnowledgeError, parse_changes
 from merlin_sm.knowledge_text import PDDLSyntaxError, to_pddl

@@ -4,7 +4,7 @@ from typing import Optional, Protocol
 
 from merlin_monitor.history.history_reader import HistoryReader
 from merlin_monitor.history.pictures import Pictures
-from merlin_monitor.state.events import Event
+from merlin_monitor.state.history_events import Event
 from merlin_monitor.state.state_tree import StateTree
 
 

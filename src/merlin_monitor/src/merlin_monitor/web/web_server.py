@@ -22,12 +22,12 @@ from merlin_monitor.access.web_access import (
     WrongToken,
 )
 from merlin_monitor.access.wrong_tokens import WrongTokens
-from merlin_monitor.state.events import sentence
+from merlin_monitor.state.history_events import sentence
 from merlin_monitor.state.history_store import HistoryError
 from merlin_monitor.text.phrase import say
 from merlin_monitor.web import silent_connections
-from merlin_monitor.web.control import ControlError, Controls
 from merlin_monitor.web.live_feed import LiveFeed
+from merlin_monitor.web.page_control import ControlError, Controls
 from merlin_monitor.web.past_routes import PastRoutes
 from merlin_monitor.web.shown import Shown
 

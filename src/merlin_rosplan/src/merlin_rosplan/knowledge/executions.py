@@ -11,7 +11,7 @@ from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tup
 from merlin_pddl.formula import END, OVER_ALL, START
 from merlin_pddl.knowledge import Fact
 from merlin_pddl.text_reader import Expression, Node, PddlError, name_of, read_expression
-from merlin_rosplan.knowledge.effects import Allowed, EffectApplier, find_operator
+from merlin_rosplan.knowledge.effect_applier import Allowed, EffectApplier, find_operator
 from merlin_rosplan.knowledge.interruption import Count, apply_continuous, apply_counts, passed, split
 from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
 from merlin_rosplan.knowledge.knowledge_state import KnowledgeTables

@@ -12,7 +12,7 @@ from merlin_pddl.formula import OVER_ALL, to_pddl
 from merlin_pddl.formula_reader import IN_CONTINUOUS, FormulaReader
 from merlin_pddl.knowledge import FunctionValue
 from merlin_pddl.text_reader import Expression, PddlError, read_expression
-from merlin_rosplan.knowledge.effects import EffectApplier
+from merlin_rosplan.knowledge.effect_applier import EffectApplier
 from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
 from merlin_rosplan.knowledge.knowledge_state import KnowledgeTables
 from merlin_rosplan.knowledge.recorded_changes import RecordedChanges

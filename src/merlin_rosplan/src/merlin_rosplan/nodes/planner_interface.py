@@ -24,8 +24,8 @@ from merlin_rosplan.nodes.preview_service import PreviewService
 from merlin_rosplan.planning.planner import PlannerSettings
 from merlin_rosplan.planning.planning_outcome import PlannerState, PlanningOutcome
 from merlin_rosplan.supervision.planner_host import HostError, PlannerHosts
-from merlin_rosplan.supervision.planning import Planning
 from merlin_rosplan.supervision.scratch_folder import ScratchFolder
+from merlin_rosplan.supervision.supervised_planning import Planning
 from merlin_rosplan.transport.component import Component, run_component
 from merlin_rosplan.transport.handover import Handover, digest_service
 

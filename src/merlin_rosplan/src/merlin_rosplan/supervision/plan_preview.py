@@ -12,8 +12,8 @@ from merlin_pddl.text_reader import PddlError
 from merlin_rosplan.planning.goal_problem import write_goal_problem
 from merlin_rosplan.planning.planner import PlannerSettings
 from merlin_rosplan.planning.planning_outcome import PlannerState, PlanningOutcome
-from merlin_rosplan.supervision.planning import Planning
 from merlin_rosplan.supervision.scratch_folder import ScratchFolder
+from merlin_rosplan.supervision.supervised_planning import Planning
 
 #: Longest time for a plan that is only looked at, s: its reader waits for it.
 PREVIEW_LIMIT = 10.0

@@ -15,7 +15,7 @@ from merlin_sim.engine.muted_output import muted_output
 from merlin_sim.rendering.appearance import WALL, Parts, floor, parts_of
 from merlin_sim.rendering.shot import Shot
 from merlin_sim.robot.camera import CAMERA_LINK, Camera, CameraPose
-from merlin_sim.robot.drive import DriveGeometry
+from merlin_sim.robot.diff_drive import DriveGeometry
 from merlin_sim.world.world_model import Solid, World, WorldObject
 
 with muted_output():  # the engine greets on standard output when it is imported

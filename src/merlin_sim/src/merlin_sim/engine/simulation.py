@@ -14,7 +14,13 @@ from merlin_sim.engine.world_control import WorldControl
 from merlin_sim.engine.world_events import WorldEvents
 from merlin_sim.rendering.shot import Shot
 from merlin_sim.robot.camera import CAMERA_LINK, Camera, CameraError, CameraModel, CameraPose
-from merlin_sim.robot.drive import BaseController, DriveGeometry, DriveLimits, OdometryNoise, WheelOdometry
+from merlin_sim.robot.diff_drive import (
+    BaseController,
+    DriveGeometry,
+    DriveLimits,
+    OdometryNoise,
+    WheelOdometry,
+)
 from merlin_sim.robot.lidar import Lidar, LidarModel
 from merlin_sim.world.world_model import World
 from merlin_sim.world.world_places import ROBOT_RADIUS

@@ -12,7 +12,7 @@ from merlin_ros.parameters import ParameterError, number
 from merlin_sim.engine.scene import ROBOT
 from merlin_sim.engine.simulation import RobotSpec
 from merlin_sim.robot.camera import CameraModel
-from merlin_sim.robot.drive import DriveLimits, OdometryNoise
+from merlin_sim.robot.diff_drive import DriveLimits, OdometryNoise
 from merlin_sim.robot.lidar import LidarModel
 from merlin_sim.robot.truth_localization import PoseNoise
 from merlin_sim.world.world_model import World

@@ -8,7 +8,7 @@ import rospy
 
 from merlin_reactive.pose import Point
 from merlin_ros.parameters import ParameterError, number
-from merlin_sim.people.answers import Answers
+from merlin_sim.people.person_answers import Answers
 
 HEARING = 4.0  # m
 FACED = 0.5  # cosine of the angle to either side within which a robot faces a person

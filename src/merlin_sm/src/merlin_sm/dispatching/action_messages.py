@@ -3,10 +3,12 @@
 from typing import Dict, Optional, Tuple
 
 import rospy
+from actionlib_msgs.msg import GoalStatus
 from merlin_msgs.msg import RunningAction
 from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback
 from rosplan_dispatch_msgs.srv import DispatchServiceResponse
 
+from merlin_ros.actions.client_goal import ClientGoal
 from merlin_ros.service_proxy import ServiceError, ServiceUnavailable
 from merlin_sm.dispatching.progress import PART, Action, DispatchAnswer, Reply
 

@@ -46,7 +46,7 @@ class DispatchResult(NamedTuple):
     """The dispatcher is not there, or does not answer."""
     unmet: Tuple[str, ...] = ()
     """Goals that did not hold when it ended, as PDDL text; empty also when the dispatcher does not say."""
-    in_vain: str = ""
+    no_retry: str = ""
     """Which actions another try cannot help, as PDDL text with ``*`` for any argument; empty: it may help."""
 
 
@@ -119,7 +119,7 @@ class DispatchProgress:
         self._taken: Set[int] = set()
         self._early: Dict[int, List[EarlyAnswer]] = {}  # action id -> answers, the first of them TAKEN
         self._unstopped: List[str] = []
-        self._in_vain: Dict[str, str] = {}  # a failed action -> which actions cannot help
+        self._no_retry: Dict[str, str] = {}  # a failed action -> which actions cannot help
 
     @property
     def begun(self) -> bool:
@@ -193,7 +193,7 @@ class DispatchProgress:
             self._unstopped.append(action.text)
         final = information.get(FINAL, "")
         if final:
-            self._in_vain[ground_text(action.text)] = action.text if final.lower() == YES else final
+            self._no_retry[ground_text(action.text)] = action.text if final.lower() == YES else final
         if not self.failed or self.failed_reason == _CANCELLED:
             self.failed, self.failed_reason = action.text, reason
         if not self._stopping and reason != _CANCELLED:
@@ -262,9 +262,9 @@ class DispatchProgress:
         if reply.refused or reply.gone:
             action, why = "", reply.refused or reply.gone
         named = action or ("" if reply.gone and not self.failed_by_itself else self.failed)
-        in_vain = self._in_vain.get(ground_text(named), "")
+        no_retry = self._no_retry.get(ground_text(named), "")
         return DispatchResult(
-            False, cancelled, False, named, why, unstopped, bool(reply.gone), tuple(unmet), in_vain
+            False, cancelled, False, named, why, unstopped, bool(reply.gone), tuple(unmet), no_retry
         )
 
     def hung(self, dispatcher: str, deadline: float) -> DispatchResult:

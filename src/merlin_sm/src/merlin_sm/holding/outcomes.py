@@ -13,7 +13,7 @@ from typing import Any, Callable, Dict, List, NamedTuple, Optional, Tuple
 from merlin_pddl.breakpoints import BreakpointError
 from merlin_ros.alarms import wait_ticks
 from merlin_sm.autonomy import LEVELS, label_text, read_level
-from merlin_sm.holding.seat import ENDED, HELD, OUT, RUNS, Seat, Wish
+from merlin_sm.holding.state_control import ENDED, HELD, OUT, RUNS, StateControl, Wish
 from merlin_sm.holding.state_holds import Pattern, StateHolds, read_state_pattern
 from merlin_sm.states.merlin_state import PREEMPTED, MerlinState, merlin_states
 
@@ -50,8 +50,8 @@ class Outcomes:
         self.holds = holds
         self.on_left: Callable[[Left], None] = lambda left: None
         """Called when a state is left on which an operator had decided."""
-        self._lock = threading.Lock()  # guards the field below, and of each seat what it says
-        self._seats: Dict[Pattern, weakref.WeakSet[Seat]] = {}  # gone with their machines
+        self._lock = threading.Lock()  # guards the field below, and of each control what it says
+        self._controls: Dict[Pattern, weakref.WeakSet[StateControl]] = {}  # gone with their machines
 
     # --- for operators ------------------------------------------------------------------------------------
 
@@ -59,7 +59,7 @@ class Outcomes:
     def level(self) -> str:
         """The present level; empty: no outcome requires one."""
         with self._lock:
-            used = any(seat.levels for seats in self._seats.values() for seat in seats)
+            used = any(control.levels for controls in self._controls.values() for control in controls)
         return LEVELS[self.holds.level] if used else ""
 
     def set_level(self, text: str) -> None:
@@ -81,151 +81,153 @@ class Outcomes:
         """
         labels = read_state_pattern(path)
         with self._lock:
-            seats = list(self._seats.get(labels, ()))
-            if not seats:
+            controls = list(self._controls.get(labels, ()))
+            if not controls:
                 raise NoSuchState(f"no machine has a state {path}")
-            seat = _the_active(seats, path)
-            stage, outcome = seat.stage, outcome or label_text(_confirmed(seat))
-            known = {label_text(each): each for each in seat.state.get_registered_outcomes()}
+            control = _the_active(controls, path)
+            stage, outcome = control.stage, outcome or label_text(_confirmed(control))
+            known = {label_text(each): each for each in control.state.get_registered_outcomes()}
             if outcome not in known:
-                raise BreakpointError(f"{seat.path} has no outcome '{outcome}'; it has {', '.join(known)}")
-            before, seat.wish, seat.marked = seat.wish, Wish(known[outcome], by), True
+                raise BreakpointError(f"{control.path} has no outcome '{outcome}'; it has {', '.join(known)}")
+            before, control.wish, control.marked = control.wish, Wish(known[outcome], by), True
             if before is not None:
-                seat.wish.reached = before.reached  # the last word counts, one preempt is enough
-            if seat.stage == OUT:  # its run takes no lock to end
-                seat.wish = None
-                raise BreakpointError(f"{seat.path} has just been left")
-            wish, unset = seat.wish, seat.unset()
+                control.wish.reached = before.reached  # the last word counts, one preempt is enough
+            if control.stage == OUT:  # its run takes no lock to end
+                control.wish = None
+                raise BreakpointError(f"{control.path} has just been left")
+            wish, unset = control.wish, control.unset()
         if stage != RUNS:
-            self.holds.release(seat.state)
+            self.holds.release(control.state)
         elif before is None:
             # In a thread of its own: users' code may loop in its preempt.
             threading.Thread(
-                target=_preempt, args=(seat, wish), name=f"preempt {seat.path}", daemon=True
+                target=_preempt, args=(control, wish), name=f"preempt {control.path}", daemon=True
             ).start()
-        return _said(seat.path, stage, outcome, unset)
+        return _said(control.path, stage, outcome, unset)
 
-    # --- for the gate -------------------------------------------------------------------------------------
+    # --- for the hook -------------------------------------------------------------------------------------
 
-    def add(self, seat: Seat) -> None:
+    def add(self, control: StateControl) -> None:
         """Notes that a state exists."""
-        labels = tuple(seat.path.upper().split("/"))
+        labels = tuple(control.path.upper().split("/"))
         with self._lock:
-            self._seats.setdefault(labels, weakref.WeakSet()).add(seat)
+            self._controls.setdefault(labels, weakref.WeakSet()).add(control)
 
-    def begin(self, seats: List[Seat]) -> None:
+    def begin(self, controls: List[StateControl]) -> None:
         """A run of a machine begins: what came too late for the last one is forgotten."""
         with self._lock:
-            for seat in seats:
-                seat.cancelled = False
+            for control in controls:
+                control.cancelled = False
 
-    def cancel(self, seat: Seat) -> None:
+    def cancel(self, control: StateControl) -> None:
         """A state is preempted by its machine; called before the state is preempted."""
         with self._lock:
-            seat.cancelled = seat.marked = True
+            control.cancelled = control.marked = True
 
-    def crashed(self, seat: Seat) -> None:
+    def crashed(self, control: StateControl) -> None:
         """A state has raised an exception."""
         with self._lock:
-            wish = self._end(seat)
+            wish = self._end(control)
         if wish is not None:
-            self._report(seat, wish, "", "it has raised an exception")
+            self._report(control, wish, "", "it has raised an exception")
 
-    def before(self, seat: Seat) -> Optional[str]:
+    def before(self, control: StateControl) -> Optional[str]:
         """Waits where the machine is held before a state.
 
         :return: the outcome of the state if it is not to be entered.
         """
         with self._lock:
-            seat.stage = HELD
-        preempted = seat.state.preempt_requested
-        self.holds.wait(seat.machine, seat.state, seat.path, lambda: seat.wish is not None or preempted())
+            control.stage = HELD
+        preempted = control.state.preempt_requested
+        self.holds.wait(
+            control.machine, control.state, control.path, lambda: control.wish is not None or preempted()
+        )
         with self._lock:
-            wish, seat.wish = seat.wish, None
-            cancelled = seat.is_cancelled()
+            wish, control.wish = control.wish, None
+            cancelled = control.is_cancelled()
             unentered = wish is not None and not cancelled
-            seat.stage = OUT if unentered else RUNS
+            control.stage = OUT if unentered else RUNS
         if wish is not None:
-            self._report(seat, wish, "", "it was cancelled first" if cancelled else "")
+            self._report(control, wish, "", "it was cancelled first" if cancelled else "")
         if unentered and wish is not None:
-            _note(seat.state, wish)
+            _note(control.state, wish)
             return wish.outcome
-        if preempted() and _ends_unentered(seat.state):
-            seat.stage = OUT
-            seat.state.service_preempt()
+        if preempted() and _ends_unentered(control.state):
+            control.stage = OUT
+            control.state.service_preempt()
             return PREEMPTED
         return None
 
-    def after(self, seat: Seat, outcome: str) -> str:
+    def after(self, control: StateControl, outcome: str) -> str:
         """A state has ended, and there was a wish or a cancel, or not every level is allowed.
 
         :return: the outcome with which it is left.
         """
-        wish = seat.wish
+        wish = control.wish
         returned = wish is None or wait_ticks(wish.reached.wait, REACH_LIMIT)
         with self._lock:
             # From here on a cancel comes too late for this state: SMACH preempts the next one.
-            cancelled = seat.is_cancelled()
-            wish = self._end(seat)
-            refused = _refused(seat.state, cancelled, returned) if wish is not None else ""
+            cancelled = control.is_cancelled()
+            wish = self._end(control)
+            refused = _refused(control.state, cancelled, returned) if wish is not None else ""
             if wish is not None and not cancelled:
-                seat.state.service_preempt()  # it was preempted for the wish, not its machine
-            waits = not cancelled and seat.levels.get(outcome, 0) > self.holds.level
+                control.state.service_preempt()  # it was preempted for the wish, not its machine
+            waits = not cancelled and control.levels.get(outcome, 0) > self.holds.level
             if waits and (wish is None or refused):
-                seat.stage, seat.outcome = ENDED, outcome
+                control.stage, control.outcome = ENDED, outcome
         if wish is not None:
-            self._report(seat, wish, outcome, refused)
+            self._report(control, wish, outcome, refused)
             if not refused:
-                _note(seat.state, wish)
+                _note(control.state, wish)
                 return wish.outcome
-        return self._wait(seat, outcome) if seat.stage == ENDED else outcome
+        return self._wait(control, outcome) if control.stage == ENDED else outcome
 
-    def _wait(self, seat: Seat, outcome: str) -> str:
+    def _wait(self, control: StateControl, outcome: str) -> str:
         """Waits until the outcome of a state may be taken; returns the one with which it is left."""
         followed = self.holds.wait_after(
-            seat.state,
-            seat.path,
+            control.state,
+            control.path,
             label_text(outcome),
-            seat.levels[outcome],
-            lambda: seat.wish is not None or seat.is_cancelled(),
+            control.levels[outcome],
+            lambda: control.wish is not None or control.is_cancelled(),
         )
         with self._lock:
-            cancelled = seat.is_cancelled() or bool(seat.state.preempt_requested())
-            wish = self._end(seat)
-            if cancelled and PREEMPTED in seat.state.get_registered_outcomes():
-                seat.state.service_preempt()
+            cancelled = control.is_cancelled() or bool(control.state.preempt_requested())
+            wish = self._end(control)
+            if cancelled and PREEMPTED in control.state.get_registered_outcomes():
+                control.state.service_preempt()
         if not followed:
-            self._report(seat, Wish(outcome, ""), outcome)
+            self._report(control, Wish(outcome, ""), outcome)
         if wish is not None:
-            self._report(seat, wish, outcome, "it was cancelled first" if cancelled else "")
-        if cancelled and PREEMPTED in seat.state.get_registered_outcomes():
-            _note(seat.state, Wish(PREEMPTED, ""), "cancelled")
+            self._report(control, wish, outcome, "it was cancelled first" if cancelled else "")
+        if cancelled and PREEMPTED in control.state.get_registered_outcomes():
+            _note(control.state, Wish(PREEMPTED, ""), "cancelled")
             return PREEMPTED
         if wish is None or cancelled:
             return outcome
         if wish.outcome != outcome:
-            _note(seat.state, wish)
+            _note(control.state, wish)
         return wish.outcome
 
-    def _end(self, seat: Seat) -> Optional[Wish]:
+    def _end(self, control: StateControl) -> Optional[Wish]:
         """Ends a state's run for operators; the lock is held."""
-        wish, seat.wish = seat.wish, None
-        seat.stage, seat.outcome = OUT, ""
-        seat.marked = seat.cancelled = False
+        wish, control.wish = control.wish, None
+        control.stage, control.outcome = OUT, ""
+        control.marked = control.cancelled = False
         return wish
 
-    def _report(self, seat: Seat, wish: Wish, ended: str, refused: str = "") -> None:
-        unset = () if refused or wish.outcome == ended else tuple(seat.unset())
+    def _report(self, control: StateControl, wish: Wish, ended: str, refused: str = "") -> None:
+        unset = () if refused or wish.outcome == ended else tuple(control.unset())
         texts = label_text(wish.outcome), label_text(ended)
-        self.on_left(Left(seat.path, wish.by, *texts, refused, unset))
+        self.on_left(Left(control.path, wish.by, *texts, refused, unset))
 
 
-def _the_active(seats: List[Seat], path: str) -> Seat:
+def _the_active(controls: List[StateControl], path: str) -> StateControl:
     """The one that runs, is held or waits."""
-    active = [seat for seat in seats if seat.stage != OUT]
+    active = [control for control in controls if control.stage != OUT]
     if not active:
         raise BreakpointError(f"{path} neither runs nor is held")
-    left = [seat for seat in active if not seat.is_cancelled()]
+    left = [control for control in active if not control.is_cancelled()]
     if not left:
         raise BreakpointError(f"{path} is being cancelled, which comes first")
     if len(left) > 1:
@@ -233,10 +235,10 @@ def _the_active(seats: List[Seat], path: str) -> Seat:
     return left[0]
 
 
-def _confirmed(seat: Seat) -> str:
-    if seat.stage != ENDED:
-        raise BreakpointError(f"{seat.path} does not wait for a confirmation")
-    return seat.outcome
+def _confirmed(control: StateControl) -> str:
+    if control.stage != ENDED:
+        raise BreakpointError(f"{control.path} does not wait for a confirmation")
+    return control.outcome
 
 
 def _said(path: str, stage: int, outcome: str, unset: List[str]) -> str:
@@ -248,9 +250,9 @@ def _said(path: str, stage: int, outcome: str, unset: List[str]) -> str:
     return f"{how} Nothing has set {', '.join(unset)}." if unset else how
 
 
-def _preempt(seat: Seat, wish: Wish) -> None:
+def _preempt(control: StateControl, wish: Wish) -> None:
     try:
-        seat.request_preempt()
+        control.request_preempt()
     finally:
         wish.reached.set()
 

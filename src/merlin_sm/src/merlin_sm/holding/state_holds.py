@@ -12,7 +12,7 @@ from typing import Callable, Dict, List, Optional, Sequence, Set, Tuple
 
 from merlin_pddl.breakpoints import ANY, LONGEST, MOST, BreakpointError
 from merlin_sm.autonomy import FULL, LEVELS
-from merlin_sm.holding.seat import Machine
+from merlin_sm.holding.state_control import Machine
 
 HEARTBEAT = 1.0  # s between two calls of `on_change` while something is held
 GRACE = 30.0  # s of wall time without a console, after which what is held continues

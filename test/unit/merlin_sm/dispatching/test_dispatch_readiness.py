@@ -14,10 +14,10 @@ from std_msgs.msg import String
 from merlin_ros import deadline
 from merlin_sm import dispatch_client
 from merlin_sm.dispatch_client import WITHDRAWN, DispatchClient
-from merlin_sm.dispatching import readiness
+from merlin_sm.dispatching import dispatch_readiness
+from merlin_sm.dispatching.dispatch_readiness import ANNOUNCED, DispatchReadiness, drawn_actions
 from merlin_sm.dispatching.kinds import SilentDispatcher
 from merlin_sm.dispatching.progress import DispatchProgress
-from merlin_sm.dispatching.readiness import ANNOUNCED, DispatchReadiness, drawn_actions
 
 LONG = 60.0
 GRAPH = """digraph plan {
@@ -51,8 +51,8 @@ def ros(monkeypatch: pytest.MonkeyPatch) -> List[str]:
     monkeypatch.setattr(rospy, "Subscriber", lambda *_, **__: None)
     monkeypatch.setattr(rospy, "is_shutdown", lambda: False)
     monkeypatch.setattr(deadline, "running_time", time.monotonic)
-    monkeypatch.setattr(readiness, "subscribe", lambda *_: object())
-    monkeypatch.setattr(readiness, "bounded_master", Master)
+    monkeypatch.setattr(dispatch_readiness, "subscribe", lambda *_: object())
+    monkeypatch.setattr(dispatch_readiness, "bounded_master", Master)
     return published
 
 
@@ -80,12 +80,12 @@ def waits(monkeypatch: pytest.MonkeyPatch) -> List[float]:
             super().__init__(seconds)
             begun.append(seconds)
 
-    monkeypatch.setattr(readiness, "Deadline", Noted)
+    monkeypatch.setattr(dispatch_readiness, "Deadline", Noted)
     return begun
 
 
 def test_the_plan_is_waited_for(ready: DispatchReadiness, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(readiness, "DRAWING_WAIT", LONG)
+    monkeypatch.setattr(dispatch_readiness, "DRAWING_WAIT", LONG)
     ready._receive_drawing(String(OLD))
     done: List[bool] = []
     waiting = threading.Thread(
@@ -103,18 +103,18 @@ def test_the_plan_is_waited_for(ready: DispatchReadiness, monkeypatch: pytest.Mo
 def test_a_dispatcher_that_does_not_draw_is_not_waited_for(
     ready: DispatchReadiness, ros: List[str], waits: List[float], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(readiness, "DRAWING_WAIT", 0.01)
+    monkeypatch.setattr(dispatch_readiness, "DRAWING_WAIT", 0.01)
     ros.clear()
     ready.wait(NEW, lambda: False)
-    assert waits == [readiness.INTERFACE_WAIT]
+    assert waits == [dispatch_readiness.INTERFACE_WAIT]
 
 
 def test_a_plan_that_is_never_drawn_is_not_waited_for_without_end(
     ready: DispatchReadiness, waits: List[float], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(readiness, "DRAWING_WAIT", 0.01)
+    monkeypatch.setattr(dispatch_readiness, "DRAWING_WAIT", 0.01)
     ready.wait(NEW, lambda: False)
-    assert waits == [readiness.INTERFACE_WAIT, 0.01]
+    assert waits == [dispatch_readiness.INTERFACE_WAIT, 0.01]
 
 
 def test_interfaces_that_are_announced_without_end_do_not_grow_without_end(ready: DispatchReadiness) -> None:
@@ -139,8 +139,8 @@ class Client(DispatchClient):
 
 
 def test_a_cancel_ends_the_wait_and_nothing_is_dispatched(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(readiness, "INTERFACE_WAIT", 1e6)
-    monkeypatch.setattr(readiness, "DRAWING_WAIT", 1e6)
+    monkeypatch.setattr(dispatch_readiness, "INTERFACE_WAIT", 1e6)
+    monkeypatch.setattr(dispatch_readiness, "DRAWING_WAIT", 1e6)
     monkeypatch.setattr(dispatch_client, "running_time", lambda: 0.0)
 
     def interruptible(interrupt: Any) -> None:

@@ -5,9 +5,9 @@ import threading
 import pytest
 
 import smach
-from merlin_sm.holding.gate import gate
 from merlin_sm.holding.outcomes import Outcomes
 from merlin_sm.holding.state_holds import StateHolds
+from merlin_sm.holding.state_hook import hook_states
 from merlin_sm.merlin_sm import MerlinSM
 from merlin_sm.states.function_state import FunctionState
 
@@ -41,7 +41,7 @@ class World:
             self.machine.add("FIRST", self.note("FIRST"), transitions={"succeeded": "INNER"})
             self.machine.add("INNER", inner, transitions={"succeeded": "LAST"})
             self.machine.add("LAST", self.note("LAST"))
-        gate(self.machine, "WORK", Outcomes(self.holds))
+        hook_states(self.machine, "WORK", Outcomes(self.holds))
 
     def note(self, label):
         return FunctionState(lambda userdata: self.runs.append(label))
@@ -118,7 +118,7 @@ def test_the_states_of_a_concurrence_are_held_each(world):
     with both:
         smach.Concurrence.add("ONE", Plain(runs, ["succeeded"]))
         smach.Concurrence.add("TWO", Plain(runs, ["succeeded"]))
-    gate(both, "BOTH", Outcomes(world.holds))
+    hook_states(both, "BOTH", Outcomes(world.holds))
     world.machine = MerlinSM(["succeeded"])
     with world.machine:
         world.machine.add("BOTH", both)

@@ -23,7 +23,7 @@ class Deed(NamedTuple):
     reason: str
 
 
-class RobotStory:
+class RobotLines:
     """Puts what happens into lines. Several threads may use it; :meth:`pursue` is for one.
 
     :param log: takes a line of what happens.

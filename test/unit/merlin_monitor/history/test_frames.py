@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 
 from merlin_monitor.history import recorder as recorder_module
 from merlin_monitor.history.event_log import Neighbour
+from merlin_monitor.history.frames import Frame
 from merlin_monitor.history.history_file import VERSION, HistoryError
 from merlin_monitor.history.history_reader import HistoryReader
 from merlin_monitor.history.recorder import Recorder
-from merlin_monitor.history.recording import Frame
-from merlin_monitor.state.events import Event
+from merlin_monitor.state.history_events import Event
 from merlin_monitor.state.history_store import HistoryStore
 from merlin_monitor.state.state_tree import StateTree, apply_changes
 

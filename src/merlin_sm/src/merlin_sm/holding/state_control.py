@@ -1,4 +1,4 @@
-"""A state at its place in a machine, as operators see it: where its run is, and how they wish it to end."""
+"""What operators have said about a state of a machine: where its run is, and how they ask it to end."""
 
 import threading
 from typing import Any, Callable, Dict, List, Optional, Sequence
@@ -24,7 +24,7 @@ class Wish:
         self.reached = threading.Event()  # the preempt of the running state has returned
 
 
-class Seat:
+class StateControl:
     """A state of a machine.
 
     :param machine: its outermost one.

@@ -50,7 +50,7 @@ class LeaseTimes(NamedTuple):
         return ttl / (1 - self.drift)
 
 
-class Tenure:
+class RobotLease:
     """What a robot knows of its lease.
 
     :param times: of the lease.
