@@ -35,7 +35,7 @@ class Ended:
     ) -> None:
         self.result: Any = None
         self.status = GoalStatus.ACTIVE
-        self.text = ""
+        self.text = self.said = ""
         self._on_done = on_done
         self._on_cancel = on_cancel
         self._ended = threading.Event()
