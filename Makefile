@@ -18,7 +18,7 @@ LINGER ?= auto
 IN := tools/in_workspace.sh
 RUN := $(IN) rosrun merlin run
 
-.PHONY: help build demo experiment restaurant fleet fleet-chaos check test repeat lint docs bench chaos chaos-table mutants soak screenshots debian clean
+.PHONY: help build demo experiment restaurant fleet fleet-chaos try check test repeat lint docs bench chaos chaos-table mutants soak screenshots debian clean
 
 help:
 	@echo "make demo   Mission 1 of the paper in the simulated apartment (RTF= SEED= MISSION= APPROACH= CANCEL_AFTER= RECORD= LINGER=)"
@@ -26,6 +26,7 @@ help:
 	@echo "make restaurant   an evening in the simulated restaurant (ROBOTS= GUESTS= DISTURBANCES= HASTE= SEED= RTF= RECORD= LINGER=)"
 	@echo "make fleet  a fleet on this machine: a hub, robots, a link that is cut, a robot that is killed (ROBOTS=)"
 	@echo "make fleet-chaos  its fault campaign (TRIALS= of each FAULT=, CLOCKS=same|apart, SEED=)"
+	@echo "make try    a new application on simulated action servers: what a robot's computer runs"
 	@echo "make check  lint, and the unit tests of what has changed (ALL=1: all of them; SINCE=revision)"
 	@echo "make test   all that a user relies on, from a bare machine (JOBS=)"
 	@echo "make repeat runs tests again and again beside a load, and prints how often each failed (TESTS= TIMES= LOAD=)"
@@ -37,11 +38,15 @@ help:
 	@echo "make lint   ruff, mypy, the map of imports, tests that assert nothing, catkin_lint, roslaunch-check"
 	@echo "make docs   the documents and an API reference as a site in results/docs/html, links checked"
 	@echo "make screenshots  the monitor's pictures in docs/images, over a running mission"
-	@echo "make debian  build and demo in a bare root of another Debian (VERSION=12|13 TARGET='build demo test' PYTEST='FILE …' AS=root|user)"
-	@echo "make build  only what the others need"
+	@echo "make debian  build and demo in a bare root of another Debian (VERSION=12|13 TARGET='build demo test' PROFILE= PYTEST='FILE …' AS=root|user)"
+	@echo "make build  only what the others need (PROFILE=robot|simulation|all)"
 
+# The profile that a target needs; PROFILE=, which make passes on, may ask for more.
+NEEDS = $(if $(filter-out build,$(MAKECMDGOALS)),all)
+demo experiment restaurant: NEEDS = simulation
+try: NEEDS = robot
 build:
-	@tools/build.sh
+	@tools/build.sh $(NEEDS)
 
 demo: build
 	@$(RUN) home.launch mission:=$(MISSION) approach:=$(APPROACH) seed:=$(SEED) rtf:=$(RTF) \
@@ -63,6 +68,9 @@ restaurant: build
 
 fleet: build
 	@$(IN) python bench/fleet $(call given,ROBOTS,robots)
+
+try: build
+	@$(IN) tools/try_robot.sh
 
 # In docs/fleet.md: the table of faults.
 fleet-chaos: build
@@ -118,7 +126,7 @@ docs:
 	@tools/docs.sh
 
 debian:
-	@VERSION=$(VERSION) TARGET="$(TARGET)" PYTEST="$(PYTEST)" AS="$(AS)" tools/debian.sh
+	@VERSION=$(VERSION) TARGET="$(TARGET)" PROFILE="$(PROFILE)" PYTEST="$(PYTEST)" AS="$(AS)" tools/debian.sh
 
 lint: build
 	@$(IN) tools/lint.sh

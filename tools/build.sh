@@ -1,6 +1,8 @@
 #!/usr/bin/env bash
 # Prepares the workspace from a bare machine: apt packages, virtual environment, catkin build.
 # Each step is skipped when it has nothing to do, so a second call costs seconds.
+#   build.sh [NEEDED]        a profile that the caller needs
+#   PROFILE=robot|simulation|all   what is asked for (tools/packages.sh); neither: all
 #   UNDERLAY=auto|all|none   which underlay packages to build (tools/underlay.py)
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -25,7 +27,7 @@ as_root() {
 
 install_apt() {
   local wanted missing
-  wanted=$(tools/apt_packages.sh)
+  wanted=$(tools/packages.sh apt.txt "$profile")
   # shellcheck disable=SC2086
   missing=$(comm -13 \
     <(dpkg-query -W -f '${db:Status-Abbrev} ${Package}\n' $wanted 2>/dev/null | awk '$1 == "ii" {print $2}' | sort -u) \
@@ -70,25 +72,27 @@ build_pybullet() {
 }
 
 make_venv() {
-  local python=/usr/bin/python3 stamp=.venv/.requirements pip=".venv/bin/pip --disable-pip-version-check" key numpy pybullet
+  local python=/usr/bin/python3 stamp=.venv/.requirements pip=".venv/bin/pip --disable-pip-version-check" key numpy pybullet wanted nodeps
   local alone='import site; site.ENABLE_USER_SITE = False'
   # The Python of a conda environment with ROS is the one that can import it.
   case $ros/ in "${CONDA_PREFIX:-/none}"/*) python=$CONDA_PREFIX/bin/python3 ;; esac
   # cv_bridge and OpenCV are built for this numpy.
   numpy=$("$python" -s -c 'import numpy; print("numpy==" + numpy.__version__)') || fail "$python has no numpy"
-  key=$({ echo "$python $numpy $alone"; cat requirements.txt requirements-nodeps.txt; } | sha256sum)
+  wanted=$(tools/packages.sh requirements.txt "$profile")
+  nodeps=$(tools/packages.sh requirements-nodeps.txt "$profile")
+  key=$(echo "$python $numpy $alone $wanted $nodeps" | sha256sum)
   [ -x .venv/bin/python ] && [ "$(cat $stamp 2>/dev/null)" = "$key" ] && return
   say "virtual environment .venv"
   [ -x .venv/bin/python ] || "$python" -m venv --system-site-packages .venv
   # What the user has for himself in ~/.local would otherwise come before Debian's packages: another numpy, for one.
   find .venv/lib -path '*/python3*/site-packages' -prune -exec sh -c 'echo "$1" >"$2/_without_user_site.pth"' sh "$alone" {} \;
   echo "$numpy" >.venv/constraints.txt
-  pybullet=$(grep '^pybullet' requirements.txt)
-  $pip install -q --no-deps --only-binary :all: "$pybullet" 2>.venv/pip.log || build_pybullet "$pybullet"
-  $pip install -q -c .venv/constraints.txt -r requirements.txt 2>.venv/pip.log &&
-    $pip install -q --no-deps -r requirements-nodeps.txt 2>>.venv/pip.log || {
+  pybullet=$(grep '^pybullet' <<<"$wanted" || true)
+  [ -z "$pybullet" ] || $pip install -q --no-deps --only-binary :all: "$pybullet" 2>.venv/pip.log || build_pybullet "$pybullet"
+  $pip install -q -c .venv/constraints.txt -r <(echo "$wanted") 2>.venv/pip.log &&
+    $pip install -q --no-deps -r <(echo "$nodeps") 2>>.venv/pip.log || {
     tail -n 5 .venv/pip.log >&2
-    fail "pip could not install requirements.txt (network?)"
+    fail "pip could not install the packages of requirements.txt (network? a Python that docs/platforms.md does not have?)"
   }
   echo "$key" >$stamp
 }
@@ -106,12 +110,13 @@ build_catkin() {
   local files key stamp=build/.built
   files=$(find -L src -name CATKIN_IGNORE -o \( -name CMakeLists.txt -o -name package.xml -o -name setup.py -o -name '*.msg' -o -name '*.srv' -o -name '*.action' -o -path '*/scripts/*' \) -type f | grep -v '^src/CMakeLists.txt$' | sort)
   # shellcheck disable=SC2086
-  key=$({ echo "$workspace"; cat tools/build.sh; sha256sum $files; } | sha256sum)
+  key=$({ echo "$workspace $profile"; cat tools/build.sh; sha256sum $files; } | sha256sum)
   [ "$(cat $stamp 2>/dev/null)" = "$key" ] && [ -e devel/setup.bash ] && return
   say "catkin workspace"
   # Python is what MERLIN speaks; C++ headers stay for the nodes of its users.
   ROS_LANG_DISABLE=${ROS_LANG_DISABLE:-geneus:genlisp:gennodejs} \
-    catkin_make -j"$(nproc)" -DPYTHON_EXECUTABLE="$workspace/.venv/bin/python" >.catkin.log 2>&1 || {
+    catkin_make -j"$(nproc)" -DCATKIN_BLACKLIST_PACKAGES="$(tools/packages.sh --left-out "$profile" | tr ' ' ';')" \
+    -DPYTHON_EXECUTABLE="$workspace/.venv/bin/python" >.catkin.log 2>&1 || {
     grep -nE -A5 'error|Error|FAILED' .catkin.log | head -n 20 >&2
     fail "catkin_make failed; the whole log is $workspace/.catkin.log"
   }
@@ -125,11 +130,17 @@ compile_modules() {
   .venv/bin/python -m compileall -q src/*/src src/underlay/*/src >/dev/null || true
 }
 
+# shellcheck disable=SC2086
+asked=$(tools/packages.sh --largest ${1:-} "${PROFILE:-${1:-all}}") || exit 2
 mkdir -p build
 exec 9>build/.lock
 flock 9 2>/dev/null || true    # two targets at once: the second waits for the first's build
-ros=$(tools/apt_packages.sh --ros)   # prefix of a ROS 1 that is not Debian's; empty: Debian's
+# Built so far; what was built is kept, so that two targets do not undo each other's build.
+profile=$(tools/packages.sh --largest "$asked" "$(cat build/.profile 2>/dev/null || echo robot)")
+[ "$profile" = "$asked" ] || [ -z "${PROFILE:-}" ] || say "this checkout has profile $profile, which has all of $asked"
+ros=$(tools/packages.sh --ros)   # prefix of a ROS 1 that is not Debian's; empty: Debian's
 install_apt
 make_venv
 build_catkin
 compile_modules
+echo "$profile" >build/.profile

@@ -2,6 +2,7 @@
 # Runs the README's commands in a bare root of a Debian release: make debian VERSION=13
 #   VERSION=13            or 12
 #   TARGET="build demo"   targets of make that are run one after the other; test: all tests, and PYTEST="FILE …": these
+#   PROFILE=robot         of the build: robot, simulation or all; each target asks for what it needs
 #   AS=user               in the home of an ordinary user who may use sudo; root
 #   MIRROR=…              of Debian, http://deb.debian.org/debian
 #   FOLDER=/tmp           where the root is made: about 6 GB, removed at the end, also after an error and Ctrl-C
@@ -46,6 +47,9 @@ if [ "${1:-}" = --inside ]; then
     inside chown -R user:user "$home/merlin"
     account=user
   fi
+  size() { echo "$(dpkg --root="$root" -l | grep -c '^ii') Debian packages, $(du -xsm "$root" | cut -f1) MB"; }
+  say "the bare root: $(size)"
+  SECONDS=0
   for target in ${TARGET:-build demo}; do
     say "Debian ${VERSION:-13}: make $target, as $account"
     if [ "$target" = test ] && [ -n "${PYTEST:-}" ]; then
@@ -54,12 +58,13 @@ if [ "${1:-}" = --inside ]; then
       inside sh -c 'cd ~/merlin && exec tools/in_workspace.sh python -m pytest -q "$@"' sh $PYTEST
       continue
     fi
-    inside make -s -C "$home/merlin" LINGER=false "$target"   # no key is waited for between two targets
+    inside make -s -C "$home/merlin" LINGER=false ${PROFILE:+PROFILE="$PROFILE"} "$target"   # no key is waited for between two targets
+    say "make $target: $SECONDS s since the bare root, $(size)"
   done
   exit 0
 fi
 
-[ "$(id -u)" = 0 ] || exec sudo --preserve-env=VERSION,TARGET,PYTEST,AS,MIRROR,FOLDER,http_proxy,https_proxy,no_proxy "$0"
+[ "$(id -u)" = 0 ] || exec sudo --preserve-env=VERSION,TARGET,PROFILE,PYTEST,AS,MIRROR,FOLDER,http_proxy,https_proxy,no_proxy "$0"
 for tool in debootstrap unshare git pkill; do
   command -v "$tool" >/dev/null || fail "it needs $tool: apt-get install debootstrap util-linux git procps"
 done

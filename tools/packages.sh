@@ -1,0 +1,65 @@
+#!/usr/bin/env bash
+# Says what a profile needs. Profiles contain each other: robot, simulation (and the simulator), all (and fleet, tests, lint).
+#   packages.sh FILE [PROFILE]       the lines of apt.txt or requirements*.txt that it needs; all: every one. A section is of
+#                                    the profile in brackets at the end of its title; without one, of each. Sections of ROS
+#                                    are left out where another ROS 1 is installed, whose files theirs would lie beside.
+#   packages.sh --largest PROFILE …  the largest of them; exit code 2 when one is none
+#   packages.sh --left-out PROFILE   the catkin packages that are not built
+#   packages.sh --ros                the prefix of that other ROS; nothing: ROS is Debian's
+#   OPT_ROS=/opt/ros   the folder where ROS One and Noetic install
+set -euo pipefail
+cd "$(dirname "$0")/.."
+
+SIMULATION="merlin_sim merlin_experiment merlin_restaurant merlin_guests"
+ALL="merlin_fleet merlin_test"
+
+rank() {
+  case $1 in
+  robot) echo 1 ;;
+  simulation) echo 2 ;;
+  all) echo 3 ;;
+  *)
+    echo "build: PROFILE=$1 is not one of robot, simulation, all" >&2
+    exit 2
+    ;;
+  esac
+}
+
+largest() {
+  local profile found=robot most=1 rank
+  for profile in "$@"; do
+    rank=$(rank "$profile")
+    [ "$rank" -le $most ] || { found=$profile most=$rank; }
+  done
+  echo "$found"
+}
+
+foreign_ros() {
+  local prefix
+  local IFS=:
+  for prefix in ${CMAKE_PREFIX_PATH:-} ${CONDA_PREFIX:-} "${OPT_ROS:-/opt/ros}"/*; do
+    case $prefix/ in /usr/* | "$PWD"/*) continue ;; esac
+    # An overlay has packages of its user; only a whole ROS has this one.
+    if [ -e "$prefix/share/rospy/package.xml" ]; then
+      echo "$prefix"
+      return
+    fi
+  done
+}
+
+case ${1:-} in
+--ros) foreign_ros ;;
+--largest) largest "${@:2}" ;;
+--left-out)
+  case $(largest "${2:-all}") in
+  robot) echo "$SIMULATION $ALL" ;;
+  simulation) echo "$ALL" ;;
+  esac
+  ;;
+*)
+  wanted=$(rank "${2:-all}")
+  awk -v without="$(foreign_ros)" -v wanted="$wanted" '
+    /^# ---/ {ros = $3 == "ROS"; rank = /\[all\]/ ? 3 : /\[simulation\]/ ? 2 : 1}
+    !/^#/ && NF && !(ros && without) && rank <= wanted' "$1"
+  ;;
+esac
