@@ -19,6 +19,10 @@ from merlin.launch_request import LaunchError
 from merlin.local_names import use_loopback
 
 
+class NothingRuns(LaunchError):
+    """No master has what is wanted."""
+
+
 class RunningLaunch(NamedTuple):
     """A run that lives."""
 
@@ -71,7 +75,8 @@ def choose(find: Callable[[List[str], List[str]], List[str]], wanted: str) -> Tu
     :param find: from the nodes and the services of a master to the names that are wanted.
     :param wanted: the same in words.
     :return: the master's address, and the names.
-    :raises LaunchError: when no master has it, or several have.
+    :raises NothingRuns: when no master has it.
+    :raises LaunchError: when several have it.
     """
     # It imports rospy, which a run that is only announced does without.
     from merlin_ros.master.master_link import ERRORS, MASTER_TIMEOUT, bounded_proxy
@@ -96,7 +101,7 @@ def choose(find: Callable[[List[str], List[str]], List[str]], wanted: str) -> Tu
         choice = ", ".join(f"ROS_MASTER_URI={uri} ({masters[uri]})" for uri in found)
         raise LaunchError(f"several systems have {wanted}; choose one: {choice}")
     asked = ", ".join(f"{uri} ({name})" for uri, name in masters.items())
-    raise LaunchError(f"no running system has {wanted}; asked: {asked}")
+    raise NothingRuns(f"no running system has {wanted}; asked: {asked}")
 
 
 def _place(uri: str) -> Tuple[str, int]:

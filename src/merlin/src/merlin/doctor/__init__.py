@@ -1,0 +1,1 @@
+"""Looks at an installation and at the system that runs on it, and says what is wrong."""
