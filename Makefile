@@ -18,7 +18,7 @@ LINGER ?= auto
 IN := tools/in_workspace.sh
 RUN := $(IN) rosrun merlin run
 
-.PHONY: help build demo experiment restaurant fleet fleet-chaos try check test repeat lint docs bench chaos chaos-table mutants soak screenshots debian clean
+.PHONY: help build demo experiment restaurant fleet fleet-chaos try check test repeat lint docs bench chaos chaos-table mutants pins soak screenshots debian clean
 
 help:
 	@echo "make demo   Mission 1 of the paper in the simulated apartment (RTF= SEED= MISSION= APPROACH= CANCEL_AFTER= RECORD= LINGER=)"
@@ -34,6 +34,7 @@ help:
 	@echo "make chaos  the fault campaign (TRIALS= MINUTES= SEED= FAULT= MOMENT= RESPAWN=yes|no)"
 	@echo "make chaos-table   its table into docs/reliability.md (RESULTS='folder folder …')"
 	@echo "make mutants  which small changes of the cores no unit test notices (MODULES='pattern …' SAMPLE= SEED= MINUTES=)"
+	@echo "make pins   which pinned packages of profile robot can be had for which Python and processor (PROFILE= DOCS=1)"
 	@echo "make soak   10 000 cancels and interruptions, 1 000 with robots that come and go, the long tests, unit tests with other random examples, mutants, an hour of faults, 3 000 goals (CYCLES= ROBOT_CYCLES= MINUTES=)"
 	@echo "make lint   ruff, mypy, the map of imports, tests that assert nothing, catkin_lint, roslaunch-check"
 	@echo "make docs   the documents and an API reference as a site in results/docs/html, links checked"
@@ -109,11 +110,16 @@ chaos-table: build
 mutants: build
 	@$(IN) python bench/mutants $(call given,SAMPLE,sample) --seed $(SEED) $(call given,MINUTES,minutes) $(MODULES)
 
+# docs/platforms.md; needs the network. DOCS=1 writes its table there.
+pins: build
+	@$(IN) python tools/pins.py $(call given,PROFILE,profile) $(if $(DOCS),--docs)
+
 soak: build
 	@CYCLES=$(CYCLES) LIMIT=20000 $(IN) python bench/run.py cancel_stress
 	@CYCLES=$(ROBOT_CYCLES) SEED=$(SEED) LIMIT=20000 $(IN) python bench/run.py robots_stress
 	@$(IN) python -m pytest -m long test
 	@HYPOTHESIS_PROFILE=search $(IN) python -m pytest test/unit
+	@$(IN) python tools/pins.py
 	@$(IN) python bench/mutants --sample 10 --seed $(SEED)
 	@$(IN) python bench/fleet/campaign.py --trials 3 --seed $(SEED)
 	@$(CHAOS) --goals 3000 --results $(CURDIR)/results/chaos_soak

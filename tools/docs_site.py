@@ -17,7 +17,17 @@ WORKSPACE = Path(__file__).resolve().parent.parent
 LINK = re.compile(r"(?<!\!)\[[^\]]*\]\(([^)\s]+)\)|!\[[^\]]*\]\(([^)\s]+)\)")
 #: Title in the menu → pages, in the order in which they are read.
 MENU: Tuple[Tuple[str, Tuple[str, ...]], ...] = (
-    ("Begin", ("README.md", "docs/hello.md", "docs/tutorial.md", "docs/testing.md", "docs/real-robot.md")),
+    (
+        "Begin",
+        (
+            "README.md",
+            "docs/hello.md",
+            "docs/tutorial.md",
+            "docs/testing.md",
+            "docs/real-robot.md",
+            "docs/platforms.md",
+        ),
+    ),
     (
         "Reference",
         (

@@ -1,7 +1,7 @@
 """Asks pip's resolver whether the pins of a profile can be had as wheels, for each Python and processor.
 
-Nothing is installed. The table goes into docs/platforms.md, or to the screen. Ends with 1 when a pin that its
-own marker wants cannot be had, and with 2 when the package index does not answer.
+Nothing is installed. The table goes to the screen, or into docs/platforms.md. Ends with 1 when that page has
+another one for the profile robot, and with 2 when the package index does not answer.
 
 Usage: pins.py [--profile robot] [--docs]
 """
@@ -18,6 +18,7 @@ from packaging.requirements import Requirement
 ROOT = Path(__file__).resolve().parent.parent
 PAGE = ROOT / "docs" / "platforms.md"
 BEGIN, END = "<!-- table of make pins: begin -->\n", "<!-- table of make pins: end -->\n"
+ROBOT = "robot"
 LISTS = ("requirements.txt", "requirements-nodeps.txt")
 PROCESSORS = ("x86_64", "aarch64")
 #: A package that each index has, for each Python: an index that lacks it does not answer.
@@ -103,19 +104,15 @@ def _run(command: List[str]) -> "subprocess.CompletedProcess[str]":
 def main() -> int:
     """Prints or writes the table; returns the exit code."""
     parser = argparse.ArgumentParser(prog="pins", description="which pins can be had as wheels, and where")
-    parser.add_argument("--profile", default="robot", choices=["robot", "simulation", "all"])
-    parser.add_argument(
-        "--docs", action="store_true", help="write the table of profile robot into docs/platforms.md"
-    )
+    parser.add_argument("--profile", default=ROBOT, choices=[ROBOT, "simulation", "all"])
+    parser.add_argument("--docs", action="store_true", help="write the table of robot into docs/platforms.md")
     asked = parser.parse_args()
     rows = [f"| Python | as in | {' | '.join(PROCESSORS)} |", "|---|---|" + "---|" * len(PROCESSORS)]
-    lacking = False
     try:
         for platform in PLATFORMS:
             cells = []
             for processor in PROCESSORS:
                 gone = missing(platform, processor, asked.profile)
-                lacking = lacking or bool(gone)
                 cells.append(f"no wheel of {', '.join(gone)}" if gone else "all")
             rows.append(f"| {platform.python} | {platform.system} | {' | '.join(cells)} |")
             print(f"pins: {rows[-1]}", file=sys.stderr)
@@ -123,13 +120,17 @@ def main() -> int:
         print(f"pins: {error}", file=sys.stderr)
         return 2
     table = "\n".join(rows) + "\n"
-    if asked.docs:
-        text = PAGE.read_text(encoding="utf-8")
-        before, after = text.partition(BEGIN)[0], text.partition(END)[2]
+    text = PAGE.read_text(encoding="utf-8")
+    before, rest = text.split(BEGIN)
+    known, after = rest.split(END)
+    if asked.docs and asked.profile == ROBOT:
         PAGE.write_text(f"{before}{BEGIN}{table}{END}{after}", encoding="utf-8")
-    else:
-        print(table, end="")
-    return int(lacking)
+        return 0
+    print(table, end="")
+    if asked.profile == ROBOT and table != known:
+        print("pins: docs/platforms.md has another table; write this one: make pins DOCS=1", file=sys.stderr)
+        return 1
+    return 0
 
 
 if __name__ == "__main__":

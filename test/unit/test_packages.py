@@ -1,6 +1,7 @@
-"""Debian packages: those of another ROS 1 are left out; apt-get reaches the network."""
+"""Packages: those of a profile, without those of another ROS 1; apt-get reaches the network."""
 
 import os
+import re
 import shutil
 import subprocess
 from pathlib import Path
@@ -17,7 +18,7 @@ OTHERS = {"build-essential", "python3-opencv", "graphviz", "catkin-lint"}
 
 def ask(opt_ros: Path, *words: str, **variables: str) -> List[str]:
     env = {"PATH": os.environ["PATH"], "OPT_ROS": str(opt_ros), **variables}
-    command = [str(ROOT / "tools" / "apt_packages.sh"), *words]
+    command = [str(ROOT / "tools" / "packages.sh"), *(words or ["apt.txt"])]
     return subprocess.run(command, env=env, check=True, capture_output=True, text=True).stdout.split()
 
 
@@ -57,7 +58,7 @@ def test_a_user_with_sudo_keeps_the_proxy(tmp_path: Path) -> None:
         folder.mkdir()
     shutil.copy(str(ROOT / "tools" / "build.sh"), str(tools))
     scripts = {
-        tools / "apt_packages.sh": '[ "${1:-}" = --ros ] || echo a-package',
+        tools / "packages.sh": "case $1 in --ros) ;; --largest) echo robot ;; *) echo a-package ;; esac",
         programs / "dpkg-query": "true",
         programs / "id": "echo 1000",
         programs / "sudo": 'echo "sudo $*"; false',
@@ -71,3 +72,51 @@ def test_a_user_with_sudo_keeps_the_proxy(tmp_path: Path) -> None:
     asked = (tmp_path / ".apt.log").read_text(encoding="utf-8").splitlines()
     assert "http_proxy=http://proxy:3128 apt-get install" in asked[-1]
     assert "https_proxy" not in asked[-1]
+
+
+NOT_ON_A_ROBOT = (
+    r"pybullet|panda3d|etcd|grpc|chromium|playwright|pytest|hypothesis|ruff|mypy|matplotlib|lint|fonts"
+)
+LISTS = ("apt.txt", "requirements.txt", "requirements-nodeps.txt")
+
+
+def profile(name: str, tmp_path: Path) -> List[str]:
+    return [line for file in LISTS for line in ask(tmp_path, file, name)]
+
+
+def test_profiles_contain_each_other(tmp_path: Path) -> None:
+    robot, simulation, everything = (set(profile(name, tmp_path)) for name in ("robot", "simulation", "all"))
+    assert robot < simulation < everything
+    assert {"python3-rospy", "py_trees==2.2.3"} <= robot
+    assert {"panda3d==1.10.16", "python3-matplotlib"} <= simulation - robot
+
+
+def test_a_robot_gets_neither_simulator_nor_fleet_nor_tests(tmp_path: Path) -> None:
+    assert [line for line in profile("robot", tmp_path) if re.search(NOT_ON_A_ROBOT, line)] == []
+    left_out = set(ask(tmp_path, "--left-out", "robot"))
+    assert left_out > set(ask(tmp_path, "--left-out", "simulation"))
+    assert left_out >= {"merlin_sim", "merlin_fleet", "merlin_test"} and not ask(
+        tmp_path, "--left-out", "all"
+    )
+
+
+@pytest.mark.parametrize("name", ["robot", "simulation"])
+def test_nothing_that_is_built_imports_what_is_left_out(name: str, tmp_path: Path) -> None:
+    left_out = ask(tmp_path, "--left-out", name)
+    modules = rf"^\s*(?:from|import) ({'|'.join(left_out)})\b"
+    for package in (ROOT / "src").glob("merlin*"):
+        if package.name not in left_out and package.name != "merlin_test":
+            for file in (package / "src").rglob("*.py"):
+                assert not re.search(modules, file.read_text(encoding="utf-8"), re.MULTILINE), file
+
+
+def test_the_largest_profile_is_taken(tmp_path: Path) -> None:
+    assert ask(tmp_path, "--largest", "robot", "simulation", "robot") == ["simulation"]
+    assert ask(tmp_path, "--largest", "all", "robot") == ["all"]
+
+
+@pytest.mark.parametrize("command", ["make -s build PROFILE=laptop", "make -s demo PROFILE=laptop"])
+def test_an_unknown_profile_is_one_sentence(command: str) -> None:
+    done = subprocess.run(command.split(), cwd=str(ROOT), capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert done.stderr.startswith("build: PROFILE=laptop is not one of robot, simulation, all\n")

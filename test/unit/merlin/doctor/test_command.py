@@ -32,7 +32,7 @@ kept = [
     send("dock/status", GoalStatusArray),
     send("dance/goal", MoveBaseActionGoal),
     send("tf", TFMessage, TFMessage([frame("map", "odom"), frame("world", "camera")])),
-    send("diagnostics", DiagnosticArray, DiagnosticArray(status=[DiagnosticStatus(2, "arm", "is hot", "", [])])),
+    send("diagnostics", DiagnosticArray, DiagnosticArray(None, [DiagnosticStatus(2, "arm", "hot", "", [])])),
 ]
 print("ready", flush=True)
 rospy.spin()
@@ -60,7 +60,7 @@ def test_faults_of_nodes_are_told(master: Any) -> None:
         "/sick uses the action /dance, which nothing serves",
         "ahead of the clock here",
         "nothing connects map, world",
-        "arm: is hot",
+        "arm: hot",
     ):
         assert said in done.stdout
 

@@ -7,10 +7,9 @@ import rospy
 from actionlib_msgs.msg import GoalStatusArray
 from diagnostic_msgs.msg import DiagnosticArray
 from merlin_msgs.msg import GuardStatus
-from rosgraph_msgs.msg import Clock
 from tf2_msgs.msg import TFMessage
 
-from merlin.doctor.findings import CLOCK, GUARD_TYPE, STATUS_TYPE, Graph, Heard
+from merlin.doctor.findings import GUARD_TYPE, STATUS_TYPE, Graph, Heard
 from merlin_ros.master.master_link import ERRORS, bounded_master, bounded_proxy
 
 CALLER = "/merlin_doctor"
@@ -69,7 +68,7 @@ class Listener:
         self._statuses = graph.of_type(STATUS_TYPE)
         self._guards = graph.of_type(GUARD_TYPE)
         self._others = [topic for topic in TYPES if graph.who(topic)]
-        self._clock = [CLOCK] if graph.simulated_time and graph.who(CLOCK) else []
+        self._simulated = graph.simulated_time
         self._lock = threading.Lock()  # guards the fields below
         self._ahead: Dict[str, Any] = {}
         self._parents: Dict[str, List[str]] = {}
@@ -82,7 +81,6 @@ class Listener:
             **dict.fromkeys(self._statuses, GoalStatusArray),
             **dict.fromkeys(self._guards, GuardStatus),
             **{topic: TYPES[topic] for topic in self._others},
-            **dict.fromkeys(self._clock, Clock),
         }
         subscribers = [
             rospy.Subscriber(topic, kind, self._receive, topic, queue_size=100)
@@ -92,7 +90,10 @@ class Listener:
         for subscriber in subscribers:
             subscriber.unregister()
         with self._lock:
-            return Heard(LISTEN, self._ahead, self._parents, self._health, self._warnings)
+            # A message that is late changes none of what is judged.
+            return Heard(
+                LISTEN, dict(self._ahead), dict(self._parents), dict(self._health), dict(self._warnings)
+            )
 
     def _receive(self, message: Any, topic: str) -> None:
         with self._lock:
@@ -107,12 +108,12 @@ class Listener:
             elif isinstance(message, DiagnosticArray):
                 for state in message.status:
                     self._health[state.name] = (state.level, state.message)
-            elif not isinstance(message, Clock):
+            else:
                 self._note(topic, message.header.stamp)
                 if isinstance(message, GuardStatus):
                     self._warnings[topic] = message.warning
 
     def _note(self, topic: str, stamp: rospy.Time) -> None:
-        now = rospy.Time.now()
-        known = not stamp.is_zero() and not now.is_zero()
-        self._ahead[topic] = (stamp - now).to_sec() if known else None
+        # A simulator's time is one for all, and so fast that a message is late by more than a clock would be.
+        known = not (stamp.is_zero() or self._simulated)
+        self._ahead[topic] = (stamp - rospy.Time.now()).to_sec() if known else None
