@@ -17,7 +17,7 @@ from merlin.doctor.findings import Machine
 from merlin.local_names import given_address, resolves
 
 #: What a robot's computer has to have.
-MODULES = "rospy actionlib tf2_ros smach merlin_msgs merlin_sm merlin_rosplan yaml numpy".split()
+MODULES = ("rospy", "actionlib", "tf2_ros", "smach", "merlin_msgs", "merlin_sm", "merlin_rosplan", "numpy")
 PLANNER = "kairos"
 SOUND = Path("/dev/snd")
 PATIENT_TCP = Path("/proc/sys/net/ipv4/tcp_rto_max_ms")

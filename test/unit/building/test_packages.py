@@ -11,7 +11,7 @@ import pytest
 
 pytestmark = pytest.mark.everywhere
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 OF_ROS = {"catkin", "ros-core", "python3-rospy", "ros-std-msgs", "libnav-msgs-dev", "tf2-tools"}
 OTHERS = {"build-essential", "python3-opencv", "graphviz", "catkin-lint"}
 
