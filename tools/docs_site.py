@@ -44,6 +44,7 @@ MENU: Tuple[Tuple[str, Tuple[str, ...]], ...] = (
         "Design",
         (
             "docs/architecture.md",
+            "docs/work.md",
             "docs/reliability.md",
             "docs/safety.md",
             "docs/reverse-proxy.md",
