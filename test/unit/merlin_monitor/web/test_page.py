@@ -333,8 +333,7 @@ def test_while_a_base_is_held_no_resume_is_offered_and_who_holds_it_is_asked_for
         executor(ExecutorStatus.IDLE, paused=True, waits="the base is held by Bob since 14:03:07"),
         121.0,
     )
-    page.page.wait_for_selector("#pause:visible")
-    assert page.text("#pause") == "Resume"
+    page.wait_text("#pause", "Resume")
     page.wait_text("#queue-list .more", "waits: the base is held by Bob since 14:03:07")
     stopped = GuardStatus(state=GuardStatus.STOPPED, reason="stopped by Bob", since=rospy.Time(14))
     served.state.inbox.put(served.state.guard.status, stopped, 121.0, 1.0)

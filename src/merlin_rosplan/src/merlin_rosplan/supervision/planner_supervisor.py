@@ -44,6 +44,8 @@ ENDING = 5.0
 IDLE = 0.1
 #: plannings of one child, at the most
 MOST = 50
+#: Tries to remove a folder, at the most
+REMOVALS = 1000
 OUTCOME = "outcome.json"
 DONE = b"!"
 
@@ -248,7 +250,7 @@ class Supervisor:
                     self._plan_one(job, folders[-1])
                     with contextlib.suppress(OSError):
                         line.sendall(DONE)
-            shutil.rmtree(str(folders[-1]), ignore_errors=True)  # the supervising process was killed
+            _remove(folders[-1])  # the supervising process was killed
         except BaseException:
             traceback.print_exc()
             sys.stderr.flush()
@@ -277,8 +279,16 @@ def _end_with_supervisor(life: socket.socket, folders: List[Path]) -> None:
     with contextlib.suppress(OSError):
         life.recv(1)  # nothing is sent: it returns when the other end closes
     end_descendants(ENDING)
-    shutil.rmtree(str(folders[-1]), ignore_errors=True)
+    _remove(folders[-1])
     os._exit(1)
+
+
+def _remove(folder: Path) -> None:
+    """Removes a folder into which the other thread may write meanwhile."""
+    for _ in range(REMOVALS):
+        shutil.rmtree(str(folder), ignore_errors=True)
+        if not folder.exists():
+            return
 
 
 def _answer(state: PlannerState, reason: str) -> Answer:
