@@ -113,10 +113,3 @@ def test_nothing_that_is_built_imports_what_is_left_out(name: str, tmp_path: Pat
 def test_the_largest_profile_is_taken(tmp_path: Path) -> None:
     assert ask(tmp_path, "--largest", "robot", "simulation", "robot") == ["simulation"]
     assert ask(tmp_path, "--largest", "all", "robot") == ["all"]
-
-
-@pytest.mark.parametrize("command", ["make -s build PROFILE=laptop", "make -s demo PROFILE=laptop"])
-def test_an_unknown_profile_is_one_sentence(command: str) -> None:
-    done = subprocess.run(command.split(), cwd=str(ROOT), capture_output=True, text=True, check=False)
-    assert done.returncode == 2
-    assert done.stderr.startswith("build: PROFILE=laptop is not one of robot, simulation, all\n")
