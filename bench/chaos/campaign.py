@@ -2,6 +2,7 @@
 
 import json
 import time
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 from typing import Dict, Iterator, List, Optional, TextIO, Tuple
@@ -12,7 +13,7 @@ from chaos.judging.evidence import PATIENCE
 from chaos.result import Result
 from chaos.runner import Runner
 from chaos.striking.kinds import why_not
-from chaos.trials import Trial
+from chaos.trials import Trial, known_failures
 from chaos.under_test.system import StartError, System
 
 #: How often in a row a system may fail to come up.
@@ -52,12 +53,14 @@ class Campaign:
     def run(self, trials: Iterator[Trial], count: Optional[int], seconds: Optional[float]) -> int:
         """Runs trials until there are enough, or the time is over; returns how many had violations.
 
-        A trial that did not come to its moment does not count; another one takes its place.
+        A trial that did not come to its moment does not count. A known failure is tried again, and another
+        trial takes the place of any other one.
 
         :raises StartError: the system never came up.
         """
         end = None if seconds is None else time.monotonic() + seconds
         valid = attempts = 0
+        again: Optional[Trial] = None
         ordered = _batches(trials, BATCH if count is None else max(1, min(BATCH, count)))
         try:
             while count is None or valid < count:
@@ -66,11 +69,16 @@ class Campaign:
                 if count is not None and attempts >= 2 * count + 5:
                     self._say("too many trials were not valid; giving up")
                     break
-                trial = next(ordered, None)
+                trial = again or next(ordered, None)
                 if trial is None:
                     break
                 attempts += 1
-                valid += self._one(attempts, trial)
+                counts = self._one(attempts, trial)
+                valid += counts
+                tries = not counts and trial.name in known_failures() and not why_not(trial.fault)
+                again = (
+                    replace(trial, seed=trial.seed + 1) if tries else None
+                )  # at another time of its moment
         finally:
             self.stop()
         if self._unstarted and not self.rows:

@@ -1,8 +1,12 @@
 """Which trials are drawn, and that a seed gives the same ones again."""
 
+import io
 from itertools import islice
+from pathlib import Path
+from typing import Any, List
 
 import pytest
+from chaos import campaign
 from chaos.faults import (
     AGAIN,
     CLIENT,
@@ -14,8 +18,10 @@ from chaos.faults import (
     THREADS,
     all_faults,
 )
+from chaos.judging.rules import Judgement
 from chaos.moments import Moment
-from chaos.trials import draw, known_failures
+from chaos.result import Result
+from chaos.trials import Trial, draw, known_failures
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -120,3 +126,53 @@ def test_a_base_that_never_stops_by_itself_has_a_guard_that_lives() -> None:
     for trial in islice(draw(1), 5000):
         if trial.fault.kind in (DESCRIPTORS, THREADS) and trial.fault.on == GUARD:
             assert trial.variant.base_timeout is not None
+
+
+GOOD = Judgement((), None, None, None, "CANCELLED")
+NAMES = ("executor_killed", "navigation_killed", "speech_killed")
+
+
+class System:
+    """Starts at once."""
+
+    logs: Path
+
+    def __init__(self, variant: Any, seed: int) -> None:
+        self.variant = variant
+
+    def start(self) -> None:
+        pass
+
+    def stop(self, keep: bool = False) -> None:
+        pass
+
+    def missing_nodes(self) -> List[str]:
+        return []
+
+
+class Runner:
+    """The first trial of one failure comes too late for its moment."""
+
+    def __init__(self, tried: List[Trial]) -> None:
+        self._tried = tried
+
+    def run(self, trial: Trial) -> Result:
+        late = trial.name == NAMES[0] and NAMES[0] not in [other.name for other in self._tried]
+        self._tried.append(trial)
+        return Result(trial, None if late else GOOD, "not valid" if late else "")
+
+
+@pytest.mark.parametrize("seed", range(5))  # another one may take its place, or the same by chance
+def test_a_known_failure_that_came_too_late_is_tried_again_at_another_time(
+    seed: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tried: List[Trial] = []
+    runner = Runner(tried)
+    monkeypatch.setattr(System, "logs", tmp_path, raising=False)
+    monkeypatch.setattr(campaign, "System", System)
+    monkeypatch.setattr(campaign, "Runner", lambda *_: runner)
+    trials = campaign.Campaign(tmp_path / "trials.csv", {}, io.StringIO())
+    assert trials.run(draw(seed, NAMES), len(NAMES), None) == 0
+    valid = [row["name"] for row in trials.rows if row["valid"] == "1"]
+    assert sorted(valid) == sorted(NAMES)
+    assert len({trial.seed for trial in tried}) == len(tried) == len(NAMES) + 1
