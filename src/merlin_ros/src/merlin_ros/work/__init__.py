@@ -1,1 +1,1 @@
-"""What all work that runs for somebody shares, without ROS."""
+"""What all work that runs for a client shares, without ROS."""
