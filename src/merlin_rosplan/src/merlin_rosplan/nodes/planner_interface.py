@@ -64,13 +64,13 @@ class PlannerInterface(Component):
         self._problem_topic = self.resolve(str(self.param("problem_topic", "problem_instance")))
         self._problems = self.own(Handover.receiver(self._problem_topic, self._receive_problem))
         self.subscriber(self._problem_topic, String, self._problems.from_topic, queue_size=1)
+        self.service("planning_server", Empty, self._serve)
+        self.service("planning_server_params", PlanningService, self._serve_params)
         for name, spec, execute in (
             ("start_planning", PlanAction, self._execute),
             ("plan_without", PlanWithoutAction, self._execute_without),
         ):
             self.own(SerialActionServer(self.resolve(name), spec, execute, self._cancel)).start()
-        self.service("planning_server", Empty, self._serve)
-        self.service("planning_server_params", PlanningService, self._serve_params)
         self._preview = PreviewService(self, self._settings, self._request_of_params)
         try:
             PlannerHosts.of_process().warm_up()

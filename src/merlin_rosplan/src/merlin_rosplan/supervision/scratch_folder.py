@@ -5,32 +5,47 @@ import fcntl
 import os
 import shutil
 import tempfile
+import threading
 import time
 from pathlib import Path
+from typing import Optional
 
 NEW = 60.0  # s within which a folder may not be locked yet
 
 
-class ScratchFolder(tempfile.TemporaryDirectory):  # type: ignore[type-arg]  # no generic on Python 3.8
+class ScratchFolder:
     """A temporary folder. One whose process was killed is removed when the next of its kind is made.
 
-    The process holds a lock on its folder, which the system releases with it.
+    It is made when its name is first asked for. The process holds a lock on it, which ends with the process.
 
     :param kind: begins its name.
     """
 
     def __init__(self, kind: str) -> None:
-        _remove_left(kind)
-        super().__init__(prefix=f"{kind}-")
-        self._lock = os.open(self.name, os.O_RDONLY)
-        fcntl.flock(self._lock, fcntl.LOCK_SH)
+        self._kind = kind
+        self._making = threading.Lock()  # guards the fields below
+        self._folder: Optional[tempfile.TemporaryDirectory[str]] = None
+        self._lock = -1
+
+    @property
+    def name(self) -> str:
+        """Its path."""
+        with self._making:
+            if self._folder is None:
+                _remove_left(self._kind)
+                self._folder = tempfile.TemporaryDirectory(prefix=f"{self._kind}-")
+                self._lock = os.open(self._folder.name, os.O_RDONLY)
+                fcntl.flock(self._lock, fcntl.LOCK_SH)
+            return self._folder.name
 
     def cleanup(self) -> None:
         """Removes the folder with its contents."""
-        super().cleanup()
-        if self._lock >= 0:
-            os.close(self._lock)
-            self._lock = -1
+        with self._making:
+            if self._folder is not None:
+                self._folder.cleanup()
+            if self._lock >= 0:
+                os.close(self._lock)
+                self._lock = -1
 
 
 def _remove_left(kind: str) -> None:
