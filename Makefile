@@ -36,7 +36,7 @@ help:
 	@echo "make mutants  which small changes of the cores no unit test notices (MODULES='pattern …' SAMPLE= SEED= MINUTES=)"
 	@echo "make pins   which pinned packages of profile robot can be had for which Python and processor (PROFILE= DOCS=1)"
 	@echo "make soak   10 000 cancels and interruptions, 1 000 with robots that come and go, the long tests, unit tests with other random examples, mutants, an hour of faults, 3 000 goals (CYCLES= ROBOT_CYCLES= MINUTES=)"
-	@echo "make lint   ruff, mypy, the map of imports, tests that assert nothing, catkin_lint, roslaunch-check"
+	@echo "make lint   ruff, mypy, vermin, the map of imports, tests that assert nothing, catkin_lint, roslaunch-check"
 	@echo "make docs   the documents and an API reference as a site in results/docs/html, links checked"
 	@echo "make screenshots  the monitor's pictures in docs/images, over a running mission"
 	@echo "make debian  build and demo in a bare root of another Debian (VERSION=12|13 TARGET='build demo test' PROFILE= PYTEST='FILE …' AS=root|user)"

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# ruff, mypy, the map of imports, tests that assert nothing, catkin_lint on all packages, roslaunch-check on all launch files.
+# ruff, mypy, vermin (nothing newer than Python 3.8), the map of imports, tests that assert nothing, catkin_lint on all packages, roslaunch-check on all launch files.
 # Ends non-zero at any finding.
 #   --changed-launch-files [REVISION]   roslaunch-check only where a launch file or manifest has changed since
 set -u
@@ -10,6 +10,7 @@ ruff format --check . || status=1
 python tools/check_imports.py || status=1
 python tools/check_tests.py || status=1
 mypy || status=1
+vermin --target=3.8- --violations --no-tips --quiet --exclude-regex '\.j2$' src bench || status=1
 python tools/application_lines.py --check || status=1
 catkin_lint -q -W2 --strict src || status=1
 if [ "${1:-}" = --changed-launch-files ]; then
