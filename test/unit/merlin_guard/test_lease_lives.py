@@ -1,7 +1,15 @@
 """The guard and goals whose client died before its first lease, or was restarted."""
 
 from merlin_guard.attention_clock import AttentionClock
-from merlin_guard.lease_book import KEEP_LIVES, NAMES, OWNERS, BaseOwnership, GuardLeases
+from merlin_guard.lease_book import (
+    KEEP_LIVES,
+    LOSE_GONE_AFTER,
+    NAMES,
+    OWNERS,
+    SUSPEND_GONE_AFTER,
+    BaseOwnership,
+    GuardLeases,
+)
 from merlin_guard.motion_permit import LEASED, GuardState, MotionPermit, Send
 from merlin_guard.motion_server import EARLY_CANCELS, UNSEEN, GoalReport, MotionServer
 from merlin_guard.settings import GuardSettings
@@ -16,6 +24,18 @@ def test_a_late_lease_of_a_former_life_costs_the_new_one_nothing():
     book.receive("/client", "a", ["old"], [], 0.2)
     assert book.claim("new", 0.2).ownership is BaseOwnership.HELD
     assert book.claim("old", 0.2).ownership is BaseOwnership.LOST
+
+
+def test_an_owner_whose_connection_is_closed_moves_nothing_twice_as_soon():
+    book = GuardLeases(GuardSettings())
+    book.receive("/client", "a", ["goal"], [], 0.0)
+    assert book.claim("goal", SUSPEND_GONE_AFTER + 0.1).ownership is BaseOwnership.HELD
+    book.connected([])
+    assert book.claim("goal", SUSPEND_GONE_AFTER).ownership is BaseOwnership.HELD
+    assert book.claim("goal", SUSPEND_GONE_AFTER + 0.1).ownership is BaseOwnership.SUSPENDED
+    assert book.claim("goal", LOSE_GONE_AFTER + 0.1).ownership is BaseOwnership.LOST
+    book.receive("/client", "a", ["goal"], [], 1.0)
+    assert book.claim("goal", 1.0).ownership is BaseOwnership.HELD
 
 
 def passing(goal_id: str) -> bool:

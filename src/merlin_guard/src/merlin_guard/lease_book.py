@@ -13,6 +13,7 @@ from typing import Collection, FrozenSet, NamedTuple, Sequence, Tuple
 from merlin_guard.settings import GuardSettings
 
 LET_GO_GRACE = 0.2  # s in which a goal that was let go may end by itself; most have ended just then
+SUSPEND_GONE_AFTER = 0.3  # s of silence after which an owner whose connection is closed moves nothing
 LOSE_GONE_AFTER = 0.9  # s of silence after which an owner whose connection is closed has lost its goals
 KEEP_OWNER = 60.0  # s of silence after which an owner is forgotten
 KEEP_FORMER = 256  # ids an owner let go of that are remembered
@@ -127,6 +128,10 @@ class GuardLeases:
         silent = now - owner.heard_at
         if owner.gone and silent > min(LOSE_GONE_AFTER, self._settings.lose_after):
             return LeaseClaim(BaseOwnership.LOST, f"its owner {name} is gone", owner.heard_at)
+        if owner.gone and SUSPEND_GONE_AFTER < silent <= self._settings.suspend_after:
+            return LeaseClaim(
+                BaseOwnership.SUSPENDED, f"its owner {name} is not connected any more", owner.heard_at
+            )
         for ownership, limit in (
             (BaseOwnership.LOST, self._settings.lose_after),
             (BaseOwnership.SUSPENDED, self._settings.suspend_after),

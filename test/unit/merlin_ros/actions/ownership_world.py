@@ -54,7 +54,7 @@ def _key(book: LeaseBook) -> tuple:
     return key
 
 
-EMPTY = _key(LeaseBook(SUSPEND, LOSE, GONE))
+EMPTY = _key(LeaseBook(SUSPEND, LOSE, GONE, SUSPEND))
 
 
 @lru_cache(maxsize=None)

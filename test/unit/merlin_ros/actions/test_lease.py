@@ -10,6 +10,7 @@ from merlin_ros.actions.lease import (
     LOSE_GONE_AFTER,
     NAMES,
     SUSPEND_AFTER,
+    SUSPEND_GONE_AFTER,
     UNNAMED_LOSE_AFTER,
     UNNAMED_SUSPEND_AFTER,
     LeaseBook,
@@ -54,7 +55,10 @@ def test_an_owner_that_returns_in_time_loses_nothing():
 def test_a_closed_connection_shortens_the_wait():
     book = LeaseBook()
     book.renew("/client", "a", [GOAL], [])
-    assert book.pass_time(SUSPEND_AFTER, set()) == []
+    assert book.pass_time(SUSPEND_GONE_AFTER, set()) == []
+    assert states(book.pass_time(0.1, set())) == [(GOAL, LeaseState.SUSPENDED)]
+    assert states(book.renew("/client", "a", [GOAL], [])) == [(GOAL, LeaseState.HELD)]  # connected again
+    assert book.pass_time(SUSPEND_AFTER, {"/client"}) == []
     assert states(book.pass_time(LOSE_GONE_AFTER, {"/another"})) == [(GOAL, LeaseState.LOST)]
     assert "is gone" in book.reason(GOAL)
 

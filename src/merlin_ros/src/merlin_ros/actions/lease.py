@@ -11,7 +11,8 @@ from merlin_ros.work.liveness import Limits, Liveness, Presence, Word
 
 SUSPEND_AFTER = 0.6  # s of silence after which what is owned must not move
 LOSE_AFTER = 3.0  # s of silence after which what is owned has to end
-LOSE_GONE_AFTER = 0.9  # s of that when the connection to the owner is closed, too
+SUSPEND_GONE_AFTER = 0.3  # s of silence with which it must not move when the connection is closed, too
+LOSE_GONE_AFTER = 0.9  # s of that after which it has to end
 UNNAMED_SUSPEND_AFTER = 2.0  # s after which a goal that says it is leased must not move without a lease
 UNNAMED_LOSE_AFTER = 10.0  # s after which it has to end
 LEASED = "-leased"  #: Ends the id of a goal that its client leases.
@@ -59,6 +60,7 @@ class LeaseBook:
     :param suspend_after: s of an owner's silence after which its goals are suspended.
     :param lose_after: s of silence after which they are lost.
     :param lose_gone_after: likewise, when the owner's connection is closed.
+    :param suspend_gone_after: s of silence with which they are suspended, when it is closed.
     """
 
     def __init__(
@@ -66,9 +68,12 @@ class LeaseBook:
         suspend_after: float = SUSPEND_AFTER,
         lose_after: float = LOSE_AFTER,
         lose_gone_after: float = LOSE_GONE_AFTER,
+        suspend_gone_after: float = SUSPEND_GONE_AFTER,
     ) -> None:
         self._goals: Dict[str, _Goal] = {}
-        self._owners: Liveness[str] = Liveness(Limits(lose_after, suspend_after, lose_gone_after))
+        self._owners: Liveness[str] = Liveness(
+            Limits(lose_after, suspend_after, lose_gone_after, closed_silent=suspend_gone_after)
+        )
 
     @property
     def watching(self) -> bool:

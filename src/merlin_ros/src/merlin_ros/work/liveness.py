@@ -30,6 +30,7 @@ class Limits(NamedTuple):
         everything. 0: all are treated alike.
     :param settle: time behind a stall of the watcher in which what came meanwhile is read: only then the
         stall counts as silence.
+    :param closed_silent: silence after which it is SILENT when its connection is closed.
     """
 
     gone: float
@@ -38,6 +39,7 @@ class Limits(NamedTuple):
     keep: float = -1.0
     period: float = 0.0
     settle: float = 0.0
+    closed_silent: float = math.inf
 
 
 class Presence(Enum):
@@ -163,10 +165,12 @@ class Liveness(Generic[Key]):
             return Presence.UNKNOWN
         if peer.left:
             return Presence.LEFT
-        silence = self.silence(key)
-        if silence > (self._limits.gone if connected else min(self._limits.gone, self._limits.closed)):
+        silence, gone, silent = self.silence(key), self._limits.gone, self._limits.silent
+        if not connected:
+            gone, silent = min(gone, self._limits.closed), min(silent, self._limits.closed_silent)
+        if silence > gone:
             return Presence.GONE
-        return Presence.SILENT if silence > self._limits.silent else Presence.ALIVE
+        return Presence.SILENT if silence > silent else Presence.ALIVE
 
     def silence(self, key: Key) -> float:
         """The silence of a peer that is remembered, s; less for one whose words come slowly.
