@@ -1,8 +1,8 @@
 """Checks the map of docs/architecture.md: which package and which sub-package may import which.
 
-Checked are all packages below src: imports between packages and between the sub-packages of one, and that
-each manifest names every imported package. In benchmarks, tests and tools too: how many modules a folder
-holds, how long a file is, and that an imported module of the project exists.
+Checked are all packages below src and extras: imports between packages and between the sub-packages of one,
+and that each manifest names every imported package. In benchmarks, tests and tools too: how many modules a
+folder holds, how long a file is, and that an imported module of the project exists.
 Ends non-zero at any finding.
 """
 
@@ -14,6 +14,9 @@ from pathlib import Path
 from typing import Collection, Dict, Iterator, List, NamedTuple, Set, Tuple
 
 SRC = Path(__file__).resolve().parent.parent / "src"
+
+#: Beside src: packages that are built when asked for. None below src imports one.
+EXTRAS = "extras"
 
 #: Most modules in one folder.
 MOST_MODULES = 15
@@ -172,9 +175,16 @@ class Import(NamedTuple):
 
 
 def packages() -> List[Path]:
-    """The folders of all packages below src."""
+    """The folders of all packages below src and extras."""
     # merlin_test is a link, which `**` does not follow.
-    return sorted({path.parent for pattern in ("*/", "**/") for path in SRC.glob(f"{pattern}package.xml")})
+    found = {path.parent for pattern in ("*/", "**/") for path in SRC.glob(f"{pattern}package.xml")}
+    return sorted(found | {path.parent for path in (SRC.parent / EXTRAS).glob("*/package.xml")})
+
+
+def home_of(package: str) -> Path:
+    """The folder of a package, which may not exist."""
+    extra = SRC.parent / EXTRAS / package
+    return extra if extra.is_dir() else SRC / package
 
 
 def imports_of(package: Path) -> Iterator[Import]:
@@ -191,9 +201,7 @@ def imports_of(package: Path) -> Iterator[Import]:
                 module = _absolute(node, package, path)
                 # What is imported may be a sub-package or a module of it: then that is what counts.
                 parts = [f"{module}.{alias.name}" for alias in node.names]
-                yield from (
-                    Import(part if _exists(package, part) else module, path, node.lineno) for part in parts
-                )
+                yield from (Import(part if _exists(part) else module, path, node.lineno) for part in parts)
 
 
 def _absolute(node: ast.ImportFrom, package: Path, path: Path) -> str:
@@ -204,8 +212,8 @@ def _absolute(node: ast.ImportFrom, package: Path, path: Path) -> str:
     return ".".join([*above, *([module] if module else [])])
 
 
-def _exists(package: Path, module: str) -> bool:
-    path = package.parent / module.split(".")[0] / "src" / Path(*module.split("."))
+def _exists(module: str) -> bool:
+    path = home_of(module.split(".")[0]) / "src" / Path(*module.split("."))
     return path.is_dir() or path.with_suffix(".py").is_file()
 
 
@@ -285,7 +293,7 @@ def modules(*folders: str) -> List[Path]:
 def full_folders() -> Iterator[str]:
     """Folders that hold more modules than a reader can keep in mind."""
     own_names = ("__init__.py", "__main__.py", "conftest.py")
-    found = modules("src", "bench", "test", "tools")
+    found = modules("src", EXTRAS, "bench", "test", "tools")
     counts = Counter(path.parent for path in found if path.name not in own_names)
     for folder, count in sorted(counts.items()):
         if count > MOST_MODULES:
@@ -294,7 +302,7 @@ def full_folders() -> Iterator[str]:
 
 def long_files() -> Iterator[str]:
     """Files that hold more than one idea."""
-    for path in modules("src", "bench", "test", "tools"):
+    for path in modules("src", EXTRAS, "bench", "test", "tools"):
         count = len(path.read_text(encoding="utf-8").splitlines())
         if count > MOST_LINES:
             yield f"{path.relative_to(SRC.parent)}: {count} lines; {MOST_LINES} is the most"
@@ -318,8 +326,8 @@ def gone_modules() -> Iterator[str]:
 
 def _is_missing(module: str) -> bool:
     top = module.split(".")[0]
-    if (SRC / top / "setup.py").is_file():
-        return not _exists(SRC / top, module)
+    if (home_of(top) / "setup.py").is_file():
+        return not _exists(module)
     bench = SRC.parent / "bench"
     path = bench / Path(*module.split("."))
     return (bench / top / "__init__.py").is_file() and not (

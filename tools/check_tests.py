@@ -67,7 +67,7 @@ def _is_test(function: Function) -> bool:
 def helpers() -> Dict[str, Tuple[Path, ...]]:
     """The files that may hold functions which assert, by the last part of a module's name."""
     found: Dict[str, List[Path]] = {}
-    for pattern in ("test/**/*.py", "src/*/src/*/testing/**/*.py"):
+    for pattern in ("test/**/*.py", "src/*/src/*/testing/**/*.py", "extras/*/src/*/testing/**/*.py"):
         for path in sorted(ROOT.glob(pattern)):
             name = path.parent.name if path.name == "__init__.py" else path.stem
             found.setdefault(name, []).append(path)

@@ -1,38 +1,44 @@
 #!/usr/bin/env bash
 # Says what a profile needs. Profiles contain each other: robot, simulation (and the simulator), all (and fleet, tests, lint).
+# robot+fleet and simulation+fleet have the fleet, too.
 #   packages.sh FILE [PROFILE]       the lines of apt.txt or requirements*.txt that it needs; all: every one. A section is of
 #                                    the profile in brackets at the end of its title; without one, of each. Sections of ROS
 #                                    are left out where another ROS 1 is installed, whose files theirs would lie beside.
-#   packages.sh --largest PROFILE …  the largest of them; exit code 2 when one is none
-#   packages.sh --left-out PROFILE   the catkin packages that are not built
+#   packages.sh --largest PROFILE …  the smallest that has all of them; exit code 2 when one is none
+#   packages.sh --left-out PROFILE   the catkin packages below src that are not built
+#   packages.sh --extras PROFILE     yes: packages below extras are built
 #   packages.sh --ros                the prefix of that other ROS; nothing: ROS is Debian's
 #   OPT_ROS=/opt/ros   the folder where ROS One and Noetic install
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
 SIMULATION="merlin_sim merlin_experiment merlin_restaurant merlin_guests"
-ALL="merlin_fleet merlin_test"
+ALL="merlin_test"
 
 rank() {
   case $1 in
-  robot) echo 1 ;;
-  simulation) echo 2 ;;
+  robot | robot+fleet) echo 1 ;;
+  simulation | simulation+fleet) echo 2 ;;
   all) echo 3 ;;
   *)
-    echo "build: PROFILE=$1 is not one of robot, simulation, all" >&2
+    echo "build: PROFILE=$1 is not one of robot, simulation, robot+fleet, simulation+fleet, all" >&2
     exit 2
     ;;
   esac
 }
 
 largest() {
-  local profile found=robot most=1 rank
+  local profile found=robot most=1 rank fleet=
   for profile in "$@"; do
     rank=$(rank "$profile")
-    [ "$rank" -le $most ] || { found=$profile most=$rank; }
+    [ "$rank" -le $most ] || { found=${profile%+fleet} most=$rank; }
+    ! has_fleet "$profile" || fleet=+fleet
   done
+  [ "$found" = all ] || found+=$fleet
   echo "$found"
 }
+
+has_fleet() { case $1 in all | *+fleet) ;; *) false ;; esac; }
 
 foreign_ros() {
   local prefix
@@ -52,14 +58,16 @@ case ${1:-} in
 --largest) largest "${@:2}" ;;
 --left-out)
   case $(largest "${2:-all}") in
-  robot) echo "$SIMULATION $ALL" ;;
-  simulation) echo "$ALL" ;;
+  robot*) echo "$SIMULATION $ALL" ;;
+  simulation*) echo "$ALL" ;;
   esac
   ;;
+--extras) ! has_fleet "$(largest "$2")" || echo yes ;;
 *)
   wanted=$(rank "${2:-all}")
-  awk -v without="$(foreign_ros)" -v wanted="$wanted" '
-    /^# ---/ {ros = $3 == "ROS"; rank = /\[all\]/ ? 3 : /\[simulation\]/ ? 2 : 1}
+  fleet=$(! has_fleet "${2:-all}" || echo yes)
+  awk -v without="$(foreign_ros)" -v wanted="$wanted" -v fleet="$fleet" '
+    /^# ---/ {ros = $3 == "ROS"; rank = /\[all\]/ || (/\[fleet\]/ && !fleet) ? 3 : /\[simulation\]/ ? 2 : 1}
     !/^#/ && NF && !(ros && without) && rank <= wanted' "$1"
   ;;
 esac

@@ -10,7 +10,7 @@ class Imports:
     """Which test files import a module, and over how many others."""
 
     def __init__(self, root: Path) -> None:
-        folders = ("src/*/src", "test/unit", "test/execution")
+        folders = ("src/*/src", "extras/*/src", "test/unit", "test/execution")
         files = [path for folder in folders for path in root.glob(f"{folder}/**/*.py")]
         self._tests = [path for path in files if path.name.startswith("test_")]
         # What tests share lies in folders that they put on the path, and is imported by its bare name.
@@ -46,7 +46,7 @@ class Imports:
 
 def _name(path: Path, root: Path) -> str:
     parts = path.relative_to(root).with_suffix("").parts
-    parts = parts[3:] if parts[0] == "src" else parts[-1:]
+    parts = parts[3:] if parts[0] in ("src", "extras") else parts[-1:]
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 

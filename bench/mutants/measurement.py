@@ -94,5 +94,6 @@ def measure(
 
 def selected(patterns: Sequence[str], root: Path) -> List[Path]:
     """The modules that match; packages themselves are left out."""
-    paths = [path for path in sorted(root.glob("src/*/src/**/*.py")) if path.name != "__init__.py"]
+    paths = [path for home in ("src", "extras") for path in sorted(root.glob(f"{home}/*/src/**/*.py"))]
+    paths = [path for path in paths if path.name != "__init__.py"]
     return [path for path in paths if any(fnmatch(shown(path, root), pattern) for pattern in patterns)]

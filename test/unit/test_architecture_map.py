@@ -58,7 +58,7 @@ def test_every_package_is_there_with_what_it_may_import() -> None:
 
 @pytest.mark.parametrize("package", sorted(CONTRACTS.LAYERS))
 def test_every_sub_package_is_there_in_its_order(package: str) -> None:
-    source = ROOT / "src" / package / "src" / package
+    source = CONTRACTS.home_of(package) / "src" / package
     existing = set(folders(source))
     if existing <= {"actions"}:  # an example to copy: its actions need no map
         return

@@ -19,8 +19,8 @@ def tool(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     return module
 
 
-def write(tmp_path: Path, package: str, module: str, text: str, *depends: str) -> None:
-    root = tmp_path / "src" / package
+def write(tmp_path: Path, package: str, module: str, text: str, *depends: str, home: str = "src") -> None:
+    root = tmp_path / home / package
     path = root / "src" / package / f"{module}.py"
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(text)
@@ -110,6 +110,26 @@ def test_a_benchmark_that_imports_what_has_moved_is_named(
     assert tool.main() == 1
     (line,) = capsys.readouterr().err.splitlines()
     assert line == "bench/planning/engines.py:2: imports planning.figures, which does not exist"
+
+
+def test_packages_that_are_built_when_asked_for_are_checked_too(
+    tool: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    write(tmp_path, "merlin_sm", "client", "import merlin_fleet.hub\n", "merlin_fleet")
+    write(tmp_path, "merlin_fleet", "core/agent", "from merlin_fleet import hub\n", home="extras")
+    write(
+        tmp_path, "merlin_fleet", "hub", "import merlin_sim\nimport merlin_sm\n", "merlin_sm", home="extras"
+    )
+    assert tool.main() == 1
+    found = capsys.readouterr().err.splitlines()
+    for text in (
+        "src/merlin_sm/src/merlin_sm/client.py:1: imports merlin_fleet.hub; merlin_sm may import",
+        "agent.py:1: imports merlin_fleet.hub; merlin_fleet/. is not below merlin_fleet/core",
+        "extras/merlin_fleet/src/merlin_fleet/hub.py:1: imports merlin_sim; merlin_fleet may import",
+        "merlin_fleet/package.xml does not name merlin_sim",
+    ):
+        assert any(text in line for line in found), text
+    assert len(found) == 4
 
 
 def test_what_suites_share_is_checked_too(

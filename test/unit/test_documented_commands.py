@@ -15,7 +15,10 @@ import roslib.packages
 import rospkg
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md"), *(ROOT / "src").glob("*/README.md")])
+PAGES = sorted(
+    [ROOT / "README.md", *(ROOT / "docs").glob("*.md")]
+    + [*(ROOT / "src").glob("*/README.md"), *(ROOT / "extras").glob("*/README.md")]
+)
 TOOLS = ("roslaunch", "rosrun", "make", "rostest", "python")
 #: Packages that a page makes, or that its reader has.
 OTHERS = ("my_robot", "my_package", "actionlib", "smach_viewer", "rqt_graph", "topic_tools", "tf")

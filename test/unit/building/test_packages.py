@@ -95,14 +95,25 @@ def test_a_robot_gets_neither_simulator_nor_fleet_nor_tests(tmp_path: Path) -> N
     assert [line for line in profile("robot", tmp_path) if re.search(NOT_ON_A_ROBOT, line)] == []
     left_out = set(ask(tmp_path, "--left-out", "robot"))
     assert left_out > set(ask(tmp_path, "--left-out", "simulation"))
-    assert left_out >= {"merlin_sim", "merlin_fleet", "merlin_test"} and not ask(
-        tmp_path, "--left-out", "all"
-    )
+    assert left_out >= {"merlin_sim", "merlin_test"} and not ask(tmp_path, "--left-out", "all")
+
+
+@pytest.mark.parametrize("name", ["robot", "simulation"])
+def test_a_fleet_is_added_when_asked_for(name: str, tmp_path: Path) -> None:
+    plain, fleet = (profile(asked, tmp_path) for asked in (name, f"{name}+fleet"))
+    assert set(fleet) - set(plain) == {"python3-etcd3", "python3-grpcio", "openssl"}
+    assert set(fleet) < set(profile("all", tmp_path))
+    assert ask(tmp_path, "--left-out", f"{name}+fleet") == ask(tmp_path, "--left-out", name)
+    assert [ask(tmp_path, "--extras", asked) for asked in (name, f"{name}+fleet", "all")] == [
+        [],
+        ["yes"],
+        ["yes"],
+    ]
 
 
 @pytest.mark.parametrize("name", ["robot", "simulation"])
 def test_nothing_that_is_built_imports_what_is_left_out(name: str, tmp_path: Path) -> None:
-    left_out = ask(tmp_path, "--left-out", name)
+    left_out = [*ask(tmp_path, "--left-out", name), *(path.name for path in (ROOT / "extras").iterdir())]
     modules = rf"^\s*(?:from|import) ({'|'.join(left_out)})\b"
     for package in (ROOT / "src").glob("merlin*"):
         if package.name not in left_out and package.name != "merlin_test":
@@ -112,4 +123,5 @@ def test_nothing_that_is_built_imports_what_is_left_out(name: str, tmp_path: Pat
 
 def test_the_largest_profile_is_taken(tmp_path: Path) -> None:
     assert ask(tmp_path, "--largest", "robot", "simulation", "robot") == ["simulation"]
-    assert ask(tmp_path, "--largest", "all", "robot") == ["all"]
+    assert ask(tmp_path, "--largest", "all", "robot+fleet") == ["all"]
+    assert ask(tmp_path, "--largest", "robot+fleet", "simulation") == ["simulation+fleet"]
