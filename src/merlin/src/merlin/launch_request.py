@@ -142,7 +142,7 @@ def declared_arguments(launch_file: Path) -> Dict[str, Optional[str]]:
     """
     try:
         found = roslaunch.arg_dump.get_args([str(launch_file)])
-    except RLException as error:
+    except (RLException, rospkg.ResourceNotFound) as error:
         raise LaunchError(f"{launch_file}: {one_line(error)}") from error
     return {name: default for name, (_doc, default) in found.items()}
 
