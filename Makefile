@@ -32,7 +32,7 @@ help:
 	@echo "make repeat runs tests again and again beside a load, and prints how often each failed (TESTS= TIMES= LOAD=)"
 	@echo "make bench  benchmarks"
 	@echo "make chaos  the fault campaign (TRIALS= MINUTES= SEED= FAULT= MOMENT= RESPAWN=yes|no)"
-	@echo "make chaos-table   its table into docs/reliability.md (RESULTS='folder folder …')"
+	@echo "make chaos-table   its table into docs/reliability-measurements.md (RESULTS='folder folder …')"
 	@echo "make mutants  which small changes of the cores no unit test notices (MODULES='pattern …' SAMPLE= SEED= MINUTES=)"
 	@echo "make pins   which pinned packages of profile robot can be had for which Python and processor (PROFILE= DOCS=1)"
 	@echo "make soak   10 000 cancels and interruptions, 1 000 with robots that come and go, the long tests, unit tests with other random examples, mutants, an hour of faults, 3 000 goals (CYCLES= ROBOT_CYCLES= MINUTES=)"
@@ -40,7 +40,7 @@ help:
 	@echo "make docs   the documents and an API reference as a site in results/docs/html, links checked"
 	@echo "make screenshots  the monitor's pictures in docs/images, over a running mission"
 	@echo "make debian  build and demo in a bare root of another Debian (VERSION=12|13 TARGET='build demo test' PROFILE= PYTEST='FILE …' AS=root|user)"
-	@echo "make build  only what the others need (PROFILE=robot|simulation|all)"
+	@echo "make build  only what the others need (PROFILE=robot|simulation|all; robot+fleet, simulation+fleet)"
 
 # The profile that a target needs; PROFILE=, which make passes on, may ask for more.
 NEEDS = $(if $(filter-out build,$(MAKECMDGOALS)),all)
@@ -73,7 +73,7 @@ fleet: build
 try: build
 	@$(IN) tools/try_robot.sh
 
-# In docs/fleet.md: the table of faults.
+# In docs/fleet-measurements.md: the table of faults.
 fleet-chaos: build
 	@$(IN) python bench/fleet/campaign.py $(call given,TRIALS,trials) $(call given,FAULT,faults) $(call given,CLOCKS,clocks) --seed $(SEED)
 
@@ -102,9 +102,9 @@ chaos: build
 	@$(CHAOS) $(call given,TRIALS,trials) $(call given,MINUTES,minutes) --seed $(SEED) \
 	  $(call given,FAULT,faults) $(call given,MOMENT,moments) $(call given,RESPAWN,respawn)
 
-# The table in docs/reliability.md, from the rows of one or more campaigns.
+# The table in docs/reliability-measurements.md, from the rows of one or more campaigns.
 chaos-table: build
-	@$(CHAOS) --markdown docs/reliability.md --results $(or $(RESULTS),results/chaos)
+	@$(CHAOS) --markdown docs/reliability-measurements.md --results $(or $(RESULTS),results/chaos)
 
 # In docs/mutants.md: the table.
 mutants: build
@@ -138,4 +138,4 @@ lint: build
 	@$(IN) tools/lint.sh
 
 clean:
-	rm -rf build devel install .venv .venv-docs
+	rm -rf build devel install .venv .venv-docs src/extras

@@ -53,7 +53,17 @@ MENU: Tuple[Tuple[str, Tuple[str, ...]], ...] = (
         ),
     ),
     ("ROS and ROSPlan", ("docs/ros1.md", "docs/over-rosplan.md", "docs/rosplan-compatibility.md")),
-    ("Measured", ("docs/benchmarks.md", "docs/mutants.md", "docs/experiment.md")),
+    (
+        "Measured",
+        (
+            "docs/benchmarks.md",
+            "docs/reliability-measurements.md",
+            "docs/several-robots-measurements.md",
+            "docs/fleet-measurements.md",
+            "docs/mutants.md",
+            "docs/experiment.md",
+        ),
+    ),
 )
 
 
@@ -61,8 +71,14 @@ def pages() -> List[Path]:
     """All documents."""
     return sorted(
         [WORKSPACE / "README.md", *WORKSPACE.glob("docs/*.md"), *WORKSPACE.glob("src/*/README.md")]
-        + list(WORKSPACE.glob("src/underlay/*/README.md"))
+        + [*WORKSPACE.glob("src/underlay/*/README.md"), *WORKSPACE.glob("extras/*/README.md")]
     )
+
+
+def packages() -> List[Path]:
+    """The folders of MERLIN's packages that have a page."""
+    found = [*WORKSPACE.glob("src/merlin*/README.md"), *WORKSPACE.glob("extras/merlin*/README.md")]
+    return sorted((page.parent for page in found), key=lambda folder: folder.name)
 
 
 def without_code(text: str) -> str:
@@ -129,10 +145,9 @@ def lay_out(site: Path) -> None:
                 there.parent.mkdir(parents=True, exist_ok=True)
                 shutil.copy(str(target), str(there))
         copy.write_text(text, encoding="utf-8")
-    packages = sorted(path.parent for path in WORKSPACE.glob("src/merlin*/README.md"))
     menu: List[Dict[str, List[str]]] = [{title: list(group)} for title, group in MENU]
-    menu.append({"Packages": [f"src/{package.name}/README.md" for package in packages]})
-    menu.append({"API": [write_reference(package, site) for package in packages]})
+    menu.append({"Packages": [f"{package.relative_to(WORKSPACE)}/README.md" for package in packages()]})
+    menu.append({"API": [write_reference(package, site) for package in packages()]})
     write_configuration(site, menu)
 
 
@@ -173,7 +188,7 @@ def write_configuration(site: Path, menu: List[Dict[str, List[str]]]) -> None:
         "show_root_full_path": True,
         "filters": ["!^_"],
     }
-    paths = [str(package.parent / "src") for package in sorted(WORKSPACE.glob("src/merlin*/package.xml"))]
+    paths = [str(package / "src") for package in packages()]
     configuration = {
         "site_name": "MERLIN",
         "docs_dir": "pages",

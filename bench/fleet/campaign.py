@@ -27,7 +27,7 @@ from merlin_fleet.fleet_client import FleetError
 RESULTS = Path(__file__).resolve().parents[2] / "results" / "fleet_campaign"
 ROBOTS = ["ann", "bob"]
 DRIVE = 4.0  # s
-#: Faults of a campaign that is not narrowed: the rows of docs/fleet.md.
+#: Faults of a campaign that is not narrowed: the rows of docs/fleet-measurements.md.
 USUAL = [name for name in FAULTS if name != "none"]
 EXIT_WRONG = 1
 HEADS = (

@@ -1,6 +1,6 @@
 """The matrix of meetings: how often several robots all get where they go, and in what time.
 
-See docs/several-robots.md.
+See docs/several-robots-measurements.md.
 """
 
 import argparse

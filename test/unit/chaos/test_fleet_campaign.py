@@ -10,7 +10,7 @@ from fleet.faults import FAULTS
 from fleet.system import Seen, drawn_goals, first_owner_after
 from fleet.trial import Row
 
-PAGE = (Path(__file__).resolve().parents[3] / "docs" / "fleet.md").read_text(encoding="utf-8")
+PAGE = (Path(__file__).resolve().parents[3] / "docs" / "fleet-measurements.md").read_text(encoding="utf-8")
 
 
 def row(**changes) -> Row:
