@@ -15,8 +15,8 @@ from fleet.setup import FLEET, Say, allow_robots, launch_arguments, make_keys, m
 from fleet.story import Broken, Story, make_folder
 from merlin_fleet.certificates import Folder
 from merlin_fleet.fleet_client import FleetClient, FleetError
-from merlin_fleet.testing.etcd_process import EtcdProcess
-from merlin_fleet.testing.ports import free_ports
+from merlin_test.etcd_process import EtcdProcess
+from merlin_test.ports import free_ports
 
 RESULTS = Path(__file__).resolve().parents[2] / "results" / "fleet"
 NAMES = ("ann", "bob", "cat", "dan", "eve")

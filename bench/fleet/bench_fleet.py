@@ -19,7 +19,7 @@ from merlin_fleet.core.records import Goal, Keys
 from merlin_fleet.core.store import Change, Compare, Put, Snapshot, Txn
 from merlin_fleet.hub import EtcdHub
 from merlin_fleet.hub_watch import Listener
-from merlin_fleet.testing.etcd_process import DIRECT, EtcdProcess
+from merlin_test.etcd_process import DIRECT, EtcdProcess
 
 ROBOTS = int(os.environ.get("FLEET_ROBOTS", 200))
 GOALS = int(os.environ.get("FLEET_GOALS", 5_000))

@@ -16,8 +16,8 @@ from merlin_fleet.core.records import LIVES, Keys
 from merlin_fleet.core.store import Put, Txn
 from merlin_fleet.etcd_messages import HubFull, LeaseUnknown
 from merlin_fleet.hub import EtcdHub
-from merlin_fleet.testing.etcd_process import DIRECT
-from merlin_fleet.testing.ports import free_ports
+from merlin_test.etcd_process import DIRECT
+from merlin_test.ports import free_ports
 
 BEGIN = 60.0  # s for them to be healthy
 ETCD = "etcd"

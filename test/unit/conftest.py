@@ -15,7 +15,7 @@ from typing import Any, Dict, Iterator, List, Optional
 import pytest
 
 from merlin.local_names import master_uri
-from merlin_fleet.testing.ports import free_ports, release
+from merlin_test.ports import free_ports, release
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 

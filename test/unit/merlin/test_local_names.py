@@ -10,7 +10,7 @@ from typing import Any, Dict, List
 import pytest
 
 from merlin import local_names
-from merlin_fleet.testing.ports import free_ports
+from merlin_test.ports import free_ports
 
 pytestmark = pytest.mark.processes
 

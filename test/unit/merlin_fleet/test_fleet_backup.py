@@ -24,8 +24,8 @@ from merlin_fleet.fleet_client import FleetClient
 from merlin_fleet.fleet_request import REMOVED
 from merlin_fleet.fleet_robot import FleetRobot
 from merlin_fleet.hub import EtcdHub
-from merlin_fleet.testing.etcd_process import EtcdProcess
-from merlin_fleet.testing.ports import free_ports
+from merlin_test.etcd_process import EtcdProcess
+from merlin_test.ports import free_ports
 
 pytestmark = pytest.mark.processes
 

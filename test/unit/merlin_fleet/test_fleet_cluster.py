@@ -23,7 +23,7 @@ from merlin_fleet.core.robot_lease import LeaseTimes
 from merlin_fleet.fleet_client import FleetClient
 from merlin_fleet.fleet_robot import FleetRobot
 from merlin_fleet.hub import EtcdHub
-from merlin_fleet.testing.ports import free_ports
+from merlin_test.ports import free_ports
 
 pytestmark = pytest.mark.processes
 

@@ -12,8 +12,8 @@ from merlin_fleet.core.store import Put, Txn, Unwritten
 from merlin_fleet.core.view import FleetGoalState, FleetView
 from merlin_fleet.forgetting import MOST, leavings
 from merlin_fleet.hub import EtcdHub
-from merlin_fleet.testing.etcd_process import EtcdProcess
 from merlin_fleet.testing.simulated_store import SimulatedStore
+from merlin_test.etcd_process import EtcdProcess
 
 KEYS = Keys("lab")
 

@@ -24,7 +24,7 @@ from merlin_fleet.etcd_messages import HubFull
 from merlin_fleet.fleet_client import FleetClient, FleetError
 from merlin_fleet.fleet_robot import FleetRobot, FleetStatus
 from merlin_fleet.hub import EtcdHub
-from merlin_fleet.testing.etcd_process import EtcdProcess
+from merlin_test.etcd_process import EtcdProcess
 
 pytestmark = pytest.mark.processes
 

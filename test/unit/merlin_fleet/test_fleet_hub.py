@@ -16,7 +16,7 @@ from merlin_fleet.core.store import Change, Compare, Put, Snapshot, Txn
 from merlin_fleet.etcd_messages import LeaseUnknown, behind
 from merlin_fleet.hub import EtcdHub
 from merlin_fleet.hub_watch import Listener, Watch
-from merlin_fleet.testing.etcd_process import EtcdProcess
+from merlin_test.etcd_process import EtcdProcess
 
 pytestmark = pytest.mark.processes
 

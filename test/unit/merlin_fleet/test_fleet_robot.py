@@ -22,7 +22,7 @@ from merlin_fleet.core.view import FleetView
 from merlin_fleet.fleet_robot import FleetRobot
 from merlin_fleet.hub import EtcdHub
 from merlin_fleet.hub_watch import Listener
-from merlin_fleet.testing.etcd_process import EtcdProcess
+from merlin_test.etcd_process import EtcdProcess
 
 pytestmark = pytest.mark.processes
 

@@ -18,7 +18,7 @@ from merlin_fleet.core.robot_lease import LeaseTimes
 from merlin_fleet.fleet_client import FleetClient
 from merlin_fleet.fleet_robot import FleetRobot, FleetStatus
 from merlin_fleet.hub import EtcdHub
-from merlin_fleet.testing.etcd_process import EtcdProcess
+from merlin_test.etcd_process import EtcdProcess
 
 LIMIT = 60.0  # s for anything that has to happen
 #: A test machine may stand still for many seconds.

@@ -23,8 +23,8 @@ from merlin_fleet.fleet_request import FleetRequest, GoalNews
 from merlin_fleet.fleet_robot import FleetRobot, FleetStatus
 from merlin_fleet.hub import EtcdHub
 from merlin_fleet.sqlite_outbox import SqliteOutbox
-from merlin_fleet.testing.etcd_process import EtcdProcess
-from merlin_fleet.testing.ports import free_ports
+from merlin_test.etcd_process import EtcdProcess
+from merlin_test.ports import free_ports
 
 pytestmark = pytest.mark.processes
 PAGE = (Path(__file__).resolve().parents[4] / "docs" / "fleet.md").read_text(encoding="utf-8")

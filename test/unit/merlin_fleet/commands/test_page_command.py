@@ -6,8 +6,8 @@ from typing import Iterator, List
 import pytest
 
 from merlin_fleet.commands.fleet_command import main
-from merlin_fleet.testing.etcd_process import EtcdProcess
 from merlin_monitor.access.operators import SHORTEST_TOKEN, write_operators
+from merlin_test.etcd_process import EtcdProcess
 
 
 @pytest.fixture(scope="module")

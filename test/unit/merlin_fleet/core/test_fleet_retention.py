@@ -17,8 +17,8 @@ from merlin_fleet.core.view import FleetView
 from merlin_fleet.fleet_client import FleetClient
 from merlin_fleet.fleet_request import REMOVED
 from merlin_fleet.hub import EtcdHub
-from merlin_fleet.testing.etcd_process import EtcdProcess
 from merlin_fleet.testing.simulated_store import SimulatedStore
+from merlin_test.etcd_process import EtcdProcess
 
 KEYS = Keys("lab")
 LIMIT = 60.0  # s for anything that has to happen

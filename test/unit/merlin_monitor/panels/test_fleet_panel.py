@@ -20,10 +20,10 @@ from merlin_fleet.fleet_shown import MOST, shown
 from merlin_fleet.hub import EtcdHub
 from merlin_fleet.node import fleet_panel
 from merlin_fleet.node.fleet_panel import FleetPanel
-from merlin_fleet.testing.etcd_process import EtcdProcess
 from merlin_monitor.listeners.graph_watch import GraphWatch
 from merlin_monitor.panel_board import OFFERED, foreign_panel, own_panels, script_of
 from merlin_ros.master.master_link import ERRORS
+from merlin_test.etcd_process import EtcdProcess
 
 pytestmark = pytest.mark.processes
 

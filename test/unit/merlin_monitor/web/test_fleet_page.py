@@ -25,13 +25,13 @@ from merlin_fleet.hub import EtcdHub
 from merlin_fleet.hub_watch import Listener
 from merlin_fleet.page.fleet_control import FleetControl
 from merlin_fleet.page.fleet_page import PANELS, FleetPage
-from merlin_fleet.testing.etcd_process import DIRECT, EtcdProcess
 from merlin_fleet.testing.simulated_store import SimulatedStore
 from merlin_monitor.access.operators import Operators, write_operators
 from merlin_monitor.access.web_access import WebAccess
 from merlin_monitor.panel_scripts import script_file
 from merlin_monitor.web.page_control import ControlError
 from merlin_monitor.web.web_server import WebServer
+from merlin_test.etcd_process import DIRECT, EtcdProcess
 
 pytestmark = pytest.mark.processes
 KEYS, EVIL = Keys("lab"), "<img src=x onerror=\"document.title='owned'\">"

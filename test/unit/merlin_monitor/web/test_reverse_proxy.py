@@ -13,7 +13,7 @@ import pytest
 from served import TOKEN, Served
 from shown_page import Visit, fill
 
-from merlin_fleet.testing.ports import free_ports
+from merlin_test.ports import free_ports
 
 pytestmark = pytest.mark.processes
 

@@ -1,1 +1,1 @@
-"""A simulated store, for tests and benchmarks without a hub."""
+"""A simulated store, for tests without a hub."""

@@ -3,12 +3,12 @@
 import subprocess
 import sys
 
-from merlin_fleet.testing.ports import free_ports, release
+from merlin_test.ports import free_ports, release
 
 #: Gets one of the given ports, again and again: which one is random.
 OTHER = """
 import sys
-from merlin_fleet.testing import ports
+from merlin_test import ports
 ports.RANGE = tuple(map(int, sys.argv[1:]))
 for _ in range(20):
     found = ports.free_ports(1)

@@ -11,7 +11,7 @@ import urllib.request
 from pathlib import Path
 from typing import List, Optional, Sequence
 
-from merlin_fleet.testing.ports import free_ports, release
+from merlin_test.ports import free_ports, release
 
 BEGIN = 60.0  # s for it to answer
 DIRECT = urllib.request.build_opener(urllib.request.ProxyHandler({}))  # whatever proxy this machine has
