@@ -4,6 +4,7 @@ import os
 import re
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 from typing import List
 
@@ -109,6 +110,15 @@ def test_a_fleet_is_added_when_asked_for(name: str, tmp_path: Path) -> None:
         ["yes"],
         ["yes"],
     ]
+
+
+def test_without_the_fleet_its_launch_file_says_how_to_build_it() -> None:
+    code = "from merlin.launch_request import declared_arguments; declared_arguments({!r})"
+    command = [sys.executable, "-c", code.format(str(ROOT / "launch" / "fleet.launch"))]
+    env = {**os.environ, "ROS_PACKAGE_PATH": str(ROOT / "src" / "merlin")}
+    done = subprocess.run(command, env=env, capture_output=True, text=True, check=False)
+    said = done.stderr.splitlines()[-1]
+    assert "LaunchError" in said and "make build PROFILE=robot+fleet" in said
 
 
 @pytest.mark.parametrize("name", ["robot", "simulation"])
