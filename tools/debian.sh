@@ -2,7 +2,7 @@
 # Runs the README's commands in a bare root of a Debian release: make debian VERSION=13
 #   VERSION=13            or 12
 #   TARGET="build demo"   targets of make that are run one after the other; test: all tests, and PYTEST="FILE …": these
-#   PROFILE=robot         of the build: robot, simulation or all; each target asks for what it needs
+#   PROFILE=robot         of the build: robot, simulation, all, robot+fleet …; each target asks for what it needs
 #   AS=user               in the home of an ordinary user who may use sudo; root
 #   MIRROR=…              of Debian, http://deb.debian.org/debian
 #   FOLDER=/tmp           where the root is made: about 6 GB, removed at the end, also after an error and Ctrl-C

@@ -12,4 +12,6 @@ ROOT = Path(__file__).resolve().parents[3]
 def test_an_unknown_profile_is_one_sentence(command: str) -> None:
     done = subprocess.run(command.split(), cwd=str(ROOT), capture_output=True, text=True, check=False)
     assert done.returncode == 2
-    assert done.stderr.startswith("build: PROFILE=laptop is not one of robot, simulation, all\n")
+    assert done.stderr.startswith(
+        "build: PROFILE=laptop is not one of robot, simulation, robot+fleet, simulation+fleet, all\n"
+    )
