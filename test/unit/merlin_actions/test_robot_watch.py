@@ -10,9 +10,9 @@ from merlin_msgs.msg import RobotHost
 from rosplan_knowledge_msgs.msg import DomainFormula
 
 from merlin_actions import robot_watch
-from merlin_actions.core.robot_book import AVAILABLE
 from merlin_actions.robot_watch import AvailableFacts, RobotWatch
 from merlin_ros import alarms
+from merlin_ros.robot_values import AVAILABLE
 from merlin_ros.service_proxy import ServiceUnavailable
 from merlin_sm.knowledge_client import ADD, KnowledgeError, Update, fact
 from merlin_sm.robot_roster import OF_ONE

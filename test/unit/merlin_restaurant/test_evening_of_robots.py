@@ -10,7 +10,6 @@ import pytest
 from fake_robot import FakeRobot
 from merlin_msgs.msg import ExecuteResult, ListenResult, RobotWay
 
-from merlin_executor.mission.readiness import NotReady
 from merlin_pddl.domain_reader import parse_domain
 from merlin_restaurant import evening as evening_module
 from merlin_restaurant.evening import AT_ONCE, TRIES, Evening
@@ -41,18 +40,6 @@ def test_tables_and_entrance_are_looked_at_by_one_plan(evening: FakeRobot) -> No
     evening.known.remove("(ready table_2)")
     assert run() == "succeeded"
     assert evening.sent[:2] == [("(checked table_2)", 0), ("(entrance_checked)", 0)]
-
-
-def test_the_first_plan_waits_for_each_robot(evening: FakeRobot) -> None:
-    evening.known.remove("(available robot_2)")
-    mission = Evening(lambda: True, lambda line: None, robots=NAMES)
-    with pytest.raises(NotReady, match="no host of robot_2 takes actions after 0 s"):
-        mission.wait_for_robot(0.01)
-    waiting = threading.Thread(target=mission.wait_for_robot, args=(30.0,))
-    waiting.start()
-    evening.change(add="(available robot_2)")
-    waiting.join(30.0)
-    assert not waiting.is_alive()
 
 
 def test_all_tables_that_wait_are_served_by_one_plan_and_trays_are_tidied(evening: FakeRobot) -> None:

@@ -11,9 +11,10 @@ import rospy
 from merlin_msgs.msg import RobotHost
 
 from merlin_actions.core.availability import Availability
-from merlin_actions.core.robot_book import AVAILABLE, GONE_AFTER, HostWord, RobotBook, RobotChange
+from merlin_actions.core.robot_book import GONE_AFTER, HostWord, RobotBook, RobotChange
 from merlin_ros.alarms import TICK, TickClock, wait_ticks
 from merlin_ros.master.master_link import MasterSilent
+from merlin_ros.robot_values import AVAILABLE
 from merlin_ros.service_proxy import ServiceError
 from merlin_sm.knowledge_client import ADD, REMOVE, KnowledgeClient, KnowledgeError, Update, fact
 from merlin_sm.robot_roster import RobotRoster, is_node, sender_of

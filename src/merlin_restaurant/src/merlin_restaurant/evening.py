@@ -5,7 +5,6 @@ from typing import Any, Callable, Dict, List, Optional, Sequence, Union
 
 from merlin_actions.robot_places import RobotPlaces
 from merlin_executor.mission import NOTHING, RESEND, GoalState, MissionSM
-from merlin_executor.mission.readiness import NotReady
 from merlin_restaurant.menu import CALL, table_called
 from merlin_restaurant.table_state import remember_state
 from merlin_restaurant.until_known import UntilKnown
@@ -59,17 +58,6 @@ class Evening(MissionSM):
         self._waits: List[UntilKnown] = []
         self._places = RobotPlaces()
         super().__init__(name, on_lost)
-
-    def wait_for_robot(self, timeout: float) -> None:
-        """Waits also until each of several robots takes actions: else the first plan is without it."""
-        super().wait_for_robot(timeout)
-        state = UntilKnown(lambda: not self._absent(), timeout)
-        if state.execute({}) != SUCCEEDED:
-            absent = " and ".join(self._absent())
-            raise NotReady(f"no host of {absent} takes actions after {timeout:.0f} s; is it launched?")
-
-    def _absent(self) -> List[str]:
-        return [robot for robot in self._robots if not self.holds(f"(available {robot})")]
 
     def build(self) -> None:
         """ROUNDS and CALLS at the same time; the end of the rounds is the end of the evening."""

@@ -52,9 +52,6 @@ class RecordedEvening(Evening):
         self._record = EveningRecord()
         super().__init__(self._closed, lambda text: self._line("mission", text), on_lost, "Evening", robots)
         self._names = list(robots) or [""]
-        if robots:
-            here = [f"{robot}/{server}" for robot in robots for server in self.servers[:-1]]
-            self.servers = (*here, self.servers[-1])
         self._results = results_folder(results)
         self._watch = DeliveryLog(
             lambda text: self._line("robot", text), self._delivered, self._failed, self._names

@@ -8,8 +8,6 @@ from typing import Dict, List, NamedTuple, Tuple
 
 from merlin_ros.work.liveness import Limits, Liveness, Presence, Word
 
-#: Predicate of which the bridges keep the truth: the robot takes actions.
-AVAILABLE = "available"
 #: s between two words of a host.
 WORD_PERIOD = 0.25
 #: s of silence after which a robot takes no actions. With what follows, its actions have failed within 3 s.

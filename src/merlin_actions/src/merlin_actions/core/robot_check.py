@@ -3,10 +3,10 @@
 from typing import Dict, Iterator, List, Sequence
 
 from merlin_actions.core.application_check import ApplicationWorld, Needs
-from merlin_actions.core.robot_book import AVAILABLE
 from merlin_actions.core.robot_parameter import robot_parameter
 from merlin_pddl.domain import Domain, used_predicates
 from merlin_pddl.problem import Problem
+from merlin_ros.robot_values import AVAILABLE
 
 
 def robot_parameters(classes: Sequence[Needs], world: ApplicationWorld) -> Dict[str, str]:

@@ -13,6 +13,7 @@ from rosgraph.names import load_mappings
 
 from merlin_executor.core.robot_lines import Screen
 from merlin_executor.mission.mission_node import MissionNode, run_mission
+from merlin_executor.mission.readiness import robots_of_plan
 from merlin_executor.mission.robot_log import RobotLog
 from merlin_ros.class_path import load_class
 from merlin_ros.node import CANNOT_BEGIN, init_node
@@ -32,7 +33,7 @@ def main(path: str = "") -> int:
         return CANNOT_BEGIN
     screen = Screen(rospy.get_time)
     if rospy.get_param("~tell", mission_class.tells):
-        RobotLog(lambda text: screen.line("robot", text))
+        RobotLog(lambda text: screen.line("robot", text), robots=robots_of_plan() or ("",))
     return run_mission(mission_class)
 
 

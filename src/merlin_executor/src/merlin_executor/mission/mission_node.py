@@ -41,7 +41,8 @@ class MissionNode(MerlinROSPlanAssistant, ABC):
     mission.
     """
 
-    #: Action servers that the mission and its actions use, as relative names; the mission waits for them.
+    #: Action servers that the mission and its actions use, as relative names; the mission waits for them. Of
+    #: several robots each has those whose names have no slash.
     servers: Sequence[str] = ()
     #: Default of ``~tell``: whether its node prints what the robot does, says, hears and sees.
     tells = True
@@ -60,7 +61,7 @@ class MissionNode(MerlinROSPlanAssistant, ABC):
         return cls(**arguments_of(cls, lambda name: rospy.get_param(f"~{name}", None)))
 
     def wait_for_robot(self, timeout: float) -> None:
-        """Waits for the knowledge base, the Executor, the action interfaces and :attr:`servers`.
+        """Waits for knowledge base, Executor, action interfaces, robots of ``robots:=`` and :attr:`servers`.
 
         :param timeout: of each, s of running time.
         :raises NotReady: when one is missing.

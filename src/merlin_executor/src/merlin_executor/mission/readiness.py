@@ -5,13 +5,16 @@ from typing import Any, Callable, List, Sequence, Tuple
 
 import rospy
 from actionlib_msgs.msg import GoalStatusArray
+from merlin_msgs.msg import RobotHost
 from rosplan_knowledge_msgs.msg import DomainFormula
 
 from merlin_executor.core.awaited import Awaited
 from merlin_executor.executor_client import MerlinExecutorClient
 from merlin_ros.deadline import Deadline
 from merlin_ros.late_topics import subscribe_by
-from merlin_sm.knowledge_client import KnowledgeClient
+from merlin_ros.robot_values import AVAILABLE, ROBOTS
+from merlin_ros.service_proxy import ServiceError
+from merlin_sm.knowledge_client import KnowledgeClient, KnowledgeError, fact
 
 PATIENCE = 5.0  # s of running time, after which a mission says what it waits for
 
@@ -23,9 +26,12 @@ class NotReady(RuntimeError):
 def wait_for_robot(
     knowledge: KnowledgeClient, client: MerlinExecutorClient, servers: Sequence[str], timeout: float
 ) -> None:
-    """Waits for the knowledge base, the Executor, an action interface for every operator, and action servers.
+    """Waits for the knowledge base, the Executor, an action interface for every operator, robots and servers.
 
-    :param servers: names of the action servers.
+    Of the robots of ``robots:=`` those that do not come in time are left out, while there is one: a plan goes
+    on without them, too.
+
+    :param servers: names of the action servers; of several robots each has those whose names have no slash.
     :param timeout: of each, s of running time.
     :raises NotReady: when one is missing.
     """
@@ -37,7 +43,14 @@ def wait_for_robot(
     missing = missing_interfaces(knowledge, timeout)
     if missing:
         raise NotReady(f"no action interface for {', '.join(missing)} {after}")
-    missing = missing_servers(servers, timeout)
+    robots = robots_of_plan()
+    gone = missing_robots(knowledge, robots, timeout)
+    if robots and len(gone) == len(robots):
+        raise NotReady(f"no host of the robots {', '.join(gone)} takes actions {after}; are they launched?")
+    if gone and not rospy.is_shutdown():
+        rospy.logwarn(f"the mission begins without {', '.join(gone)}, which did not come {after}")
+    there = [robot for robot in robots if robot not in gone]
+    missing = missing_servers(servers_of(servers, there), timeout)
     if missing:
         names = ", ".join(map(rospy.resolve_name, missing))
         raise NotReady(f"no action server {names} {after}; is it launched?")
@@ -58,6 +71,45 @@ def missing_interfaces(knowledge: KnowledgeClient, timeout: float) -> List[str]:
         [(topic, DomainFormula, lambda formula: awaited.heard(formula.name))],
         timeout,
     )
+
+
+def robots_of_plan() -> List[str]:
+    """The robots of ``robots:=``; empty: one robot without a name."""
+    return [str(robot) for robot in rospy.get_param(ROBOTS, [])]
+
+
+def servers_of(names: Sequence[str], robots: Sequence[str]) -> List[str]:
+    """Action servers of a mission: with several robots a name without a slash is one of each of them."""
+    each = [
+        [name] if "/" in name or not robots else [f"{robot}/{name}" for robot in robots] for name in names
+    ]
+    return [server for servers in each for server in servers]
+
+
+def missing_robots(knowledge: KnowledgeClient, robots: Sequence[str], timeout: float) -> List[str]:
+    """Waits until each robot takes actions and the knowledge says so, or its operator has taken it out.
+
+    :param knowledge: of the domain; it has to be up already.
+    :param timeout: s of running time for all of them.
+    :return: those that did not come, in the given order.
+    """
+    if not robots:
+        return []
+    predicate = knowledge.predicates().get(AVAILABLE)
+    known = predicate is not None and len(predicate.typed_parameters) == 1
+    awaited = Awaited(robots)
+
+    def heard(word: RobotHost) -> None:
+        if word.leaving or word.robot not in robots:
+            return
+        try:
+            there = word.out or not known or knowledge.query([fact(AVAILABLE, word.robot)])[0]
+        except (KnowledgeError, ServiceError):
+            return  # the next message of the host asks again
+        if there:
+            awaited.heard(word.robot)
+
+    return _wait("the robots", awaited, [(f"{knowledge.name}/robots", RobotHost, heard)], timeout)
 
 
 def missing_servers(names: Sequence[str], timeout: float) -> List[str]:

@@ -10,11 +10,11 @@ from merlin_msgs.msg import DispatchStatus, RobotHost, RunningAction
 from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback
 from rosplan_knowledge_msgs.msg import DomainFormula
 
-from merlin_actions.core.robot_book import AVAILABLE
 from merlin_pddl.breakpoints import Breakpoints
 from merlin_ros.actions.lease_holder import LeaseHolder
 from merlin_ros.deadline import Deadline, running_time
 from merlin_ros.publishing import publish
+from merlin_ros.robot_values import AVAILABLE
 from merlin_ros.ros_alarm import RosAlarm
 from merlin_rosplan.dispatch.dispatch_environment import (
     DispatchEnvironment,

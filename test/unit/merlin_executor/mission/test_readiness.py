@@ -1,0 +1,80 @@
+"""A mission waits for the robots of its plan, names those that are missing, and can be interrupted."""
+
+import signal
+from typing import Any
+
+import pytest
+
+from merlin_executor.mission.readiness import servers_of
+
+pytestmark = pytest.mark.processes
+
+#: Waits for ria and tom; a line of its input is a robot whose host sends words from then on, and its state.
+WAITER = """
+import sys, threading, time
+from types import SimpleNamespace
+import rospy
+from merlin_msgs.msg import RobotHost
+from merlin_executor.mission import readiness
+from merlin_ros.node import init_node
+
+init_node("mission")
+readiness.PATIENCE = 0.2
+known, words = set(), {}
+publisher = rospy.Publisher("/kb/robots", RobotHost, queue_size=10)
+
+def read():
+    for line in sys.stdin:
+        robot, state = line.split()
+        if state == "available":
+            known.add(robot)
+        out = "is out" if state == "out" else ""
+        words[robot] = RobotHost(robot=robot, leaving=state == "leaving", out=out)
+
+def speak():
+    while not rospy.is_shutdown():
+        for word in list(words.values()):
+            publisher.publish(word)
+        time.sleep(0.05)  # as hosts do
+
+for work in (read, speak):
+    threading.Thread(target=work, name=work.__name__, daemon=True).start()
+counted = SimpleNamespace(typed_parameters=["r"])
+knowledge = SimpleNamespace(
+    name="/kb",
+    predicates=lambda: {"available": counted},
+    query=lambda items: [items[0].values[0].value in known],
+)
+print("missing", readiness.missing_robots(knowledge, ["ria", "tom"], float(sys.argv[1])), flush=True)
+"""
+
+
+def test_it_waits_until_each_robot_takes_actions_or_is_taken_out(master: Any) -> None:
+    waiter = master.node(WAITER, "600")
+    waiter.expect("the mission waits for the robots ria, tom, for 600 s in all")
+    waiter.say("tom out")
+    waiter.say("ria heard")  # its host lives, and the knowledge does not say so yet
+    waiter.say("ria available")
+    waiter.expect("missing []")
+    assert waiter.output.count("the mission waits") == 1
+
+
+def test_it_names_those_that_do_not_come(master: Any) -> None:
+    waiter = master.node(WAITER, "3")
+    waiter.say("ria available")
+    waiter.say("tom leaving")
+    waiter.expect("the mission waits for the robots tom")
+    waiter.expect("missing ['tom']")
+
+
+def test_a_wait_ends_with_its_node(master: Any) -> None:
+    waiter = master.node(WAITER, "600")
+    waiter.expect("the mission waits for the robots")
+    waiter.process.send_signal(signal.SIGINT)
+    waiter.expect("missing ['ria', 'tom']")
+
+
+def test_plain_names_of_servers_are_those_of_each_robot() -> None:
+    servers = ("move_base", "calls/listen")
+    assert servers_of(servers, []) == ["move_base", "calls/listen"]
+    assert servers_of(servers, ["ria", "tom"]) == ["ria/move_base", "tom/move_base", "calls/listen"]
