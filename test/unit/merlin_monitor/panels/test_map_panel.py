@@ -8,15 +8,20 @@ import pytest
 import rospy
 import tf2_ros
 from geometry_msgs.msg import TransformStamped
+from merlin_msgs.msg import ListenActionResult
 from sensor_msgs.msg import LaserScan
+from sound_play.msg import SoundRequest
 
 from merlin_monitor.listeners.graph_watch import GraphWatch
 from merlin_monitor.listeners.panel import Panel
 from merlin_monitor.listeners.pulse import Pulse
 from merlin_monitor.listeners.ros_system import RosSystem
 from merlin_monitor.panels.map import OLD_POSITION, MapPanel
+from merlin_monitor.panels.said import SaidPanel
 from merlin_monitor.state.inbox import Inbox
 from merlin_monitor.state.monitor_model import MonitorModel
+from merlin_monitor.terminal.terminal_view import lines
+from merlin_ros.robot_values import ROBOTS
 
 LIMIT = 60.0  # s
 #: As of a message with a zero byte, and of one that is not UTF-8.
@@ -113,6 +118,34 @@ def test_a_robot_that_is_forgotten_is_no_longer_followed_or_shown(panel: Tuple[M
     name_robots(made, "ann", "bob")
     made.look({})
     assert len(system.of("ann")) == 5
+
+
+def test_what_robots_say_hear_and_see_has_their_names_from_the_begin(
+    panel: Tuple[MapPanel, System], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    state, system = panel[0].state, panel[1]
+    monkeypatch.setattr(system, "parameter", lambda name, default: {ROBOTS: ["ria"]}.get(name, default))
+    events: List[Any] = []
+    monkeypatch.setattr(state, "report", events.append)
+    panel = SaidPanel(state, GraphWatch(lambda topics: None, system))
+    state.tree.set("robots", "robots", {"tom": {"away": "", "does": []}})  # joins later
+    panel.look({})
+    send = {each.topic: each.receive for each in system.subscribers}
+    send["/ria/robotsound"](SoundRequest(sound=SoundRequest.SAY, arg="Hello."))
+    heard = ListenActionResult()
+    heard.result.heard, heard.result.text = True, "no"
+    send["/tom/listen/result"](heard)
+    send["robotsound"](SoundRequest(sound=SoundRequest.SAY, arg="All stay here."))
+    done(panel)
+    entries = state.tree.get("said", "entries")
+    assert [(each["robot"], each["kind"], each["words"]) for each in entries] == [
+        ("", "said", "All stay here."),
+        ("tom", "heard", "no"),
+        ("ria", "said", "Hello."),
+    ]
+    texts = [event.text for event in events]
+    assert texts == ["ria said “Hello.”", "tom heard “no”", "said “All stay here.”"]
+    assert any("tom heard “no”" in line.text for line in lines(state.tree.snapshot()[1], events))
 
 
 def test_a_position_grows_old_in_wall_time_while_the_simulator_hangs_and_not_while_it_is_paused(

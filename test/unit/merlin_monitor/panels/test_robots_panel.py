@@ -8,8 +8,11 @@ from messages import Told, dispatch, parameters
 from rosplan_dispatch_msgs.msg import CompletePlan
 from served import Served
 from shown_page import NOW, Visit, chromium, show_panels
+from sound_play.msg import SoundRequest
 
+from merlin_monitor.history.pictures import Pictures
 from merlin_monitor.panels.robots import SILENT, RobotsSection
+from merlin_monitor.panels.said import SaidSection
 from merlin_monitor.state.plan_order import sequential_steps
 from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.terminal.terminal_view import lines
@@ -141,9 +144,13 @@ def test_the_page_has_lanes_for_each_robot_and_its_name_on_the_map(browser: Any,
     served.state.map.robots({"ann": (1.0, 1.0, 0.0), "bob": (3.0, 1.0, 1.6)})
     served.state.map.track("ann").path([(1.0, 1.0), (2.0, 1.0)])
     served.state.map.track("ann").goal((2.0, 1.0, 0.0))
+    said = SaidSection(served.state.tree, Pictures(), Told())
+    said.spoken(SoundRequest(sound=SoundRequest.SAY, arg="Hello."), NOW, "ann")
+    said.seen(["cup"], NOW, "bob")
     page = Visit(browser, served.url)
     page.wait("() => document.querySelectorAll('.gantt .robot').length === 2")
     assert page.texts(".gantt .robot") == ["ann", "bob"]
+    assert page.texts("#said-list .said") == ["bob: cup", "ann: Hello."]
     tops = page.page.evaluate(
         "() => [...document.querySelectorAll('.gantt .planned')].map((bar) => +bar.getAttribute('y'))"
     )

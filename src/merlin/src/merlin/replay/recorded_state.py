@@ -13,11 +13,12 @@ from std_msgs.msg import String
 
 from merlin_monitor.bag.recorded_topics import KNOWLEDGE, PARAMETERS
 from merlin_ros.node import run_node
+from merlin_ros.robot_values import ROBOTS
 from merlin_ros.service_proxy import ServiceError
 from merlin_sm.knowledge_client import KnowledgeClient
 
 #: Parameters that the page and rviz read, below the robot's namespace.
-READ = ("world", "robot_description")
+READ = ("world", "robot_description", ROBOTS)
 #: Parameters of the monitor that say what it shows; its address and its operators are its own.
 MONITOR = ("panels", "map_topic", "people_topic", "global_frame", "base_frame")
 #: Named as the client that made what was known when the recording began.

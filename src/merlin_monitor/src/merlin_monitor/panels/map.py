@@ -1,7 +1,6 @@
 """The panel of the map: robots on it, their paths, points of interest and people."""
 
-import re
-from typing import Any, Dict, List, Optional, Set, Tuple
+from typing import Any, Dict, List, Optional, Tuple
 
 import numpy
 import roslib.message
@@ -16,6 +15,7 @@ from merlin_monitor.drawing.grid_place import yaw_of
 from merlin_monitor.drawing.robot_track import RobotTrack
 from merlin_monitor.listeners.graph_watch import GraphWatch
 from merlin_monitor.listeners.panel import Panel
+from merlin_monitor.listeners.plan_robots import PlanRobots
 from merlin_monitor.state.freshness import Source
 from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_monitor.truth.worst_truth import NAVIGATION
@@ -34,8 +34,6 @@ SCAN_SHOWN = 0.5  # s of wall time between two scans that are shown
 OLD_POSITION = 2.0  # s of wall time without a newer position
 #: No transform: none was received, or the name, which comes with messages, is one that no frame can have.
 NO_TRANSFORM = (tf2_ros.TransformException, ValueError)
-#: Robots of one plan that can have topics: any node can name others.
-_NAME = re.compile(r"[A-Za-z]\w*", re.ASCII)
 
 
 class MapPanel(Panel):
@@ -48,7 +46,6 @@ class MapPanel(Panel):
         super().__init__(state, watch)
         robot = self.ros.namespace.strip("/")
         base_frame = f"{robot}/base_footprint" if robot else "base_footprint"
-        self._robot = robot
         self._frames = (
             str(self.ros.parameter("~global_frame", "map")),
             str(self.ros.parameter("~base_frame", base_frame)),
@@ -61,7 +58,6 @@ class MapPanel(Panel):
         self._points: Any = None
         self._shown: Optional[Tuple[float, float, float]] = None
         self._robots: Dict[str, Tuple[float, float, float]] = {}  # of one plan, that are shown
-        self._followed: Dict[str, List[Any]] = {}  # robot of one plan → subscribers of its way
         self._located: Tuple[Optional[float], float] = (
             None,
             0.0,
@@ -76,16 +72,11 @@ class MapPanel(Panel):
             self.ros.subscribe("scan", LaserScan, self._scanned, queue_size=1),
             *(self.subscribe(f"move_base/{path}", Path, self._path, queue_size=1) for path in PATHS),
         ]
+        self._others = PlanRobots(self, self._follow, state.map.forget)
 
     def look(self, topics: Dict[str, str]) -> None:
         """Notices people, points of interest and the robots of one plan."""
-        others = self._others()
-        for robot in others - self._followed.keys():
-            self._followed[robot] = self._follow(robot)
-        for robot in self._followed.keys() - others:
-            for subscriber in self._followed.pop(robot):
-                subscriber.unregister()
-            self.state.inbox.put(self.state.map.forget, robot)
+        self._others.look()
         for topic in self._people_topics:
             kind = topics.get(topic, "")
             message_class = roslib.message.get_message_class(kind) if kind in PEOPLE else None
@@ -125,7 +116,7 @@ class MapPanel(Panel):
 
     def _look_at_robots(self) -> None:
         """Where the robots of one plan are, when they publish it."""
-        found = {name: self._pose_of(f"{name}/base_footprint") for name in sorted(self._others())}
+        found = {name: self._pose_of(f"{name}/base_footprint") for name in sorted(self._others.names())}
         poses = {name: pose for name, pose in found.items() if pose is not None}
         moved = [
             name
@@ -135,10 +126,6 @@ class MapPanel(Panel):
         if moved or poses.keys() != self._robots.keys():
             self._robots = poses
             self.state.inbox.put(self.state.map.robots, poses)
-
-    def _others(self) -> Set[str]:
-        names = self.state.tree.keys("robots", "robots")
-        return {name for name in names if name != self._robot and _NAME.fullmatch(name)}
 
     def _follow(self, robot: str) -> List[Any]:
         """Subscribes to where a robot of one plan is going."""

@@ -1,6 +1,6 @@
-"""The panel of what the robot said, heard and saw."""
+"""The panel of what the robots said, heard and saw."""
 
-from typing import Any, Dict, List
+from typing import Any, Callable, Dict, List, Tuple
 
 import numpy
 from merlin_msgs.msg import ListenActionResult, RecognizeActionResult
@@ -11,6 +11,7 @@ from merlin_monitor.drawing.png import png
 from merlin_monitor.history.pictures import Pictures
 from merlin_monitor.listeners.graph_watch import GraphWatch
 from merlin_monitor.listeners.panel import Panel
+from merlin_monitor.listeners.plan_robots import PlanRobots
 from merlin_monitor.state.history_events import Reporter, sentence
 from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_monitor.state.state_tree import StateTree
@@ -30,31 +31,42 @@ class SaidPanel(Panel):
 
     def __init__(self, state: MonitorModel, watch: GraphWatch) -> None:
         super().__init__(state, watch)
-        section = self._said = SaidSection(state.tree, state.pictures, state.report)
-        self._subscribers = [
-            self.subscribe(
-                "sound_play/goal",
-                SoundRequestActionGoal,
-                lambda message, at: section.spoken(message.goal.sound_request, at),
-            ),
-            self.subscribe("robotsound", SoundRequest, section.spoken),
-            self.subscribe(
-                "listen/result", ListenActionResult, lambda message, at: section.heard(message.result, at)
-            ),
-            self.subscribe("recognize/result", RecognizeActionResult, self._looked),
-            self.subscribe(
-                "recognition/image", Image, lambda message, at: section.image(message), queue_size=1
-            ),
-        ]
+        self._said = SaidSection(state.tree, state.pictures, state.report)
+        self._subscribers = self._follow("")
+        self._others = PlanRobots(self, self._follow)
 
-    def _looked(self, message: RecognizeActionResult, at: float) -> None:
-        result = message.result
-        found = [_best(detection, list(result.names)) for detection in result.detections.detections]
-        self._said.seen([name for name in found if name], at)
+    def look(self, topics: Dict[str, str]) -> None:
+        """Notices the robots of one plan."""
+        self._others.look()
+
+    def _follow(self, robot: str) -> List[Any]:
+        section, below = self._said, f"/{robot}/" if robot else ""
+        takes: Dict[str, Tuple[type, Callable[[Any, float], object]]] = {
+            "sound_play/goal": (
+                SoundRequestActionGoal,
+                lambda message, at: section.spoken(message.goal.sound_request, at, robot),
+            ),
+            "robotsound": (SoundRequest, lambda message, at: section.spoken(message, at, robot)),
+            "listen/result": (
+                ListenActionResult,
+                lambda message, at: section.heard(message.result, at, robot),
+            ),
+            "recognize/result": (
+                RecognizeActionResult,
+                lambda message, at: section.seen(_names(message.result), at, robot),
+            ),
+            "recognition/image": (Image, lambda message, at: section.image(message, robot)),
+        }
+        return [
+            self.subscribe(f"{below}{topic}", kind, take, queue_size=1 if kind is Image else 100)
+            for topic, (kind, take) in takes.items()
+        ]
 
 
 class SaidSection:
     """Keeps the section ``said`` of the state; the page fetches the picture itself.
+
+    In all methods `robot` is the name of one of several robots, empty for the only one.
 
     :param pictures: takes it, as ``seen``.
     """
@@ -67,35 +79,32 @@ class SaidSection:
         self._number = 0
         tree.set("said", "entries", [])
 
-    def spoken(self, request: Any, at: float) -> None:
+    def spoken(self, request: Any, at: float, robot: str = "") -> None:
         """Takes a message with the fields of sound_play/SoundRequest; sounds that are not texts count not."""
         if request.sound == SAY and request.arg.strip():
             words = request.arg.strip()
-            self._add("said", words, at)
-            self._report(sentence("speech", say("said “{words}”", words=words), at))
+            self._add("said", words, at, robot, say("said “{words}”", words=words))
 
-    def heard(self, result: Any, at: float) -> None:
+    def heard(self, result: Any, at: float, robot: str = "") -> None:
         """Takes a message with the fields of merlin_msgs/ListenResult."""
         if result.heard:
             unclear = say("something that was not understood")
-            self._add("heard", result.text or unclear, at)
             heard = (
                 say("heard “{words}”", words=result.text)
                 if result.text
                 else say("heard {what}", what=unclear)
             )
-            self._report(sentence("speech", heard, at))
+            self._add("heard", result.text or unclear, at, robot, heard)
 
-    def seen(self, names: List[str], at: float) -> None:
+    def seen(self, names: List[str], at: float, robot: str = "") -> None:
         """Takes what a look has found."""
         counts = {name: names.count(name) for name in names}
         shown = [f"{count} × {name}" if count > 1 else name for name, count in counts.items()]
         listed: List[Phrase] = [name.replace("_", " ") for name in shown]
         found = listed or say("nothing of what it knows")
-        self._add("seen", found, at)
-        self._report(sentence("sight", say("saw {what}", what=found), at))
+        self._add("seen", found, at, robot, say("saw {what}", what=found))
 
-    def image(self, message: Any) -> None:
+    def image(self, message: Any, robot: str = "") -> None:
         """Takes a message with the fields of sensor_msgs/Image; other encodings are left out."""
         channels, size = _CHANNELS.get(message.encoding), _BYTES.get(message.encoding, 1)
         if channels is None or len(message.data) < message.step * message.height or message.width < 1:
@@ -106,13 +115,20 @@ class SaidSection:
         stride = max(1, -(-message.width // WIDEST))
         picture = png(numpy.ascontiguousarray(pixels[::stride, ::stride, list(channels)]))
         self._tree.set("said", "picture", self._pictures.put("seen", picture))
+        self._tree.set("said", "looked", robot)
 
-    def _add(self, kind: str, words: Phrase, at: float) -> None:
+    def _add(self, kind: str, words: Phrase, at: float, robot: str, told: Phrase) -> None:
         self._number += 1
-        self._entries = [{"number": self._number, "kind": kind, "words": words, "at": at}, *self._entries][
-            :MOST
-        ]
+        entry = {"number": self._number, "kind": kind, "words": words, "at": at, "robot": robot}
+        self._entries = [entry, *self._entries][:MOST]
         self._tree.set("said", "entries", self._entries)
+        told = say("{node} {what}", node=robot, what=told) if robot else told
+        self._report(sentence("sight" if kind == "seen" else "speech", told, at))
+
+
+def _names(result: Any) -> List[str]:
+    found = [_best(detection, list(result.names)) for detection in result.detections.detections]
+    return [name for name in found if name]
 
 
 def _best(detection: Any, names: Any) -> str:
