@@ -9,6 +9,8 @@ import rospkg
 from roslaunch.core import Node
 
 from merlin.launch_request import LaunchError, LaunchRequest, one_line
+from merlin_actions.testing.result_script import fields_of
+from merlin_ros.robot_values import of_robot, texts
 
 #: Executable → the actions that it serves.
 SERVED = {
@@ -20,6 +22,8 @@ SERVED = {
 }
 #: Executables that stand in for a robot: with one of them the launch file starts every server itself.
 STAND_INS = {("merlin_sim", "merlin_sim"), ("merlin_actions", "simulated_base")}
+#: Executables that a parameter scripts, for all robots or for each.
+SCRIPTED = {("merlin_actions", "simulated_action_server"), ("merlin_sim", "person_voice")}
 KNOWLEDGE_BASE = "rosplan_knowledge_base"
 #: Ends of the names of parameters that name a file which has to be there when a node starts.
 FILE_PARAMETERS = ("/domain_path", "knowledge_base/problem_path", "/world_file", "/world_path")
@@ -45,20 +49,11 @@ class LaunchConfig:
             raise LaunchError(one_line(error)) from error
         self.nodes: List[Node] = list(config.nodes)
         self._params: Dict[str, Any] = {key: param.value for key, param in config.params.items()}
+        check_scripts(self.nodes, self._params)
 
     def param(self, name: str, default: Any = None) -> Any:
         """The value of a parameter; a folder of parameters becomes a dictionary."""
-        if name in self._params:
-            return self._params[name]
-        found: Dict[str, Any] = {}
-        for key, value in self._params.items():
-            if key.startswith(f"{name}/"):
-                *folders, last = key[len(name) + 1 :].split("/")
-                place = found
-                for folder in folders:
-                    place = place.setdefault(folder, {})
-                place[last] = value
-        return found or default
+        return _param(self._params, name, default)
 
     def hosts(self) -> Iterator[Tuple[str, Node]]:
         """The hosts of action classes, with their namespaces, which end in a slash."""
@@ -115,6 +110,41 @@ def check_files(parameters: Dict[str, Any]) -> None:
             raise LaunchError(
                 f"the file {value} (parameter {key}) is missing; give the path of one that exists"
             )
+
+
+def check_scripts(nodes: Iterable[Node], parameters: Dict[str, Any]) -> None:
+    """Looks at what simulated servers hear and see, and what simulated persons answer.
+
+    :raises LaunchError: it has a wrong shape, or names a robot that there is not.
+    """
+    for node in nodes:
+        if (node.package, node.type) not in SCRIPTED:
+            continue
+        own = f"{node.namespace}{node.name}"
+        robot, robots = str(_param(parameters, f"{own}/robot", "")), _param(parameters, f"{own}/robots", [])
+        for key in ("answers", "sees"):
+            try:
+                value = of_robot(key, _param(parameters, f"{own}/{key}"), robot, robots)
+                if node.package == "merlin_actions":
+                    fields_of({key: value})
+                elif value is not None:
+                    texts(key, value)
+            except ValueError as error:
+                raise LaunchError(str(error)) from None
+
+
+def _param(parameters: Dict[str, Any], name: str, default: Any = None) -> Any:
+    if name in parameters:
+        return parameters[name]
+    found: Dict[str, Any] = {}
+    for key, value in parameters.items():
+        if key.startswith(f"{name}/"):
+            *folders, last = key[len(name) + 1 :].split("/")
+            place = found
+            for folder in folders:
+                place = place.setdefault(folder, {})
+            place[last] = value
+    return found or default
 
 
 def check_executables(nodes: Iterable[Node]) -> None:

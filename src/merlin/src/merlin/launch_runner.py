@@ -26,7 +26,7 @@ from roslaunch.pmon import ProcessListener
 from roslaunch.substitution_args import SubstitutionException
 
 from merlin.error_relay import ErrorRelay
-from merlin.launch_config import check_executables, check_files
+from merlin.launch_config import check_executables, check_files, check_scripts
 from merlin.launch_request import HelpWanted, LaunchError, LaunchRequest, one_line
 from merlin.linger import Page, keep, lingers, page_of, terminal
 from merlin.local_names import LOCALHOST, LOOPBACK, given_address, master_uri, resolves, use_loopback
@@ -127,6 +127,7 @@ class _Parent(roslaunch.parent.ROSLaunchParent, ProcessListener):
         except (ValueError, SubstitutionException) as error:  # roslaunch does not wrap all of them
             raise LaunchError(one_line(error)) from error
         check_files(self.parameters())
+        check_scripts(self.config.nodes, self.parameters())
         # roslaunch starts its core nodes (rosout) only together with a master of its own.
         self.config.nodes.extend(self.config.nodes_core)
         check_executables(self.config.nodes)

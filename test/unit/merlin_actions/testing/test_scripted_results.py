@@ -39,7 +39,7 @@ def test_any_result_can_be_written_as_its_fields():
     [
         {"answers": []},
         {"answers": "yes"},
-        {"answers": [True]},
+        {"answers": [1]},
         {"sees": ["person"]},
         {"results": [{"words": "yes"}]},
         {"results": ["yes"]},

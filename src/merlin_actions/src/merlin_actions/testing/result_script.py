@@ -2,6 +2,8 @@
 
 from typing import Any, Callable, Dict, List, Mapping, Sequence
 
+from merlin_ros.robot_values import texts
+
 Fields = Dict[str, Any]
 
 
@@ -31,9 +33,8 @@ def _results(values: Sequence[Any]) -> List[Fields]:
 
 
 def _answers(values: Sequence[Any]) -> List[Fields]:
-    if not all(isinstance(value, str) for value in values):
-        raise ValueError(f"answers has to be a list of texts, not {values!r}; quote 'yes' and 'no' in YAML")
-    return [{"text": value, "confidence": float(bool(value)), "heard": True} for value in values]
+    answers = texts("answers", values)
+    return [{"text": value, "confidence": float(bool(value)), "heard": True} for value in answers]
 
 
 def _sees(values: Sequence[Any]) -> List[Fields]:

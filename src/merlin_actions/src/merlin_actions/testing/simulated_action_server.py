@@ -12,6 +12,7 @@ from merlin_actions.testing.scripted_results import ScriptedResults
 from merlin_ros.actions.action_server import ServerGoal
 from merlin_ros.actions.serial_action_server import SerialActionServer
 from merlin_ros.node import run_node
+from merlin_ros.robot_values import of_robot
 from merlin_ros.ros_alarm import call_after
 
 
@@ -137,7 +138,10 @@ def behaviour_from_params() -> Behaviour:
 
 
 def main() -> int:
-    """Runs a node: `~action` (name) and `~type` (``move_base_msgs/MoveBase``), a behaviour and a script."""
+    """Runs a node: `~action` (name) and `~type` (``move_base_msgs/MoveBase``), a behaviour and a script.
+
+    A script may be one for each of several robots; `~robot` is the name of its own, `~robots` has all names.
+    """
     return run_node("simulated_action_server", _start, KeyError, ValueError)
 
 
@@ -148,7 +152,11 @@ def _start() -> None:
     action_spec: Optional[type] = get_message_class(type_name)
     if action_spec is None:
         raise ValueError(f"there is no message type {type_name!r}")
-    script = {key: rospy.get_param(f"~{key}", None) for key in ("results", "answers", "sees")}
+    robot, robots = rospy.get_param("~robot", ""), rospy.get_param("~robots", [])
+    script = {
+        key: of_robot(key, rospy.get_param(f"~{key}", None), robot, robots)
+        for key in ("results", "answers", "sees")
+    }
     server = SimulatedActionServer(name, action_spec, behaviour_from_params(), script=script)
     rospy.on_shutdown(server.shutdown)
     server.start()

@@ -8,6 +8,7 @@ import rospy
 
 from merlin_reactive.pose import Point
 from merlin_ros.parameters import ParameterError, number
+from merlin_ros.robot_values import of_robot, texts
 from merlin_sim.people.person_answers import Answers
 
 HEARING = 4.0  # m
@@ -75,11 +76,18 @@ def nearest(
 def read_listeners() -> List[HearingPerson]:
     """The people of the parameters: those of ``~people``, or the one that the other parameters describe.
 
+    ``~answers`` may be a list for each of the robots of ``~robots``; ``~robot`` is the one of this node.
+
     :raises ParameterError: a parameter cannot be used.
     """
+    robot, robots = rospy.get_param("~robot", ""), rospy.get_param("~robots", [])
+    try:
+        answers = of_robot("~answers", rospy.get_param("~answers", ["no thank you"]), robot, robots)
+    except ValueError as error:
+        raise ParameterError(f"parameter {error}") from None
     shared: Dict[str, Any] = {
         "voice": rospy.get_param("~voice", VOICE),
-        "answers": rospy.get_param("~answers", ["no thank you"]),
+        "answers": [] if answers is None else answers,
         "hearing": number("~hearing", HEARING, 0.1),
     }
     people = rospy.get_param("~people", {})
@@ -100,9 +108,11 @@ def _keys(name: str, fields: Any) -> Dict[str, Any]:
 
 
 def _listener(where: str, name: str, fields: Dict[str, Any]) -> HearingPerson:
-    answers, hearing, position = fields["answers"], fields["hearing"], fields.get("position")
-    if not isinstance(answers, list) or not all(isinstance(answer, str) for answer in answers):
-        raise ParameterError(f"parameter {where}answers is {answers!r}, not a list of sentences")
+    hearing, position = fields["hearing"], fields.get("position")
+    try:
+        answers = texts(f"{where}answers", fields["answers"])
+    except ValueError as error:
+        raise ParameterError(f"parameter {error}") from None
     if not isinstance(hearing, (int, float)) or not hearing > 0:
         raise ParameterError(f"parameter {where}hearing is {hearing!r}, not a distance in m")
     if position is not None:
