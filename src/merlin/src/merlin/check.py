@@ -18,6 +18,7 @@ from merlin_actions.core.declared import declared_fault
 from merlin_actions.core.robot_check import check_robots, robot_parameters, unnamed_robots
 from merlin_actions.machine_survey import fitted, survey
 from merlin_executor.mission.mission_host import load_mission
+from merlin_executor.mission.readiness import servers_of
 from merlin_pddl.checks.portability import declared_twice
 from merlin_pddl.domain import Domain, Signature
 from merlin_pddl.domain_reader import read_domain
@@ -62,13 +63,20 @@ def _report(name: str, config: LaunchConfig) -> int:
             raise LaunchError(
                 "it starts no actions; include actions.launch, robot.launch or application.launch"
             )
+        mistakes: Dict[str, List[str]] = {}  # mistake → the robots of the hosts that have it
         for namespace, host in hosts:
-            print(f"{name}: {check_host(config, namespace, host)}")
+            try:
+                print(f"{name}: {check_host(config, namespace, host)}")
+            except ApplicationError as error:
+                robot = str(config.param(f"{namespace}{host.name}/robot", ""))
+                for mistake in error.mistakes:
+                    mistakes.setdefault(mistake, []).append(robot)
+        for mistake, robots in mistakes.items():
+            whose = "" if "" in robots else f"robot {' and '.join(robots)}: "
+            print(f"{name}: {whose}{mistake}", file=sys.stderr)
+        if mistakes:
+            return EXIT_MISTAKES
         check_missions(config)
-    except ApplicationError as error:
-        for mistake in error.mistakes:
-            print(f"{name}: {mistake}", file=sys.stderr)
-        return EXIT_MISTAKES
     except (LaunchError, PddlError) as error:
         print(f"{name}: {error}", file=sys.stderr)
         return EXIT_MISTAKES
@@ -144,8 +152,14 @@ def check_missions(config: LaunchConfig) -> None:
             servers = load_mission(path).servers
         except ValueError as error:
             raise LaunchError(f"node {own}: {error}; correct its mission:=package.module:Class") from error
-        served = config.servers(node.namespace)
-        missing = [name for name in servers if name not in served] if config.has_robot else []
+        robots = config.robots()
+        served = [
+            below + name
+            for below in ("", *(f"{robot}/" for robot in robots))
+            for name in config.servers(node.namespace + below)
+        ]
+        wanted = servers_of(servers, robots)
+        missing = [name for name in wanted if name not in served] if config.has_robot else []
         if missing:
             raise LaunchError(
                 f"node {own}: {path} waits for the action servers {', '.join(missing)}, which the launch "
