@@ -2,7 +2,7 @@
 
 import os
 from pathlib import Path
-from typing import Callable, Dict, Iterator, Tuple
+from typing import Callable, Dict, Iterator, List, Tuple
 
 import pytest
 import rospy
@@ -29,23 +29,39 @@ def ros_master(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
 
 
 @pytest.fixture(scope="session")
-def robot_of_session(ros_master: str) -> Iterator[SimulatedRobot]:
-    """The servers, which are started once."""
-    robot = SimulatedRobot()
-    yield robot
-    robot.shutdown()
+def robots_of_session(ros_master: str) -> Iterator[Dict[str, SimulatedRobot]]:
+    """The servers of each robot, which are started once; that of the only one has no name."""
+    robots: Dict[str, SimulatedRobot] = {}
+    yield robots
+    for robot in robots.values():
+        robot.shutdown()
 
 
 @pytest.fixture
-def robot(robot_of_session: SimulatedRobot, request: pytest.FixtureRequest) -> SimulatedRobot:
+def robots(
+    robots_of_session: Dict[str, SimulatedRobot], request: pytest.FixtureRequest
+) -> Callable[..., List[SimulatedRobot]]:
+    """Robots of one plan whose servers do what the test says: ``ria, tom = robots("ria", "tom")``."""
+
+    def ready(*names: str) -> List[SimulatedRobot]:
+        for name in names:
+            if name not in robots_of_session:
+                robots_of_session[name] = SimulatedRobot(name)
+            robots_of_session[name].reset(Path(str(request.node.fspath)).parent)
+        return [robots_of_session[name] for name in names]
+
+    return ready
+
+
+@pytest.fixture
+def robot(robots: Callable[..., List[SimulatedRobot]]) -> SimulatedRobot:
     """A robot whose servers do what the test says."""
-    robot_of_session.reset(Path(str(request.node.fspath)).parent)
-    return robot_of_session
+    return robots("")[0]
 
 
 @pytest.fixture(scope="session")
 def applications(
-    robot_of_session: SimulatedRobot, tmp_path_factory: pytest.TempPathFactory
+    ros_master: str, tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[Callable[..., Application]]:
     """Starts applications, at most one at a time."""
     running: Dict[Tuple[str, ...], Application] = {}

@@ -83,21 +83,25 @@ class SimulatedRobot:
 
     Without a script each goal succeeds after 0.02 s, hears nothing and sees nothing.
 
+    :param name: of one of several robots, below which it serves; empty: the only robot.
     :ivar said: texts that were spoken, in order.
     :ivar drives: goals of move_base, as (x, y) in frame map.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, name: str = "") -> None:
         self.said: List[str] = []
         self.drives: List[Tuple[float, float]] = []
         self._folder = Path()
         self._drive_began = threading.Event()
         notes = {"move_base": self._note_drive, "sound_play": self._note_speech}
         self._servers: Dict[str, SimulatedActionServer] = {
-            name: SimulatedActionServer(
-                name, action, Behaviour(DURATION), on_goal=notes.get(name, lambda goal: None)
+            server: SimulatedActionServer(
+                f"{name}/{server}" if name else server,
+                action,
+                Behaviour(DURATION),
+                on_goal=notes.get(server, lambda goal: None),
             )
-            for name, action in SERVED.items()
+            for server, action in SERVED.items()
         }
         for server in self._servers.values():
             server.start()
