@@ -1,5 +1,6 @@
 """What `rosrun merlin new` writes and refuses, without building it."""
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -11,9 +12,10 @@ from merlin.new import command
 from merlin.new.application import SPEED, TURNING, ApplicationRefused, application_of, new_application
 from merlin.new.names import NameRefused, check_operator, check_package, class_name, needs_operator
 from merlin.new.package_writer import files_of, write_application
+from merlin.new.robots_added import with_robots
 from merlin_actions.core.names import snake_case
 from merlin_pddl.domain_reader import parse_domain, read_domain
-from merlin_pddl.problem_reader import parse_problem
+from merlin_pddl.problem_reader import parse_problem, read_problem
 from merlin_pddl.text_reader import PddlError
 
 PDDL = Path(__file__).parents[3] / "pddl"
@@ -186,3 +188,92 @@ def test_options_that_do_not_fit_are_refused(words, tmp_path, monkeypatch, capsy
     monkeypatch.chdir(tmp_path)
     assert command.main(["my_robot", *words]) == 2
     assert capsys.readouterr().err.startswith("merlin new: ") and not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("specs", [["greet ?p - poi", "wave"], []], ids=str)
+def test_several_robots_are_in_domain_problem_world_and_launch_file(specs, tmp_path):
+    application = new_application("my_robots", specs, (), ["ria", "tom"])
+    package = write_application(application, tmp_path / "ws", "python3")
+    domain = read_domain(package / "pddl" / "domain.pddl")
+    problem = read_problem(package / "pddl" / "problem.pddl", domain)
+    assert all(operator.parameters[0].types == ("robot",) for operator in domain.operators.values())
+    assert [name for name, types in problem.objects.items() if types == ("robot",)] == ["ria", "tom"]
+    assert ("robot_at", ("tom", "anywhere")) in [(fact.name, fact.args) for fact in problem.facts]
+    world = yaml.safe_load((package / "worlds" / "my_robots.yaml").read_text())
+    (first, second) = world["starts"]
+    assert abs(first["x"] - second["x"]) > 1.0  # m; they do not touch
+    assert 'name="robots" default="ria,tom"' in (package / "launch" / "my_robots.launch").read_text()
+    assert application.actions[0].parameters == (("p",) if specs else application.actions[0].parameters)
+    for words in (["check"], ["format", "--check"]):
+        ruff = [sys.executable, "-m", "ruff", *words, str(package)]
+        assert subprocess.run(ruff, capture_output=True, check=False).returncode == 0
+
+
+@pytest.mark.parametrize("folder", ["home", "restaurant"])
+def test_a_domain_of_one_robot_gets_robots_and_keeps_the_rest(folder, tmp_path):
+    domain, problem = (PDDL / folder / f"{name}.pddl" for name in ("domain", "problem"))
+    application = application_of("two", domain, problem, ["ria", "tom"])
+    assert application.navigates and application.robots == ["ria", "tom"]
+    found = parse_domain(application.domain_text)
+    before = read_domain(domain)
+    for name, operator in found.operators.items():
+        labels = [each.label for each in operator.parameters]
+        assert labels == ["r", *(each.label for each in before.operators[name].parameters)]
+        assert "(available ?r)" in application.domain_text
+    assert [each.label for each in found.predicates["robot_at"].parameters][0] == "r"
+    facts = {(fact.name, *fact.args) for fact in parse_problem(application.problem_text, found).facts}
+    begins = next(f.args for f in read_problem(problem, before).facts if f.name == "robot_at")
+    assert {("robot_at", "ria", *begins), ("robot_at", "tom", *begins), ("available", "tom")} <= facts
+    assert application.domain_text.count(";") == domain.read_text().count(";")
+    assert all("r" not in action.parameters for action in application.actions)
+
+
+def test_a_domain_of_several_robots_is_kept_and_has_to_know_them(tmp_path):
+    domain, problem = (PDDL / "home" / f"robots{name}.pddl" for name in ("", "_problem"))
+    text = problem.read_text().replace("(:goal (robot_at ann anywhere))", "(:goal (checked kitchen))")
+    copy = tmp_path / "problem.pddl"
+    copy.write_text(text)
+    application = application_of("two", domain, copy, ["ann", "bob"])
+    assert application.domain_text == domain.read_text()
+    assert [action.parameters for action in application.actions] == [("p",)] and application.navigates
+    with pytest.raises(ApplicationRefused, match="has no object carl of type robot"):
+        application_of("two", domain, copy, ["ann", "carl"])
+
+
+@pytest.mark.parametrize(
+    ("robots", "specs", "said"),
+    [
+        ("Ria", ["f"], "robot 'Ria': a name has lower case"),
+        ("ria ria", ["f"], "named twice"),
+        ("and", ["f"], "keyword of PDDL"),
+        ("hall", ["f"], "hall is an object already"),
+        ("ria tom", ["f ?r - poi"], "--robots adds the robot, as ?r"),
+        ("ria tom", ["f ?x - robot"], "--robots adds the robot, as ?r"),
+        ("a b c d e f", ["f"], "6 robots; at most 5"),
+    ],
+)
+def test_robots_that_cannot_be_are_refused_with_the_reason(robots, specs, said):
+    with pytest.raises((ApplicationRefused, NameRefused)) as error:
+        new_application("my_robots", specs, (), robots.split())
+    assert said in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("instead", "said"),
+    [
+        (("(:goal (in_service))", "(:goal (robot_at kitchen))"), "the goal (robot_at kitchen) does not say"),
+        (
+            ("?p - poi)\n    :duration (= ?duration 5)", "?r - poi)\n    :duration (= ?duration 5)"),
+            "ask has a ?r",
+        ),
+        (("(:types", "(:kinds"), "there is no (:types …)"),
+    ],
+)
+def test_where_the_robot_is_not_clear_it_is_said(instead, said, tmp_path):
+    files = []
+    for name in ("domain", "problem"):
+        text = (PDDL / "home" / f"{name}.pddl").read_text().replace(*instead)
+        files.append(tmp_path / f"{name}.pddl")
+        files[-1].write_text(text)
+    with pytest.raises(PddlError, match=re.escape(said)):
+        with_robots(*(file.read_text() for file in files), ["ria"], ("domain", "problem"))

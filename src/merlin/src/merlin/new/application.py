@@ -8,22 +8,29 @@ from merlin.new.names import (
     MOST_PARAMETERS,
     NameRefused,
     check_operator,
+    check_robot,
     check_symbol,
     class_name,
     module_name,
     needs_operator,
 )
+from merlin.new.robots_added import AT, VARIABLE, with_robots
 from merlin_pddl.domain import Domain, Signature
-from merlin_pddl.domain_reader import read_domain
+from merlin_pddl.domain_reader import parse_domain
 from merlin_pddl.formula import Atom, Comparison, Not, to_pddl
 from merlin_pddl.formula_reader import parameters, typed_list
-from merlin_pddl.problem_reader import read_problem
+from merlin_pddl.problem import Problem
+from merlin_pddl.problem_reader import parse_problem
 from merlin_pddl.text_reader import Expression, PddlError, Word, read_expression, read_text
 
 #: Points of interest of a new domain.
 POINTS = ("hall", "kitchen")
 #: Types of a new domain, and their parents.
 TYPES = {"place": "object", "poi": "place"}
+#: The type of several robots.
+ROBOT = "robot"
+#: Most robots of a new application: so many begin side by side in its room.
+MOST_ROBOTS = 5
 #: What is written when no action is named.
 DEFAULT_ACTION = "greet ?p - poi"
 #: m between two points of interest, and between them and the walls.
@@ -94,6 +101,7 @@ class NewAction:
 class NewApplication:
     """A new application; the templates read its fields.
 
+    :param robots: names of several robots in one plan; none: one robot without a name.
     :param domain_text: a domain that exists; empty: one is written. Likewise `problem_text`.
     """
 
@@ -104,6 +112,7 @@ class NewApplication:
     types: Dict[str, str] = field(default_factory=dict)
     goals: List[str] = field(default_factory=list)
     navigates: bool = True
+    robots: Sequence[str] = ()
     domain_text: str = ""
     problem_text: str = ""
 
@@ -132,13 +141,14 @@ class NewApplication:
         return 2 * MARGIN + SPACING * (self.columns - 1), 2 * MARGIN + SPACING * max(1, rows)
 
     @property
-    def start(self) -> Tuple[float, float]:
-        """Where the robot begins: between the last row and the wall, m."""
-        return self.size[0] / 2, self.size[1] - MARGIN
+    def starts(self) -> List[Tuple[float, float]]:
+        """Where the robots begin: side by side between the last row and the wall, m."""
+        count, (width, depth) = max(1, len(self.robots)), self.size
+        return [(round(width * (i + 1) / (count + 1), 2), depth - MARGIN) for i in range(count)]
 
     def times(self) -> List[Tuple[str, str, float]]:
         """From, to and time of each drive, s."""
-        places, (x, y) = self.places, self.start
+        places, (x, y) = self.places, (self.size[0] / 2, self.size[1] - MARGIN)
         starts = {"anywhere": (x, y), **places}
         return [
             (start, end, round(((a - c) ** 2 + (b - d) ** 2) ** 0.5 / SPEED + TURNING, 1))
@@ -148,65 +158,126 @@ class NewApplication:
         ]
 
 
-def new_application(package: str, specs: Sequence[str], kinds: Sequence[str] = ()) -> NewApplication:
+def new_application(
+    package: str, specs: Sequence[str], kinds: Sequence[str] = (), robots: Sequence[str] = ()
+) -> NewApplication:
     """An application with a domain of its own.
 
     :param specs: the actions, ``fetch ?o - object ?from ?to - place`` each.
     :param kinds: further types, ``box tray - object`` each.
+    :param robots: names of several robots in one plan; each operator gets one.
     :raises NameRefused: for names that cannot be used.
     :raises ApplicationRefused: for text that is not an action or a list of types.
     """
     domain = Domain(package)
     for name, parent in TYPES.items():
         domain.types.declare(name, [parent])
+    if robots:
+        _check_robots(robots)
+        domain.types.declare(ROBOT, ["object"])
     types = _new_types(domain, kinds)
     actions = [_read_action(spec, domain) for spec in specs or [DEFAULT_ACTION]]
+    for action in actions:
+        if robots and (VARIABLE[1:] in action.parameters or ROBOT in action.types):
+            raise ApplicationRefused(
+                f"--action '{action.operator}': --robots adds the robot, as {VARIABLE}; leave it out, "
+                "and call no other parameter so"
+            )
     _check_modules(actions)
-    application = NewApplication(package, actions, types=types)
+    application = NewApplication(package, actions, types=types, robots=robots)
     _add_objects(application, domain)
     application.goals = [_goal(action, application, domain) for action in actions]
+    taken = [name for name in robots if name in application.points or name in application.objects]
+    if taken:
+        raise ApplicationRefused(f"--robots: {taken[0]} is an object already; call the robot something else")
     return application
 
 
-def application_of(package: str, domain_file: Path, problem_file: Path) -> NewApplication:
+def application_of(
+    package: str, domain_file: Path, problem_file: Path, robots: Sequence[str] = ()
+) -> NewApplication:
     """An application around a domain and a problem that exist; its goals are those of the problem.
 
+    :param robots: names of several robots in one plan. A domain without the type ``robot`` gets it, and a
+        robot in each operator and in ``robot_at``.
     :raises PddlError: when one of the files is not PDDL.
     :raises NameRefused: when an operator cannot be a class.
     :raises ApplicationRefused: when the problem has no goals that a mission can send.
     """
-    domain = read_domain(domain_file)
-    problem = read_problem(problem_file, domain)
+    domain_text, problem_text = _read(domain_file), _read(problem_file)
+    domain = parse_domain(domain_text, str(domain_file))
+    if robots:
+        _check_robots(robots)
+        if ROBOT not in domain.types:
+            names = str(domain_file), str(problem_file)
+            domain_text, problem_text = with_robots(domain_text, problem_text, robots, names)
+            domain = parse_domain(domain_text, str(domain_file))
+    problem = parse_problem(problem_text, domain, str(problem_file))
+    for robot in robots:
+        if not _is_object(robot, ROBOT, domain, problem):
+            raise ApplicationRefused(f"{problem_file} has no object {robot} of type {ROBOT}; add it")
     navigate = domain.operators.get("navigate")
-    navigates = navigate is not None and _is_ready_navigate(navigate, domain)
+    navigates = navigate is not None and _is_ready_navigate(navigate, domain, robots)
     actions = []
     for operator in domain.operators.values():
         if operator is navigate and navigates:
             continue
         check_operator(operator.name)
-        variables = tuple(parameter.label for parameter in operator.parameters)
+        variables = tuple(_labels(operator, domain, robots))
         actions.append(NewAction(operator.name, variables, ()))
     _check_modules(actions)
-    application = NewApplication(package, actions, navigates=navigates)
-    application.domain_text = domain_file.read_text(encoding="utf-8-sig")
-    application.problem_text = problem_file.read_text(encoding="utf-8-sig")
+    application = NewApplication(package, actions, navigates=navigates, robots=robots)
+    application.domain_text, application.problem_text = domain_text, problem_text
     application.goals = [_sendable(goal, problem_file) for goal in problem.goals]
     if not application.goals:
         raise ApplicationRefused(f"{problem_file} has no goal; write the one that the mission shall send")
     if navigates and navigate is not None:
-        wanted = navigate.parameters[1].types
+        wanted = next(each.types for each in navigate.parameters if each.label == "to")
         application.points = [
             name
-            for name, types in problem.objects.items()
-            if any(domain.types.is_a(own, kind) for own in types for kind in wanted)
+            for name in problem.objects
+            if any(_is_object(name, kind, domain, problem) for kind in wanted)
         ] or list(POINTS)
     return application
 
 
-def _is_ready_navigate(operator: Signature, domain: Domain) -> bool:
+def _read(file: Path) -> str:
+    try:
+        return file.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise PddlError(f"this is no text in UTF-8: {error}", str(file)) from error
+
+
+def _is_object(name: str, kind: str, domain: Domain, problem: Problem) -> bool:
+    types = {**domain.constants, **problem.objects}.get(name, ())
+    return any(domain.types.is_a(own, kind) for own in types)
+
+
+def _labels(operator: Signature, domain: Domain, robots: Sequence[str]) -> List[str]:
+    """Its parameters; of several robots without the robot, which the base class of actions adds."""
+    kinds = {each.label: each.types for each in operator.parameters}
+    its = [
+        label for label, types in kinds.items() if robots and all(domain.types.is_a(t, ROBOT) for t in types)
+    ]
+    return [label for label in kinds if len(its) != 1 or label not in its]
+
+
+def _check_robots(robots: Sequence[str]) -> None:
+    """Refuses names of robots that cannot be used, and more of them than the new room has space for."""
+    for name in robots:
+        check_robot(name)
+        if robots.count(name) > 1:
+            raise NameRefused(f"robot '{name}' is named twice")
+    if len(robots) > MOST_ROBOTS:
+        raise ApplicationRefused(
+            f"--robots: {len(robots)} robots; at most {MOST_ROBOTS} begin in the new room"
+        )
+
+
+def _is_ready_navigate(operator: Signature, domain: Domain, robots: Sequence[str]) -> bool:
     """Whether MERLIN's own Navigate runs this operator."""
-    labels = [parameter.label for parameter in operator.parameters]
-    return labels == ["from", "to"] and "robot_at" in domain.predicates and "anywhere" in domain.constants
+    labels = _labels(operator, domain, robots)
+    return labels == ["from", "to"] and AT in domain.predicates and "anywhere" in domain.constants
 
 
 def _sendable(goal: object, file: Path) -> str:

@@ -63,19 +63,27 @@ def _options(arguments: Optional[List[str]]) -> argparse.Namespace:
     parser.add_argument(
         "--problem", type=Path, metavar="FILE", help="its problem, whose goals the mission sends"
     )
+    parser.add_argument(
+        "--robots",
+        default="",
+        metavar="NAMES",
+        help="several robots in one plan: ria,tom; every operator gets its robot, also one of --from-domain "
+        "that has none",
+    )
     parser.add_argument("--workspace", metavar="FOLDER", help="default: NAME_ws; made when it does not exist")
     return parser.parse_args(arguments)
 
 
 def _application(options: argparse.Namespace) -> NewApplication:
+    robots = options.robots.replace(",", " ").split()
     if options.from_domain is None:
         if options.problem is not None:
             raise ApplicationRefused("--problem belongs to --from-domain; name the domain, too")
-        return new_application(options.name, options.action, options.type)
+        return new_application(options.name, options.action, options.type, robots)
     if options.action or options.type:
         raise ApplicationRefused(
             "--from-domain has actions and types of its own; leave --action and --type out"
         )
     if options.problem is None:
         raise ApplicationRefused("--from-domain needs --problem FILE too: the mission sends its goals")
-    return application_of(options.name, options.from_domain, options.problem)
+    return application_of(options.name, options.from_domain, options.problem, robots)

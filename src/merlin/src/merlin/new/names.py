@@ -25,6 +25,7 @@ READY = {
 }
 
 _PACKAGE = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*\Z")
+_ROBOT = re.compile(r"[a-z][a-z0-9_]*\Z")
 _OPERATOR = re.compile(r"[a-z][a-z0-9]*([_-][a-z0-9]+)*\Z")
 _LIMITS = f"at most {LONGEST} characters"
 
@@ -73,6 +74,15 @@ def check_symbol(kind: str, name: str) -> None:
     """
     _check_form(kind, name, _OPERATOR, "lower case, digits, _ and -, beginning with a letter")
     _check_pddl(kind, name)
+
+
+def check_robot(name: str) -> None:
+    """Checks the name of a robot, which is its namespace and an object of the problem.
+
+    :raises NameRefused: when it has other signs, is too long or a keyword of PDDL.
+    """
+    _check_form("robot", name, _ROBOT, "lower case, digits and _, beginning with a letter")
+    _check_pddl("robot", name)
 
 
 def module_name(operator: str) -> str:
