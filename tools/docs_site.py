@@ -23,6 +23,7 @@ MENU: Tuple[Tuple[str, Tuple[str, ...]], ...] = (
             "README.md",
             "docs/hello.md",
             "docs/tutorial.md",
+            "docs/museum.md",
             "docs/testing.md",
             "docs/real-robot.md",
             "docs/platforms.md",

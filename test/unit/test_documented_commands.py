@@ -21,7 +21,7 @@ PAGES = sorted(
 )
 TOOLS = ("roslaunch", "rosrun", "make", "rostest", "python")
 #: Packages that a page makes, or that its reader has.
-OTHERS = ("my_robot", "my_package", "actionlib", "smach_viewer", "rqt_graph", "topic_tools", "tf")
+OTHERS = ("my_robot", "museum", "my_package", "actionlib", "smach_viewer", "rqt_graph", "topic_tools", "tf")
 RUNNERS = (("merlin", "run"), ("merlin", "check"))
 
 

@@ -34,6 +34,17 @@ class TakeOrder(MerlinActionSM):
 """
 
 
+TALKS = """from merlin_actions.merlin_action_sm import MerlinActionSM
+
+
+class Drive(MerlinActionSM):
+    parameters = ["from", "to"]
+
+    def build(self):
+        self.add("HEAR", self.state("ask", "Here?", "grammar"), {"misunderstood": "aborted"})
+"""
+
+
 def check(tmp_path: Path, *words: str, **variables: str) -> "subprocess.CompletedProcess[str]":
     env = {**os.environ, "ROS_LOG_DIR": str(tmp_path), "ROS_HOME": str(tmp_path), **variables}
     return subprocess.run(
@@ -85,6 +96,28 @@ def test_robots_are_checked(tmp_path: Path, robots: str, said: str) -> None:
     if not said:
         assert "robot bob: 1 operators, 1 classes" in done.stdout
         assert "application.launch: 1 operators, 0 classes" in done.stdout
+
+
+def test_what_does_not_fit_on_one_robot_has_its_name_and_what_robots_hear_is_checked(tmp_path: Path) -> None:
+    file = tmp_path / "talks.py"
+    file.write_text(TALKS)
+    pddl = Path(__file__).resolve().parents[3] / "pddl" / "robots"
+    launch = str(pddl.parents[1] / "launch" / "include" / "application.launch")
+    words = [f"domain_path:={pddl}/domain.pddl", f"problem_path:={pddl}/problem.pddl", "on:=servers"]
+    path = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
+    words += [launch, "robots:=ann,bob", "actions:=['talks:Drive']"]
+    done = check(tmp_path, *words, PYTHONPATH=path)
+    assert done.returncode == 2
+    assert "application.launch: robot ann and bob: state HEAR/LISTEN of Drive uses" in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+    done = check(tmp_path, *words, "answers:={ann: [yes]}", PYTHONPATH=path)
+    assert done.returncode == 0, done.stderr
+    for wrong, said in (
+        ("{ann: [yes], tim: [no]}", "answers names tim; the robots of robots:=… are ann, bob"),
+        ("{ann: [1]}", "answers has to be a list of texts"),
+    ):
+        done = check(tmp_path, *words, f"answers:={wrong}", PYTHONPATH=path)
+        assert done.returncode == 2 and said in done.stderr and len(done.stderr.splitlines()) == 1
 
 
 def test_an_expression_that_fails_is_one_line(tmp_path: Path) -> None:
