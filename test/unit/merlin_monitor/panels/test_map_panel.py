@@ -128,10 +128,11 @@ def test_what_robots_say_hear_and_see_has_their_names_from_the_begin(
     events: List[Any] = []
     monkeypatch.setattr(state, "report", events.append)
     panel = SaidPanel(state, GraphWatch(lambda topics: None, system))
+    send = {each.topic: each.receive for each in system.subscribers}
+    send["/ria/robotsound"](SoundRequest(sound=SoundRequest.SAY, arg="Hello."))
     state.tree.set("robots", "robots", {"tom": {"away": "", "does": []}})  # joins later
     panel.look({})
     send = {each.topic: each.receive for each in system.subscribers}
-    send["/ria/robotsound"](SoundRequest(sound=SoundRequest.SAY, arg="Hello."))
     heard = ListenActionResult()
     heard.result.heard, heard.result.text = True, "no"
     send["/tom/listen/result"](heard)
