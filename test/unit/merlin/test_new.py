@@ -267,6 +267,7 @@ def test_robots_that_cannot_be_are_refused_with_the_reason(robots, specs, said):
             "ask has a ?r",
         ),
         (("(:types", "(:kinds"), "there is no (:types …)"),
+        (("(in_service) ", "(available ?p - poi) "), "(available …) is what --robots adds"),
     ],
 )
 def test_where_the_robot_is_not_clear_it_is_said(instead, said, tmp_path):

@@ -35,17 +35,14 @@ def texts(name: str, value: Any) -> List[str]:
 
     :raises ValueError: when it is something else.
     """
-    found = [{True: "yes", False: "no"}[each] if isinstance(each, bool) else each for each in _list(value)]
-    if not isinstance(value, list) or not all(isinstance(each, str) for each in found):
+    listed = value if isinstance(value, list) else [value]
+    found = [("no", "yes")[each] if isinstance(each, bool) else each for each in listed]
+    if listed is not value or not all(isinstance(each, str) for each in found):
         raise ValueError(
             f"{name} has to be a list of texts, [yes, no], or such a list for each of several robots, "
             f"{{ria: [yes], tom: [no]}}; it is {value!r}"
         )
     return found
-
-
-def _list(value: Any) -> List[Any]:
-    return value if isinstance(value, list) else []
 
 
 def _listed(names: Any) -> str:

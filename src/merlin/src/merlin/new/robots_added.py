@@ -75,7 +75,12 @@ class _Text:
 
 def _domain(text: _Text) -> str:
     text.after(text.section(":types")[0], "\n    robot - object")
-    text.after(text.section(":predicates")[0], "\n    (available ?r - robot)")
+    predicates = text.section(":predicates")
+    for found in _with_head(predicates, "available"):
+        raise found.error(
+            "(available …) is what --robots adds, of a robot; call this predicate something else"
+        )
+    text.after(predicates[0], "\n    (available ?r - robot)")
     for part in text.root[1:]:
         if not isinstance(part, Expression):
             continue
