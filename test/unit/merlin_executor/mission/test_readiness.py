@@ -19,6 +19,7 @@ from merlin_executor.mission import readiness
 from merlin_ros.node import init_node
 
 init_node("mission")
+rospy.set_param("merlin/robots", ["ria", "tom"])
 readiness.PATIENCE = 0.2
 known, words = {"tom"}, {}
 publisher = rospy.Publisher("/kb/robots", RobotHost, queue_size=10)
@@ -50,8 +51,15 @@ knowledge = SimpleNamespace(
     name="/kb",
     predicates=lambda: {"available": counted},
     query=query,
+    wait=lambda limit: True,
+    operators=dict,
 )
-print("missing", readiness.missing_robots(knowledge, ["ria", "tom"], float(sys.argv[1])), flush=True)
+executor = SimpleNamespace(name="/merlin/execute", wait_for_executor=lambda limit: True)
+try:
+    readiness.wait_for_robot(knowledge, executor, (), float(sys.argv[1]))
+    print("wait is over", flush=True)
+except readiness.NotReady as error:
+    print("not ready:", error, flush=True)
 """
 
 
@@ -63,22 +71,28 @@ def test_it_waits_until_each_robot_takes_actions_or_is_taken_out(master: Any) ->
     for _ in range(2):
         waiter.expect("asked for ria")
     waiter.say("ria available")
-    waiter.expect("missing []")
+    waiter.expect("wait is over")
     assert waiter.output.count("the mission waits") == 1
 
 
-def test_it_names_those_that_do_not_come(master: Any) -> None:
+def test_it_begins_without_those_that_do_not_come(master: Any) -> None:
     waiter = master.node(WAITER, "3")
     waiter.say("tom leaving")
     waiter.say("ria available")
-    waiter.expect("missing ['tom']")
+    waiter.expect("the mission begins without tom, which did not come after 3 s")
+    waiter.expect("wait is over")
+
+
+def test_without_any_it_does_not_begin(master: Any) -> None:
+    waiter = master.node(WAITER, "1")
+    waiter.expect("not ready: no host of the robots ria, tom takes actions after 1 s; are they launched?")
 
 
 def test_a_wait_ends_with_its_node(master: Any) -> None:
     waiter = master.node(WAITER, "600")
     waiter.expect("the mission waits for the robots")
     waiter.process.send_signal(signal.SIGINT)
-    waiter.expect("missing ['ria', 'tom']")
+    waiter.expect("not ready")
 
 
 def test_plain_names_of_servers_are_those_of_each_robot() -> None:
