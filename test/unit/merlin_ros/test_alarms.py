@@ -1,12 +1,13 @@
 """Calls that one thread makes later."""
 
+import gc
 import threading
 import time
 from typing import List
 
 import pytest
 
-from merlin_ros.alarms import LONGEST_TICK, Alarms, TickClock
+from merlin_ros.alarms import LONGEST_TICK, Alarm, Alarms, TickClock
 
 LIMIT = 60.0  # s
 FAR = 3600.0  # s
@@ -60,7 +61,8 @@ def test_calls_that_were_taken_back_are_not_kept(alarms: Alarms) -> None:
     kept = alarms.call_later(FAR, lambda: None)
     for _ in range(10_000):
         alarms.call_later(FAR, lambda: None).cancel()
-    assert len(alarms._waiting) < 200
+    gc.collect()
+    assert sum(isinstance(each, Alarm) for each in gc.get_objects()) < 200
     assert kept.waits
 
 
@@ -124,3 +126,44 @@ def test_the_time_in_which_nothing_waits_brings_no_call() -> None:
     alarm = process.alarms.call_later(1.0, lambda: None)
     process.pass_time(0.5)
     assert alarm.waits
+
+
+def test_a_beat_comes_again_and_again_until_it_is_cancelled() -> None:
+    process = StalledProcess()
+    beats: List[float] = []
+    beat = process.alarms.every(0.15, lambda: beats.append(process.now))
+    for _ in range(8):
+        process.pass_time(0.1)
+    assert len(beats) == 4
+    beat.cancel()
+    process.pass_time(0.2)
+    assert len(beats) == 4 and not beat.waits
+
+
+def test_a_process_that_was_stopped_makes_up_for_no_beat() -> None:
+    process = StalledProcess()
+    beats: List[float] = []
+    beat = process.alarms.every(0.15, lambda: beats.append(process.now))
+    process.pass_time(60.0)
+    process.pass_time(0.0)
+    assert len(beats) == 1
+    beat.cancel()
+
+
+def test_a_beat_that_fails_is_logged_once_and_goes_on(caplog: pytest.LogCaptureFixture) -> None:
+    process = StalledProcess()
+    fails = [True, True, True, False, True]
+
+    def call() -> None:
+        if fails.pop(0):
+            raise OSError("the topic is closed")
+
+    beat = process.alarms.every(0.15, call)
+    left = []
+    while fails:
+        process.pass_time(0.15)
+        left.append(len(fails))
+    beat.cancel()
+    assert left == [4, 3, 2, 1, 0]
+    assert caplog.text.count("OSError: the topic is closed") == 2  # it has worked between the two
+    assert "'test'" in caplog.text

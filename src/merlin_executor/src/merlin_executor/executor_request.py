@@ -12,6 +12,7 @@ from merlin_ros.actions.action_client import ActionClient
 from merlin_ros.actions.client_goal import ClientGoal
 from merlin_ros.deadline import Deadline, running_time
 from merlin_ros.late_topics import subscribe_by
+from merlin_ros.threads import start_thread
 
 
 class ExecutorRequest:
@@ -114,10 +115,13 @@ class ExecutorRequest:
             reason = getattr(sent.result, "reason", "")
             lost = executor_was_lost(sent.status, sent.text, reason)
             decision = self._resending.ended(lost, untaken=self._client.heard and not sent.seen)
-        if decision.next is Next.AWAIT:
-            threading.Thread(target=self._await, name=f"resend {sent.id}", daemon=True).start()
-        else:
+        if decision.next is not Next.AWAIT:
             self._finish(decision.reason)
+            return
+        try:
+            start_thread(f"resend {sent.id}", self._await)
+        except RuntimeError as error:
+            self._finish(f"the executor is lost, and this node cannot wait for it: {error}")
 
     def _await(self) -> None:
         """Waits for the Executor's return and sends the goal again."""

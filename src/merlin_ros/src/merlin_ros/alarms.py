@@ -4,24 +4,23 @@ A process that is stopped, or starved of its processor, sees everything else sil
 look at the clock counts one tick at the most, however long ago the last look was: a starved watcher must not
 take another party for late or dead. Without ROS.
 
-All calls that come later are made by one thread of the process. `threading.Timer` starts a thread for each:
-too much for the limit of a service call, which few reach.
+All calls that come later, once or again and again, are made by one thread of the process: its beats, its
+looks at others, and its limits.
 """
 
 import heapq
 import itertools
-import logging
 import math
 import threading
 import time
 from typing import Callable, List, Optional, Tuple
 
+from merlin_ros.threads import log_failure, start_thread
+
 TICK = 0.1  # s of wall time between two looks of a watcher
 LONGEST_TICK = 0.2  # s that one look may count
 INSTANT = 1e-6  # s that are not worth a wait: a sum of ticks is not exact
 _FEW = 64  # alarms below which those that were taken back are not worth a search
-
-_log = logging.getLogger(__name__)
 
 
 class TickClock:
@@ -69,10 +68,15 @@ def wait_ticks(
 
 
 class Alarm:
-    """A call that is to come."""
+    """A call that is to come.
 
-    def __init__(self, call: Callable[[], None]) -> None:
-        self._call: Optional[Callable[[], None]] = call
+    :ivar period: s from one call to the next; None: it comes once.
+    """
+
+    def __init__(self, call: Callable[[], object], period: Optional[float] = None) -> None:
+        self._call: Optional[Callable[[], object]] = call
+        self.period = period
+        self._fails = False
 
     @property
     def waits(self) -> bool:
@@ -84,10 +88,18 @@ class Alarm:
         self._call = None
 
     def ring(self) -> None:
-        """Makes the call unless it was taken back."""
-        call, self._call = self._call, None
-        if call is not None:
-            call()
+        """Makes the call unless it was taken back. What it raises is logged, the first time in a row."""
+        call = self._call
+        if self.period is None:
+            self._call = None
+        try:
+            if call is not None:
+                call()
+            self._fails = False
+        except BaseException:  # the other alarms ring all the same
+            if not self._fails:
+                log_failure()
+            self._fails = True
 
 
 class Alarms:
@@ -107,12 +119,23 @@ class Alarms:
         self._many = _FEW
         self._thread: Optional[threading.Thread] = None
 
-    def call_later(self, seconds: float, call: Callable[[], None]) -> Alarm:
+    def call_later(self, seconds: float, call: Callable[[], object]) -> Alarm:
         """Has a function called after some time, s of wall time in which the process is not stalled.
 
-        :param call: must not block: others wait behind it.
+        :param call: must not block: others wait behind it, the leases of this process among them. What may
+            block is put into a :class:`~merlin_ros.threads.CallQueue`, or gets a thread.
         """
-        alarm = Alarm(call)
+        return self._put(Alarm(call), seconds)
+
+    def every(self, period: float, call: Callable[[], object]) -> Alarm:
+        """Has a function called again and again, first after one period, until the alarm is cancelled.
+
+        :param period: s from the end of a call to the next one, as in :meth:`call_later`.
+        :param call: likewise.
+        """
+        return self._put(Alarm(call, period), period)
+
+    def _put(self, alarm: Alarm, seconds: float) -> Alarm:
         with self._changed:
             self._clock.look()
             # NaN has no place in an order.
@@ -121,8 +144,7 @@ class Alarms:
             if len(self._waiting) > self._many:
                 self._forget_cancelled()
             if self._thread is None:
-                self._thread = threading.Thread(target=self._work, name=self._name, daemon=True)
-                self._thread.start()
+                self._thread = start_thread(self._name, self._work)
             elif when < self._sleeps_until:
                 self._changed.notify()
         return alarm
@@ -136,10 +158,9 @@ class Alarms:
         while True:
             with self._changed:
                 alarm = self._next()
-            try:
-                alarm.ring()
-            except Exception:  # the other alarms ring all the same
-                _log.exception("an alarm of %s failed", self._name)
+            alarm.ring()
+            if alarm.period is not None and alarm.waits:
+                self._put(alarm, alarm.period)
 
     def _next(self) -> Alarm:
         """Waits for the time of the next alarm; called with the lock held."""
@@ -155,9 +176,6 @@ class Alarms:
             self._sleeps_until = -1.0
 
 
-_of_process = Alarms("limits")
-
-
-def call_later(seconds: float, call: Callable[[], None]) -> Alarm:
-    """Has a function called after some time; see :meth:`Alarms.call_later`."""
-    return _of_process.call_later(seconds, call)
+_of_process = Alarms("timer")
+call_later = _of_process.call_later
+every = _of_process.every

@@ -11,6 +11,8 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper, Updater
 from rospy.core import is_shutdown_requested
 
+from merlin_ros.threads import start_thread
+
 PERIOD = 1.0  # s of wall time
 
 OK = DiagnosticStatus.OK
@@ -38,12 +40,11 @@ class HealthReporter:
         self._stopped = threading.Event()
         for name, check in checks.items():
             self._updater.add(name, _task(check))
-        self._thread = threading.Thread(target=self._report, name="health", daemon=True)
 
     def start(self) -> None:
         """Begins to publish; ends with the node."""
         rospy.on_shutdown(self.stop)
-        self._thread.start()
+        start_thread("health", self._report)  # of its own: a check of an application may hang
 
     def stop(self) -> None:
         """Publishes no more."""

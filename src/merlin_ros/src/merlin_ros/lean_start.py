@@ -19,6 +19,8 @@ from importlib.machinery import ModuleSpec, PathFinder
 from types import ModuleType
 from typing import Any, Dict, Iterator, Optional, Sequence
 
+from merlin_ros.threads import start_thread
+
 #: Modules that are imported when something of them is first used → functions that do not count as that: each
 #: has a twin in a module that costs nothing; "": in its place is one that imports when it is called.
 LAZY: Dict[str, Dict[str, str]] = {
@@ -86,9 +88,7 @@ def _import_patiently(module: str) -> None:
         with contextlib.suppress(Exception):
             importlib.import_module(module)
 
-    worker = threading.Thread(target=work, name="imports", daemon=True)
-    worker.start()
-    worker.join()
+    start_thread("imports", work).join()
 
 
 def prepare() -> None:

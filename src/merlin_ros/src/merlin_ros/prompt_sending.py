@@ -13,6 +13,8 @@ import rospy
 from rospy.exceptions import TransportInitError, TransportTerminated
 from rospy.impl.tcpros_pubsub import QueuedConnection
 
+from merlin_ros.threads import start_thread
+
 
 def send_promptly() -> None:
     """Lets rospy connect its publishers like this; for the whole process, before topics have connections."""
@@ -88,9 +90,7 @@ class PromptConnection(QueuedConnection):
                 if not self._rest:
                     return True
                 self._working = True
-                threading.Thread(
-                    target=self._work, name=f"sending to {self._connection.endpoint_id}", daemon=True
-                ).start()
+                start_thread(f"sending to {self._connection.endpoint_id}", self._work)
                 return True
             if self._queue_size > 0 and len(self._queue) == self._queue_size:
                 del self._queue[0]

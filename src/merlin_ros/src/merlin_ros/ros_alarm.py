@@ -6,6 +6,8 @@ from typing import Callable, Optional
 
 import rospy
 
+from merlin_ros.threads import start_thread
+
 LONGEST = 3600.0  # s that the alarm sleeps at once: Python cannot wait for more than some hundred years
 
 
@@ -34,8 +36,7 @@ class RosAlarm:
             self._asked = self._when = when
             self._seen = rospy.get_time()
             if when is not None and self._thread is None:
-                self._thread = threading.Thread(target=self._run, name=self._name, daemon=True)
-                self._thread.start()
+                self._thread = start_thread(self._name, self._run)
             self._changed.notify_all()
         self._poke()
 

@@ -23,6 +23,7 @@ from merlin_ros.actions.lease_watch import LeaseWatch
 from merlin_ros.deadline import Deadline, limit, running_time
 from merlin_ros.publishing import publish
 from merlin_ros.service_proxy import ServiceError, ServiceProxy, ServiceUnavailable
+from merlin_ros.threads import start_thread
 from merlin_sm.dispatching.action_messages import (
     CANCEL_ACTION,
     answer_in,
@@ -299,7 +300,7 @@ class DispatchClient:
             except BaseException as error:  # the thread that waits for the end must learn of it
                 ended(error)
 
-        threading.Thread(target=call, name=f"dispatch of {self.name}", daemon=True).start()
+        start_thread(f"dispatch of {self.name}", call)
 
     def _wait_for_end(self) -> bool:
         """False when a dispatch that is cancelled, or whose action failed, does not end in time.

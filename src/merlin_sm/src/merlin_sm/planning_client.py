@@ -23,6 +23,7 @@ from merlin_ros.deadline import Deadline
 from merlin_ros.late_topics import subscribe
 from merlin_ros.master.master_link import ERRORS, MasterSilent, bounded_master, get_param, lost, silent
 from merlin_ros.service_proxy import ServiceError, ServiceProxy, ServiceUnavailable
+from merlin_ros.threads import start_thread
 
 MASTER = "the ROS master"
 PROBLEM = "the planning system's problem interface"
@@ -100,8 +101,7 @@ class _Params:
         self._name = name
         self._values: Any = None
         self._error: Optional[MasterSilent] = None
-        self._thread = threading.Thread(target=self._read, name=f"parameters {name}", daemon=True)
-        self._thread.start()
+        self._thread = start_thread(f"parameters {name}", self._read)
 
     @property
     def fresh(self) -> bool:

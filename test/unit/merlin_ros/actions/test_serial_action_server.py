@@ -26,10 +26,7 @@ class Server:
         self.begun: threading.Semaphore = threading.Semaphore(0)
         self.ended: threading.Semaphore = threading.Semaphore(0)
         self.serial = SerialActionServer("listen", ListenAction, self._execute, self._cancel)
-        silent = SimpleNamespace(publish=lambda message: None, unregister=lambda: None)
-        server: Any = self.serial.server
-        server._status_publisher = server._result_publisher = silent
-        self.serial._worker.start()
+        self.serial.start()
 
     def send(self, name: str) -> None:
         goal_id = GoalID(id=name, stamp=rospy.Time(1))
@@ -50,10 +47,13 @@ class Server:
 @pytest.fixture
 def server(clock: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[Server]:
     monkeypatch.setattr(rospy, "logerr", lambda *_: None)
+    topic = SimpleNamespace(impl=None, publish=lambda message: None, unregister=lambda: None)
+    for kind in ("Publisher", "Subscriber"):
+        monkeypatch.setattr(rospy, kind, lambda *_, **__: topic)
     made = Server()
     yield made
     made.serial.shutdown()
-    assert not made.serial._worker.is_alive()
+    assert "action /listen" not in [thread.name for thread in threading.enumerate()]
 
 
 def test_a_cancel_that_fails_costs_the_newer_goal_nothing(server: Server) -> None:

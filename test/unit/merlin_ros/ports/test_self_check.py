@@ -7,6 +7,7 @@ from typing import Any, Iterator, List
 
 import pytest
 
+from merlin_ros.alarms import call_later
 from merlin_ros.ports import self_check
 from merlin_ros.ports.self_check import Port, SelfCheck
 
@@ -88,6 +89,18 @@ def test_a_port_that_answers_again_in_time_ends_nothing(listening: socket.socket
             connection.close()
         answer(listening)
     assert not watched.reasons
+
+
+def test_a_timer_that_stands_ends_the_process(
+    monkeypatch: Any, listening: socket.socket, watched: Watched
+) -> None:
+    monkeypatch.setattr(self_check, "ANSWER", 0.2)
+    go_on_answering(listening)
+    over = threading.Event()
+    call_later(0.0, lambda: over.wait(LONG))
+    assert watched.ended.wait(LONG)
+    over.set()
+    assert watched.reasons == ["its timer stands: a call of it does not return"]
 
 
 def test_a_thread_that_did_not_start_ends_the_process_once_its_ports_answer(

@@ -15,6 +15,7 @@ from std_srvs.srv import SetBool, SetBoolRequest, SetBoolResponse
 from merlin_actions.testing.simulated_action_server import SimulatedActionServer, behaviour_from_params
 from merlin_ros.node import run_node
 from merlin_ros.publishing import publish
+from merlin_ros.threads import start_thread
 
 PERIOD = 0.1  # s of wall time between two commands, as a slow controller sends them
 SPEED = 0.3  # m/s of a drive that ends by itself
@@ -33,11 +34,10 @@ class SimulatedBase:
         self._server = SimulatedActionServer(
             "move_base", MoveBaseAction, behaviour_from_params(), self._drive, self._halt
         )
-        self._commander = threading.Thread(target=self._command, name="commands", daemon=True)
 
     def start(self) -> None:
         """Begins to serve."""
-        self._commander.start()
+        start_thread("commands", self._command)
         self._server.start()
         rospy.Service("~hold", SetBool, self._hold)
 

@@ -12,6 +12,7 @@ from merlin_executor.core.agenda import Agenda, AgendaAnswer, Decision, StopRun,
 from merlin_executor.core.outcome import Outcome, StopKind, Verdict, crashed
 from merlin_pddl.breakpoints import Breakpoints
 from merlin_ros.alarms import wait_ticks
+from merlin_ros.threads import start_thread
 
 TIDY_PERIOD = 1.0  # s between two attempts to remove what a run has left
 
@@ -86,11 +87,11 @@ class Engine(Generic[J]):
         self._on_answered = on_answered
         self._changed = threading.Condition()  # guards the agenda
         self._agenda: Agenda[J] = Agenda()
-        self._worker = threading.Thread(target=self._work, name="executor", daemon=True)
+        self._over = threading.Event()  # the worker has ended
 
     def start(self) -> None:
         """Begins to run requests."""
-        self._worker.start()
+        start_thread("executor", self._work)
 
     def shutdown(self, timeout: float) -> None:
         """Cancels what runs and answers what waits.
@@ -98,11 +99,7 @@ class Engine(Generic[J]):
         :param timeout: s for the run to end, which a stall of the process does not use up.
         """
         self.decide(lambda agenda: agenda.close())
-        wait_ticks(self._ended, timeout)
-
-    def _ended(self, seconds: float) -> bool:
-        self._worker.join(seconds)
-        return not self._worker.is_alive()
+        wait_ticks(self._over.wait, timeout)
 
     @property
     def paused(self) -> bool:
@@ -155,6 +152,7 @@ class Engine(Generic[J]):
                 held = self._agenda.breakpoints.held
                 if request is None and held == reported:
                     if self._agenda.closing:
+                        self._over.set()
                         return
                     left = self._stages.left
                     if self._changed.wait(TIDY_PERIOD if left else None) or not left:

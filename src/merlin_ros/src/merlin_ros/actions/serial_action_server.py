@@ -7,6 +7,7 @@ from typing import Callable, Dict, List, Optional
 import rospy
 
 from merlin_ros.actions.action_server import ActionServer, ServerGoal
+from merlin_ros.threads import start_thread
 from merlin_ros.work.work_book import Decision, Policy, Step, WorkBook
 
 
@@ -37,11 +38,12 @@ class SerialActionServer:
         self._book: WorkBook[str] = WorkBook(Policy.NEWEST, asked=True)
         self._goals: Dict[str, ServerGoal] = {}  # that wait or run
         self._stopping = False
-        self._worker = threading.Thread(target=self._work, name=f"action {self.name}", daemon=True)
+        self._worker: Optional[threading.Thread] = None
 
     def start(self) -> None:
         """Begins to serve."""
-        self._worker.start()
+        # One for all goals: a child process ends with the thread that has started it (`PR_SET_PDEATHSIG`).
+        self._worker = start_thread(f"action {self.name}", self._work)
         self.server.start()
 
     def shutdown(self) -> None:
@@ -51,7 +53,7 @@ class SerialActionServer:
             decisions = self._book.cancel_all("the server ends")
             self._changed.notify_all()
         self._carry_out(decisions)
-        if threading.current_thread() is not self._worker:
+        if self._worker is not None and threading.current_thread() is not self._worker:
             self._worker.join(1.0)
         self.server.shutdown()
 

@@ -1,4 +1,4 @@
-"""A node's look at itself: whether its ports answer, and whether it has lost a thread.
+"""A node's look at itself: whether its ports answer, its timer runs, and whether it has lost a thread.
 
 Others see such a node live. It ends, so that what started it starts it again.
 """
@@ -11,8 +11,9 @@ from typing import Any, Callable, NamedTuple, Sequence
 
 import rosgraph.network
 
-from merlin_ros.alarms import wait_ticks
+from merlin_ros.alarms import call_later, wait_ticks
 from merlin_ros.ports.entrance import Greeting
+from merlin_ros.threads import start_thread
 
 #: Between two looks, s of wall time.
 PERIOD = 2.0
@@ -38,20 +39,19 @@ class SelfCheck:
     """Looks at this process once per period, in a thread of its own.
 
     :param ports: gives the ports that are open now.
-    :param end: called once, with the reason, when the process cannot go on as it is: its ports are deaf, or
-        answer but a thread was lost before. Not earlier: what was short would keep it from being started
-        again. Must need neither a thread nor a descriptor.
+    :param end: called once, with the reason, when the process cannot go on as it is: its ports are deaf, its
+        timer stands, or all answer but a thread was lost before. Not earlier: what was short would keep it
+        from being started again. Must need neither a thread nor a descriptor.
     """
 
     def __init__(self, ports: Callable[[], Sequence[Port]], end: Callable[[str], None]) -> None:
         self._ports, self._end = ports, end
         self._stopped = threading.Event()
         self._lost = ""  # which thread, and why; written by any thread, the first one stays
-        self._thread = threading.Thread(target=self._work, name="self-check", daemon=True)
 
     def start(self) -> None:
         """Begins to look, and to notice threads that do not start, or die for want of a descriptor."""
-        self._thread.start()
+        start_thread("self-check", self._work)
         starts, reports = threading.Thread.start, threading.excepthook
 
         def start(thread: threading.Thread) -> None:
@@ -80,13 +80,19 @@ class SelfCheck:
     def _work(self) -> None:
         deaf = 0
         while not self._stopped.wait(PERIOD):
-            faults = list(filter(None, map(self._ask, self._ports())))
+            faults = list(filter(None, [*map(self._ask, self._ports()), self._ask_timer()]))
             if self._stopped.is_set():
                 return
             deaf = deaf + 1 if faults else 0
             if deaf == PATIENCE or (self._lost and not faults):
                 self._end(faults[0] if faults else self._lost)
                 return
+
+    def _ask_timer(self) -> str:
+        rang = threading.Event()
+        call_later(0.0, rang.set)
+        rings = wait_ticks(lambda s: rang.wait(s) or self._stopped.is_set(), ANSWER)
+        return "" if rings else "its timer stands: a call of it does not return"
 
     def _ask(self, port: Port) -> str:
         """Asks a port; returns why it gave no answer, or nothing."""

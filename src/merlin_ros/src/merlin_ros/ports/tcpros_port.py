@@ -6,12 +6,12 @@ each as long as it takes, lets five more wait, and takes none any more after an 
 
 import socket
 import struct
-import threading
 from typing import Any, Callable, Optional
 
 from rospy.impl import tcpros_base
 
 from merlin_ros.ports.entrance import Entrance
+from merlin_ros.threads import start_thread
 
 _LENGTH = struct.Struct("<I")
 _PROBE_FIELD = b"merlin_probe=1"
@@ -38,7 +38,7 @@ class _Server(tcpros_base.TCPServer):
         self._entrance = Entrance(self.server_sock, "TCPROS", greeting_length, self._greet)
 
     def start(self) -> None:
-        threading.Thread(target=self._entrance.run, name="TCPROS", daemon=True).start()
+        start_thread("TCPROS", self._entrance.run)
 
     def shutdown(self) -> None:
         self.is_shutdown = True

@@ -12,6 +12,7 @@ from typing import Any, Callable, Dict, List, NamedTuple, Optional, Tuple
 
 from merlin_pddl.breakpoints import BreakpointError
 from merlin_ros.alarms import wait_ticks
+from merlin_ros.threads import start_thread
 from merlin_sm.autonomy import LEVELS, label_text, read_level
 from merlin_sm.holding.state_control import ENDED, HELD, OUT, RUNS, StateControl, Wish
 from merlin_sm.holding.state_holds import Pattern, StateHolds, read_state_pattern
@@ -100,9 +101,7 @@ class Outcomes:
             self.holds.release(control.state)
         elif before is None:
             # In a thread of its own: users' code may loop in its preempt.
-            threading.Thread(
-                target=_preempt, args=(control, wish), name=f"preempt {control.path}", daemon=True
-            ).start()
+            start_thread(f"preempt {control.path}", _preempt, control, wish)
         return _said(control.path, stage, outcome, unset)
 
     # --- for the hook -------------------------------------------------------------------------------------

@@ -10,6 +10,7 @@ from merlin_ros.deadline import Deadline
 from merlin_ros.late_topics import subscribe
 from merlin_ros.master.master_link import MasterSilent
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
+from merlin_ros.threads import start_thread
 from merlin_sm.states.merlin_state import PREEMPTED, SUCCEEDED, MerlinState
 
 
@@ -69,7 +70,7 @@ class ServiceCallState(MerlinState):
             calls.end()
             ended.set()
 
-        threading.Thread(target=call, name=f"call of {self._proxy.name}", daemon=True).start()
+        start_thread(f"call of {self._proxy.name}", call)
         self.interruptible(preempt)
         Deadline(None).wait_event(ended)
         self.interruptible(None)

@@ -5,6 +5,7 @@ from typing import Callable, Optional
 
 import rospy
 
+from merlin_ros.threads import start_thread
 from merlin_sm.autonomy import label_text
 from merlin_sm.merlin_sm import MerlinSM
 
@@ -44,7 +45,7 @@ class StateRun:
             after()
 
         label = ", ".join(map(label_text, self.machine.get_children()))
-        threading.Thread(target=run, name=f"behaviour {label}", daemon=True).start()
+        start_thread(f"behaviour {label}", run)
 
     def run(self) -> None:
         """Runs it in this thread."""

@@ -1,0 +1,73 @@
+"""The threads of a process: each is started here, and what it raises is logged with its name. Without ROS.
+
+A node in which a thread cannot be started ends soon, and is started again (`merlin_ros.ports.self_check`).
+"""
+
+import logging
+import threading
+from collections import deque
+from functools import partial
+from typing import Any, Callable, Deque
+
+_log = logging.getLogger("rosout")  # that of `rospy.logerr`
+
+
+def start_thread(name: str, work: Callable[..., object], *args: Any) -> threading.Thread:
+    """Does a piece of work in a thread of its own, for which the end of the process does not wait.
+
+    :raises RuntimeError: the process can have no further thread. Its caller answers whom the work was for.
+    """
+    thread = threading.Thread(target=work, args=args, name=name, daemon=True)
+    thread.start()
+    return thread
+
+
+def log_failure() -> None:
+    """Logs the exception that is being handled, with the name of this thread, which continues."""
+    _log.exception("the thread '%s' continues after an error", threading.current_thread().name)
+
+
+def log_death(fault: Any) -> None:
+    """Logs what a thread has died of; for `threading.excepthook`."""
+    if fault.exc_type is not SystemExit:
+        error = fault.exc_type, fault.exc_value, fault.exc_traceback
+        _log.error("the thread '%s' has died", getattr(fault.thread, "name", None), exc_info=error)
+
+
+class CallQueue:
+    """Makes calls one after the other, in a thread that is there only while there are some.
+
+    For what may block, and so must run neither in a subscriber's thread nor in the one of the alarms.
+
+    :param name: of the thread.
+    """
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+        self._lock = threading.Lock()  # guards the fields below
+        self._calls: Deque[Callable[[], object]] = deque()
+        self._runs = False
+
+    def put(self, call: Callable[..., object], *args: Any) -> None:
+        """Has a function called after those that were put before; never blocks. What it raises is logged."""
+        with self._lock:
+            self._calls.append(partial(call, *args))
+            if self._runs:
+                return
+            try:
+                start_thread(self._name, self._work)
+                self._runs = True
+            except RuntimeError:  # the next call tries again, in case the node does not end
+                log_failure()
+
+    def _work(self) -> None:
+        while True:
+            with self._lock:
+                if not self._calls:
+                    self._runs = False
+                    return
+                call = self._calls.popleft()
+            try:
+                call()
+            except BaseException:  # of users' code, too; what comes behind is to be called
+                log_failure()
