@@ -1,31 +1,37 @@
 """An action interface announces itself to each new subscriber at once."""
 
-import threading
-from unittest import mock
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
+from rosplan_knowledge_msgs.msg import DomainFormula
+from topics import Topics
 
 from merlin_actions import action_interface
 from merlin_actions.action_interface import ActionInterface
-from merlin_ros.publishing import Subscribed
 
 LONG = 60.0
+TOPIC = "/kb/pddl_action_parameters"
 
 
-def test_a_new_subscriber_does_not_wait_for_the_next_period(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(action_interface, "ANNOUNCE_PERIOD", 600.0)
-    monkeypatch.setattr(action_interface, "LATCH_GRACE", 0.0)
-    monkeypatch.setattr(action_interface, "running_time", lambda: 0.0)
-    monkeypatch.setattr(action_interface, "connected_peers", lambda _: {"/dispatcher"})
-    told = threading.Semaphore(0)
-    interface = mock.Mock(_stopped=threading.Event(), _newcomers=Subscribed(), _changed=threading.Condition())
-    interface._announcements.publish.side_effect = lambda _: told.release()
-    thread = threading.Thread(target=ActionInterface._announce, args=(interface,), daemon=True)
-    thread.start()
-    assert told.acquire(timeout=LONG)  # the period begins
-    interface._newcomers.peer_subscribe("/topic", None, None)
-    assert told.acquire(timeout=LONG)
-    interface._stopped.set()
-    interface._newcomers.there.set()
-    thread.join(LONG)
-    assert not thread.is_alive()
+def test_a_new_subscriber_does_not_wait_for_the_next_period(
+    monkeypatch: pytest.MonkeyPatch, clock: Any
+) -> None:
+    operator = SimpleNamespace(formula=DomainFormula(name="navigate"))
+    knowledge = SimpleNamespace(name="/kb", operator=lambda name: operator)
+    for name, made in (
+        ("ANNOUNCE_PERIOD", 600.0),
+        ("LATCH_GRACE", 0.0),
+        ("knowledge_client", lambda name: knowledge),
+        ("effects_of", lambda details, knowledge: None),
+        ("settle_left", lambda knowledge, operator: []),
+        ("connected_peers", lambda subscriber: {"/dispatcher"}),
+    ):
+        monkeypatch.setattr(action_interface, name, made)
+    topics = Topics(monkeypatch)
+    interface = ActionInterface("navigate")
+    interface.start()
+    assert topics.published(TOPIC).get(timeout=LONG).name == "navigate"  # the period begins
+    topics.subscribe(TOPIC)
+    assert topics.published(TOPIC).get(timeout=LONG).name == "navigate"
+    interface.shutdown()

@@ -1,33 +1,24 @@
 """Executions that have to stop or rest: whatever one of them does, and whatever comes first."""
 
 import threading
-from typing import Any, List
+from types import SimpleNamespace
+from typing import Any, Iterator, List
 
 import pytest
 import rospy
 from diagnostic_msgs.msg import KeyValue
-from rosplan_dispatch_msgs.msg import ActionDispatch
+from merlin_msgs.msg import Lease
+from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback
 from rosplan_knowledge_msgs.msg import DomainFormula
+from topics import Topics
 
 from merlin_actions import action_interface
 from merlin_actions.core.ending import Ending
 from merlin_actions.core.execution import Execution
-from merlin_ros.actions.lease import LeaseBook, LeaseState
-from merlin_ros.actions.lease_watch import LeaseWatch
 from merlin_ros.actions.ownership import ownership
 
 LONG = 60.0
-
-
-class Leases(LeaseWatch):
-    """A watch without a topic."""
-
-    def __init__(self, topic: str, on_change: Any) -> None:
-        self.topic, self._on_change = topic, on_change
-        self._changed, self._book = threading.Condition(), LeaseBook()
-
-    def _begin(self) -> None:
-        """Time does not pass."""
+DISPATCHER = "/rosplan_plan_dispatcher"
 
 
 class Probe(action_interface.ActionInterface):
@@ -37,13 +28,10 @@ class Probe(action_interface.ActionInterface):
 
     def __init__(self) -> None:
         super().__init__("navigate")
-        self._owners = Leases("lease", self._owner_changed)
         self.running: threading.Semaphore = threading.Semaphore(0)
         self.suspended: List[bool] = []
-        self.ends: List[int] = []
-        self.go_on = threading.Event()
 
-    def _run_with_effects(self, execution: Execution) -> Ending:
+    def run(self, execution: Execution) -> Ending:
         stopped = threading.Event()
 
         def stop() -> None:
@@ -57,46 +45,91 @@ class Probe(action_interface.ActionInterface):
         assert stopped.wait(LONG)
         return Ending(False, execution.cancel_reason)
 
-    def _answer(self, key: Any, ending: Any = None) -> None:
-        if ending is not None:
-            self.ends.append(key[1])
+
+class World:
+    """An interface and its dispatcher."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.topics = Topics(monkeypatch)
+        self.interface = Probe()
+        self.interface.start()
+        assert self.topics.published("/kb/pddl_action_parameters").get(timeout=LONG)
+
+    def dispatch(self, number: int) -> None:
+        """Returns when the action runs."""
+        parameters = [KeyValue("to", "hall")]
+        action = ActionDispatch(name="navigate", plan_id=7, action_id=number, parameters=parameters)
+        self.topics.send(f"{DISPATCHER}/action_dispatch", action, DISPATCHER)
+        assert self.interface.running.acquire(timeout=LONG)
+
+    def lease(self, suspended: List[str]) -> None:
+        lease = Lease(owner=DISPATCHER, life="a", held=["7/2"], suspended=suspended)
+        self.topics.send(f"{DISPATCHER}/lease", lease, DISPATCHER)
+
+    def failures(self, count: int) -> List[int]:
+        """The actions that fail next."""
+        feedback = self.topics.published(f"{DISPATCHER}/action_feedback")
+        failed: List[int] = []
+        while len(failed) < count:
+            answer: ActionFeedback = feedback.get(timeout=LONG)
+            failed += [answer.action_id] if answer.status == ActionFeedback.ACTION_FAILED else []
+        return failed
 
 
 @pytest.fixture
-def interface(monkeypatch: pytest.MonkeyPatch) -> Probe:
+def world(monkeypatch: pytest.MonkeyPatch, clock: Any) -> Iterator[World]:
     formula = DomainFormula(name="navigate", typed_parameters=[KeyValue("to", "poi")])
-    operator = type("Details", (), {"formula": formula})
-    knowledge = type("Knowledge", (), {"name": "/kb", "operator": lambda self, name: operator})
-    monkeypatch.setattr(action_interface, "knowledge_client", lambda name: knowledge())
-    monkeypatch.setattr(action_interface, "effects_of", lambda details, knowledge: None)
-    monkeypatch.setattr(action_interface, "master_is_lost", lambda: False)
+    knowledge = SimpleNamespace(name="/kb", operator=lambda name: SimpleNamespace(formula=formula))
+    effects = SimpleNamespace(open=lambda opening: None, close=lambda *_: None)
+    for name, made in (
+        ("LATCH_GRACE", 0.0),
+        ("knowledge_client", lambda name: knowledge),
+        ("effects_of", lambda details, knowledge: effects),
+        ("settle_left", lambda knowledge, operator: []),
+        ("connected_peers", lambda subscriber: {DISPATCHER}),
+        ("get_param", lambda name, default: default),
+        ("master_is_lost", lambda: False),
+    ):
+        monkeypatch.setattr(action_interface, name, made)
     for level in ("loginfo", "logwarn", "logerr"):
         monkeypatch.setattr(rospy, level, lambda *_: None)
-    return Probe()
+    made = World(monkeypatch)
+    yield made
+    made.interface.shutdown()
 
 
-def begin(interface: Probe, number: int) -> None:
-    parameters = [KeyValue("to", "hall")]
-    interface._begin(ActionDispatch(name="navigate", plan_id=7, action_id=number, parameters=parameters))
-    assert interface.running.acquire(timeout=LONG)
-
-
-def test_a_cancel_that_fails_keeps_no_other_one(interface: Probe) -> None:
+def test_a_cancel_that_fails_keeps_no_other_one(world: World) -> None:
     for number in (1, 2, 3):
-        begin(interface, number)
-    interface.master_lost()
-    with interface._changed:
-        assert interface._changed.wait_for(lambda: not interface.executions(), LONG), "one still runs"
-    assert sorted(interface.ends) == [1, 2, 3]
+        world.dispatch(number)
+    world.interface.master_lost()
+    assert sorted(world.failures(3)) == [1, 2, 3]
 
 
-def test_an_action_whose_lease_came_before_it_and_is_suspended_does_not_move(interface: Probe) -> None:
-    interface._owners._book.renew("/dispatcher", "a", ["7/2"], ["7/2"])  # the owner of the dispatcher hangs
-    begin(interface, 2)
-    assert interface.suspended == [True]
-    (execution,) = interface.executions()
-    for change in interface._owners._book.renew("/dispatcher", "a", ["7/2"], []):
-        assert change.state is LeaseState.HELD
-        interface._owner_changed(change)
-    assert not ownership.suspended(execution.token)
-    interface.master_lost()
+def test_an_action_whose_lease_came_before_it_and_is_suspended_does_not_move(world: World) -> None:
+    world.lease(suspended=["7/2"])  # the owner of the dispatcher hangs
+    world.dispatch(2)
+    assert world.interface.suspended == [True]
+    (execution,) = world.interface.executions()
+    back = threading.Event()
+    notice = lambda: None if ownership.suspended(execution.token) else back.set()  # noqa: E731
+    ownership.listen(notice)
+    world.lease(suspended=[])
+    assert back.wait(LONG)
+    ownership.ignore(notice)
+
+
+def test_an_action_for_which_there_is_no_thread_is_answered_and_keeps_no_next_one(
+    world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def no_thread(thread: threading.Thread) -> None:
+        raise RuntimeError("can't start new thread")
+
+    with monkeypatch.context() as short_of_threads:
+        short_of_threads.setattr(threading.Thread, "start", no_thread)
+        world.topics.send(
+            f"{DISPATCHER}/action_dispatch",
+            ActionDispatch(name="navigate", plan_id=7, action_id=4, parameters=[KeyValue("to", "hall")]),
+            DISPATCHER,
+        )
+    assert world.failures(1) == [4]
+    world.dispatch(2)

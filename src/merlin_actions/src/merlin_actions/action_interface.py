@@ -7,6 +7,7 @@ always exactly one final answer.
 
 import threading
 import traceback
+from functools import partial
 from typing import Any, Dict, List, Optional, Union
 
 import rospy
@@ -28,12 +29,13 @@ from merlin_ros.actions.lease_holder import LIFE
 from merlin_ros.actions.lease_watch import LeaseWatch
 from merlin_ros.actions.ownership import ownership
 from merlin_ros.actions.peers import connected_peers
-from merlin_ros.alarms import wait_ticks
-from merlin_ros.deadline import Deadline, running_time
+from merlin_ros.alarms import Alarm, call_later, every, wait_ticks
+from merlin_ros.deadline import call_when_passed, running_time
 from merlin_ros.master.master_link import MasterSilent, get_param
 from merlin_ros.node import master_is_lost
-from merlin_ros.publishing import Subscribed, publish
+from merlin_ros.publishing import OnSubscriber, publish
 from merlin_ros.service_proxy import ServiceError
+from merlin_ros.threads import start_thread
 from merlin_ros.work.work_book import Decision, Policy, Step, WorkBook
 from merlin_sm.knowledge_client import (
     DEFAULT_KNOWLEDGE_BASE,
@@ -88,8 +90,7 @@ class ActionInterface:
         self._executions: Dict[Key, Execution] = {}
         self._book: WorkBook[Key] = WorkBook(Policy.IN_TURN, at_once(self.concurrent))
         self._stopped = threading.Event()
-        # Of the announcements: a process latches but the last one of its actions.
-        self._newcomers = Subscribed()
+        self._announces: Optional[Alarm] = None
         self._topics = (dispatch_topic, feedback_topic)
 
     def start(self) -> None:
@@ -100,7 +101,8 @@ class ActionInterface:
         self._announcements = rospy.Publisher(
             f"{self.knowledge.name}/pddl_action_parameters",
             DomainFormula,
-            subscriber_listener=self._newcomers,
+            # A process latches but the last one of its actions.
+            subscriber_listener=OnSubscriber(lambda _: call_later(0.0, self._greet)),
             latch=True,
             queue_size=10,
         )
@@ -108,7 +110,7 @@ class ActionInterface:
             f"{self._dispatcher}/dispatch_status", DispatchStatus, self._note_dispatcher, tcp_nodelay=True
         )
         self._subscriber = rospy.Subscriber(dispatch_topic, ActionDispatch, self._receive, tcp_nodelay=True)
-        threading.Thread(target=self._announce, name=f"announce {self.operator}", daemon=True).start()
+        start_thread(f"announce {self.operator}", self._announce)
 
     @property
     def _dispatcher(self) -> str:
@@ -118,7 +120,8 @@ class ActionInterface:
     def shutdown(self) -> None:
         """Cancels what runs, waits until it has ended, at most ``SHUTDOWN_WAIT``, and stops serving."""
         self._stopped.set()
-        self._newcomers.there.set()
+        if self._announces is not None:
+            self._announces.cancel()
         self._subscriber.unregister()
         self._dispatcher_status.unregister()
         self._owners.shutdown()
@@ -241,24 +244,24 @@ class ActionInterface:
             elif decision.what is Step.STOP:
                 execution.cancel(decision.reason)
             elif decision.what is Step.WAIT:
-                name = f"wait of {execution.text}"
-                threading.Thread(target=self._limit_wait, args=(execution,), name=name, daemon=True).start()
+                call_when_passed(WAIT_LIMIT, partial(self._limit_wait, execution))
             else:
                 execution.cancel(decision.reason)
                 self._end(execution, Ending(False, decision.reason, begun=False))
 
     def _limit_wait(self, execution: Execution) -> None:
         """Refuses an execution that waits for too long."""
-        if not Deadline(WAIT_LIMIT).wait_event(execution.left_queue):
-            with self._changed:
-                decisions = self._book.overdue(execution.key)
-            self._carry_out(decisions)
+        with self._changed:
+            waits = execution.key in self._executions and execution.key not in self._book.running
+            decisions = self._book.overdue(execution.key) if waits else []
+        self._carry_out(decisions)
 
     def _spawn(self, execution: Execution) -> None:
         execution.left_queue.set()
-        threading.Thread(
-            target=self._live, args=(execution,), name=f"run {execution.text}", daemon=True
-        ).start()
+        try:
+            start_thread(f"run {execution.text}", self._live, execution)
+        except RuntimeError as error:
+            self._end(execution, Ending(False, f"{self.operator} cannot begin: {error}", begun=False))
 
     def _live(self, execution: Execution) -> None:
         """The life of an execution, in a thread of its own."""
@@ -375,10 +378,12 @@ class ActionInterface:
             self._latched.connected = running_time()
         self._stopped.wait(LATCH_GRACE)
         # Wall time: a paused simulator must not make an interface look dead.
-        while not rospy.is_shutdown() and not self._stopped.is_set():
-            self._newcomers.there.clear()
-            self._announcements.publish(self.formula)
-            self._newcomers.there.wait(ANNOUNCE_PERIOD)
+        self._announces = every(ANNOUNCE_PERIOD, self._greet)
+        self._greet()
+
+    def _greet(self) -> None:
+        if self._announces is not None and not self._stopped.is_set():
+            publish(self._announcements, self.formula)
 
     def _settle_left(self) -> None:
         """Closes what an earlier process of this node has left open, and answers for it."""

@@ -2,7 +2,8 @@
 
 import threading
 import traceback
-from typing import Any, Callable, Dict, Iterator, List, Tuple
+from functools import partial
+from typing import Any, Dict, Iterator, List, Tuple
 
 import rospy
 from merlin_msgs.msg import RunActionAction, RunActionFeedback, RunActionResult
@@ -14,8 +15,9 @@ from merlin_actions.core.names import CONCURRENT, DECLARED, action_param, ros_na
 from merlin_actions.merlin_action_sm import MerlinActionSM
 from merlin_ros.actions.action_server import ActionServer, ServerGoal
 from merlin_ros.alarms import wait_ticks
-from merlin_ros.deadline import Deadline, limit
+from merlin_ros.deadline import call_when_passed, limit
 from merlin_ros.health import ERROR, OK, WARN, Health
+from merlin_ros.threads import start_thread
 from merlin_ros.work.work_book import Decision, Policy, Step, WorkBook
 from merlin_sm.autonomy import label_text
 from merlin_sm.holding.node_holds import node_holds
@@ -179,34 +181,24 @@ class MerlinActionServer:
             if decision.what is Step.RUN:
                 self._begin(goal, machine)
             elif decision.what is Step.STOP:
-                # In threads of their own: users' code may loop in its preempt.
-                self._start_thread("limit of", self._limit, goal, machine)
-                if not self._start_thread("preempt", self._preempt, goal, machine):
-                    self._preempt(goal, machine)  # what moves has to stop
+                if self._cancel_limit is not None:
+                    call_when_passed(self._cancel_limit, partial(self._limit, goal))
+                try:  # in a thread of its own: users' code may loop in its preempt
+                    start_thread(f"preempt {self.operator}", self._preempt, machine)
+                except RuntimeError as error:
+                    rospy.logerr(f"{self.operator}: {error}")
+                    self._preempt(machine)  # what moves has to stop
             else:
                 self._abandon(goal, machine)
 
-    def _start_thread(self, what: str, target: Callable[..., None], *args: Any) -> bool:
-        """Whether there was a thread for it; without one the node ends soon (`merlin_ros.ports`)."""
-        try:
-            name = f"{what} {self.operator}"
-            threading.Thread(target=target, args=args, name=name, daemon=True).start()
-        except RuntimeError as error:
-            rospy.logerr(f"{self.operator}: {error}")
-            return False
-        return True
-
     def _begin(self, goal: ServerGoal, machine: MerlinActionSM) -> None:
         """Begins a run in a thread of its own; one that cannot begin has ended."""
-        thread = threading.Thread(
-            target=self._run, args=(goal, machine), name=f"machine {self.operator}", daemon=True
-        )
-        with self._changed:
-            self._threads[goal.id] = thread
         try:
             machine.prepare()
             if goal.accept():
-                thread.start()
+                with self._changed:  # it is noted before it can end
+                    thread = start_thread(f"machine {self.operator}", self._run, goal, machine)
+                    self._threads[goal.id] = thread
             else:  # it was answered meanwhile: nothing may run for it
                 self._end(goal, MachineEnd(ABORTED, "it was answered before it began"), "")
         except BaseException as error:  # no further thread, or users' code
@@ -226,16 +218,20 @@ class MerlinActionServer:
         if machine in self._pool and machine not in self._free:
             self._free.append(machine)
 
-    def _preempt(self, goal: ServerGoal, machine: MerlinActionSM) -> None:
+    def _preempt(self, machine: MerlinActionSM) -> None:
         try:
             machine.cancel()
         except BaseException as error:  # users' code; the limit deals with a machine that continues
             rospy.logerr(f"{self.operator}: its preempt raised {type(error).__name__}: {error}")
 
-    def _limit(self, goal: ServerGoal, machine: MerlinActionSM) -> None:
+    def _limit(self, goal: ServerGoal) -> None:
         with self._changed:
-            if Deadline(self._cancel_limit).wait(self._changed, lambda: goal.id not in self._book.running):
-                return
+            runs = goal.id in self._book.running
+        if runs:  # in a thread of its own: users' code makes the machine that takes its place
+            start_thread(f"limit of {self.operator}", self._overdue, goal)
+
+    def _overdue(self, goal: ServerGoal) -> None:
+        with self._changed:
             decisions = self._book.overdue(goal.id)
         self._carry_out(decisions)
 

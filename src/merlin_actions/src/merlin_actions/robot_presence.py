@@ -12,8 +12,9 @@ from std_srvs.srv import SetBool, SetBoolRequest, SetBoolResponse
 from merlin_actions.core.robot_book import GONE_AFTER, WORD_PERIOD
 from merlin_ros.actions.lease_holder import LIFE
 from merlin_ros.actions.peers import connected_peers
+from merlin_ros.alarms import call_later, every
 from merlin_ros.master.master_link import ERRORS, MasterSilent, bounded_master, get_param, set_param
-from merlin_ros.publishing import Subscribed, publish
+from merlin_ros.publishing import OnSubscriber, publish
 
 CONNECT_LIMIT = 3.0  # s for the connections to other hosts; one that was killed keeps its entry at the master
 CONNECTION_LOOK = 0.02  # s between two looks for them, of which rospy gives no event
@@ -43,9 +44,9 @@ class RobotPresence:
         self._changed = threading.Condition()  # guards the fields below and the order of messages
         self._keeping = threading.Lock()  # orders those that take the robot out and in
         self._out = TAKEN_OUT if get_param(TAKEN_OUT_PARAM, False) else ""
-        self._ended = False
+        self._begun = self._ended = False
         self._others: Set[str] = set()
-        newcomers = _Heard(self._changed)
+        newcomers = OnSubscriber(lambda _: call_later(0.0, self._beat))  # a bridge hears of it at once
         self._topic = f"{knowledge_base}/robots"
         self._publisher = rospy.Publisher(
             self._topic, RobotHost, subscriber_listener=newcomers, queue_size=10
@@ -92,14 +93,15 @@ class RobotPresence:
                 f"robot {self.robot} {TAKEN_OUT}; it was so when its host began. "
                 f"Call {service.resolved_name} with true to let it take actions again."
             )
-        threading.Thread(target=self._beat, name=f"presence of {self.robot}", daemon=True).start()
+        self._begun = True
+        self._beat()
+        every(WORD_PERIOD, self._beat)  # wall time: a paused simulator must not look like a death
 
     def shutdown(self) -> None:
         """Says that the robot leaves."""
         with self._changed:
             self._ended = True
             self._say()
-            self._changed.notify_all()
 
     def _hear(self, word: RobotHost) -> None:
         if word.robot == self.robot and word.node != rospy.get_name() and not word.leaving:
@@ -122,9 +124,8 @@ class RobotPresence:
 
     def _beat(self) -> None:
         with self._changed:
-            while not self._ended and not rospy.is_shutdown():
+            if self._begun and not self._ended:
                 self._say()
-                self._changed.wait(WORD_PERIOD)  # wall time: a paused simulator must not look like a death
 
     def _say(self) -> None:
         """Called with the lock held."""
@@ -139,16 +140,3 @@ class RobotPresence:
         )
         message.header.stamp = rospy.Time.now()
         publish(self._publisher, message)
-
-
-class _Heard(Subscribed):
-    """Publishes at once when a bridge subscribes."""
-
-    def __init__(self, changed: threading.Condition) -> None:
-        super().__init__()
-        self._changed = changed
-
-    def peer_subscribe(self, *_: object) -> None:
-        """Called by rospy."""
-        with self._changed:
-            self._changed.notify_all()

@@ -3,19 +3,18 @@
 import itertools
 import threading
 import time
-import traceback
-from collections import deque
-from typing import Callable, Deque, Dict, List
+from typing import Callable, Dict, List, Optional
 
 import rospy
 from merlin_msgs.msg import RobotHost
 
 from merlin_actions.core.availability import Availability
 from merlin_actions.core.robot_book import GONE_AFTER, HostWord, RobotBook, RobotChange
-from merlin_ros.alarms import TICK, TickClock, wait_ticks
+from merlin_ros.alarms import TICK, Alarm, TickClock, call_later, every, wait_ticks
 from merlin_ros.master.master_link import MasterSilent
 from merlin_ros.robot_values import AVAILABLE
 from merlin_ros.service_proxy import ServiceError
+from merlin_ros.threads import CallQueue
 from merlin_sm.knowledge_client import ADD, REMOVE, KnowledgeClient, KnowledgeError, Update, fact
 from merlin_sm.robot_roster import RobotRoster, is_node, sender_of
 
@@ -35,12 +34,14 @@ class RobotWatch:
         self._roster = RobotRoster()
         self._changed = threading.Condition()  # guards the fields below
         self._book = RobotBook()
-        self._pending: Deque[RobotChange] = deque()
+        self._ticks = TickClock()
+        self._settled = False
+        self._calls = CallQueue("robots")
         self._listeners: List[Callable[[RobotChange], None]] = []
         self._subscriber = rospy.Subscriber(
             f"{knowledge.name}/robots", RobotHost, self._receive, tcp_nodelay=True, queue_size=100
         )
-        threading.Thread(target=self._watch, name="robots", daemon=True).start()
+        every(TICK, self._look)
 
     def listen(self, callback: Callable[[RobotChange], None]) -> None:
         """Calls back with each change, in order, in a thread of this watch; at once with what is known."""
@@ -124,35 +125,26 @@ class RobotWatch:
         """Takes changes in; called with the lock held."""
         for change in changes:
             self._facts.put(change.robot, change.available)
+            for call in (_log, *self._listeners):
+                self._calls.put(call, change)
         if changes:
-            self._pending.extend(changes)
             self._changed.notify_all()
 
-    def _watch(self) -> None:
-        ticks = TickClock()
-        settled = False
-        while not rospy.is_shutdown():
-            with self._changed:
-                if not self._pending:
-                    self._changed.wait(TICK)
-                self._add(self._book.pass_time(ticks.look()))
-                changes, listeners = list(self._pending), list(self._listeners)
-                self._pending.clear()
-            for change in changes:
-                log = rospy.loginfo if change.available else rospy.logwarn
-                log(change.reason or f"robot {change.robot} takes actions")
-                for listener in listeners:
-                    try:
-                        listener(change)
-                    except Exception:  # a robot of an impossible name must not hide the others
-                        rospy.logerr(f"robot {change.robot}: {traceback.format_exc()}")
-            if not settled and ticks.now > GONE_AFTER:
-                settled = True
+    def _look(self) -> None:
+        with self._changed:
+            self._add(self._book.pass_time(self._ticks.look()))
+            if not self._settled and self._ticks.now > GONE_AFTER:
+                self._settled = True
                 self._facts.settle()
 
 
+def _log(change: RobotChange) -> None:
+    log = rospy.loginfo if change.available else rospy.logwarn
+    log(change.reason or f"robot {change.robot} takes actions")
+
+
 class AvailableFacts:
-    """Writes ``(available ?robot)``, in a thread of its own: a knowledge base may not answer for a while.
+    """Writes ``(available ?robot)``, in another thread: a knowledge base may not answer for a while.
 
     :param knowledge: to write to.
     """
@@ -163,20 +155,20 @@ class AvailableFacts:
         self._there = predicate is not None and len(predicate.typed_parameters) == 1
         self._changed = threading.Condition()  # guards the field below
         self._availability = Availability()
-        if self._there:
-            threading.Thread(target=self._write_all, name="available robots", daemon=True).start()
+        self._calls = CallQueue("available robots")
+        self._retry: Optional[Alarm] = None  # of the thread of the calls
 
     def put(self, robot: str, available: bool) -> None:
         """Notes whether a robot is available; writes it soon."""
         with self._changed:
             self._availability.put(robot, available)
-            self._changed.notify_all()
+        self._write_soon()
 
     def settle(self) -> None:
         """Robots without a message so far are not available, whatever the problem says."""
         with self._changed:
             self._availability.settle()
-            self._changed.notify_all()
+        self._write_soon()
 
     def wait_published(self, robot: str, seconds: float) -> None:
         """Waits until the knowledge says what is known of a robot, s of the caller's own time at most."""
@@ -187,28 +179,32 @@ class AvailableFacts:
         with self._changed:
             wait_ticks(lambda tick: self._changed.wait_for(written, tick), seconds)
 
+    def _write_soon(self) -> None:
+        if self._there:
+            self._calls.put(self._write_all)
+
     def _write_all(self) -> None:
-        while not rospy.is_shutdown():
-            with self._changed:
-                self._changed.wait_for(lambda: self._availability.pending)
-                unsettled = self._availability.unsettled
-            try:
-                if unsettled:
-                    # A knowledge base that is not strict may hold one about no robot.
-                    facts = self._knowledge.propositions(AVAILABLE)
-                    listed = [item.values[0].value for item in facts if item.values]
-                    with self._changed:
-                        self._availability.compare(listed)
+        with self._changed:
+            if not self._availability.pending:  # an earlier call has written it
+                return
+            unsettled = self._availability.unsettled
+        try:
+            if unsettled:
+                # A knowledge base that is not strict may hold one about no robot.
+                facts = self._knowledge.propositions(AVAILABLE)
+                listed = [item.values[0].value for item in facts if item.values]
                 with self._changed:
-                    changes = self._availability.changes()
-                refused = [text for text in itertools.starmap(self._write, changes.items()) if text]
-            except (ServiceError, MasterSilent) as error:
-                refused = [str(error)]
-            if refused:
-                rospy.logwarn_throttle(
-                    10.0, f"availability of robots is not written yet: {'; '.join(refused)}"
-                )
-                time.sleep(RETRY)  # a service gives no event when it is offered again
+                    self._availability.compare(listed)
+            with self._changed:
+                changes = self._availability.changes()
+            refused = [text for text in itertools.starmap(self._write, changes.items()) if text]
+        except (ServiceError, MasterSilent) as error:
+            refused = [str(error)]
+        if refused:
+            rospy.logwarn_throttle(10.0, f"availability of robots is not written yet: {'; '.join(refused)}")
+            if (self._retry is None or not self._retry.waits) and not rospy.is_shutdown():
+                # A service gives no event when it is offered again.
+                self._retry = call_later(RETRY, self._write_soon)
 
     def _write(self, robot: str, available: bool) -> str:
         """Writes one; returns why the knowledge base refuses it: the others are written all the same."""

@@ -14,7 +14,7 @@ from typing import Any, Callable, Optional
 import rospy
 from merlin_msgs.msg import SimStatus
 
-from merlin_ros.alarms import INSTANT, TICK, TickClock
+from merlin_ros.alarms import INSTANT, TICK, Alarm, Alarms, TickClock
 from merlin_ros.master.master_link import lost
 
 SIM_STATUS_TOPIC = "/merlin_sim/status"
@@ -94,6 +94,18 @@ _pause_watch = _PauseWatch()
 def running_time() -> float:
     """The monotonic clock, s, which stands still while the simulator is paused."""
     return time.monotonic() - _pause_watch.paused_time()
+
+
+_limits = Alarms("running limits", TickClock(running_time))
+
+
+def call_when_passed(seconds: float, call: Callable[[], object]) -> Alarm:
+    """Has a function called after some running time; see :meth:`merlin_ros.alarms.Alarms.call_later`.
+
+    :param seconds: s of running time in which the process is not stalled.
+    :param call: must not block.
+    """
+    return _limits.call_later(seconds, call)
 
 
 def limit(seconds: float) -> Optional[float]:

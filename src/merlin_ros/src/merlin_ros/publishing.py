@@ -30,7 +30,7 @@ class OnSubscriber(rospy.SubscribeListener):
     :param call: gets a function that publishes a message to the new subscriber alone.
     """
 
-    def __init__(self, call: Callable[[Callable[[Any], None]], None]) -> None:
+    def __init__(self, call: Callable[[Callable[[Any], None]], object]) -> None:
         super().__init__()
         self._call = call
 

@@ -25,6 +25,7 @@ class Master:
         self.asked = threading.Event()
         self.written = threading.Condition()
         self.silent = False
+        self.words: List[Any] = []
 
     def set_param(self, name: str, value: Any) -> None:
         self.asked.set()
@@ -34,6 +35,7 @@ class Master:
             if self.silent:
                 raise MasterSilent("no answer")
             self.params[name] = value
+            self.words.append(value)
 
     def get_param(self, name: str, default: Any) -> Any:
         return self.params.get(name, default)
@@ -70,6 +72,23 @@ def test_the_last_word_comes_last(master: Master) -> None:
     assert notes.read() == ["(checked bathroom)"]
     notes.write_soon([])
     master.wait_for([])
+
+
+def test_of_words_that_wait_only_the_last_is_written(master: Master) -> None:
+    notes = ParameterNotes("/notes")
+    master.answers.clear()
+    for place in ("kitchen", "hall", "bathroom"):
+        notes.write_soon([f"(checked {place})"])
+        assert master.asked.wait(LONG)
+    master.answers.set()
+    master.wait_for(["(checked bathroom)"])
+    assert ["(checked hall)"] not in master.words
+
+
+def test_the_caller_learns_that_its_word_was_not_written(master: Master) -> None:
+    master.silent = True
+    with pytest.raises(MasterSilent, match="no answer"):
+        ParameterNotes("/notes").write(["(checked kitchen)"])
 
 
 def test_a_silent_master_is_logged_and_the_next_word_written(

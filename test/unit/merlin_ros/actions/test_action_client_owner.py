@@ -9,6 +9,7 @@ from merlin_msgs.msg import ListenAction, ListenGoal
 
 from merlin_ros.actions import action_client
 from merlin_ros.actions.action_client import DEAD_OWNERS, ActionClient
+from merlin_ros.alarms import Alarm
 
 
 class Lease:
@@ -32,7 +33,7 @@ def client(clock: Any, monkeypatch: pytest.MonkeyPatch) -> ActionClient:
     monkeypatch.setattr(action_client.rospy, "Publisher", topics)
     monkeypatch.setattr(action_client.rospy, "Subscriber", topics)
     monkeypatch.setattr(action_client, "LeaseHolder", Lease)
-    monkeypatch.setattr(ActionClient, "_watch", lambda self: None)
+    monkeypatch.setattr(action_client, "every", lambda period, call: Alarm(call, period))  # never
     return ActionClient("listen", ListenAction)
 
 

@@ -11,6 +11,7 @@ from merlin_msgs.msg import ListenAction, ListenGoal
 from merlin_ros.actions import action_client
 from merlin_ros.actions.action_client import ActionClient
 from merlin_ros.actions.lease_holder import LIFE
+from merlin_ros.alarms import Alarm
 
 LIFE_BEFORE = "0123456789ab"
 
@@ -26,7 +27,7 @@ def sent(clock: Any, monkeypatch: pytest.MonkeyPatch) -> List[Any]:
     monkeypatch.setattr(action_client.rospy, "logwarn_throttle", lambda *_: None)
     no_lease = SimpleNamespace(hold=lambda *_: None, release=lambda *_: None)
     monkeypatch.setattr(action_client, "LeaseHolder", lambda _: no_lease)
-    monkeypatch.setattr(ActionClient, "_watch", lambda self: None)
+    monkeypatch.setattr(action_client, "every", lambda period, call: Alarm(call, period))  # never
     monkeypatch.setattr(action_client, "publish", lambda publisher, message: messages.append(message))
     return messages
 

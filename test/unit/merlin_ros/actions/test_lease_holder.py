@@ -1,11 +1,12 @@
 """What a holder of leases publishes: one message for each change, and one for each period."""
 
-from typing import Collection, Iterator, List
+from typing import Callable, Collection, Iterator, List
 
 import pytest
 
 from merlin_ros.actions import lease_holder
 from merlin_ros.actions.lease_holder import LeaseHolder
+from merlin_ros.alarms import Alarm
 
 
 @pytest.fixture
@@ -42,16 +43,27 @@ def test_releasing_what_is_not_held_says_nothing(holder: LeaseHolder, published:
     assert published == [["7/1"]]
 
 
-def test_a_goal_between_two_renewals_is_published_once(
-    holder: LeaseHolder, published: List[List[str]], monkeypatch: pytest.MonkeyPatch
+def test_what_is_held_is_renewed_and_nothing_is_said_when_nothing_is(
+    published: List[List[str]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    woken: List[str] = []
+    renewals: List[Alarm] = []
+
+    def every(period: float, call: Callable[[], None]) -> Alarm:
+        renewals.append(Alarm(call, period))
+        return renewals[-1]
+
+    monkeypatch.setattr(lease_holder, "every", every)
+    holder = LeaseHolder("/dispatcher/lease")
     holder.hold("7/1")
-    with monkeypatch.context() as patched:
-        patched.setattr(holder._lease._changed, "notify_all", lambda: woken.append("the thread that renews"))
-        holder.hold("7/2")
-    assert woken == []
-    assert published == [["7/1"], ["7/1", "7/2"]]
+    (first,) = renewals
+    first.ring()
+    holder.release("7/1")
+    first.ring()
+    assert published == [["7/1"], ["7/1"], []] and not first.waits
+    holder.hold("7/2")
+    renewals[1].ring()
+    assert published[3:] == [["7/2"], ["7/2"]]
+    holder.shutdown()
 
 
 def test_a_holder_that_ends_while_another_thread_releases_a_goal(

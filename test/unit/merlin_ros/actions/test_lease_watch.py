@@ -1,8 +1,8 @@
 """A watch of leases goes on whatever is done with a change; so does a client whatever is done with an end."""
 
-import threading
+from queue import Queue
 from types import SimpleNamespace
-from typing import Any, Iterator, List, Set
+from typing import Any, List, Set
 
 import pytest
 from actionlib_msgs.msg import GoalID, GoalStatus
@@ -12,48 +12,65 @@ from merlin_ros.actions import client_goal, lease_watch
 from merlin_ros.actions.client_goal import ClientGoal
 from merlin_ros.actions.lease import LeaseState
 from merlin_ros.actions.lease_watch import LeaseWatch
+from merlin_ros.alarms import Alarm
 
 LONG = 60.0
 
 
+class Watched:
+    """A watch of leases, its topic, and its looks."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.looks: List[Alarm] = []
+        self.connected: List[str] = ["/a", "/b"]
+        self.looked = 0
+        self.receive: Any = None
+        monkeypatch.setattr(lease_watch.rospy, "resolve_name", lambda name: f"/{name}")
+        monkeypatch.setattr(lease_watch.rospy, "Subscriber", self._subscribe)
+        monkeypatch.setattr(lease_watch, "connected_peers", self._peers)
+        monkeypatch.setattr(lease_watch, "every", self._every)
+
+    def _subscribe(self, _: str, __: type, callback: Any, **___: Any) -> Any:
+        self.receive = callback
+        return SimpleNamespace(unregister=lambda: None)
+
+    def _peers(self, _: Any) -> Set[str]:
+        self.looked += 1
+        return set(self.connected)
+
+    def _every(self, period: float, call: Any) -> Alarm:
+        self.looks.append(Alarm(call, period))
+        return self.looks[-1]
+
+
 @pytest.fixture
-def logged(monkeypatch: pytest.MonkeyPatch) -> Iterator[List[str]]:
-    texts: List[str] = []
-    ends = threading.Event()
-    subscriber = SimpleNamespace(unregister=lambda: None)
-    rospy = SimpleNamespace(
-        resolve_name=lambda name: f"/{name}",
-        Subscriber=lambda *_, **__: subscriber,
-        is_shutdown=ends.is_set,
-        logerr=texts.append,
-    )
-    monkeypatch.setattr(lease_watch, "rospy", rospy)
-    monkeypatch.setattr(lease_watch, "connected_peers", lambda subscriber: {"/a", "/b"})
-    monkeypatch.setattr(client_goal.rospy, "logerr", texts.append)
-    yield texts
-    ends.set()
+def watched(monkeypatch: pytest.MonkeyPatch) -> Watched:
+    return Watched(monkeypatch)
 
 
-def test_a_change_that_cannot_be_dealt_with_hides_no_later_one(logged: List[str]) -> None:
-    lost, both = [], threading.Event()
+def test_a_change_that_cannot_be_dealt_with_hides_no_later_one(
+    watched: Watched, caplog: pytest.LogCaptureFixture
+) -> None:
+    lost: Queue[str] = Queue()
 
     def change(found: Any) -> None:
         if found.state is LeaseState.LOST:
-            lost.append(found.goal)
-            if len(lost) == 2:
-                both.set()
+            lost.put(found.goal)
             raise ValueError("broken")
 
     watch = LeaseWatch("drive/lease", change)
     for owner in ("/a", "/b"):
-        watch._receive(Lease(owner=owner, life="1", held=[f"goal of {owner}"]))
-        watch._receive(Lease(owner=owner, life="1", held=[]))
-    assert both.wait(LONG), lost
+        watched.receive(Lease(owner=owner, life="1", held=[f"goal of {owner}"]))
+        watched.receive(Lease(owner=owner, life="1", held=[]))
+    assert [lost.get(timeout=LONG) for _ in range(2)] == ["goal of /a", "goal of /b"]
     watch.shutdown()
-    assert "goal of /a" in logged[0] and "ValueError: broken" in logged[0]
+    assert "'owners /drive/lease'" in caplog.text and "ValueError: broken" in caplog.text
 
 
-def test_the_end_of_a_goal_stays_its_end_when_its_client_fails(logged: List[str]) -> None:
+def test_the_end_of_a_goal_stays_its_end_when_its_client_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+    logged: List[str] = []
+    monkeypatch.setattr(client_goal.rospy, "logerr", logged.append)
+
     def fail(_: ClientGoal) -> None:
         raise ValueError("broken")
 
@@ -63,29 +80,18 @@ def test_the_end_of_a_goal_stays_its_end_when_its_client_fails(logged: List[str]
     assert "goal 1" in logged[0] and "ValueError: broken" in logged[0]
 
 
-def test_a_watch_without_a_held_goal_waits_for_the_next_lease(
-    logged: List[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    callbacks: List[Any] = []
-    looks: List[int] = []
-    subscriber = SimpleNamespace(unregister=lambda: None)
-
-    def subscribe(_: str, __: Any, callback: Any, **___: Any) -> Any:
-        callbacks.append(callback)
-        return subscriber
-
-    def peers(_: Any) -> Set[str]:
-        looks.append(len(looks))
-        return {"/a"}
-
-    monkeypatch.setattr(lease_watch.rospy, "Subscriber", subscribe)
-    monkeypatch.setattr(lease_watch, "connected_peers", peers)
-    before = set(threading.enumerate())
+def test_a_watch_without_a_held_goal_does_not_look(watched: Watched) -> None:
     watch = LeaseWatch("drive/lease", lambda change: None)
-    (receive,) = callbacks
     for life in range(50):
-        receive(Lease(owner="/a", life=str(life), held=[]))
-    (thread,) = set(threading.enumerate()) - before
+        watched.receive(Lease(owner="/a", life=str(life), held=[]))
+    assert not watched.looks
+    watched.receive(Lease(owner="/a", life="50", held=["goal 1"]))
+    (looks,) = watched.looks
+    looks.ring()
+    assert watched.looked == 1 and looks.waits
+    watch.forget("goal 1")
+    looks.ring()
+    assert watched.looked == 1 and not looks.waits
+    watched.receive(Lease(owner="/a", life="50", held=["goal 2"]))
+    assert watched.looks[-1].waits
     watch.shutdown()
-    thread.join(LONG)
-    assert not thread.is_alive() and len(looks) == 0

@@ -1,7 +1,8 @@
 """The goals that an Executor has put into the knowledge base, noted where its successor finds them."""
 
 import threading
-from typing import Callable, Generic, List, Optional, Sequence, TypeVar, Union
+from collections import deque
+from typing import Deque, List, Optional, Sequence, Union
 
 import rospy
 from rosplan_knowledge_msgs.msg import KnowledgeItem
@@ -9,12 +10,12 @@ from rosplan_knowledge_msgs.msg import KnowledgeItem
 from merlin_executor.goals.goal_ledger import GoalLedger
 from merlin_executor.goals.goal_notes import GoalNotes, NotesError
 from merlin_ros.actions.lease_holder import LIFE, LeaseHolder
-from merlin_ros.master.master_link import get_param, set_param
+from merlin_ros.master.master_link import MasterSilent, get_param, set_param
+from merlin_ros.threads import CallQueue
 from merlin_sm.knowledge_client import ADD_GOAL, REMOVE_GOAL, KnowledgeClient, KnowledgeError, Update
 from merlin_sm.knowledge_text import PDDLSyntaxError, parse_goal, to_pddl
 
 PARAMETER = "~added_goals"
-_Value = TypeVar("_Value")
 
 
 class OwnGoals:
@@ -138,20 +139,32 @@ class ParameterNotes:
 
     def __init__(self, name: str) -> None:
         self._name = name
-        self._writer: LateWriter[List[str]] = LateWriter(
-            f"notes {name}", lambda texts: set_param(self._name, texts), self._not_noted
-        )
+        self._writing = threading.Lock()  # held while they are written: the last word comes last
+        self._next: Deque[List[str]] = deque(maxlen=1)  # what is to be written next; a newer word replaces it
+        self._calls = CallQueue(f"notes {name}")
 
     def write(self, texts: Sequence[str]) -> None:
         """Notes these goals and no others; returns when that is done.
 
         :raises MasterSilent: the master does not answer; one that comes back gets them.
         """
-        self._writer.write(list(texts))
+        with self._writing:
+            self._next.clear()
+            set_param(self._name, list(texts))
 
     def write_soon(self, texts: Sequence[str]) -> None:
         """Notes these goals and no others, in another thread: a call to the master takes a millisecond."""
-        self._writer.write_soon(list(texts))
+        self._next.append(list(texts))
+        self._calls.put(self._write_next)
+
+    def _write_next(self) -> None:
+        with self._writing:
+            if not self._next:  # a later word was written meanwhile
+                return
+            try:
+                set_param(self._name, self._next.popleft())
+            except MasterSilent as error:
+                rospy.logwarn_throttle(60.0, f"the goals of this executor are not noted yet: {error}")
 
     def read(self) -> List[str]:
         """The goals noted last; empty when no goal is noted.
@@ -160,60 +173,3 @@ class ParameterNotes:
         """
         noted = get_param(self._name, [])
         return list(map(str, noted)) if isinstance(noted, list) else []
-
-    @staticmethod
-    def _not_noted(error: Exception) -> None:
-        rospy.logwarn_throttle(60.0, f"the goals of this executor are not noted yet: {error}")
-
-
-class LateWriter(Generic[_Value]):
-    """Writes the last value that was given; one that a newer value replaces before its turn is never written.
-
-    :param name: of the thread.
-    :param write: writes one value; called by one thread at a time.
-    :param failed: called with what `write` raised in the thread; the writer continues with the next value.
-    """
-
-    def __init__(
-        self, name: str, write: Callable[[_Value], None], failed: Callable[[Exception], None]
-    ) -> None:
-        self._name = name
-        self._write = write
-        self._failed = failed
-        self._writing = threading.Lock()  # held while a value is written: the last word comes last
-        self._changed = threading.Condition()  # guards the two fields below
-        self._next: Optional[_Value] = None
-        self._thread: Optional[threading.Thread] = None
-
-    def write(self, value: _Value) -> None:
-        """Writes a value in the caller's thread, in place of one that waits. Raises what `write` does."""
-        with self._writing:
-            self._take()
-            self._write(value)
-
-    def write_soon(self, value: _Value) -> None:
-        """Writes a value in another thread."""
-        with self._changed:
-            self._next = value
-            if self._thread is None:
-                self._thread = threading.Thread(target=self._work, name=self._name, daemon=True)
-                self._thread.start()
-            self._changed.notify_all()
-
-    def _take(self) -> Optional[_Value]:
-        with self._changed:
-            value, self._next = self._next, None
-        return value
-
-    def _work(self) -> None:
-        while True:
-            with self._changed:
-                self._changed.wait_for(lambda: self._next is not None)
-            with self._writing:
-                value = self._take()
-                if value is None:  # a later word was written meanwhile
-                    continue
-                try:
-                    self._write(value)
-                except Exception as error:  # of the function that stores the value
-                    self._failed(error)

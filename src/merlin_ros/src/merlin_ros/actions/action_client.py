@@ -25,9 +25,10 @@ from merlin_ros.actions.lease import LEASED
 from merlin_ros.actions.lease_holder import LIFE, LeaseHolder
 from merlin_ros.actions.peers import came_over_open, connected_peers, link_from, reaches
 from merlin_ros.actions.server_silence import CONNECTED_SILENCE, LOOK, ServerSilence
-from merlin_ros.alarms import TickClock
+from merlin_ros.alarms import Alarm, TickClock, every
 from merlin_ros.deadline import running_time
 from merlin_ros.publishing import OnSubscriber, publish
+from merlin_ros.threads import CallQueue
 
 REPEAT_CANCEL = 0.5  # s after which a cancel that shows no effect is sent again
 KEEP_GIVEN_UP = 60.0  # s for which a goal that was given up is cancelled when the server names it again
@@ -70,7 +71,8 @@ class ActionClient:
         self._given_up: Dict[str, float] = {}  # goal id -> running time of the last cancel
         self._dead_owners: Dict[str, None] = {}  # the oldest first
         self._stopped = False
-        self._watchdog: Optional[threading.Thread] = None
+        self._looks: Optional[Alarm] = None
+        self._late = CallQueue(f"client of {self.name}")  # what a look has found
         self._node = rospy.get_name()
         self._own_ids = re.compile(rf"{re.escape(self._node)}-([0-9a-f]{{12}})-\d+-\d+\.\d+{LEASED}")
         self._taken = rospy.Time()  # the latest stamp of a goal in the last status list
@@ -200,12 +202,8 @@ class ActionClient:
             over = owner is not None and owner in self._dead_owners
             if not over:
                 self._goals[sent.id] = sent
-            if self._watchdog is None:
-                self._watchdog = threading.Thread(
-                    target=self._watch, name=f"client of {self.name}", daemon=True
-                )
-                self._watchdog.start()
-            self._changed.notify_all()
+            if self._looks is None:
+                self._looks = every(LOOK, self._look)
         if over:
             self._lease.release(sent.id)
             sent.finish(GoalStatus.LOST, OWNER_OVER, self._result_type())
@@ -341,37 +339,27 @@ class ActionClient:
         # Never with a stamp: a server would also cancel every goal sent in the same tick of the clock.
         publish(self._cancel_publisher, GoalID(id=goal_id))
 
-    def _watch(self) -> None:
+    def _look(self) -> None:
         """Ends goals whose server is silent and repeats cancels that got lost."""
-        while True:
-            with self._changed:
-                while not self._goals and not self._stopped:
-                    self._changed.wait()
-                if self._stopped or rospy.is_shutdown():
-                    return
-                self._changed.wait(LOOK)
-                now = running_time()
-                self._silence.look()
-                publishes, connected = bool(connected_peers(self._subscribers[-1])), self._connected()
-                if not publishes:
-                    self._silence.part(self._goals.values())
-                ended = [
-                    (goal, why)
-                    for goal in self._goals.values()
-                    for why in [self._silence.why_lost(goal, publishes, connected)]
-                    if why
-                ]
-                for goal, _ in ended:
+        with self._changed:
+            if self._looks is not None and (self._stopped or not self._goals):  # until the next goal
+                self._looks.cancel()
+                self._looks = None
+                return
+            now = running_time()
+            self._silence.look()
+            publishes, connected = bool(connected_peers(self._subscribers[-1])), self._connected()
+            if not publishes:
+                self._silence.part(self._goals.values())
+            for goal in list(self._goals.values()):
+                why = self._silence.why_lost(goal, publishes, connected)
+                if why:
                     del self._goals[goal.id]
-                again = [
-                    goal
-                    for goal in self._goals.values()
-                    if goal.cancel_sent is not None
+                    goal.hangs = connected and self._silence.silent(goal) > CONNECTED_SILENCE
+                    self._late.put(self._lose, goal, why)
+                elif (
+                    goal.cancel_sent is not None
                     and now - goal.cancel_sent > REPEAT_CANCEL
                     and goal.status not in (GoalStatus.PREEMPTING, GoalStatus.RECALLING)
-                ]
-            for goal, why in ended:
-                goal.hangs = connected and self._silence.silent(goal) > CONNECTED_SILENCE
-                self._lose(goal, why)
-            for goal in again:
-                self._send_cancel(goal)
+                ):
+                    self._late.put(self._send_cancel, goal)

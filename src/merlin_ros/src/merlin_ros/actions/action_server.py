@@ -22,6 +22,7 @@ from merlin_ros.actions.lease import LOSE_AFTER, LeaseChange, LeaseState
 from merlin_ros.actions.lease_watch import LeaseWatch
 from merlin_ros.actions.ownership import ownership
 from merlin_ros.actions.sending_order import SendingOrder
+from merlin_ros.alarms import Alarm, every
 from merlin_ros.publishing import publish
 
 STATUS_PERIOD = 0.2  # s of wall time, actionlib's usual 5 Hz
@@ -188,7 +189,8 @@ class ActionServer:
         self._early_cancels: OrderedDict[str, float] = OrderedDict()  # the oldest first
         self._order = SendingOrder()
         self._cancel_before = -math.inf  # goals sent until then are cancelled; in that order
-        self._stopped = threading.Event()
+        self._stopped = False
+        self._heartbeat: Optional[Alarm] = None
         self._subscribers: List[rospy.Subscriber] = []
         self._publishers: List[rospy.Publisher] = []
 
@@ -209,8 +211,7 @@ class ActionServer:
             rospy.Subscriber(self.name + "/goal", self._goal_type, self._receive_goal, tcp_nodelay=True),
             rospy.Subscriber(self.name + "/cancel", GoalID, self._receive_cancel, tcp_nodelay=True),
         ]
-        self._heartbeat = threading.Thread(target=self._beat, name=f"status of {self.name}", daemon=True)
-        self._heartbeat.start()
+        self._heartbeat = every(STATUS_PERIOD, self._beat)
 
     def shutdown(self) -> None:
         """Ends every goal as ABORTED and stops serving."""
@@ -221,7 +222,10 @@ class ActionServer:
         for goal in self.goals():
             goal.abort(text="the action server shuts down")
         with self.lock:
-            self._stopped.set()
+            self._stopped = True
+            if self._heartbeat is not None:
+                self._heartbeat.cancel()
+                hangs.rest()
             for publisher in self._publishers:
                 publisher.unregister()
 
@@ -280,7 +284,7 @@ class ActionServer:
         publish(self._feedback_publisher, message)
 
     def _receive_goal(self, message: Any) -> None:
-        hangs.wait_settled(self._stopped.is_set)
+        hangs.wait_settled(lambda: self._stopped)
         with self.lock:
             goal_id = message.goal_id
             if not goal_id.id:
@@ -366,9 +370,7 @@ class ActionServer:
             self.cancel(goal)
 
     def _beat(self) -> None:
-        while not self._stopped.wait(STATUS_PERIOD) and not rospy.is_shutdown():
-            hangs.beat()
-            with self.lock:
-                if not self._stopped.is_set():
-                    self.publish_status()
-        hangs.rest()
+        with self.lock:
+            if not self._stopped:
+                hangs.beat()
+                self.publish_status()

@@ -8,6 +8,7 @@ import rospy
 from merlin_msgs.msg import Lease
 
 from merlin_ros.actions.ownership import ownership
+from merlin_ros.alarms import Alarm, every
 from merlin_ros.publishing import publish
 
 PERIOD = 0.15  # s of wall time between two renewals
@@ -86,31 +87,26 @@ class _Lease:
         self.topic = topic
         self.users = 0
         self._publisher: Optional[rospy.Publisher] = None
-        self._changed = threading.Condition()  # guards the fields below and the order of messages
+        self._lock = threading.Lock()  # guards the fields below and the order of messages
         self._held: Dict[str, _Held] = {}
         self._stopped = False
-        self._thread: Optional[threading.Thread] = None
+        self._beat: Optional[Alarm] = None
 
     @property
     def watched(self) -> bool:
         return self._publisher is not None and self._publisher.get_num_connections() > 0
 
     def exchange(self, held: Collection[str], released: Collection[str], owner: Optional[str]) -> None:
-        with self._changed:
-            idle = not self._held
+        with self._lock:
             gone = [goal for goal in released if self._held.pop(goal, None) is not None]
             self._held.update({goal: _Held(owner) for goal in held})
-            if held and self._thread is None:
-                ownership.listen(self._renew)
-                self._thread = threading.Thread(target=self._beat, name=f"lease {self.topic}", daemon=True)
-                self._thread.start()
+            if held and self._beat is None:
+                self._beat = every(PERIOD, self._beats)
             if held or gone:
                 self._publish()
-            if idle:  # otherwise the thread that renews is on its way, and would publish once more at once
-                self._changed.notify_all()
 
     def suspend(self, goal: str, suspended: bool) -> None:
-        with self._changed:
+        with self._lock:
             held = self._held.get(goal)
             if held is not None and held.suspended != suspended:
                 held.suspended = suspended
@@ -118,9 +114,8 @@ class _Lease:
 
     def shutdown(self) -> None:
         ownership.ignore(self._renew)
-        with self._changed:
+        with self._lock:
             self._stopped = True
-            self._changed.notify_all()
         if self._publisher is not None:
             self._publisher.unregister()
 
@@ -128,11 +123,20 @@ class _Lease:
         """Registers with the master before the first goal, so that servers connect meanwhile."""
         if self._publisher is None:
             self._publisher = rospy.Publisher(self.topic, Lease, queue_size=10)
+            ownership.listen(self._renew)
 
     def _renew(self) -> None:
-        with self._changed:
+        with self._lock:
             if self._held and not self._stopped:
                 self._publish()
+
+    def _beats(self) -> None:
+        with self._lock:
+            if self._held and not self._stopped:
+                self._publish()
+            elif self._beat is not None:  # until the next goal
+                self._beat.cancel()
+                self._beat = None
 
     def _publish(self) -> None:
         """Called with the lock held."""
@@ -147,13 +151,3 @@ class _Lease:
         message.header.stamp = rospy.Time.now()
         if self._publisher is not None:
             publish(self._publisher, message)
-
-    def _beat(self) -> None:
-        with self._changed:
-            while not self._stopped and not rospy.is_shutdown():
-                if not self._held:
-                    self._changed.wait()
-                    continue
-                self._changed.wait(PERIOD)
-                if self._held and not self._stopped:
-                    self._publish()

@@ -2,7 +2,6 @@
 
 import contextlib
 import http.client
-import queue
 import select
 import socket
 import threading
@@ -20,6 +19,7 @@ from merlin_ros.master import master_link
 from merlin_ros.master.foreign_nodes import ForeignNodes
 from merlin_ros.master.master_watch import HUNG, MasterWatch, WatchDecision
 from merlin_ros.master.registration import ERRORS, KeptParameters, RegistrationError, register_again
+from merlin_ros.threads import CallQueue, start_thread
 
 #: Between two questions to the master, s of wall time.
 PERIOD = 1.0
@@ -81,15 +81,11 @@ class MasterKeeper:
         self._registering = threading.Lock()  # held while something is registered
         self._foreign: Optional[ForeignNodes] = None
         self._foreign_due: Optional[float] = None  # monotonic time from which they are registered
-        self._news: queue.SimpleQueue[Optional[List[Callback]]] = queue.SimpleQueue()
+        self._news = CallQueue("master news")
         self._callbacks_lock = threading.Lock()  # guards the lists
         self._on_lost: List[Callback] = []
         self._on_back: List[Callback] = []
         self._on_replaced: List[Callback] = []
-        self._threads = [
-            threading.Thread(target=self._work, name="master keeper", daemon=True),
-            threading.Thread(target=self._call_back, name="master news", daemon=True),
-        ]
 
     def on_lost(self, callback: Callback) -> None:
         """Calls this, in a thread of its own, each time the master is lost."""
@@ -134,13 +130,11 @@ class MasterKeeper:
     def start(self) -> None:
         """Begins to ask."""
         self._look()
-        for thread in self._threads:
-            thread.start()
+        start_thread("master keeper", self._work)  # its own: it waits for the master
 
     def stop(self) -> None:
         """Ends. Nothing is registered any more when this returns."""
         self._stopped.set()
-        self._news.put(None)
         if self._registering.acquire(timeout=END_TIMEOUT):
             self._registering.release()
 
@@ -243,8 +237,7 @@ class MasterKeeper:
         rospy.logerr(
             f"{self._name}: the master at {self._master_uri} does not answer; waiting for its return"
         )
-        with self._callbacks_lock:
-            self._news.put(list(self._on_lost))
+        self._call_back(self._on_lost)
 
     def _register(self, decision: WatchDecision) -> None:
         master_link.lost.clear()
@@ -272,11 +265,10 @@ class MasterKeeper:
             self._foreign_due = time.monotonic() + FOREIGN_GRACE
         what = "is back" if decision is WatchDecision.BACK_SAME else "was started anew"
         rospy.logwarn(f"{self._name}: the master at {self._master_uri} {what}; this node is registered again")
-        with self._callbacks_lock:
-            if was_lost:
-                self._news.put(list(self._on_back))
-            if decision is WatchDecision.BACK_NEW:
-                self._news.put(list(self._on_replaced))
+        if was_lost:
+            self._call_back(self._on_back)
+        if decision is WatchDecision.BACK_NEW:
+            self._call_back(self._on_replaced)
 
     def _register_foreign(self) -> None:
         assert self._foreign is not None
@@ -294,13 +286,7 @@ class MasterKeeper:
         if done:
             rospy.logwarn(f"{self._name}: registered {', '.join(done)} at the master that was started anew")
 
-    def _call_back(self) -> None:
-        while True:
-            callbacks = self._news.get()
-            if callbacks is None:
-                return
+    def _call_back(self, callbacks: List[Callback]) -> None:
+        with self._callbacks_lock:
             for callback in callbacks:
-                try:
-                    callback()
-                except Exception as error:  # the others still have to stop what they run
-                    rospy.logerr(f"{self._name}: at the loss or return of the master: {error!r}")
+                self._news.put(callback)
