@@ -2,6 +2,7 @@
 """merlin_sm's transport over real connections: actions, services, and servers that die."""
 
 import os
+import queue
 import signal
 import threading
 import time
@@ -148,22 +149,25 @@ class Actions(unittest.TestCase):
         self.assertTrue(results.wait(lambda ended: ended.status.goal_id.id == "early").result.success)
 
     def test_a_newer_goal_preempts_the_older_at_once(self):
-        stopped = []
+        begun, stopped = [], queue.Queue()
 
         def execute(goal):
-            if goal.cancel_event.wait(0.0 if stopped else LONG):
+            begun.append(goal.id)
+            if goal.cancel_event.wait(LONG if len(begun) == 1 else 0.0):
                 goal.cancelled()
             else:
                 goal.succeed()
 
-        client = self.serve("newer", execute, stopped.append)
+        client = self.serve("newer", execute, stopped.put)
         first = client.send(Goal())
         while first.status != GoalStatus.ACTIVE:
             self.assertFalse(first.wait(0.01))
         second = client.send(Goal())
         self.assertTrue(first.wait(LONG) and second.wait(LONG))
         self.assertEqual((first.status, second.status), (GoalStatus.PREEMPTED, GoalStatus.SUCCEEDED))
-        self.assertEqual(len(stopped), 1)
+        # The goal may end before the callback that its cancel event comes with.
+        self.assertEqual(stopped.get(timeout=LONG).id, first.id)
+        self.assertTrue(stopped.empty())
 
     def test_an_exception_in_the_server_ends_the_goal_aborted(self):
         def execute(goal):
