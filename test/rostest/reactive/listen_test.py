@@ -20,7 +20,7 @@ import rostest
 from merlin_reactive.ros_clock import RosClock
 from merlin_reactive.speech.speech_synthesizer import RATE, SpeechSynthesizer
 from merlin_ros.actions.action_client import ActionClient
-from merlin_ros.publishing import Subscribed
+from merlin_ros.publishing import OnSubscriber
 from merlin_test.conversation import wait_for_conversation
 
 LONG = 60.0  # s of wall time
@@ -112,14 +112,15 @@ class Listen(unittest.TestCase):
         :param on_speech: called when the robot has noticed that a person speaks.
         :param on_silence: called when the robot has noticed that the sentence is over.
         """
-        subscribed = Subscribed()
-        microphone = rospy.Publisher("audio/microphone", AudioData, subscribed, queue_size=50)
+        subscribed = threading.Event()
+        notice = OnSubscriber(lambda _: subscribed.set())
+        microphone = rospy.Publisher("audio/microphone", AudioData, notice, queue_size=50)
         self.addCleanup(microphone.unregister)
         quiet = np.zeros(RATE, dtype=np.int16)
         said = SpeechSynthesizer().say(text, "").samples
         noise = np.random.default_rng(1).normal(0.0, 30.0, len(said) + 2 * len(quiet))
         sound = (np.concatenate([quiet, said, quiet]) + noise).astype("<i2")
-        self.assertTrue(subscribed.there.wait(LONG))
+        self.assertTrue(subscribed.wait(LONG))
         listening, speaking = threading.Event(), threading.Event()
 
         def note(_, feedback):

@@ -11,7 +11,7 @@ from rosplan_dispatch_msgs.msg import ActionDispatch
 
 import rostest
 from merlin_executor.executor_client import MerlinExecutorClient, outcome_name
-from merlin_ros.publishing import Subscribed
+from merlin_ros.publishing import OnSubscriber
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 from merlin_test.announced_interfaces import wait_for_interfaces
 from merlin_test.topic_links import wait_for_publishers
@@ -26,8 +26,9 @@ class StoppedRobot(unittest.TestCase):
         self.dispatched = []
         self.drives = 0  # of robot_1
         self.knowledge = MerlinROSPlanAssistant()
-        heard = Subscribed()
-        self.ways = rospy.Publisher("/robot_ways", RobotWay, heard, queue_size=10)
+        heard = threading.Event()
+        notice = OnSubscriber(lambda _: heard.set())
+        self.ways = rospy.Publisher("/robot_ways", RobotWay, notice, queue_size=10)
         rospy.Subscriber("rosplan_knowledge_base/changes", KnowledgeChanges, self.wake, tcp_nodelay=True)
         heard_of = [
             rospy.Subscriber(
@@ -38,7 +39,7 @@ class StoppedRobot(unittest.TestCase):
         wait_for_interfaces("navigate", "line_up")
         self.client = MerlinExecutorClient()
         self.assertTrue(self.client.wait_for_executor(LONG))
-        self.assertTrue(heard.there.wait(LONG), "the bridges follow the ways")
+        self.assertTrue(heard.wait(LONG), "the bridges follow the ways")
         wait_for_publishers(*heard_of)
         for robot in ROBOTS:
             self.assertTrue(self.until(lambda robot=robot: self.knowledge.holds(f"(available {robot})")))

@@ -2,11 +2,14 @@
 
 import threading
 from types import SimpleNamespace
-from typing import Any, List
-from unittest import mock
+from typing import Any, Callable, Iterator, Tuple
 
 import pytest
+import rospy
+from actionlib_msgs.msg import GoalID, GoalStatus
 from diagnostic_msgs.msg import KeyValue
+from merlin_msgs.msg import RunActionActionGoal, RunActionGoal
+from topics import Topics
 
 from merlin_actions import merlin_action_server
 from merlin_actions.merlin_action_server import MerlinActionServer
@@ -21,12 +24,14 @@ class Wait(MerlinState):
 
     def __init__(self) -> None:
         super().__init__()
-        self.begun = threading.Event()
+        self.begun = threading.Semaphore(0)
         self.goes_on = threading.Event()
+        self.obeys = True
 
     def run(self, userdata: Any) -> str:
-        self.interruptible(self.goes_on.set)
-        self.begun.set()
+        if self.obeys:
+            self.interruptible(self.goes_on.set)
+        self.begun.release()
         assert self.goes_on.wait(LONG)
         self.interruptible(None)
         self.goes_on.clear()
@@ -39,127 +44,6 @@ class Drive(MerlinActionSM):
     def build(self) -> None:
         self.waits = Wait()
         self.add("WAIT", self.waits)
-
-
-class Goal:
-    """A goal of the action server, and how it was answered."""
-
-    def __init__(self, name: str, fails: bool = False) -> None:
-        self.id = name
-        self.goal = SimpleNamespace(parameters=[KeyValue("to", "hall")])
-        self.cancel_requested = False
-        self.cancel_reason = "cancelled"
-        self.answers: List[str] = []
-        self.ended = threading.Event()
-        self._fails = fails
-
-    def accept(self) -> bool:
-        """It begins, unless it was answered."""
-        return not self.answers
-
-    def request_cancel(self, reason: str) -> None:
-        self.cancel_requested, self.cancel_reason = True, reason
-
-    def feedback(self, feedback: Any) -> None:
-        """Its machine is in another state."""
-
-    def _answer(self, how: str) -> None:
-        self.answers.append(how)
-        self.ended.set()
-        if self._fails:
-            raise ValueError("this cannot be told")
-
-    def succeed(self, *_: Any) -> None:
-        self._answer("succeeded")
-
-    def cancelled(self, *_: Any) -> None:
-        self._answer("preempted")
-
-    def abort(self, *_: Any) -> None:
-        self._answer("aborted")
-
-
-@pytest.fixture
-def server(monkeypatch: pytest.MonkeyPatch) -> MerlinActionServer:
-    shown = SimpleNamespace(stop=lambda: None)
-    monkeypatch.setattr(merlin_action_server, "start_introspection", lambda name, machine: shown)
-    return MerlinActionServer(Drive(), 0.0)
-
-
-def test_a_goal_that_has_ended_meanwhile_is_not_preempted(server: MerlinActionServer) -> None:
-    goal = Goal("a")
-    server._receive(goal)  # type: ignore[arg-type]
-    waits = server.machine.waits  # type: ignore[attr-defined]
-    assert waits.begun.wait(LONG)
-    with server._changed:
-        late = server._book.cancel(goal.id, "cancelled")
-    waits.goes_on.set()
-    assert goal.ended.wait(LONG)
-    server._carry_out(late)
-    assert goal.answers == ["succeeded"] and not goal.cancel_requested
-
-
-def test_a_goal_is_preempted_before_it_has_its_machine(server: MerlinActionServer) -> None:
-    goal = Goal("a")
-    with server._changed:
-        server._goals[goal.id] = goal  # type: ignore[assignment]
-        begins = server._book.arrive(goal.id)
-        stops = server._book.cancel(goal.id, "a newer goal takes its place")
-    server._carry_out(stops)
-    server._carry_out(begins)
-    assert goal.ended.wait(LONG)
-    assert goal.answers == ["preempted"] and goal.cancel_reason == "a newer goal takes its place"
-
-
-@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
-def test_a_goal_that_cannot_be_answered_does_not_keep_the_next_one(server: MerlinActionServer) -> None:
-    first, second = Goal("a", fails=True), Goal("b")
-    server._receive(first)  # type: ignore[arg-type]
-    waits = server.machine.waits  # type: ignore[attr-defined]
-    assert waits.begun.wait(LONG)
-    waits.begun.clear()
-    run = server._threads["a"]
-    server._receive(second)  # type: ignore[arg-type]
-    assert first.ended.wait(LONG)
-    run.join(LONG)
-    assert waits.begun.wait(LONG), "the next goal never began"
-    waits.goes_on.set()
-    assert second.ended.wait(LONG)
-    assert second.answers == ["succeeded"]
-
-
-def test_a_machine_that_cannot_begin_is_answered_and_keeps_no_next_goal(
-    server: MerlinActionServer, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(merlin_action_server.rospy, "logerr", lambda text: None)
-    first, second = Goal("a"), Goal("b")
-    with monkeypatch.context() as broken:
-        broken.setattr(threading.Thread, "start", mock.Mock(side_effect=RuntimeError("no more threads")))
-        server._receive(first)  # type: ignore[arg-type]
-    assert first.answers == ["aborted"]
-    server._receive(second)  # type: ignore[arg-type]
-    waits = server.machine.waits  # type: ignore[attr-defined]
-    assert waits.begun.wait(LONG), "the next goal never began"
-    waits.goes_on.set()
-    assert second.ended.wait(LONG)
-    assert second.answers == ["succeeded"]
-
-
-def test_a_goal_that_was_answered_while_it_waited_does_not_run(
-    server: MerlinActionServer, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    first, second = Goal("a"), Goal("b")
-    server._receive(first)  # type: ignore[arg-type]
-    waits = server.machine.waits  # type: ignore[attr-defined]
-    assert waits.begun.wait(LONG)
-    waits.begun.clear()
-    run = server._threads["a"]
-    monkeypatch.setattr(server.machine, "cancel", lambda: None)
-    server._receive(second)  # type: ignore[arg-type]
-    second.abort()
-    waits.goes_on.set()
-    run.join(LONG)
-    assert not server._book.running and not waits.begun.is_set()
 
 
 class Odd(MerlinState):
@@ -180,30 +64,156 @@ class Fetch(MerlinActionSM):
         self.add("ODD", Odd(input_keys=["to"]))
 
 
-@pytest.mark.parametrize("kind", ["error", "other"])
-def test_a_state_that_ends_with_what_is_no_text_is_answered_and_keeps_no_next_goal(
-    server: MerlinActionServer, monkeypatch: pytest.MonkeyPatch, kind: str
+class Served:
+    """A machine that is served, and its client."""
+
+    def __init__(self, topics: Topics, machine: MerlinActionSM, cancel_limit: float) -> None:
+        self.topics = topics
+        self.server = MerlinActionServer(machine, cancel_limit)
+        self.server.start()
+        self._name = f"/actions/{machine.operator_name().lower()}"
+
+    def send(self, goal: str, to: str = "hall") -> None:
+        message = RunActionActionGoal(goal_id=GoalID(id=goal, stamp=rospy.Time(1)))
+        message.goal = RunActionGoal(parameters=[KeyValue("to", to)])
+        self.topics.send(f"{self._name}/goal", message)
+
+    def cancel(self, goal: str) -> None:
+        self.topics.send(f"{self._name}/cancel", GoalID(id=goal))
+
+    def answer(self) -> Tuple[str, int, str]:
+        """Goal, status and reason of the next result."""
+        result = self.topics.published(f"{self._name}/result").get(timeout=LONG)
+        return result.status.goal_id.id, result.status.status, result.result.reason
+
+    @property
+    def waits(self) -> Wait:
+        """The state of the present machine."""
+        return self.server.machine.waits  # type: ignore[attr-defined, no-any-return]
+
+    def begun(self) -> bool:
+        """Waits until a run has begun."""
+        return self.waits.begun.acquire(timeout=LONG)
+
+
+@pytest.fixture
+def serve(monkeypatch: pytest.MonkeyPatch, clock: Any) -> Iterator[Callable[..., Served]]:
+    shown = SimpleNamespace(stop=lambda: None)
+    monkeypatch.setattr(merlin_action_server, "start_introspection", lambda name, machine: shown)
+    for name in ("set_param", "loginfo", "logwarn", "logerr"):
+        monkeypatch.setattr(rospy, name, lambda *_: None)
+    topics = Topics(monkeypatch)
+    made = []
+
+    def serve(machine: MerlinActionSM, cancel_limit: float = 0.0) -> Served:
+        made.append(Served(topics, machine, cancel_limit))
+        return made[-1]
+
+    yield serve
+    for each in made:
+        each.server.shutdown()
+
+
+@pytest.fixture
+def drive(serve: Callable[..., Served]) -> Served:
+    return serve(Drive())
+
+
+def no_thread(thread: threading.Thread) -> None:
+    raise RuntimeError("can't start new thread")
+
+
+def test_a_goal_that_ends_while_it_is_cancelled_is_answered_once_and_costs_the_next_nothing(
+    drive: Served,
 ) -> None:
-    monkeypatch.setattr(merlin_action_server.rospy, "logerr", lambda text: None)
-    monkeypatch.setattr("merlin_sm.merlin_sm.rospy.loginfo", lambda text: None)
-    fetch = MerlinActionServer(Fetch(), 0.0)
-    for name in ("a", "b"):
-        goal = Goal(name)
-        goal.goal.parameters[0].value = kind
-        fetch._receive(goal)  # type: ignore[arg-type]
-        assert goal.ended.wait(LONG), "never answered"
-        assert goal.answers == ["aborted"]
+    def before(topic: str, message: Any) -> None:
+        if topic.endswith("/result") and message.status.goal_id.id == "a":
+            drive.cancel("a")
+
+    drive.topics.before = before
+    drive.send("a")
+    assert drive.begun()
+    drive.waits.goes_on.set()
+    assert drive.answer()[:2] == ("a", GoalStatus.SUCCEEDED)
+    drive.send("b")
+    assert drive.begun()
+    drive.waits.goes_on.set()
+    assert drive.answer()[:2] == ("b", GoalStatus.SUCCEEDED)
+
+
+def test_a_goal_that_is_cancelled_while_it_arrives_is_answered_once(drive: Served) -> None:
+    for number in range(50):
+        goal = str(number)
+        cancels = threading.Thread(target=drive.cancel, args=(goal,))
+        cancels.start()
+        drive.send(goal)
+        answered, status, _ = drive.answer()
+        cancels.join(LONG)
+        assert answered == goal and status in (GoalStatus.PREEMPTED, GoalStatus.RECALLED)
+    assert drive.topics.published("/actions/drive/result").empty()
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_a_goal_that_cannot_be_answered_does_not_keep_the_next_one(drive: Served) -> None:
+    def before(topic: str, message: Any) -> None:
+        if topic.endswith("/result") and message.status.goal_id.id == "a":
+            raise ValueError("this cannot be told")
+
+    drive.topics.before = before
+    drive.send("a")
+    assert drive.begun()
+    drive.send("b")
+    assert drive.begun(), "the next goal never began"
+    drive.waits.goes_on.set()
+    assert drive.answer()[:2] == ("b", GoalStatus.SUCCEEDED)
+
+
+def test_a_machine_that_cannot_begin_is_answered_and_keeps_no_next_goal(
+    drive: Served, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as short_of_threads:
+        short_of_threads.setattr(threading.Thread, "start", no_thread)
+        drive.send("a")
+    goal, status, reason = drive.answer()
+    assert (goal, status) == ("a", GoalStatus.ABORTED) and "can't start new thread" in reason
+    drive.send("b")
+    assert drive.begun(), "the next goal never began"
+    drive.waits.goes_on.set()
+    assert drive.answer()[:2] == ("b", GoalStatus.SUCCEEDED)
 
 
 def test_a_machine_is_preempted_where_no_thread_can_be_started(
-    server: MerlinActionServer, monkeypatch: pytest.MonkeyPatch
+    drive: Served, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    goal = Goal("a")
-    server._receive(goal)  # type: ignore[arg-type]
-    assert server.machine.waits.begun.wait(LONG)  # type: ignore[attr-defined]
-    refuse = mock.Mock(side_effect=RuntimeError("can't start new thread"))
+    drive.send("a")
+    assert drive.begun()
     with monkeypatch.context() as short_of_threads:
-        short_of_threads.setattr(threading.Thread, "start", refuse)
-        server._cancel(goal)  # type: ignore[arg-type]
-    assert goal.ended.wait(LONG)
-    assert goal.answers == ["preempted"]
+        short_of_threads.setattr(threading.Thread, "start", no_thread)
+        drive.cancel("a")
+    assert drive.answer()[:2] == ("a", GoalStatus.PREEMPTED)
+
+
+def test_another_machine_takes_the_place_of_one_that_does_not_stop(serve: Callable[..., Served]) -> None:
+    drive = serve(Drive(), 0.05)
+    stuck = drive.waits
+    stuck.obeys = False
+    drive.send("a")
+    assert drive.begun()
+    drive.send("b")
+    goal, status, reason = drive.answer()
+    assert (goal, status) == ("a", GoalStatus.ABORTED)
+    assert "drive in state WAIT did not stop within 0.05 s" in reason
+    assert drive.waits is not stuck and drive.begun()
+    drive.waits.goes_on.set()
+    assert drive.answer()[:2] == ("b", GoalStatus.SUCCEEDED)
+    stuck.goes_on.set()
+
+
+@pytest.mark.parametrize("kind", ["error", "other"])
+def test_a_state_that_ends_with_what_is_no_text_is_answered_and_keeps_no_next_goal(
+    serve: Callable[..., Served], kind: str
+) -> None:
+    fetch = serve(Fetch())
+    for goal in ("a", "b"):
+        fetch.send(goal, kind)
+        assert fetch.answer()[:2] == (goal, GoalStatus.ABORTED)

@@ -7,7 +7,7 @@ from typing import Any, List
 import pytest
 
 from merlin_ros import threads
-from merlin_ros.threads import CallQueue, log_death, start_thread
+from merlin_ros.threads import CallQueue, start_thread
 
 LONG = 60.0
 
@@ -25,20 +25,6 @@ def test_a_piece_of_work_has_a_thread_of_its_name() -> None:
     thread = start_thread("run (drive hall)", lambda: named.put(threading.current_thread()))
     assert named.get(timeout=LONG) is thread
     assert thread.name == "run (drive hall)" and thread.daemon
-
-
-def test_what_a_thread_dies_of_is_logged_with_its_name(
-    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
-    def fail() -> None:
-        raise ValueError("no arm")
-
-    monkeypatch.setattr(threading, "excepthook", log_death)
-    start_thread("run (pick cup)", fail).join(LONG)
-    assert "run (pick cup)" in caplog.text and "ValueError: no arm" in caplog.text
-    caplog.clear()
-    start_thread("ends", lambda: exec("raise SystemExit")).join(LONG)
-    assert not caplog.text
 
 
 def test_the_caller_learns_that_there_is_no_thread(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -27,7 +27,7 @@ from merlin_reactive.ros_clock import RosClock
 from merlin_reactive.ros_messages import samples_of
 from merlin_reactive.speech.speech_synthesizer import RATE, SpeechSynthesizer
 from merlin_ros.deadline import Deadline
-from merlin_ros.publishing import Subscribed
+from merlin_ros.publishing import OnSubscriber
 from merlin_ros.service_proxy import ServiceProxy
 
 CHUNK = 0.2  # s of sound per message
@@ -70,10 +70,9 @@ class Stage:
             ServiceProxy(f"{robot.prefix}person_voice/set_answers", SetAnswers, timeout=CALL_LIMIT)
             for robot in self._robots.values()
         ]
-        self._subscribed = Subscribed()
-        self._events = rospy.Publisher(
-            "restaurant/guests", GuestEvent, self._subscribed, latch=True, queue_size=100
-        )
+        self._subscribed = threading.Event()
+        notice = OnSubscriber(lambda _: self._subscribed.set())
+        self._events = rospy.Publisher("restaurant/guests", GuestEvent, notice, latch=True, queue_size=100)
         self._microphones = {
             name: rospy.Publisher(f"{prefix}audio/microphone", AudioData, queue_size=50)
             for name, prefix in {
@@ -114,7 +113,7 @@ class Stage:
 
         :param timeout: s of running time.
         """
-        return Deadline(timeout).wait_event(self._subscribed.there)
+        return Deadline(timeout).wait_event(self._subscribed)
 
     def now(self) -> float:
         """Simulated time, s."""

@@ -27,7 +27,6 @@ from merlin_ros.parameters import ParameterError
 from merlin_ros.ports import service_server, tcpros_port, xmlrpc_port
 from merlin_ros.ports.self_check import Port, SelfCheck
 from merlin_ros.prompt_sending import send_promptly
-from merlin_ros.threads import log_death
 
 #: Exit code of a node that could not begin: starting it again as it is will not help.
 CANNOT_BEGIN = 2
@@ -174,7 +173,6 @@ def init_node(name: str, **options: Any) -> None:
     _keeper = MasterKeeper(rospy.get_name(), rospy.core.get_node_uri())
     rospy.on_shutdown(_keeper.stop)  # before anything else ends: it registers nothing any more
     _keeper.start()
-    threading.excepthook = log_death
     check = SelfCheck(_own_ports, _end_broken)
     rospy.on_shutdown(check.stop)
     check.start()

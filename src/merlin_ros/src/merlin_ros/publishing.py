@@ -1,27 +1,11 @@
 """Publishing: whether there are subscribers, while the node goes down, and what cannot be written."""
 
 import io
-import threading
 from typing import Any, Callable
 
 import genpy
 import rospy
 from rospy.core import is_shutdown_requested
-
-
-class Subscribed(rospy.SubscribeListener):
-    """Notices that a topic has got a subscriber; for `rospy.Publisher`.
-
-    :ivar there: set from then on.
-    """
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.there = threading.Event()
-
-    def peer_subscribe(self, *_: object) -> None:
-        """Called by rospy."""
-        self.there.set()
 
 
 class OnSubscriber(rospy.SubscribeListener):

@@ -1,4 +1,6 @@
-"""The threads of a process: each is started here, and what it raises is logged with its name. Without ROS.
+"""The threads of a process: each is started here. Without ROS.
+
+What a thread dies of is a matter of `threading.excepthook`, which names it; what it survives is logged here.
 
 A node in which a thread cannot be started ends soon, and is started again (`merlin_ros.ports.self_check`).
 """
@@ -25,13 +27,6 @@ def start_thread(name: str, work: Callable[..., object], *args: Any) -> threadin
 def log_failure() -> None:
     """Logs the exception that is being handled, with the name of this thread, which continues."""
     _log.exception("the thread '%s' continues after an error", threading.current_thread().name)
-
-
-def log_death(fault: Any) -> None:
-    """Logs what a thread has died of; for `threading.excepthook`."""
-    if fault.exc_type is not SystemExit:
-        error = fault.exc_type, fault.exc_value, fault.exc_traceback
-        _log.error("the thread '%s' has died", getattr(fault.thread, "name", None), exc_info=error)
 
 
 class CallQueue:

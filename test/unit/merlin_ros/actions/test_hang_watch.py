@@ -4,6 +4,7 @@ import threading
 
 import pytest
 
+from merlin_ros.actions import hang_watch
 from merlin_ros.actions.hang_watch import HUNG, SETTLE, HangWatch
 
 
@@ -34,16 +35,25 @@ def hung(clock):
     return watch
 
 
-@pytest.mark.parametrize("rests", [False, True])
-def test_where_nothing_beats_nothing_waits(clock, rests):
+def test_where_nothing_beats_nothing_waits(clock):
     watch = HangWatch(clock)
-    if rests:
-        watch.beat()
-        watch.rest()
     clock.now += 5.0
     assert watch.unsettled() == 0.0
     watch.beat()
     assert watch.unsettled() == 0.0
+
+
+def test_a_process_beats_once_however_many_begin(clock, monkeypatch):
+    beats = []
+    monkeypatch.setattr(hang_watch, "every", lambda period, call: beats.append((period, call)))
+    watch = HangWatch(clock)
+    watch.begin()
+    watch.begin()
+    ((period, beat),) = beats
+    assert period < HUNG and watch.unsettled() == 0.0
+    clock.now += 2 * HUNG
+    beat()
+    assert watch.unsettled() == pytest.approx(SETTLE)
 
 
 def test_a_process_that_beats_is_settled(watch, clock):

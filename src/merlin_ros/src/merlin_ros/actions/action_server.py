@@ -33,7 +33,6 @@ KEEP_EARLY_CANCEL = 60.0  # s for which a cancel waits for the goal that it over
 EARLY_CANCELS = 1000  # that wait at most; then the oldest is forgotten
 
 _PENDING = (GoalStatus.PENDING, GoalStatus.RECALLING)
-_ACTIVE = (GoalStatus.ACTIVE, GoalStatus.PREEMPTING)
 _numbers = itertools.count(1)
 
 
@@ -211,6 +210,7 @@ class ActionServer:
             rospy.Subscriber(self.name + "/goal", self._goal_type, self._receive_goal, tcp_nodelay=True),
             rospy.Subscriber(self.name + "/cancel", GoalID, self._receive_cancel, tcp_nodelay=True),
         ]
+        hangs.begin()
         self._heartbeat = every(STATUS_PERIOD, self._beat)
 
     def shutdown(self) -> None:
@@ -225,7 +225,6 @@ class ActionServer:
             self._stopped = True
             if self._heartbeat is not None:
                 self._heartbeat.cancel()
-                hangs.rest()
             for publisher in self._publishers:
                 publisher.unregister()
 
@@ -372,5 +371,4 @@ class ActionServer:
     def _beat(self) -> None:
         with self.lock:
             if not self._stopped:
-                hangs.beat()
                 self.publish_status()

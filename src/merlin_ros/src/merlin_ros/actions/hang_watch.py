@@ -6,13 +6,16 @@ from typing import Callable, Optional
 
 import rospy
 
+from merlin_ros.alarms import every
+
 HUNG = 1.0  # s of wall time without a beat after which the process counts as hung
+PERIOD = 0.2  # s of wall time between two beats
 SETTLE = 0.3  # s in which the threads of all connections have read what came meanwhile
 LONGEST = 2.0  # s of wall time that a wait lasts at most, also when the beat never comes
 
 
 class HangWatch:
-    """Beats in threads of a process; lets others wait until everything that came during a hang is read.
+    """The beat of a process; lets others wait until everything that came during a hang is read.
 
     A hung process (stopped, or its computer asleep) continues with a goal whose cancel waits in another
     connection. It would begin, and stop at once. A process in which nothing beats is not watched.
@@ -26,6 +29,13 @@ class HangWatch:
         self._last: Optional[float] = None  # beat; None: nothing beats
         self._settled = 0.0
 
+    def begin(self) -> None:
+        """Beats from now on; without effect in a process in which it does."""
+        with self._changed:
+            if self._last is None:
+                self._last = self._clock()
+                every(PERIOD, self.beat)
+
     def beat(self) -> None:
         """The process lives; to be called more often than every `HUNG`."""
         with self._changed:
@@ -33,12 +43,6 @@ class HangWatch:
             if self._last is not None and now - self._last > HUNG:
                 self._settled = now + SETTLE
             self._last = now
-            self._changed.notify_all()
-
-    def rest(self) -> None:
-        """A caller of :meth:`beat` ends; the watch continues with the others."""
-        with self._changed:
-            self._last = None
             self._changed.notify_all()
 
     def unsettled(self) -> float:
@@ -70,5 +74,5 @@ class HangWatch:
                 left = self.unsettled()
 
 
-#: That of this process: each action server beats.
+#: That of this process, which beats when an action server of it has begun.
 hangs = HangWatch()

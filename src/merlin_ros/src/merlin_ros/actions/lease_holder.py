@@ -101,7 +101,7 @@ class _Lease:
             gone = [goal for goal in released if self._held.pop(goal, None) is not None]
             self._held.update({goal: _Held(owner) for goal in held})
             if held and self._beat is None:
-                self._beat = every(PERIOD, self._beats)
+                self._beat = every(PERIOD, self._renew)
             if held or gone:
                 self._publish()
 
@@ -126,11 +126,6 @@ class _Lease:
             ownership.listen(self._renew)
 
     def _renew(self) -> None:
-        with self._lock:
-            if self._held and not self._stopped:
-                self._publish()
-
-    def _beats(self) -> None:
         with self._lock:
             if self._held and not self._stopped:
                 self._publish()

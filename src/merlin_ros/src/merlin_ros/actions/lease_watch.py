@@ -108,11 +108,7 @@ class LeaseWatch:
 
     def _add(self, changes: List[LeaseChange]) -> None:
         for change in changes:
-            self._changes.put(self._carry_out, change)
-
-    def _carry_out(self, change: LeaseChange) -> None:
-        if not self._stopped:
-            self._on_change(change)
+            self._changes.put(self._on_change, change)
 
     def _look(self) -> None:
         with self._lock:

@@ -7,7 +7,9 @@ import rospy
 from rosplan_dispatch_msgs.msg import ActionDispatch, EsterelPlan
 from std_msgs.msg import String
 
+from merlin_ros.alarms import call_later
 from merlin_ros.publishing import publish
+from merlin_ros.threads import CallQueue
 from merlin_rosplan.dispatch.dispatch_graph import GraphSchedule
 from merlin_rosplan.dispatch.dispatch_schedule import PlanError
 from merlin_rosplan.dispatch.plan_graph import Node, NodeType, PlanGraph
@@ -31,9 +33,9 @@ class PlanGraphDrawer(rospy.SubscribeListener):
     def __init__(self, topic: str, display_edge_type: bool = False) -> None:
         super().__init__()
         self._display_edge_type = display_edge_type
-        self._changed = threading.Condition()  # guards the fields below
-        self._dirty = False
-        self._stopping = False
+        self._lock = threading.RLock()  # guards the fields below
+        self._dirty = self._stopping = False
+        self._calls = CallQueue(f"drawer of {topic}")
         self._plan: Optional[EsterelPlan] = None  # not taken apart yet
         self._graph: Optional[PlanGraph] = None
         self._actions: List[ActionDispatch] = []
@@ -41,29 +43,28 @@ class PlanGraphDrawer(rospy.SubscribeListener):
         self._publisher = rospy.Publisher(
             topic, String, subscriber_listener=self, queue_size=1000, latch=True
         )
-        self._thread = threading.Thread(target=self._run, name=f"drawer of {topic}", daemon=True)
-        self._thread.start()
 
     def show(
         self, graph: PlanGraph, actions: List[ActionDispatch], schedule: Optional[GraphSchedule]
     ) -> None:
         """Draws another graph; without a schedule nothing of it has happened."""
-        with self._changed:
+        with self._lock:
             self._graph, self._actions, self._schedule = graph, list(actions), schedule
             self._plan = None
         self.refresh()
 
     def show_plan(self, plan: EsterelPlan) -> None:
-        """Draws a plan of which nothing has happened; it is taken apart by the drawing thread."""
-        with self._changed:
+        """Draws a plan of which nothing has happened; the drawing thread takes it apart."""
+        with self._lock:
             self._graph, self._plan = None, plan
         self.refresh()
 
     def refresh(self) -> None:
         """Has the graph drawn anew, in the drawing thread."""
-        with self._changed:
-            self._dirty = True
-            self._changed.notify()
+        with self._lock:
+            dirty, self._dirty = self._dirty, True
+        if not dirty:
+            call_later(DELAY, lambda: self._calls.put(self._draw_now))
 
     def peer_subscribe(self, topic_name: str, topic_publish: object, peer_publish: object) -> None:
         """A subscriber has come: the latched drawing may be old."""
@@ -71,32 +72,24 @@ class PlanGraphDrawer(rospy.SubscribeListener):
 
     def shutdown(self) -> None:
         """Draws no more."""
-        with self._changed:
+        with self._lock:
             self._stopping = True
-            self._changed.notify()
-        self._thread.join(1.0)
         self._publisher.unregister()
 
-    def _run(self) -> None:
-        while not rospy.is_shutdown():
-            with self._changed:
-                while not self._dirty and not self._stopping:
-                    self._changed.wait()
-                self._changed.wait_for(lambda: self._stopping, DELAY)
-                if self._stopping:
-                    return
-                self._dirty = False
-                plan = self._plan
-            if plan is not None:
-                self._take_apart(plan)
-            with self._changed:
-                graph, actions, schedule = self._graph, self._actions, self._schedule
-            if graph is None:
-                continue
-            if len(graph.edges) > SMALL and self._publisher.get_num_connections() == 0:
-                continue
-            text = self._draw(graph, actions, schedule)
-            publish(self._publisher, String(text))
+    def _draw_now(self) -> None:
+        with self._lock:
+            self._dirty = False
+            plan = self._plan
+        if plan is not None:
+            self._take_apart(plan)
+        with self._lock:
+            graph, actions, schedule = self._graph, self._actions, self._schedule
+        if graph is None or (len(graph.edges) > SMALL and self._publisher.get_num_connections() == 0):
+            return
+        text = self._draw(graph, actions, schedule)
+        with self._lock:
+            if not self._stopping:
+                publish(self._publisher, String(text))
 
     def _take_apart(self, plan: EsterelPlan) -> None:
         try:
@@ -104,7 +97,7 @@ class PlanGraphDrawer(rospy.SubscribeListener):
         except PlanError as error:
             rospy.logerr("%s: %s", self._publisher.resolved_name, error)
             graph, actions = PlanGraph(), []
-        with self._changed:
+        with self._lock:
             if self._plan is plan:  # else another one has come
                 self._graph, self._actions, self._schedule, self._plan = graph, actions, None, None
 
