@@ -244,7 +244,8 @@ class ActionInterface:
             elif decision.what is Step.STOP:
                 execution.cancel(decision.reason)
             elif decision.what is Step.WAIT:
-                call_when_passed(WAIT_LIMIT, partial(self._limit_wait, execution))
+                limits = partial(start_thread, f"limit of {execution.text}", self._limit_wait, execution)
+                call_when_passed(WAIT_LIMIT, limits)  # with a thread: an answer may wait for the knowledge
             else:
                 execution.cancel(decision.reason)
                 self._end(execution, Ending(False, decision.reason, begun=False))
