@@ -8,8 +8,8 @@ import pytest
 import rospy
 from actionlib_msgs.msg import GoalID, GoalStatus
 from diagnostic_msgs.msg import KeyValue
+from fakes.topics import Topics
 from merlin_msgs.msg import RunActionActionGoal, RunActionGoal
-from topics import Topics
 
 from merlin_actions import merlin_action_server
 from merlin_actions.merlin_action_server import MerlinActionServer

@@ -4,8 +4,8 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from fakes.topics import Topics
 from rosplan_knowledge_msgs.msg import DomainFormula
-from topics import Topics
 
 from merlin_actions import action_interface
 from merlin_actions.action_interface import ActionInterface

@@ -1,11 +1,10 @@
 """An action ends while its knowledge base is gone: its stop is answered at once, a success is not."""
 
-from typing import Any, Callable, Dict, List, Optional
+from typing import Any, Callable, List
 
 import pytest
-from diagnostic_msgs.msg import KeyValue
-from rosplan_dispatch_msgs.msg import ActionDispatch
-from rosplan_knowledge_msgs.msg import DomainFormula
+from fakes.dispatched import Dispatcher
+from rosplan_dispatch_msgs.msg import ActionFeedback
 
 from merlin_actions import action_interface
 from merlin_actions.core.ending import Closing, Ending
@@ -38,61 +37,56 @@ class GoneEffects:
 class Probe(action_interface.ActionInterface):
     """An action that ends as the test wants it."""
 
-    def __init__(self, ending: Ending, returns: bool) -> None:
-        super().__init__("navigate")
-        self.log: List[str] = []
-        self.reasons: List[str] = []
-        self._effects = GoneEffects(self.log, returns)  # type: ignore[assignment]
-        self._ending = ending
+    ending: Ending
 
     def run(self, execution: Execution) -> Ending:
-        return self._ending
-
-    def ready(self, execution: Execution) -> Optional[Ending]:
-        return None
-
-    def _declared(self, execution: Execution) -> Dict[str, Any]:
-        return {}
-
-    def _answer(self, key: Any, ending: Optional[Ending] = None) -> None:
-        if ending is not None:
-            self.log.append("succeeded" if ending.succeeded else "failed")
-            self.reasons.append(ending.reason)
+        return self.ending
 
 
-class Knowledge:
-    name = "/kb"
+class Lived:
+    """The life of one execution.
 
-    def operator(self, name: str) -> Any:
-        return type("Details", (), {"formula": DomainFormula(name=name)})
+    :ivar log: what has happened, in its order.
+    """
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self._monkeypatch = monkeypatch
+        self.log: List[str] = []
+        self.reasons: List[str] = []
+
+    def live(self, ending: Ending, returns: bool = True) -> List[str]:
+        self.log = []
+        dispatcher = Dispatcher(self._monkeypatch, GoneEffects(self.log, returns))
+        dispatcher.topics.before = self._note
+        probe = Probe("navigate")
+        probe.ending = ending
+        probe.start()
+        dispatcher.wait_announced()
+        dispatcher.dispatch(2)
+        assert dispatcher.end()
+        probe.shutdown()  # which waits for its end
+        return self.log
+
+    def _note(self, topic: str, message: Any) -> None:
+        if topic.endswith("/action_feedback") and message.status != ActionFeedback.ACTION_ENABLED:
+            self.log.append("failed" if message.status == ActionFeedback.ACTION_FAILED else "succeeded")
+            self.reasons += [pair.value for pair in message.information if pair.key == "reason"]
 
 
-@pytest.fixture(autouse=True)
-def _without_ros(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(action_interface, "knowledge_client", lambda name: Knowledge())
-    monkeypatch.setattr(action_interface, "effects_of", lambda details, knowledge: None)
-    for name, answer in (("loginfo", None), ("logerr", None), ("get_name", "/bridges")):
-        monkeypatch.setattr(action_interface.rospy, name, lambda *_, answer=answer: answer)
+@pytest.fixture
+def lived(monkeypatch: pytest.MonkeyPatch, clock: Any) -> Lived:
+    return Lived(monkeypatch)
 
 
-def live(ending: Ending, returns: bool = True) -> Probe:
-    probe = Probe(ending, returns)
-    probe._owners = type("Owners", (), {"forget": lambda self, number: None})()  # type: ignore[assignment]
-    probe._live(Execution(ActionDispatch(plan_id=1, action_id=2, name="navigate"), [KeyValue("a", "b")]))
-    return probe
+def test_an_action_that_was_stopped_is_answered_before_its_knowledge_is_closed(lived: Lived) -> None:
+    assert lived.live(Ending(False, "cancelled")) == ["failed", "closed"]
 
 
-def test_an_action_that_was_stopped_is_answered_before_its_knowledge_is_closed() -> None:
-    probe = live(Ending(False, "cancelled"))
-    assert probe.log == ["failed", "closed"]
+def test_a_success_is_answered_when_its_effects_are_known(lived: Lived) -> None:
+    assert lived.live(Ending(True)) == ["closed", "succeeded"]
 
 
-def test_a_success_is_answered_when_its_effects_are_known() -> None:
-    assert live(Ending(True)).log == ["closed", "succeeded"]
-
-
-def test_without_a_return_there_is_one_answer_too() -> None:
-    assert live(Ending(False, "cancelled"), returns=False).log == ["failed"]
-    lost = live(Ending(True), returns=False)
-    assert lost.log == ["failed"]
-    assert "the knowledge could not be updated" in lost.reasons[0]
+def test_without_a_return_there_is_one_answer_too(lived: Lived) -> None:
+    assert lived.live(Ending(False, "cancelled"), returns=False) == ["failed"]
+    assert lived.live(Ending(True), returns=False) == ["failed"]
+    assert "the knowledge could not be updated" in lived.reasons[-1]

@@ -1,111 +1,122 @@
 """Cancels that come before their goals, or of all up to a stamp while the clock jumps back; floods."""
 
-from types import SimpleNamespace
-from typing import Any, List
+from typing import Any, Callable, Dict, Iterator, List
 
 import pytest
 import rospy
 from actionlib_msgs.msg import GoalID
+from fakes.topics import Topics
 from merlin_msgs.msg import ListenAction, ListenActionGoal
 
 from merlin_ros.actions.action_server import EARLY_CANCELS, ENDED, ActionServer, ServerGoal
 
 
-@pytest.fixture
-def goals(clock: Any) -> List[ServerGoal]:
-    """Those that the server below was given."""
-    return []
+class Served:
+    """A server, the goals that it was given, and its client."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.goals: List[ServerGoal] = []
+        self.on_cancel: Callable[[ServerGoal], None] = lambda goal: None
+        self._topics = Topics(monkeypatch)
+        self.server = ActionServer(
+            "listen", ListenAction, self.goals.append, lambda goal: self.on_cancel(goal)
+        )
+        self.server.start()
+
+    def send(self, name: str, stamp: float) -> None:
+        goal_id = GoalID(id=name, stamp=rospy.Time(stamp))
+        self._topics.send("/listen/goal", ListenActionGoal(goal_id=goal_id))
+
+    def cancel(self, name: str = "", stamp: float = 0) -> None:
+        self._topics.send("/listen/cancel", GoalID(id=name, stamp=rospy.Time(stamp)))
+
+    @property
+    def names(self) -> List[str]:
+        """The ids of its goals."""
+        return [goal.id for goal in self.goals]
+
+    def status(self) -> Dict[str, str]:
+        """The text of each goal in the last status list."""
+        statuses = self._topics.published("/listen/status")
+        last = statuses.get_nowait()
+        while not statuses.empty():
+            last = statuses.get_nowait()
+        return {status.goal_id.id: status.text for status in last.status_list}
 
 
 @pytest.fixture
-def server(goals: List[ServerGoal]) -> ActionServer:
-    made = ActionServer("listen", ListenAction, goals.append, lambda goal: None)
-    silent = SimpleNamespace(publish=lambda message: None)
-    made._status_publisher = made._result_publisher = silent  # type: ignore[assignment]
-    return made
+def served(monkeypatch: pytest.MonkeyPatch, clock: Any) -> Iterator[Served]:
+    monkeypatch.setattr(rospy, "logerr", lambda *_: None)
+    made = Served(monkeypatch)
+    yield made
+    made.server.shutdown()
 
 
-def send(server: ActionServer, name: str, stamp: float) -> None:
-    server._receive_goal(ListenActionGoal(goal_id=GoalID(id=name, stamp=rospy.Time(stamp))))
+def test_goals_up_to_the_stamp_are_cancelled(served: Served) -> None:
+    served.cancel(stamp=100)
+    served.send("late", 99)  # "new" is of a node to which the tick of the clock came first
+    served.send("new", 101)
+    assert served.names == ["new"]
 
 
-def test_goals_up_to_the_stamp_are_cancelled(server: ActionServer, goals: List[ServerGoal]) -> None:
-    server._receive_cancel(GoalID(stamp=rospy.Time(100)))
-    send(server, "late", 99)  # "new" is of a node to which the tick of the clock came first
-    send(server, "new", 101)
-    assert [goal.id for goal in goals] == ["new"]
-
-
-def test_goals_are_taken_after_the_clock_has_jumped_back(
-    server: ActionServer, goals: List[ServerGoal], clock: Any
-) -> None:
-    server._receive_cancel(GoalID(stamp=rospy.Time(100)))
+def test_goals_are_taken_after_the_clock_has_jumped_back(served: Served, clock: Any) -> None:
+    served.cancel(stamp=100)
     clock.set(3.0)
-    send(server, "new", 3)
+    served.send("new", 3)
     clock.set(120.0)
-    send(server, "later", 50)
-    assert [goal.id for goal in goals] == ["new", "later"]
+    served.send("later", 50)
+    assert served.names == ["new", "later"]
 
 
-def test_a_cancel_that_is_stamped_ahead_counts_as_now(
-    server: ActionServer, goals: List[ServerGoal], clock: Any
-) -> None:
-    send(server, "running", 100)
-    server._receive_cancel(GoalID(stamp=rospy.Time(86_500)))
-    assert goals[0].cancel_requested
+def test_a_cancel_that_is_stamped_ahead_counts_as_now(served: Served, clock: Any) -> None:
+    served.send("running", 100)
+    served.cancel(stamp=86_500)
+    assert served.goals[0].cancel_requested
     for now in (100.02, 200.0):
         clock.set(now)
-        send(server, f"of {now}", int(now) + 1)
-    assert [goal.id for goal in goals] == ["running", "of 100.02", "of 200.0"]
+        served.send(f"of {now}", int(now) + 1)
+    assert served.names == ["running", "of 100.02", "of 200.0"]
 
 
-def test_a_clock_that_is_set_back_after_a_cancel_refuses_no_goal(
-    server: ActionServer, goals: List[ServerGoal], clock: Any
-) -> None:
-    server._receive_cancel(GoalID(stamp=rospy.Time(100)))
+def test_a_clock_that_is_set_back_after_a_cancel_refuses_no_goal(served: Served, clock: Any) -> None:
+    served.cancel(stamp=100)
     clock.set(110.0)
-    server._receive_cancel(GoalID(id="another"))  # it looks at the clock
+    served.cancel("another")  # it looks at the clock
     clock.set(90.0)
-    send(server, "new", 90)
-    server._receive_cancel(GoalID(stamp=rospy.Time(90)))
+    served.send("new", 90)
+    served.cancel(stamp=90)
     clock.set(91.0)
-    send(server, "late", 89)
-    assert [goal.id for goal in goals] == ["new"] and goals[0].cancel_requested
+    served.send("late", 89)
+    assert served.names == ["new"] and served.goals[0].cancel_requested
 
 
-def test_a_goal_that_is_stamped_ahead_can_be_cancelled_by_a_stamp(
-    server: ActionServer, goals: List[ServerGoal], clock: Any
-) -> None:
-    send(server, "ahead", 86_500)
+def test_a_goal_that_is_stamped_ahead_can_be_cancelled_by_a_stamp(served: Served, clock: Any) -> None:
+    served.send("ahead", 86_500)
     clock.set(101.0)
-    server._receive_cancel(GoalID(stamp=rospy.Time(101)))
-    assert goals[0].cancel_requested
+    served.cancel(stamp=101)
+    assert served.goals[0].cancel_requested
 
 
-def test_cancels_that_come_before_their_goals_do_not_grow_for_ever(
-    server: ActionServer, goals: List[ServerGoal]
-) -> None:
+def test_cancels_that_come_before_their_goals_do_not_grow_for_ever(served: Served) -> None:
     for number in range(EARLY_CANCELS + 2):
-        server._receive_cancel(GoalID(id=str(number)))
-        server._receive_cancel(GoalID(id="0"))  # once more: it is the youngest again
-    assert len(server._early_cancels) == EARLY_CANCELS
+        served.cancel(str(number))
+        served.cancel("0")  # once more: it is the youngest again
     for name in ("0", "2", "3"):
-        send(server, name, 1)
-    assert [goal.id for goal in goals] == ["2"]
+        served.send(name, 1)
+    assert served.names == ["2"]
 
 
-def test_the_status_list_of_a_flood_of_goals_names_the_last_ones(
-    server: ActionServer, goals: List[ServerGoal]
-) -> None:
+def test_the_status_list_of_a_flood_of_goals_names_the_last_ones(served: Served) -> None:
     for number in range(ENDED + 20):
-        send(server, str(number), 1)
+        served.send(str(number), 1)
         if number != 3:
-            goals[-1].reject()
-    assert len(server._goals) == ENDED + 1
-    assert "3" in server._goals and "19" not in server._goals and "20" in server._goals
+            served.goals[-1].reject()
+    named = served.status()
+    assert len(named) == ENDED + 1
+    assert "3" in named and "19" not in named and "20" in named
 
 
-def test_what_raises_in_a_cancel_has_not_stopped_the_goal(goals: List[ServerGoal], clock: Any) -> None:
+def test_what_raises_in_a_cancel_has_not_stopped_the_goal(served: Served) -> None:
     tried: List[str] = []
 
     def cancel(goal: ServerGoal) -> None:
@@ -113,16 +124,12 @@ def test_what_raises_in_a_cancel_has_not_stopped_the_goal(goals: List[ServerGoal
         if len(tried) < 3:
             raise RuntimeError("can't start new thread")
 
-    made = ActionServer("listen", ListenAction, goals.append, cancel)
-    made._status_publisher = made._result_publisher = SimpleNamespace(  # type: ignore[assignment]
-        publish=lambda message: None
-    )
-    statuses: List[Any] = []
-    made._status_publisher.publish = lambda message: statuses.extend(message.status_list)  # type: ignore
-    send(made, "drive", 100)
+    served.on_cancel = cancel
+    served.send("drive", 100)
     for _ in range(4):
-        made._receive_cancel(GoalID(id="drive"))
-        assert goals[0].cancel_requested and not goals[0].done
-        said = statuses[-1].text
-        assert said == "it is not stopped: RuntimeError: can't start new thread"
+        served.cancel("drive")
+        (goal,) = served.goals
+        assert goal.cancel_requested and not goal.done
+        if len(tried) < 3:
+            assert served.status()["drive"] == "it is not stopped: RuntimeError: can't start new thread"
     assert len(tried) == 3, "what has stopped it is not called again"

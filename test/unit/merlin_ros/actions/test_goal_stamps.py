@@ -1,11 +1,11 @@
 """What a client stamps its goals with when its clock is set back, and which goals an earlier life left."""
 
-from types import SimpleNamespace
-from typing import Any, List
+from typing import Any
 
 import pytest
 import rospy
 from actionlib_msgs.msg import GoalID, GoalStatus, GoalStatusArray
+from fakes.topics import Topics
 from merlin_msgs.msg import ListenAction, ListenGoal
 
 from merlin_ros.actions import action_client
@@ -17,33 +17,24 @@ LIFE_BEFORE = "0123456789ab"
 
 
 @pytest.fixture
-def sent(clock: Any, monkeypatch: pytest.MonkeyPatch) -> List[Any]:
-    """What is published."""
-    messages: List[Any] = []
-    topics = lambda *_, **__: SimpleNamespace(impl=SimpleNamespace(connections=[]))  # noqa: E731
-    monkeypatch.setattr(action_client.rospy, "Publisher", topics)
-    monkeypatch.setattr(action_client.rospy, "Subscriber", topics)
-    monkeypatch.setattr(action_client.rospy, "get_name", lambda: "/node")
-    monkeypatch.setattr(action_client.rospy, "logwarn_throttle", lambda *_: None)
-    no_lease = SimpleNamespace(hold=lambda *_: None, release=lambda *_: None)
-    monkeypatch.setattr(action_client, "LeaseHolder", lambda _: no_lease)
+def topics(clock: Any, monkeypatch: pytest.MonkeyPatch) -> Topics:
+    monkeypatch.setattr(rospy, "get_name", lambda: "/node")
+    monkeypatch.setattr(rospy, "logwarn_throttle", lambda *_: None)
     monkeypatch.setattr(action_client, "every", lambda period, call: Alarm(call, period))  # never
-    monkeypatch.setattr(action_client, "publish", lambda publisher, message: messages.append(message))
-    return messages
+    return Topics(monkeypatch)
 
 
-def hear(client: ActionClient, *goals: GoalID) -> None:
+def hear(topics: Topics, client: ActionClient, *goals: GoalID) -> None:
     """The server names goals that it works on."""
     message = GoalStatusArray(status_list=[GoalStatus(goal_id=each, status=1) for each in goals])
-    message._connection_header = {"callerid": "/server"}
-    client._receive_status(message)
+    topics.send(f"{client.name}/status", message, {"callerid": "/server"})
 
 
 def stamp_of(goal: Any) -> float:
     return float(goal.goal_id.stamp.to_sec())
 
 
-def test_stamps_of_a_process_never_decrease(sent: List[Any], clock: Any) -> None:
+def test_stamps_of_a_process_never_decrease(topics: Topics, clock: Any) -> None:
     clients = [ActionClient("back", ListenAction) for _ in range(2)]
     stamps = []
     for now in (100.0, 70.0, 71.0, 130.0):
@@ -54,12 +45,17 @@ def test_stamps_of_a_process_never_decrease(sent: List[Any], clock: Any) -> None
     assert stamp_of(ActionClient("another", ListenAction).send(ListenGoal())) == 70.0
 
 
-def test_a_new_process_stamps_no_earlier_than_what_the_server_has_taken(sent: List[Any], clock: Any) -> None:
+def test_a_new_process_stamps_no_earlier_than_what_the_server_has_taken(topics: Topics, clock: Any) -> None:
     client = ActionClient("restarted", ListenAction)
-    hear(client, GoalID(id="of before", stamp=rospy.Time(500)), GoalID(id="older", stamp=rospy.Time(400)))
+    hear(
+        topics,
+        client,
+        GoalID(id="of before", stamp=rospy.Time(500)),
+        GoalID(id="older", stamp=rospy.Time(400)),
+    )
     assert stamp_of(client.send(ListenGoal())) == 500.0
     clock.set(501.0)
-    hear(client)
+    hear(topics, client)
     assert stamp_of(client.send(ListenGoal())) == 501.0
 
 
@@ -75,10 +71,11 @@ def test_a_new_process_stamps_no_earlier_than_what_the_server_has_taken(sent: Li
         "/node-dispatch-3-100.000000000-leased",
     ],
 )
-def test_only_what_a_client_of_merlin_left_is_cancelled(sent: List[Any], goal_id: str) -> None:
+def test_only_what_a_client_of_merlin_left_is_cancelled(topics: Topics, goal_id: str) -> None:
     client = ActionClient("shared", ListenAction)
     goal_id = goal_id.format(life=LIFE)
-    hear(client, GoalID(id=goal_id))
-    assert sent == []
-    hear(client, GoalID(id=goal_id), GoalID(id=f"/node-{LIFE_BEFORE}-3-100.000000000-leased"))
-    assert [cancel.id for cancel in sent] == [f"/node-{LIFE_BEFORE}-3-100.000000000-leased"]
+    hear(topics, client, GoalID(id=goal_id))
+    cancels = topics.published("/shared/cancel")
+    assert cancels.empty()
+    hear(topics, client, GoalID(id=goal_id), GoalID(id=f"/node-{LIFE_BEFORE}-3-100.000000000-leased"))
+    assert cancels.get_nowait().id == f"/node-{LIFE_BEFORE}-3-100.000000000-leased" and cancels.empty()

@@ -1,12 +1,12 @@
 """A server of one goal at a time whose code fails when it is told to cancel."""
 
 import threading
-from types import SimpleNamespace
 from typing import Any, Iterator, List
 
 import pytest
 import rospy
 from actionlib_msgs.msg import GoalID, GoalStatus
+from fakes.topics import Topics
 from merlin_msgs.msg import ListenAction, ListenActionGoal
 
 from merlin_ros.actions.action_server import ServerGoal
@@ -18,7 +18,8 @@ LONG = 60.0
 class Server:
     """Executes goals until they are cancelled."""
 
-    def __init__(self) -> None:
+    def __init__(self, topics: Topics) -> None:
+        self._topics = topics
         self.executed: List[ServerGoal] = []
         self.cancels: List[str] = []
         self.goes_on = threading.Event()
@@ -30,7 +31,18 @@ class Server:
 
     def send(self, name: str) -> None:
         goal_id = GoalID(id=name, stamp=rospy.Time(1))
-        self.serial.server._receive_goal(ListenActionGoal(goal_id=goal_id))
+        self._topics.send("/listen/goal", ListenActionGoal(goal_id=goal_id))
+
+    def cancel(self, name: str) -> None:
+        self._topics.send("/listen/cancel", GoalID(id=name))
+
+    def text(self, name: str) -> str:
+        """What the last status list says of a goal."""
+        statuses = self._topics.published("/listen/status")
+        said = ""
+        while not statuses.empty():
+            said = next((s.text for s in statuses.get().status_list if s.goal_id.id == name), said)
+        return said
 
     def _execute(self, goal: ServerGoal) -> None:
         self.executed.append(goal)
@@ -47,10 +59,7 @@ class Server:
 @pytest.fixture
 def server(clock: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[Server]:
     monkeypatch.setattr(rospy, "logerr", lambda *_: None)
-    topic = SimpleNamespace(impl=None, publish=lambda message: None, unregister=lambda: None)
-    for kind in ("Publisher", "Subscriber"):
-        monkeypatch.setattr(rospy, kind, lambda *_, **__: topic)
-    made = Server()
+    made = Server(Topics(monkeypatch))
     yield made
     made.serial.shutdown()
     assert "action /listen" not in [thread.name for thread in threading.enumerate()]
@@ -65,9 +74,9 @@ def test_a_cancel_that_fails_costs_the_newer_goal_nothing(server: Server) -> Non
     first, second = server.executed
     assert first.status == GoalStatus.PREEMPTED
     assert not second.done
-    server.serial.server._receive_cancel(GoalID(id="second"))
+    server.cancel("second")
     assert server.ended.acquire(timeout=LONG)
-    assert second.status == GoalStatus.PREEMPTED and second._status.text == "stopped"
+    assert second.status == GoalStatus.PREEMPTED and server.text("second") == "stopped"
 
 
 def test_a_cancel_that_failed_is_tried_with_the_next_one(server: Server) -> None:
@@ -77,9 +86,9 @@ def test_a_cancel_that_failed_is_tried_with_the_next_one(server: Server) -> None
     server.send("second")
     (first,) = server.executed
     for _ in range(2):
-        server.serial.server._receive_cancel(GoalID(id="first"))
+        server.cancel("first")
     assert server.cancels == ["first"] * 3 and not first.done
-    assert first._status.text == "it is not stopped: OSError: the microphone does not answer"
+    assert server.text("first") == "it is not stopped: OSError: the microphone does not answer"
     server.goes_on.set()
     assert server.begun.acquire(timeout=LONG)
     assert server.executed[1].status == GoalStatus.ACTIVE

@@ -4,7 +4,7 @@ import threading
 from collections import defaultdict
 from queue import Queue
 from types import SimpleNamespace
-from typing import Any, Callable, DefaultDict, List
+from typing import Any, Callable, DefaultDict, Dict, List, Optional
 
 import pytest
 import rospy
@@ -25,9 +25,12 @@ class Topics:
         monkeypatch.setattr(rospy, "Publisher", self._publisher)
         monkeypatch.setattr(rospy, "Subscriber", self._subscriber)
 
-    def send(self, topic: str, message: Any, sender: str = "/other") -> None:
-        """Another node publishes a message; returns when it was read."""
-        message._connection_header = {"callerid": sender}
+    def send(self, topic: str, message: Any, header: Optional[Dict[str, str]] = None) -> None:
+        """Another node publishes a message; returns when it was read.
+
+        :param header: of the connection; default: of a node ``/other``.
+        """
+        message._connection_header = {"callerid": "/other"} if header is None else header
         for callback in list(self._callbacks[topic]):
             callback(message)
 
