@@ -71,7 +71,7 @@ class Served:
         self.topics = topics
         self.server = MerlinActionServer(machine, cancel_limit)
         self.server.start()
-        self._name = f"/actions/{machine.operator_name().lower()}"
+        self._name = f"/actions/{self.server.operator.lower()}"
 
     def send(self, goal: str, to: str = "hall") -> None:
         message = RunActionActionGoal(goal_id=GoalID(id=goal, stamp=rospy.Time(1)))
@@ -207,6 +207,29 @@ def test_another_machine_takes_the_place_of_one_that_does_not_stop(serve: Callab
     drive.waits.goes_on.set()
     assert drive.answer()[:2] == ("b", GoalStatus.SUCCEEDED)
     stuck.goes_on.set()
+
+
+def test_a_machine_that_hangs_before_it_begins_is_abandoned_too(serve: Callable[..., Served]) -> None:
+    prepares, goes_on = threading.Event(), threading.Event()
+
+    class Slow(Drive):
+        def prepare(self) -> None:
+            prepares.set()
+            assert goes_on.wait(LONG)
+            super().prepare()
+
+    drive = serve(Slow(), 0.05)
+    arrives = threading.Thread(target=drive.send, args=("a",))
+    arrives.start()
+    assert prepares.wait(LONG)
+    drive.cancel("a")
+    assert drive.answer()[:2] == ("a", GoalStatus.ABORTED)
+    goes_on.set()
+    arrives.join(LONG)
+    drive.send("b")
+    assert drive.begun()
+    drive.waits.goes_on.set()
+    assert drive.answer()[:2] == ("b", GoalStatus.SUCCEEDED)
 
 
 @pytest.mark.parametrize("kind", ["error", "other"])

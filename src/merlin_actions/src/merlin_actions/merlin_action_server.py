@@ -255,7 +255,8 @@ class MerlinActionServer:
             self._show()
         with self._changed:
             self._release(goal)
-            self._abandoned.append(self._threads[goal.id])
+            if goal.id in self._threads:  # otherwise it hangs before its run
+                self._abandoned.append(self._threads[goal.id])
         self._forget(goal)
         goal.abort(RunActionResult(ABORTED, reason, culprit, ""), reason)
 
