@@ -22,14 +22,14 @@ def topics(clock: Any, monkeypatch: pytest.MonkeyPatch) -> Topics:
 
 @pytest.fixture
 def client(topics: Topics) -> Iterator[ActionClient]:
-    made = ActionClient("listen", ListenAction)
+    made = ActionClient("owned", ListenAction)
     yield made
     made.shutdown()
 
 
 def leased(topics: Topics) -> List[str]:
     """The goals that the last lease names."""
-    leases = topics.published("/listen/lease")
+    leases = topics.published("/owned/lease")
     held = leases.get_nowait().held
     while not leases.empty():
         held = leases.get_nowait().held
@@ -38,14 +38,14 @@ def leased(topics: Topics) -> List[str]:
 
 def test_it_is_not_sent(client: ActionClient, topics: Topics) -> None:
     def before(topic: str, message: Any) -> None:
-        if topic == "/listen/lease":
+        if topic == "/owned/lease":
             client.give_up_owned("goal of the machine")
 
     topics.before = before
     ended: List[Any] = []
     goal = client.send(ListenGoal(), ended.append, owner="goal of the machine")
     assert goal.done and goal.status == GoalStatus.LOST and ended == [goal]
-    assert topics.published("/listen/goal").empty() and leased(topics) == []
+    assert topics.published("/owned/goal").empty() and leased(topics) == []
 
 
 def test_of_owners_that_were_given_up_the_last_ones_are_remembered(client: ActionClient) -> None:
@@ -57,14 +57,14 @@ def test_of_owners_that_were_given_up_the_last_ones_are_remembered(client: Actio
 
 def test_a_goal_that_cannot_be_sent_leaves_nothing(topics: Topics) -> None:
     def unwritable(topic: str, message: Any) -> None:
-        if topic == "/listen/goal":
+        if topic == "/owned/goal":
             raise OverflowError("float too large to pack")
 
-    client = ActionClient("listen", ListenAction)
+    client = ActionClient("owned", ListenAction)
     topics.before = unwritable
     ended: List[Any] = []
     with pytest.raises(OverflowError):
         client.send(ListenGoal(), ended.append)
     assert leased(topics) == []
     client.shutdown()
-    assert ended == [] and topics.published("/listen/cancel").empty()
+    assert ended == [] and topics.published("/owned/cancel").empty()

@@ -61,7 +61,8 @@ class Leases(LeaseWatch):
     """A watch without a topic."""
 
     def __init__(self, topic: str, on_change: Callable, **_: Any) -> None:
-        self._on_change, self._changed, self.book = on_change, threading.Condition(), Book()
+        self._on_change, self._lock, self.book = on_change, threading.RLock(), Book()  # type: ignore[assignment]
+        self._looks = None
         self._book = self.book  # type: ignore[assignment]
 
 
