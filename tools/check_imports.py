@@ -84,7 +84,7 @@ MAY_IMPORT: Dict[str, Tuple[str, ...]] = {
 #: beside them, of which one may be named by itself. A package that is missing here has no sub-packages.
 LAYERS: Dict[str, Tuple[str, ...]] = {
     "merlin_pddl": (".", "analysis", "checks"),
-    "merlin_ros": ("threads", "alarms robot_values work processes", "master ports", ".", "actions"),
+    "merlin_ros": ("work", "alarms robot_values processes", "master ports", ".", "actions"),
     "merlin_sm": ("dispatching", ".", "states", "holding trees", "breakpoint_client state_factory"),
     "merlin_rosplan": (
         "knowledge planning dispatch",
@@ -124,7 +124,7 @@ WITHOUT_ROS: Dict[str, str] = {
     "merlin_rosplan": "knowledge planning dispatch storage supervision",
 }
 #: Likewise, package → those of its modules and sub-packages that such a one may import.
-MODULES_WITHOUT_ROS: Dict[str, str] = {"merlin_ros": "threads alarms robot_values work processes"}
+MODULES_WITHOUT_ROS: Dict[str, str] = {"merlin_ros": "alarms robot_values work processes"}
 ROS = re.compile(r"(ros\w+|actionlib|smach\w*|tf2_ros|diagnostic_updater|bondpy|\w+_msgs|\w+_srvs)\Z")
 
 #: Imported name → what a manifest calls it.

@@ -35,7 +35,7 @@ from merlin_ros.master.master_link import MasterSilent, get_param
 from merlin_ros.node import master_is_lost
 from merlin_ros.publishing import OnSubscriber, publish
 from merlin_ros.service_proxy import ServiceError
-from merlin_ros.threads import start_thread
+from merlin_ros.work.threads import start_thread
 from merlin_ros.work.work_book import Decision, Policy, Step, WorkBook
 from merlin_sm.knowledge_client import (
     DEFAULT_KNOWLEDGE_BASE,

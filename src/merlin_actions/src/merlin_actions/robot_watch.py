@@ -14,7 +14,7 @@ from merlin_ros.alarms import TICK, Alarm, TickClock, call_later, every, wait_ti
 from merlin_ros.master.master_link import MasterSilent
 from merlin_ros.robot_values import AVAILABLE
 from merlin_ros.service_proxy import ServiceError
-from merlin_ros.threads import CallQueue
+from merlin_ros.work.threads import CallQueue
 from merlin_sm.knowledge_client import ADD, REMOVE, KnowledgeClient, KnowledgeError, Update, fact
 from merlin_sm.robot_roster import RobotRoster, is_node, sender_of
 

@@ -12,7 +12,7 @@ from merlin_ros.actions.action_client import ActionClient
 from merlin_ros.actions.client_goal import ClientGoal
 from merlin_ros.deadline import Deadline, running_time
 from merlin_ros.late_topics import subscribe_by
-from merlin_ros.threads import start_thread
+from merlin_ros.work.threads import start_thread
 
 
 class ExecutorRequest:

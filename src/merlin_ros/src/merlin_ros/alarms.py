@@ -15,7 +15,7 @@ import threading
 import time
 from typing import Callable, List, Optional, Tuple
 
-from merlin_ros.threads import log_failure, start_thread
+from merlin_ros.work.threads import log_failure, start_thread
 
 TICK = 0.1  # s of wall time between two looks of a watcher
 LONGEST_TICK = 0.2  # s that one look may count
@@ -123,7 +123,7 @@ class Alarms:
         """Has a function called after some time, s of wall time in which the process is not stalled.
 
         :param call: must not block: others wait behind it, the leases of this process among them. What may
-            block is put into a :class:`~merlin_ros.threads.CallQueue`, or gets a thread.
+            block is put into a :class:`~merlin_ros.work.threads.CallQueue`, or gets a thread.
         """
         return self._put(Alarm(call), seconds)
 

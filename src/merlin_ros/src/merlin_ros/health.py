@@ -11,7 +11,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper, Updater
 from rospy.core import is_shutdown_requested
 
-from merlin_ros.threads import start_thread
+from merlin_ros.work.threads import start_thread
 
 PERIOD = 1.0  # s of wall time
 

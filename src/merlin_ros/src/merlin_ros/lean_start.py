@@ -19,7 +19,7 @@ from importlib.machinery import ModuleSpec, PathFinder
 from types import ModuleType
 from typing import Any, Dict, Iterator, Optional, Sequence
 
-from merlin_ros.threads import start_thread
+from merlin_ros.work.threads import start_thread
 
 #: Modules that are imported when something of them is first used → functions that do not count as that: each
 #: has a twin in a module that costs nothing; "": in its place is one that imports when it is called.

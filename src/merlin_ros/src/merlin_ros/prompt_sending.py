@@ -13,7 +13,7 @@ import rospy
 from rospy.exceptions import TransportInitError, TransportTerminated
 from rospy.impl.tcpros_pubsub import QueuedConnection
 
-from merlin_ros.threads import start_thread
+from merlin_ros.work.threads import start_thread
 
 
 def send_promptly() -> None:

@@ -6,7 +6,7 @@ from typing import Callable, Optional
 
 import rospy
 
-from merlin_ros.threads import start_thread
+from merlin_ros.work.threads import start_thread
 
 LONGEST = 3600.0  # s that the alarm sleeps at once: Python cannot wait for more than some hundred years
 

@@ -23,7 +23,7 @@ from merlin_ros.actions.lease_watch import LeaseWatch
 from merlin_ros.deadline import Deadline, limit, running_time
 from merlin_ros.publishing import publish
 from merlin_ros.service_proxy import ServiceError, ServiceProxy, ServiceUnavailable
-from merlin_ros.threads import start_thread
+from merlin_ros.work.threads import start_thread
 from merlin_sm.dispatching.action_messages import (
     CANCEL_ACTION,
     answer_in,

@@ -23,7 +23,7 @@ from merlin_ros.deadline import Deadline
 from merlin_ros.late_topics import subscribe
 from merlin_ros.master.master_link import ERRORS, MasterSilent, bounded_master, get_param, lost, silent
 from merlin_ros.service_proxy import ServiceError, ServiceProxy, ServiceUnavailable
-from merlin_ros.threads import start_thread
+from merlin_ros.work.threads import start_thread
 
 MASTER = "the ROS master"
 PROBLEM = "the planning system's problem interface"

@@ -8,7 +8,7 @@ from actionlib_msgs.msg import GoalID, GoalStatus, GoalStatusArray
 from fakes.topics import Topics
 from merlin_msgs.msg import ListenAction, ListenGoal
 
-from merlin_ros.actions import action_client
+from merlin_ros.actions import action_client, lease_holder
 from merlin_ros.actions.action_client import ActionClient
 from merlin_ros.actions.lease_holder import LIFE
 from merlin_ros.alarms import Alarm
@@ -20,7 +20,8 @@ LIFE_BEFORE = "0123456789ab"
 def topics(clock: Any, monkeypatch: pytest.MonkeyPatch) -> Topics:
     monkeypatch.setattr(rospy, "get_name", lambda: "/node")
     monkeypatch.setattr(rospy, "logwarn_throttle", lambda *_: None)
-    monkeypatch.setattr(action_client, "every", lambda period, call: Alarm(call, period))  # never
+    for module in (action_client, lease_holder):
+        monkeypatch.setattr(module, "every", lambda period, call: Alarm(call, period))  # never
     return Topics(monkeypatch)
 
 

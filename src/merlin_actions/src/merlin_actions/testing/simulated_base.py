@@ -15,7 +15,7 @@ from std_srvs.srv import SetBool, SetBoolRequest, SetBoolResponse
 from merlin_actions.testing.simulated_action_server import SimulatedActionServer, behaviour_from_params
 from merlin_ros.node import run_node
 from merlin_ros.publishing import publish
-from merlin_ros.threads import start_thread
+from merlin_ros.work.threads import start_thread
 
 PERIOD = 0.1  # s of wall time between two commands, as a slow controller sends them
 SPEED = 0.3  # m/s of a drive that ends by itself

@@ -12,7 +12,7 @@ from merlin_executor.core.agenda import Agenda, AgendaAnswer, Decision, StopRun,
 from merlin_executor.core.outcome import Outcome, StopKind, Verdict, crashed
 from merlin_pddl.breakpoints import Breakpoints
 from merlin_ros.alarms import wait_ticks
-from merlin_ros.threads import start_thread
+from merlin_ros.work.threads import start_thread
 
 TIDY_PERIOD = 1.0  # s between two attempts to remove what a run has left
 

@@ -28,7 +28,7 @@ from merlin_ros.actions.server_silence import CONNECTED_SILENCE, LOOK, ServerSil
 from merlin_ros.alarms import Alarm, TickClock, every
 from merlin_ros.deadline import running_time
 from merlin_ros.publishing import OnSubscriber, publish
-from merlin_ros.threads import CallQueue
+from merlin_ros.work.threads import CallQueue
 
 REPEAT_CANCEL = 0.5  # s after which a cancel that shows no effect is sent again
 KEEP_GIVEN_UP = 60.0  # s for which a goal that was given up is cancelled when the server names it again

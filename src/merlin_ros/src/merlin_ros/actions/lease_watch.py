@@ -9,7 +9,7 @@ from merlin_msgs.msg import Lease
 from merlin_ros.actions.lease import LOSE_AFTER, SUSPEND_AFTER, LeaseBook, LeaseChange, LeaseState
 from merlin_ros.actions.peers import connected_peers
 from merlin_ros.alarms import TICK, Alarm, TickClock, every
-from merlin_ros.threads import CallQueue
+from merlin_ros.work.threads import CallQueue
 
 
 class LeaseWatch:

@@ -7,7 +7,7 @@ from typing import Callable, Dict, List, Optional
 import rospy
 
 from merlin_ros.actions.action_server import ActionServer, ServerGoal
-from merlin_ros.threads import start_thread
+from merlin_ros.work.threads import start_thread
 from merlin_ros.work.work_book import Decision, Policy, Step, WorkBook
 
 

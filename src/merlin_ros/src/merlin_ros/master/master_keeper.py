@@ -19,7 +19,7 @@ from merlin_ros.master import master_link
 from merlin_ros.master.foreign_nodes import ForeignNodes
 from merlin_ros.master.master_watch import HUNG, MasterWatch, WatchDecision
 from merlin_ros.master.registration import ERRORS, KeptParameters, RegistrationError, register_again
-from merlin_ros.threads import CallQueue, start_thread
+from merlin_ros.work.threads import CallQueue, start_thread
 
 #: Between two questions to the master, s of wall time.
 PERIOD = 1.0

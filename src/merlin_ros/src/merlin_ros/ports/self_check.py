@@ -13,7 +13,7 @@ import rosgraph.network
 
 from merlin_ros.alarms import call_later, wait_ticks
 from merlin_ros.ports.entrance import Greeting
-from merlin_ros.threads import start_thread
+from merlin_ros.work.threads import start_thread
 
 #: Between two looks, s of wall time.
 PERIOD = 2.0

@@ -11,7 +11,7 @@ from typing import Any, Callable, Optional
 from rospy.impl import tcpros_base
 
 from merlin_ros.ports.entrance import Entrance
-from merlin_ros.threads import start_thread
+from merlin_ros.work.threads import start_thread
 
 _LENGTH = struct.Struct("<I")
 _PROBE_FIELD = b"merlin_probe=1"

@@ -9,7 +9,7 @@ from std_msgs.msg import String
 
 from merlin_ros.alarms import call_later
 from merlin_ros.publishing import publish
-from merlin_ros.threads import CallQueue
+from merlin_ros.work.threads import CallQueue
 from merlin_rosplan.dispatch.dispatch_graph import GraphSchedule
 from merlin_rosplan.dispatch.dispatch_schedule import PlanError
 from merlin_rosplan.dispatch.plan_graph import Node, NodeType, PlanGraph

@@ -5,7 +5,7 @@ import os
 import threading
 
 from merlin_ros.alarms import call_later
-from merlin_ros.threads import CallQueue
+from merlin_ros.work.threads import CallQueue
 
 DELAY = 0.1  # s of wall time in which writes are gathered for one sync
 

@@ -12,7 +12,7 @@ from typing import Any, Callable, Dict, List, NamedTuple, Optional, Tuple
 
 from merlin_pddl.breakpoints import BreakpointError
 from merlin_ros.alarms import wait_ticks
-from merlin_ros.threads import start_thread
+from merlin_ros.work.threads import start_thread
 from merlin_sm.autonomy import LEVELS, label_text, read_level
 from merlin_sm.holding.state_control import ENDED, HELD, OUT, RUNS, StateControl, Wish
 from merlin_sm.holding.state_holds import Pattern, StateHolds, read_state_pattern

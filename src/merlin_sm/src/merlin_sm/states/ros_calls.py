@@ -10,7 +10,7 @@ from merlin_ros.deadline import Deadline
 from merlin_ros.late_topics import subscribe
 from merlin_ros.master.master_link import MasterSilent
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
-from merlin_ros.threads import start_thread
+from merlin_ros.work.threads import start_thread
 from merlin_sm.states.merlin_state import PREEMPTED, SUCCEEDED, MerlinState
 
 

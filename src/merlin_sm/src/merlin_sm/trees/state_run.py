@@ -5,7 +5,7 @@ from typing import Callable, Optional
 
 import rospy
 
-from merlin_ros.threads import start_thread
+from merlin_ros.work.threads import start_thread
 from merlin_sm.autonomy import label_text
 from merlin_sm.merlin_sm import MerlinSM
 

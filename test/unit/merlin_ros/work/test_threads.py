@@ -6,8 +6,8 @@ from typing import Any, List
 
 import pytest
 
-from merlin_ros import threads
-from merlin_ros.threads import CallQueue, start_thread
+from merlin_ros.work import threads
+from merlin_ros.work.threads import CallQueue, start_thread
 
 LONG = 60.0
 
