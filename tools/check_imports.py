@@ -28,27 +28,36 @@ MOST_LINES = 500
 MAY_IMPORT: Dict[str, Tuple[str, ...]] = {
     "merlin_pddl": (),
     "merlin_ros": ("merlin_msgs",),
-    "merlin_sm": ("merlin_msgs", "merlin_pddl", "merlin_ros"),
+    "merlin_planning": ("merlin_msgs", "merlin_pddl", "merlin_ros"),
+    "merlin_sm": ("merlin_msgs", "merlin_pddl", "merlin_ros", "merlin_planning"),
     "merlin_guard": ("merlin_msgs", "merlin_ros"),
-    "merlin_actions": ("merlin_msgs", "merlin_pddl", "merlin_ros", "merlin_sm"),
-    "merlin_executor": ("merlin_msgs", "merlin_pddl", "merlin_ros", "merlin_sm"),
-    "merlin_rosplan": ("merlin_msgs", "merlin_pddl", "merlin_ros", "merlin_sm", "merlin_actions"),
+    "merlin_actions": ("merlin_msgs", "merlin_pddl", "merlin_ros", "merlin_planning", "merlin_sm"),
+    "merlin_executor": ("merlin_msgs", "merlin_pddl", "merlin_ros", "merlin_planning", "merlin_sm"),
+    "merlin_rosplan": ("merlin_msgs", "merlin_pddl", "merlin_ros", "merlin_planning"),
     "merlin_fleet": (
         "merlin_msgs",
         "merlin_pddl",
         "merlin_ros",
-        "merlin_sm",
+        "merlin_planning",
         "merlin_rosplan",
         "merlin_executor",
         "merlin_monitor",
     ),
     "merlin_reactive": ("merlin_msgs", "merlin_ros"),
     "merlin_sim": ("merlin_msgs", "merlin_ros", "merlin_reactive"),
-    "merlin_monitor": ("merlin_msgs", "merlin_pddl", "merlin_ros", "merlin_sm", "merlin_executor"),
+    "merlin_monitor": (
+        "merlin_msgs",
+        "merlin_pddl",
+        "merlin_ros",
+        "merlin_planning",
+        "merlin_sm",
+        "merlin_executor",
+    ),
     "merlin_home": ("merlin_msgs", "merlin_ros", "merlin_sm", "merlin_actions", "merlin_executor"),
     "merlin_restaurant": (
         "merlin_msgs",
         "merlin_ros",
+        "merlin_planning",
         "merlin_sm",
         "merlin_actions",
         "merlin_executor",
@@ -58,6 +67,7 @@ MAY_IMPORT: Dict[str, Tuple[str, ...]] = {
     "merlin_experiment": (
         "merlin_msgs",
         "merlin_ros",
+        "merlin_planning",
         "merlin_sm",
         "merlin_reactive",
         "merlin_sim",
@@ -68,6 +78,7 @@ MAY_IMPORT: Dict[str, Tuple[str, ...]] = {
         "merlin_msgs",
         "merlin_ros",
         "merlin_pddl",
+        "merlin_planning",
         "merlin_sm",
         "merlin_actions",
         "merlin_executor",
@@ -76,8 +87,8 @@ MAY_IMPORT: Dict[str, Tuple[str, ...]] = {
     # What test suites share; no package imports it.
     "merlin_test": ("merlin_msgs", "merlin_ros"),
     # The underlay's nodes of these names are those of merlin_rosplan.
-    "rosplan_knowledge_base": ("merlin_ros", "merlin_sm", "merlin_rosplan"),
-    "rosplan_planning_system": ("merlin_ros", "merlin_sm", "merlin_rosplan"),
+    "rosplan_knowledge_base": ("merlin_ros", "merlin_rosplan"),
+    "rosplan_planning_system": ("merlin_ros", "merlin_actions", "merlin_rosplan"),
 }
 
 #: Package → its sub-packages, lowest first; those of one text do not import each other; "." is the modules
@@ -85,7 +96,8 @@ MAY_IMPORT: Dict[str, Tuple[str, ...]] = {
 LAYERS: Dict[str, Tuple[str, ...]] = {
     "merlin_pddl": (".", "analysis", "checks"),
     "merlin_ros": ("work", "alarms robot_values processes", "master ports", ".", "actions"),
-    "merlin_sm": ("dispatching", ".", "states", "holding trees", "breakpoint_client state_factory"),
+    "merlin_planning": (".", "over_rosplan", "dispatch_client"),
+    "merlin_sm": (".", "states", "holding trees", "breakpoint_client state_factory"),
     "merlin_rosplan": (
         "knowledge planning dispatch",
         "storage supervision",

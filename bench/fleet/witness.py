@@ -15,8 +15,8 @@ from chaos.under_test.child import Reporter, commands
 from merlin_msgs.msg import ExecuteActionGoal, ExecuteActionResult
 
 from merlin_executor.executor_client import outcome_name
+from merlin_planning.knowledge_client import KnowledgeError
 from merlin_ros.service_proxy import ServiceError
-from merlin_sm.knowledge_client import KnowledgeError
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 
 ACTION = "merlin/execute"

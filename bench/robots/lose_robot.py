@@ -27,7 +27,7 @@ import rospy
 from merlin_msgs.msg import KnowledgeChanges, RobotWay
 
 from merlin.running import living
-from merlin_sm.knowledge_text import to_pddl
+from merlin_planning.knowledge_text import to_pddl
 
 HOST = "merlin_fsm_host"
 NOT_OF_THE_ROBOT = ("person_voice",)  # nodes in its namespace that belong to the simulated world

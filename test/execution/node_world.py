@@ -24,9 +24,9 @@ from semantics import Event
 
 from merlin_actions.action_interface import ActionInterface
 from merlin_actions.core.ending import Closing, Ending
+from merlin_planning.knowledge_client import ADD, REMOVE, Update, fact, function_value, knowledge_client
 from merlin_ros.ros_alarm import RosAlarm
 from merlin_ros.service_proxy import ServiceProxy
-from merlin_sm.knowledge_client import ADD, REMOVE, Update, fact, function_value, knowledge_client
 from merlin_test.topic_links import wait_for_publishers
 
 LONG = 120.0

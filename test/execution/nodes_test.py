@@ -12,8 +12,8 @@ from rosplan_dispatch_msgs.srv import DispatchService, ParsingService
 from rosplan_knowledge_msgs.msg import DomainFormula
 
 import rostest
+from merlin_planning.knowledge_client import ADD, REMOVE, Update, fact, function_value, knowledge_client
 from merlin_ros.service_proxy import ServiceProxy
-from merlin_sm.knowledge_client import ADD, REMOVE, Update, fact, function_value, knowledge_client
 from merlin_test.topic_links import wait_for_publishers
 
 LONG = 120.0

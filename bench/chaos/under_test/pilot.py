@@ -21,8 +21,8 @@ from chaos.under_test.child import Reporter, commands
 from chaos.under_test.stranger import Stranger
 from merlin_executor.executor_client import ExecutorRequest, MerlinExecutorClient, outcome_name
 from merlin_executor.mission.readiness import missing_interfaces, missing_servers
+from merlin_planning.knowledge_client import KnowledgeError, knowledge_client
 from merlin_ros.service_proxy import ServiceError
-from merlin_sm.knowledge_client import KnowledgeError, knowledge_client
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 
 #: s for a system to be up.

@@ -11,8 +11,8 @@ from std_msgs.msg import Bool, Float32, String
 from std_srvs.srv import SetBool, SetBoolResponse, Trigger, TriggerResponse
 
 import rostest
+from merlin_planning.knowledge_client import ADD, REMOVE, Update, fact, instance, knowledge_client
 from merlin_ros.service_proxy import ServiceProxy
-from merlin_sm.knowledge_client import ADD, REMOVE, Update, fact, instance, knowledge_client
 from merlin_test.knowledge_fixture import Received
 
 LONG = 60.0

@@ -11,9 +11,7 @@ from rosplan_dispatch_msgs.srv import DispatchService, ParsingService
 from rosplan_knowledge_msgs.msg import DomainFormula
 from std_srvs.srv import Empty
 
-from merlin_ros.actions.action_client import ActionClient
-from merlin_ros.service_proxy import ServiceError, ServiceProxy
-from merlin_sm.knowledge_client import (
+from merlin_planning.knowledge_client import (
     ADD,
     REMOVE,
     REMOVE_GOAL,
@@ -22,6 +20,8 @@ from merlin_sm.knowledge_client import (
     function_value,
     knowledge_client,
 )
+from merlin_ros.actions.action_client import ActionClient
+from merlin_ros.service_proxy import ServiceError, ServiceProxy
 from merlin_test.topic_links import wait_for_publishers
 
 LONG = 60.0

@@ -18,8 +18,8 @@ from merlin_msgs.srv import ApplyEffects, ApplyEffectsRequest, ListExecutions
 from rosplan_dispatch_msgs.msg import ActionDispatch, NonBlockingDispatchGoal
 
 import rostest
+from merlin_planning.knowledge_client import fact
 from merlin_ros.service_proxy import ServiceProxy
-from merlin_sm.knowledge_client import fact
 from merlin_test.topic_links import sends
 
 VICTIM = Path(__file__).with_name("victim_owner.py")

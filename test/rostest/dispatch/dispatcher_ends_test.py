@@ -19,9 +19,9 @@ from rosplan_dispatch_msgs.srv import DispatchService, DispatchServiceResponse, 
 from std_srvs.srv import Empty, EmptyResponse
 
 import rostest
+from merlin_planning import dispatch_client
+from merlin_planning.dispatch_client import DispatchClient
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
-from merlin_sm import dispatch_client
-from merlin_sm.dispatch_client import DispatchClient
 from merlin_test.topic_links import wait_for_publishers
 
 

@@ -22,8 +22,7 @@ from rosplan_knowledge_msgs.msg import DomainFormula
 from std_msgs.msg import String
 
 import rostest
-from merlin_ros.service_proxy import ServiceError, ServiceProxy
-from merlin_sm.knowledge_client import (
+from merlin_planning.knowledge_client import (
     ADD,
     ADD_GOAL,
     REMOVE,
@@ -31,6 +30,7 @@ from merlin_sm.knowledge_client import (
     fact,
     function_value,
 )
+from merlin_ros.service_proxy import ServiceError, ServiceProxy
 
 
 class Expressions(DispatchFixture):

@@ -6,8 +6,8 @@ import sys
 import rospy
 from rosplan_dispatch_msgs.srv import DispatchService
 
+from merlin_planning.dispatch_client import DispatchClient
 from merlin_ros.service_proxy import ServiceProxy
-from merlin_sm.dispatch_client import DispatchClient
 
 rospy.init_node("victim_owner", anonymous=True)
 words = rospy.myargv(sys.argv)[1:]

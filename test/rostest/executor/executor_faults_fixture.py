@@ -13,8 +13,8 @@ from merlin_msgs.msg import DispatchStatus, ExecutorStatus, GuardStatus, Knowled
 from std_msgs.msg import String
 from std_srvs.srv import Trigger, TriggerResponse
 
+from merlin_planning.knowledge_text import to_pddl
 from merlin_ros.master.master_link import bounded_proxy
-from merlin_sm.knowledge_text import to_pddl
 from merlin_test.node_path import node_path
 from merlin_test.topic_links import wait_for_publishers
 

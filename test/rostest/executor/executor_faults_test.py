@@ -21,7 +21,7 @@ from std_srvs.srv import Empty
 import rostest
 from merlin_executor.executor_client import MerlinExecutorClient, outcome_name
 from merlin_executor.resending import RESEND
-from merlin_sm.knowledge_client import ADD_GOAL, REMOVE_GOAL, KnowledgeClient, Update, fact
+from merlin_planning.knowledge_client import ADD_GOAL, REMOVE_GOAL, KnowledgeClient, Update, fact
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 from merlin_test.held_drives import HeldDrives
 

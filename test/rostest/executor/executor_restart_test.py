@@ -14,8 +14,8 @@ import rospy
 
 import rostest
 from merlin_executor.executor_client import MerlinExecutorClient
-from merlin_sm.knowledge_client import ADD_GOAL, REMOVE_GOAL, Update, fact, knowledge_client
-from merlin_sm.knowledge_text import to_pddl
+from merlin_planning.knowledge_client import ADD_GOAL, REMOVE_GOAL, Update, fact, knowledge_client
+from merlin_planning.knowledge_text import to_pddl
 from merlin_test.node_path import node_path
 
 LONG = 60.0

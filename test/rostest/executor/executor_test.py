@@ -21,7 +21,7 @@ import rostest
 from merlin_executor.executor_client import DROP, MerlinExecutorClient, outcome_name
 from merlin_executor.goal_check import GoalError
 from merlin_executor.mission.goal_state import ACHIEVED
-from merlin_sm.knowledge_client import KnowledgeError
+from merlin_planning.knowledge_client import KnowledgeError
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 from merlin_test.held_drives import HeldDrives
 from merlin_test.topic_links import wait_for_publishers

@@ -8,7 +8,7 @@ from merlin_msgs.msg import KnowledgeChanges
 from rosgraph_msgs.msg import Clock
 
 import rostest
-from merlin_sm.knowledge_client import ADD, REMOVE, Update, fact, knowledge_client
+from merlin_planning.knowledge_client import ADD, REMOVE, Update, fact, knowledge_client
 from merlin_test.knowledge_fixture import LONG, Received
 
 

@@ -30,7 +30,7 @@ from rosplan_knowledge_msgs.srv import (
 from std_msgs.msg import String
 from std_srvs.srv import Empty, EmptyResponse
 
-from merlin_sm.knowledge_client import fact
+from merlin_planning.knowledge_client import fact
 
 SUCCEEDED = ActionFeedback.ACTION_SUCCEEDED_TO_GOAL_STATE
 FAILED = ActionFeedback.ACTION_FAILED

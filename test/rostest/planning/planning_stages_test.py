@@ -12,8 +12,16 @@ from rosplan_knowledge_msgs.msg import DomainFormula
 from std_srvs.srv import Empty
 
 import rostest
+from merlin_planning.knowledge_client import (
+    ADD,
+    ADD_GOAL,
+    REMOVE,
+    REMOVE_GOAL,
+    Update,
+    fact,
+    knowledge_client,
+)
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
-from merlin_sm.knowledge_client import ADD, ADD_GOAL, REMOVE, REMOVE_GOAL, Update, fact, knowledge_client
 from merlin_test.knowledge_fixture import Received
 
 LONG = 60.0

@@ -18,7 +18,7 @@ import rostest
 from merlin_executor.executor_client import MerlinExecutorClient, outcome_name
 from merlin_executor.goal_check import GoalError
 from merlin_fleet.fleet_client import ACHIEVED, FleetClient
-from merlin_sm.knowledge_client import REMOVE, Update, fact, knowledge_client
+from merlin_planning.knowledge_client import REMOVE, Update, fact, knowledge_client
 from merlin_test.etcd_process import EtcdProcess
 from merlin_test.topic_links import wait_for_publishers
 

@@ -14,7 +14,7 @@ from smach_msgs.msg import SmachContainerStructure
 import rostest
 from merlin_executor.executor_client import MerlinExecutorClient, outcome_name
 from merlin_experiment.mission.ground_truth import receive_one
-from merlin_sm.knowledge_client import fact, knowledge_client
+from merlin_planning.knowledge_client import fact, knowledge_client
 
 START = 90.0
 ROBOTS = ("r1", "r2")

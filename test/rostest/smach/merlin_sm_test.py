@@ -12,8 +12,8 @@ from std_srvs.srv import Trigger, TriggerResponse
 
 import rostest
 import smach
-from merlin_sm.knowledge_client import KnowledgeError
-from merlin_sm.knowledge_text import PDDLSyntaxError
+from merlin_planning.knowledge_client import KnowledgeError
+from merlin_planning.knowledge_text import PDDLSyntaxError
 from merlin_sm.merlin_sm import MerlinSM
 from merlin_sm.state_factory import MerlinStateFactory
 from merlin_sm.states.merlin_state import MerlinState

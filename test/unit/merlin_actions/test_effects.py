@@ -11,9 +11,9 @@ from rosplan_knowledge_msgs.msg import DomainAssignment, DomainFormula, DomainOp
 from merlin_actions import effects
 from merlin_actions.core.ending import Closing
 from merlin_actions.effects import Opening, UpdateEffects, when_back
+from merlin_planning.knowledge_client import ADD, KnowledgeError, Update, fact
+from merlin_planning.knowledge_text import to_pddl
 from merlin_ros.service_proxy import ServiceUnavailable
-from merlin_sm.knowledge_client import ADD, KnowledgeError, Update, fact
-from merlin_sm.knowledge_text import to_pddl
 
 
 class Knowledge:

@@ -11,11 +11,11 @@ from rosplan_knowledge_msgs.msg import DomainFormula
 
 from merlin_actions import robot_watch
 from merlin_actions.robot_watch import AvailableFacts, RobotWatch
+from merlin_planning.knowledge_client import ADD, KnowledgeError, Update, fact
+from merlin_planning.robot_roster import OF_ONE
 from merlin_ros import alarms
 from merlin_ros.robot_values import AVAILABLE
 from merlin_ros.service_proxy import ServiceUnavailable
-from merlin_sm.knowledge_client import ADD, KnowledgeError, Update, fact
-from merlin_sm.robot_roster import OF_ONE
 
 LONG = 60.0
 

@@ -11,9 +11,9 @@ from rosplan_knowledge_msgs.msg import KnowledgeItem
 from merlin_actions.core.ending import Closing
 from merlin_actions.effects import Effects, Opening
 from merlin_actions.stopped_robots import EffectsOfDrives, StoppedRobots
+from merlin_planning.knowledge_client import REMOVE, Update, fact
+from merlin_planning.knowledge_text import to_pddl
 from merlin_ros.service_proxy import ServiceUnavailable
-from merlin_sm.knowledge_client import REMOVE, Update, fact
-from merlin_sm.knowledge_text import to_pddl
 
 STOPPED_AT = ["(not (robot_at ?r anywhere))", "(robot_at ?r ?here)", "(not (free ?here))"]
 

@@ -5,7 +5,7 @@ from diagnostic_msgs.msg import KeyValue
 from rosplan_knowledge_msgs.msg import DomainFormula, KnowledgeItem
 
 from merlin_executor.goal_check import GoalError, check_goals
-from merlin_sm.knowledge_text import parse_goal, to_pddl
+from merlin_planning.knowledge_text import parse_goal, to_pddl
 
 
 class World:

@@ -4,7 +4,7 @@ import pytest
 from merlin_msgs.srv import BreakpointsRequest
 
 from merlin_pddl.breakpoints import MOST, BreakpointError, Breakpoints
-from merlin_sm.breakpoint_service import BreakpointService
+from merlin_planning.breakpoint_service import BreakpointService
 
 DRIVE, ASK = "(navigate hall kitchen)", "(ask kitchen)"
 

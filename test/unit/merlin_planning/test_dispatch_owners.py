@@ -5,10 +5,10 @@ from typing import List
 import pytest
 from merlin_msgs.msg import Lease
 
+from merlin_planning import dispatch_owners as module
+from merlin_planning.dispatch_owners import DispatchOwners
 from merlin_ros.actions.hang_watch import HangWatch
 from merlin_ros.actions.lease import LOSE_AFTER
-from merlin_sm.dispatching import owners as module
-from merlin_sm.dispatching.owners import DispatchOwners
 
 
 @pytest.fixture

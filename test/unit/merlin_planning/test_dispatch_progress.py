@@ -1,11 +1,11 @@
 """The book of a dispatch: what failed, what may still run, and how the dispatch ended."""
 
-from typing import List, Set, Tuple
+from typing import List, Tuple
 
 from hypothesis import given
 from hypothesis import strategies as st
 
-from merlin_sm.dispatching.progress import (
+from merlin_planning.dispatch_progress import (
     EARLY,
     PART,
     Action,
@@ -13,7 +13,6 @@ from merlin_sm.dispatching.progress import (
     DispatchProgress,
     DispatchResult,
     Reply,
-    ground,
 )
 
 NAVIGATE = Action(1, 7, "navigate", ("hall", "kitchen"))
@@ -29,32 +28,6 @@ def book(*actions: Action, taken: bool = True) -> DispatchProgress:
         if taken:
             progress.answered(action.id, action.plan_id, DispatchAnswer.TAKEN, {})
     return progress
-
-
-def test_a_dispatch_stands_while_nothing_is_under_way() -> None:
-    progress = DispatchProgress()
-    assert progress.stands
-    progress.answered(1, 7, DispatchAnswer.TAKEN, {})  # before the action itself
-    assert not progress.stands
-    progress.dispatched(NAVIGATE)
-    assert not progress.stands
-    progress.answered(1, 7, DispatchAnswer.SUCCEEDED, {})
-    assert progress.stands
-
-
-def test_an_action_that_nothing_takes_stands_where_its_interface_would_say_so() -> None:
-    takers: Set[str] = set()
-    first = DispatchProgress(takers=takers)
-    first.dispatched(NAVIGATE)
-    assert not first.stands  # an interface that never says so may have taken it
-    first.answered(1, 7, DispatchAnswer.TAKEN, {})
-    second = DispatchProgress(takers=takers)
-    second.dispatched(NAVIGATE)
-    assert second.stands
-    second.stand_still(20.0)
-    result = second.result(Reply())
-    assert (result.cancelled, result.action) == (False, "")
-    assert "for 20 s, and nothing takes (navigate hall kitchen)" in result.reason
 
 
 def test_actions_run_until_they_are_answered() -> None:
@@ -229,17 +202,6 @@ def test_a_dispatcher_that_hangs_after_a_failure_counts_as_gone() -> None:
     result = progress.hung("/d", 5.0)
     assert result.gone and not result.timed_out
     assert "does not answer" in result.reason
-
-
-def test_another_plan_than_the_one_that_is_meant_is_noticed() -> None:
-    progress = DispatchProgress(ground("navigate", ["HALL", "kitchen"]))
-    assert progress.other_plan and not progress.begun
-    progress.dispatched(NAVIGATE)
-    assert progress.begun and not progress.other_plan
-    progress = DispatchProgress(ground("navigate", ["hall", "cellar"]))
-    progress.dispatched(NAVIGATE)
-    assert progress.other_plan
-    assert not book(WAVE).other_plan
 
 
 @given(

@@ -1,76 +1,67 @@
 """A dispatch whose dispatcher hangs: the wait for its end ends, also when no action answers any more."""
 
 import threading
-import time
-from typing import List
-from unittest import mock
+from typing import Any, Callable, Dict, List
 
 import pytest
+from actionlib_msgs.msg import GoalID, GoalStatus
 from merlin_msgs.msg import DispatchStatus
+from rosplan_dispatch_msgs.msg import NonBlockingDispatchResult
 
-from merlin_ros import deadline
-from merlin_ros.actions.lease import LeaseChange, LeaseState
-from merlin_sm import dispatch_client
-from merlin_sm.dispatch_client import DispatchClient
-from merlin_sm.dispatching.kinds import ReportingDispatcher
-from merlin_sm.dispatching.progress import DispatchProgress
+from merlin_planning import dispatch_client
+from merlin_ros.actions.client_goal import ClientGoal
+from merlin_ros.actions.lease import LeaseState
 
 LONG = 60.0
-LOST = LeaseChange("7/plan", LeaseState.LOST, "its client /planning_system has been silent for 3.1 s")
 
 
-class Client(DispatchClient):
-    """Has dispatched a plan; its dispatcher takes no cancel."""
+class Sent:
+    """A dispatch of a dispatcher that takes no cancel, once the goal is sent."""
 
-    def __init__(self) -> None:
-        self.name, self.cancel_deadline = "/dispatcher", 0.02
-        self._changed = threading.Condition()
-        self._progress = DispatchProgress()
-        self._kind = ReportingDispatcher(DispatchStatus(state=DispatchStatus.RUNNING))
-        self._active = True
-        self.held: List[str] = []
-        self._watch = mock.Mock(goals_of=lambda owner: self.held)
-        self._ended = self._cancelling = self._cancel_sent = self._requested = self._silent = False
-        self._takers, self._stuck_after, self._goal = set(), 0.0, None
-        self.calls: List[str] = []
+    def __init__(self, dispatcher: Any, dispatching: Any) -> None:
+        self._sent, self._ended = threading.Event(), lambda goal: None
+        client = dispatcher.client(cancel_deadline=0.02)
+        dispatcher.status(DispatchStatus.IDLE)
+        dispatcher.on_dispatch = self._keep
+        self._dispatch = dispatching(client)
+        assert self._sent.wait(LONG)
+        dispatcher.status(DispatchStatus.RUNNING)
 
-    def _call_cancel(self) -> bool:
-        self.calls.append("cancel")
-        return False
+    def _keep(self, ended: Callable[[ClientGoal], None]) -> None:
+        self._ended = ended
+        self._sent.set()
+
+    def succeed(self) -> Any:
+        """The dispatcher answers; returns the result."""
+        goal = ClientGoal(GoalID(), lambda goal: None, None, None)
+        goal.finish(GoalStatus.SUCCEEDED, "", NonBlockingDispatchResult(goal_achieved=True))
+        self._ended(goal)
+        return self.result()
+
+    def result(self) -> Any:
+        """Waits for it."""
+        return self._dispatch.result()
 
 
 @pytest.fixture
-def client(monkeypatch: pytest.MonkeyPatch) -> Client:
-    monkeypatch.setattr(deadline, "running_time", time.monotonic)
+def sent(dispatcher: Any, dispatching: Any, monkeypatch: pytest.MonkeyPatch) -> Sent:
     monkeypatch.setattr(dispatch_client, "SLACK", 0.02)
-    return Client()
+    return Sent(dispatcher, dispatching)
 
 
-def test_a_dispatcher_that_is_silent_is_cancelled_and_given_up(client: Client) -> None:
-    ends: List[bool] = []
-    waiting = threading.Thread(target=lambda: ends.append(client._wait_for_end()), daemon=True)
-    waiting.start()
-    client._dispatcher_changed(LOST)
-    waiting.join(LONG)
-    assert (ends, client.calls) == ([False], ["cancel"])
+def test_a_dispatcher_that_is_silent_is_cancelled_and_given_up(dispatcher: Any, sent: Sent) -> None:
+    dispatcher.lost()
+    assert sent.result().timed_out
+    assert dispatcher.calls == ["goal", "cancel of the goal", "given up"]
 
 
 @pytest.mark.parametrize(
-    "change", [LOST._replace(let_go=True), LOST._replace(state=LeaseState.SUSPENDED)], ids=["let go", "late"]
+    "change", [{"let_go": True}, {"state": LeaseState.SUSPENDED}, {}], ids=["let go", "late", "earlier life"]
 )
-def test_one_that_lives_is_not(client: Client, change: LeaseChange) -> None:
-    client._dispatcher_changed(change)
-    client._ended = True
-    assert client._wait_for_end() and client.calls == []
-
-
-def test_the_lease_of_an_earlier_plan_does_not_count(client: Client) -> None:
-    client._active = False
-    client._dispatcher_changed(LOST)
-    assert not client._silent
-
-
-def test_one_that_was_restarted_and_carries_out_this_plan_is_not_silent(client: Client) -> None:
-    client.held = ["1/plan"]
-    client._dispatcher_changed(LOST)
-    assert not client._silent
+def test_one_that_lives_is_not(dispatcher: Any, sent: Sent, change: Dict[str, Any]) -> None:
+    held: List[str] = [] if change else ["1/plan"]  # restarted, it carries out this plan
+    dispatcher.held = held
+    dispatcher.lost(**change)
+    assert not dispatcher.cancelled.wait(0.1)
+    assert sent.succeed().goal_achieved
+    assert dispatcher.calls == ["goal"]

@@ -1,19 +1,32 @@
 """What a client expects of ROSPlan's dispatchers, which publish no status, and of those of MERLIN."""
 
-from typing import List
+from typing import Any, List
+from unittest.mock import Mock
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from merlin_msgs.msg import DispatchStatus
 
-from merlin_sm.dispatching.kinds import FAILURE_GRACE, ReportingDispatcher, SilentDispatcher
-from merlin_sm.dispatching.progress import Action, DispatchAnswer, DispatchProgress, Reply
+from merlin_planning.dispatch_progress import Action, DispatchAnswer, DispatchProgress, Reply
+from merlin_planning.over_rosplan.silent_dispatcher import FAILURE_GRACE, SilentDispatcher
+from merlin_planning.reporting_dispatcher import ReportingDispatcher
 
 IDLE = DispatchStatus(state=DispatchStatus.IDLE)
 RUNNING = DispatchStatus(state=DispatchStatus.RUNNING)
 DRIVE = Action(1, 1, "drive", ("hall",))
 SAY = Action(2, 1, "say", ("hello",))
+
+
+@pytest.fixture
+def silent(dispatcher: Any) -> SilentDispatcher:
+    return SilentDispatcher("/dispatcher", Mock(), lambda: None, 20.0)
+
+
+def reporting(status: DispatchStatus) -> ReportingDispatcher:
+    made = ReportingDispatcher(Mock())
+    made.receive(status)
+    return made
 
 
 def progress(*actions: Action) -> DispatchProgress:
@@ -23,8 +36,7 @@ def progress(*actions: Action) -> DispatchProgress:
     return made
 
 
-def test_without_a_status_only_what_was_dispatched_shows_that_it_runs() -> None:
-    silent = SilentDispatcher()
+def test_without_a_status_only_what_was_dispatched_shows_that_it_runs(silent: SilentDispatcher) -> None:
     assert not silent.started(progress()), "a cancel now would stop the next dispatch instead"
     assert silent.started(progress(DRIVE))
     failed = progress(DRIVE)
@@ -33,24 +45,28 @@ def test_without_a_status_only_what_was_dispatched_shows_that_it_runs() -> None:
     assert not silent.busy and silent.at_rest, "nothing more is to be waited for"
 
 
-def test_each_running_action_is_cancelled_where_the_dispatcher_passes_no_cancel_on() -> None:
-    assert SilentDispatcher().to_cancel(progress(DRIVE, SAY)) == [DRIVE, SAY]
-    assert ReportingDispatcher(RUNNING).to_cancel(progress(DRIVE, SAY)) == []
+def test_each_running_action_is_cancelled_where_the_dispatcher_passes_no_cancel_on(
+    silent: SilentDispatcher,
+) -> None:
+    assert silent.to_cancel(progress(DRIVE, SAY)) == [DRIVE, SAY]
+    assert reporting(RUNNING).to_cancel(progress(DRIVE, SAY)) == []
 
 
 @pytest.mark.parametrize("slack", [6.0, None])
-def test_a_dispatcher_that_notices_a_failure_gets_the_time_to_stop_the_others(slack: float) -> None:
-    assert ReportingDispatcher(RUNNING).failure_grace(slack) == slack
-    assert SilentDispatcher().failure_grace(slack) == FAILURE_GRACE
+def test_a_dispatcher_that_notices_a_failure_gets_the_time_to_stop_the_others(
+    silent: SilentDispatcher, slack: float
+) -> None:
+    assert reporting(RUNNING).failure_grace(slack) == slack
+    assert silent.failure_grace(slack) == FAILURE_GRACE
 
 
 @given(st.lists(st.sampled_from(["begin", "idle", "running"]), max_size=8))
 def test_only_a_status_of_this_dispatch_says_that_it_is_over_and_why(events: List[str]) -> None:
-    reporting = ReportingDispatcher(IDLE)
+    dispatcher = reporting(IDLE)
     state, since_begin = "idle", ["idle"]
     for event in events:
         if event == "begin":
-            reporting.begin()
+            dispatcher.begin([])
             since_begin = []
         else:
             status = DispatchStatus(
@@ -58,12 +74,12 @@ def test_only_a_status_of_this_dispatch_says_that_it_is_over_and_why(events: Lis
                 failed_action="(drive hall)",
                 reason="the door is shut",
             )
-            reporting.receive(status)
+            dispatcher.receive(status)
             state = event
             since_begin.append(event)
-    assert reporting.busy == (state != "idle")
-    assert reporting.at_rest == (since_begin[-1:] == ["idle"])
-    assert reporting.started(progress(DRIVE)) == reporting.busy
+    assert dispatcher.busy == (state != "idle")
+    assert dispatcher.at_rest == (since_begin[-1:] == ["idle"])
+    assert dispatcher.started(progress(DRIVE)) == dispatcher.busy
     told = any(event != "begin" for event in events) and bool(since_begin)
-    result = reporting.result(progress(), Reply())
+    result = dispatcher.result(progress(), Reply())
     assert (result.reason == "the door is shut") == told

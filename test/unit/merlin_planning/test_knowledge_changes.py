@@ -2,8 +2,8 @@
 
 import pytest
 
-from merlin_sm.knowledge_client import ADD, REMOVE, parse_changes
-from merlin_sm.knowledge_text import PDDLSyntaxError, to_pddl
+from merlin_planning.knowledge_client import ADD, REMOVE, parse_changes
+from merlin_planning.knowledge_text import PDDLSyntaxError, to_pddl
 
 
 def test_facts_and_values_become_updates_in_their_order() -> None:

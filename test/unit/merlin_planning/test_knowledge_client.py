@@ -12,8 +12,8 @@ from rosplan_knowledge_msgs.srv import (
 )
 from std_srvs.srv import TriggerResponse
 
+from merlin_planning.knowledge_client import ADD, KnowledgeClient, KnowledgeError, Update, fact
 from merlin_ros.service_proxy import ServiceUnavailable
-from merlin_sm.knowledge_client import ADD, KnowledgeClient, KnowledgeError, Update, fact
 
 
 class Server:

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from rosplan_knowledge_msgs.msg import ExprBase, ExprComposite, KnowledgeItem
 
 from merlin_pddl.text_reader import MAX_DEPTH
-from merlin_sm.knowledge_text import PDDLSyntaxError, parse_goal, parse_literals, to_pddl
+from merlin_planning.knowledge_text import PDDLSyntaxError, parse_goal, parse_literals, to_pddl
 
 NAMES = st.from_regex(r"[a-z][a-z0-9_-]{0,8}", fullmatch=True).filter(
     lambda name: name not in ("and", "not", "or", "imply", "forall", "exists", "when")

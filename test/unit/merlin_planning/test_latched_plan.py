@@ -6,8 +6,8 @@ from typing import Any, List
 import pytest
 from rosplan_dispatch_msgs.msg import ActionDispatch, CompletePlan
 
-from merlin_sm import planning_client
-from merlin_sm.planning_client import PlanningClient
+from merlin_planning import planning_client
+from merlin_planning.planning_client import PlanningClient
 
 TOPIC = "/rosplan_parsing_interface/complete_plan"
 

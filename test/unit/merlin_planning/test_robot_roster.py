@@ -5,8 +5,8 @@ from unittest import mock
 from hypothesis import given
 from hypothesis import strategies as st
 
-from merlin_sm import robot_roster
-from merlin_sm.robot_roster import KEEP, OF_ALL, OF_ONE, RobotRoster
+from merlin_planning import robot_roster
+from merlin_planning.robot_roster import KEEP, OF_ALL, OF_ONE, RobotRoster
 
 
 def test_a_node_that_names_robots_without_end_costs_no_other_one_a_robot() -> None:

@@ -7,8 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rosplan_knowledge_msgs.msg import KnowledgeItem
 
-from merlin_sm import rosplan_assistant
-from merlin_sm.knowledge_client import (
+from merlin_planning.knowledge_client import (
     ADD,
     ADD_GOAL,
     REMOVE,
@@ -18,7 +17,8 @@ from merlin_sm.knowledge_client import (
     fact,
     function_value,
 )
-from merlin_sm.knowledge_text import PDDLSyntaxError, to_pddl
+from merlin_planning.knowledge_text import PDDLSyntaxError, to_pddl
+from merlin_sm import rosplan_assistant
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 
 

@@ -12,9 +12,9 @@ from merlin.launch_request import LaunchError
 from merlin.running import choose
 from merlin.send import EXIT_MISTAKES, executors
 from merlin_pddl.breakpoints import BreakpointError
+from merlin_planning.knowledge_client import DEFAULT_KNOWLEDGE_BASE, KnowledgeClient
 from merlin_ros.node import init_node
 from merlin_sm.breakpoint_client import BreakpointClient
-from merlin_sm.knowledge_client import DEFAULT_KNOWLEDGE_BASE, KnowledgeClient
 
 LIMIT = 10.0  # s for the Executor's status
 

@@ -15,9 +15,9 @@ from merlin.send_progress import SendProgress
 from merlin_executor.executor_client import DROP, RESUME, MerlinExecutorClient, outcome_name
 from merlin_executor.executor_request import ExecutorRequest
 from merlin_executor.goal_check import GoalError
+from merlin_planning.knowledge_client import DEFAULT_KNOWLEDGE_BASE, KnowledgeError
 from merlin_ros.node import init_node
 from merlin_ros.service_proxy import ServiceError
-from merlin_sm.knowledge_client import DEFAULT_KNOWLEDGE_BASE, KnowledgeError
 
 EXECUTOR = "merlin_executor"
 EXIT_NOT_ACHIEVED = 1

@@ -24,6 +24,13 @@ from merlin_actions.core.latched import LATCH_GRACE, Latched, PutAside
 from merlin_actions.core.names import CONCURRENT, IF_INTERRUPTED, IF_STOPPED_AT, WHILE_RUNNING, action_param
 from merlin_actions.effects import RETURN_LIMIT, Opening, effects_of, when_back
 from merlin_actions.left_executions import settle_left
+from merlin_planning.knowledge_client import (
+    DEFAULT_KNOWLEDGE_BASE,
+    KnowledgeClient,
+    KnowledgeError,
+    knowledge_client,
+)
+from merlin_planning.knowledge_text import parse_literals
 from merlin_ros.actions.lease import LeaseChange, LeaseState
 from merlin_ros.actions.lease_holder import LIFE
 from merlin_ros.actions.lease_watch import LeaseWatch
@@ -37,13 +44,6 @@ from merlin_ros.publishing import OnSubscriber, publish
 from merlin_ros.service_proxy import ServiceError
 from merlin_ros.work.threads import start_thread
 from merlin_ros.work.work_book import Decision, Policy, Step, WorkBook
-from merlin_sm.knowledge_client import (
-    DEFAULT_KNOWLEDGE_BASE,
-    KnowledgeClient,
-    KnowledgeError,
-    knowledge_client,
-)
-from merlin_sm.knowledge_text import parse_literals
 
 CANCEL_ACTION = "cancel_action"
 ANNOUNCE_PERIOD = 1.0  # s of wall time between two announcements on pddl_action_parameters

@@ -9,10 +9,10 @@ from rosplan_knowledge_msgs.msg import DomainFormula, DomainOperator, KnowledgeI
 
 from merlin_actions.core.effect_changes import EffectChanges, FactChange
 from merlin_actions.core.ending import Closing
+from merlin_planning.knowledge_client import ADD, REMOVE, KnowledgeClient, KnowledgeError, Update, fact
+from merlin_planning.knowledge_text import to_pddl
 from merlin_ros.deadline import Deadline
 from merlin_ros.service_proxy import ServiceProxy, ServiceUnavailable
-from merlin_sm.knowledge_client import ADD, REMOVE, KnowledgeClient, KnowledgeError, Update, fact
-from merlin_sm.knowledge_text import to_pddl
 
 APPLY_LIMIT = 10.0  # s of wall time for one transaction
 RETURN_LIMIT = 30.0  # s of running time for a knowledge base that died to come back

@@ -6,10 +6,10 @@ import rospy
 
 from merlin_actions.core.execution import Key, Token
 from merlin_actions.effects import APPLY_LIMIT
+from merlin_planning.execution_journal import ExecutionJournal
+from merlin_planning.knowledge_client import KnowledgeClient, KnowledgeError
+from merlin_planning.knowledge_text import action_text
 from merlin_ros.actions.lease_holder import LIFE
-from merlin_sm.execution_journal import ExecutionJournal
-from merlin_sm.knowledge_client import KnowledgeClient, KnowledgeError
-from merlin_sm.knowledge_text import action_text
 
 
 class LeftExecution(NamedTuple):

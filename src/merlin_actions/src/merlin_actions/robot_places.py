@@ -8,8 +8,8 @@ from typing import Any, Dict, List, Tuple
 import rospy
 from merlin_msgs.msg import RobotWay
 
+from merlin_planning.robot_roster import RobotRoster, sender_of
 from merlin_ros.master.master_link import get_param
-from merlin_sm.robot_roster import RobotRoster, sender_of
 from merlin_sm.states.navigation import POINTS_PARAM
 
 STANDS_AT = 0.6  # m from a point of interest within which a robot keeps others from standing there

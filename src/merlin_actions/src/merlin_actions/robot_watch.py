@@ -10,13 +10,13 @@ from merlin_msgs.msg import RobotHost
 
 from merlin_actions.core.availability import Availability
 from merlin_actions.core.robot_book import GONE_AFTER, HostWord, RobotBook, RobotChange
+from merlin_planning.knowledge_client import ADD, REMOVE, KnowledgeClient, KnowledgeError, Update, fact
+from merlin_planning.robot_roster import RobotRoster, is_node, sender_of
 from merlin_ros.alarms import TICK, Alarm, TickClock, call_later, every, wait_ticks
 from merlin_ros.master.master_link import MasterSilent
 from merlin_ros.robot_values import AVAILABLE
 from merlin_ros.service_proxy import ServiceError
 from merlin_ros.work.threads import CallQueue
-from merlin_sm.knowledge_client import ADD, REMOVE, KnowledgeClient, KnowledgeError, Update, fact
-from merlin_sm.robot_roster import RobotRoster, is_node, sender_of
 
 RETRY = 0.3  # s of wall time between two attempts to reach the knowledge base
 LONGEST_NAME = 100  # characters of a name in the log

@@ -11,8 +11,8 @@ import rospy
 
 from merlin_actions.core.ending import Closing
 from merlin_actions.effects import Effects, Opening
-from merlin_sm.knowledge_client import ADD, REMOVE, KnowledgeClient, Update
-from merlin_sm.knowledge_text import parse_literals
+from merlin_planning.knowledge_client import ADD, REMOVE, KnowledgeClient, Update
+from merlin_planning.knowledge_text import parse_literals
 
 
 class StopEffects(NamedTuple):

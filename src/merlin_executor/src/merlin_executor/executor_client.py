@@ -11,9 +11,9 @@ from merlin_executor.core.request_limits import check_size
 from merlin_executor.executor_request import ExecutorRequest
 from merlin_executor.goal_check import GoalError, check_goals
 from merlin_executor.resending import END, checked
+from merlin_planning.knowledge_client import DEFAULT_KNOWLEDGE_BASE, knowledge_client
+from merlin_planning.knowledge_text import parse_goal, to_pddl
 from merlin_ros.actions.action_client import ActionClient
-from merlin_sm.knowledge_client import DEFAULT_KNOWLEDGE_BASE, knowledge_client
-from merlin_sm.knowledge_text import parse_goal, to_pddl
 
 __all__ = [
     "CANCEL",

@@ -6,8 +6,8 @@ from diagnostic_msgs.msg import KeyValue
 from rosplan_knowledge_msgs.msg import DomainFormula, DomainInequality, ExprBase, KnowledgeItem
 
 from merlin_pddl.knowledge import arranged
-from merlin_sm.knowledge_client import KnowledgeClient
-from merlin_sm.knowledge_text import PDDLSyntaxError, parse_goal, to_pddl
+from merlin_planning.knowledge_client import KnowledgeClient
+from merlin_planning.knowledge_text import PDDLSyntaxError, parse_goal, to_pddl
 
 
 class GoalError(ValueError):

@@ -8,9 +8,9 @@ from merlin_msgs.msg import RunningAction
 from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback
 from rosplan_dispatch_msgs.srv import DispatchServiceResponse
 
+from merlin_planning.dispatch_progress import PART, Action, DispatchAnswer, Reply
 from merlin_ros.actions.client_goal import ClientGoal
 from merlin_ros.service_proxy import ServiceError, ServiceUnavailable
-from merlin_sm.dispatching.progress import PART, Action, DispatchAnswer, Reply
 
 CANCEL_ACTION = "cancel_action"
 _DISPATCHER = "dispatcher"  # key in the information of feedback that a dispatcher published itself

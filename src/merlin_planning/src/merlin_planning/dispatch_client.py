@@ -2,20 +2,29 @@
 
 import threading
 from functools import partial
-from typing import Callable, List, Optional, Sequence, Set
+from typing import Callable, List, Optional, Sequence
 
 import rospy
 from merlin_msgs.msg import DispatchStatus, Lease, RunningAction
-from rosplan_dispatch_msgs.msg import (
-    ActionDispatch,
-    ActionFeedback,
-    NonBlockingDispatchAction,
-    NonBlockingDispatchGoal,
-)
-from rosplan_dispatch_msgs.srv import DispatchService
+from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback, NonBlockingDispatchAction
 from rospy.core import is_shutdown_requested
 from std_srvs.srv import Empty
 
+from merlin_planning.action_messages import (
+    CANCEL_ACTION,
+    answer_in,
+    cancel_of,
+    dispatched_action,
+    reply_of,
+)
+from merlin_planning.dispatch_owners import DispatchOwners
+from merlin_planning.dispatch_progress import PART, Action, DispatchProgress, DispatchResult
+from merlin_planning.dispatcher_kind import DispatcherKind, Hold
+from merlin_planning.knowledge_client import DEFAULT_KNOWLEDGE_BASE
+from merlin_planning.over_rosplan.dispatch_readiness import DispatchReadiness
+from merlin_planning.over_rosplan.silent_dispatcher import SilentDispatcher
+from merlin_planning.planning_client import Interruptible
+from merlin_planning.reporting_dispatcher import ReportingDispatcher
 from merlin_ros.actions.action_client import ActionClient
 from merlin_ros.actions.client_goal import ClientGoal
 from merlin_ros.actions.lease import LeaseChange, LeaseState
@@ -23,25 +32,10 @@ from merlin_ros.actions.lease_watch import LeaseWatch
 from merlin_ros.deadline import Deadline, limit, running_time
 from merlin_ros.publishing import publish
 from merlin_ros.service_proxy import ServiceError, ServiceProxy, ServiceUnavailable
-from merlin_ros.work.threads import start_thread
-from merlin_sm.dispatching.action_messages import (
-    CANCEL_ACTION,
-    answer_in,
-    cancel_of,
-    dispatched_action,
-    reply_of,
-)
-from merlin_sm.dispatching.dispatch_readiness import DispatchReadiness
-from merlin_sm.dispatching.kinds import DispatcherKind, Hold, ReportingDispatcher, SilentDispatcher
-from merlin_sm.dispatching.owners import DispatchOwners
-from merlin_sm.dispatching.progress import PART, Action, DispatchProgress, DispatchResult, ground
-from merlin_sm.knowledge_client import DEFAULT_KNOWLEDGE_BASE
-from merlin_sm.planning_client import Interruptible
 
 STATUS_GRACE = 0.5  # s of running time for the dispatcher's status behind its answer
 ANSWER_GRACE = 0.3  # s of running time for an interface's answer behind the end of the dispatch
 ORPHAN_GRACE = 1.0  # s of running time for the actions of a dispatcher that is gone to end
-SERVER_WAIT = 2.0  # s of running time for the connection to a dispatcher's action server to be complete
 SLACK = 1.0  # s that a dispatcher gets beyond its own cancel deadline
 STUCK_AFTER = 20.0  # s of running time without an action under way, for a dispatcher without status
 FOREIGN_WAIT = 6.0  # s of running time for the plan of another client to end, where a cancel has no limit
@@ -74,15 +68,10 @@ class DispatchClient:
         on_change: Callable[[], None] = lambda: None,
         stuck_after: float = STUCK_AFTER,
     ) -> None:
-        self._stuck_after = stuck_after
-        self._takers: Set[str] = set()  # operators whose interfaces say when they take an action
         self.name = rospy.resolve_name(dispatcher)
         self.cancel_deadline = cancel_deadline
         self._on_change = on_change
-        self._dispatch = ServiceProxy(f"{dispatcher}/dispatch_plan", DispatchService)
         self._cancel = ServiceProxy(f"{dispatcher}/cancel_dispatch", Empty, timeout=2.0)
-        self._server = ActionClient(f"{dispatcher}/dispatch_plan_action", NonBlockingDispatchAction)
-        self._goal: Optional[ClientGoal] = None  # of the present dispatch, written by its thread
         self._begun = running_time()
         self._changed = threading.Condition()  # guards the fields below
         self._progress = DispatchProgress()
@@ -90,7 +79,12 @@ class DispatchClient:
         self._ended = True
         self._number = 0  # of the present dispatch
         self._silent = False  # whether the dispatcher no longer renews the lease of what it carries out
-        self._kind: DispatcherKind = SilentDispatcher()
+        readiness = DispatchReadiness(self.name, rospy.resolve_name(knowledge_base), self._changed)
+        self._plain = SilentDispatcher(self.name, readiness, self._call_cancel, stuck_after)
+        self._reporting = ReportingDispatcher(
+            ActionClient(f"{dispatcher}/dispatch_plan_action", NonBlockingDispatchAction)
+        )
+        self._kind: DispatcherKind = self._plain  # until its first status
         self._owners = DispatchOwners(rospy.get_name())
         self._cancel_publisher = rospy.Publisher(
             f"{dispatcher}/action_dispatch", ActionDispatch, queue_size=1000
@@ -103,11 +97,10 @@ class DispatchClient:
         ):
             rospy.Subscriber(f"{dispatcher}/{topic}", message_class, callback, tcp_nodelay=True)
         self._watch = LeaseWatch(f"{dispatcher}/lease", self._dispatcher_changed)
-        self._readiness = DispatchReadiness(self.name, rospy.resolve_name(knowledge_base), self._changed)
 
     def available(self) -> bool:
         """Whether the dispatcher is there now."""
-        return self._dispatch.available()
+        return self._plain.available()
 
     def wait_status(self, timeout: float) -> bool:
         """Waits for the dispatcher's first status, s of running time; ROSPlan's own publish none."""
@@ -236,12 +229,10 @@ class DispatchClient:
         self, interruptible: Interruptible, plan: Sequence[ActionDispatch], owner: Optional[str]
     ) -> DispatchResult:
         with self._changed:
-            first = ground(plan[0].name, [entry.value for entry in plan[0].parameters]) if plan else None
-            self._progress = DispatchProgress(first, self._takers)
-            self._kind.begin()
+            kind, number = self._kind, self._number
+            self._progress = kind.begin(plan)
             self._active = True
             self._ended = self._cancelling = self._cancel_sent = self._requested = self._silent = False
-            silent, number = not self._kind.reports, self._number
         answers: List[object] = []
 
         def ended(answer: object) -> None:
@@ -257,55 +248,34 @@ class DispatchClient:
 
         interruptible(self.cancel)
         try:
-            there = True
-            if silent:
-                self._readiness.wait(plan, lambda: self._requested)
-            else:
-                there = self._server.wait_for_server(SERVER_WAIT, lambda: self._requested)
+            missing = kind.wait(plan, lambda: self._requested)
             with self._changed:
                 if self._requested:
                     self._ended = True
                     return DispatchResult(False, cancelled=True, reason=WITHDRAWN)
-            if not there:
-                ended(ServiceUnavailable(self._server.missing))
-            elif silent:
-                self._call(ended)
+            if missing:
+                ended(ServiceUnavailable(missing))
             else:
-                self._goal = self._server.send(NonBlockingDispatchGoal(), ended, owner=owner)
-            if self._wait_for_end():
+                kind.send(ended, owner)
+            if self._wait_for_end(kind):
                 return self._result(answers[0])
             with self._changed:
                 return self._progress.hung(self.name, self.cancel_deadline)
         finally:
             interruptible(None)
-            goal, self._goal = self._goal, None
             with self._changed:
                 self._active = False
                 hangs, self._ended = not self._ended, True
                 self._number += 1
-            if hangs and silent:
-                # The call hangs in its thread; the next dispatch gets a connection of its own.
-                self._dispatch = ServiceProxy(f"{self.name}/dispatch_plan", DispatchService)
-            elif hangs and goal is not None:
-                self._server.give_up(goal, "its dispatch does not end")
+            kind.end(hangs)
             self._on_change()
 
-    def _call(self, ended: Callable[[object], None]) -> None:
-        """Calls the service, in a thread of its own."""
-        dispatch = self._dispatch
-
-        def call() -> None:
-            try:
-                ended(dispatch())
-            except BaseException as error:  # the thread that waits for the end must learn of it
-                ended(error)
-
-        start_thread(f"dispatch of {self.name}", call)
-
-    def _wait_for_end(self) -> bool:
+    def _wait_for_end(self, sent_by: DispatcherKind) -> bool:
         """False when a dispatch that is cancelled, or whose action failed, does not end in time.
 
         A dispatcher that is silent is cancelled: it may hang, and then nothing else would end this wait.
+
+        :param sent_by: passes a cancel on; a status that comes meanwhile makes the dispatcher another kind.
         """
         patience = limit(self.cancel_deadline)
         # The dispatcher keeps the same deadline and names what did not answer; it gets a moment longer.
@@ -326,12 +296,11 @@ class DispatchClient:
                 return True
             # ROSPlan's dispatchers lose a cancel that comes before the plan; that of a goal names the goal.
             takes_cancel = Deadline(patience).wait(
-                self._changed,
-                lambda: self._ended or self._goal is not None or self._kind.started(self._progress),
+                self._changed, lambda: self._ended or self._kind.started(self._progress)
             )
             if not takes_cancel:
                 return False
-        self._send_cancel()
+        self._send_cancel(sent_by)
         with self._changed:
             return Deadline(slack).wait(self._changed, lambda: self._ended)
 
@@ -342,17 +311,15 @@ class DispatchClient:
         def over() -> bool:
             return self._ended or self._cancelling or self._silent or bool(progress.failed)
 
-        def stands() -> bool:
-            return progress.stands and not self._kind.reports
-
         def changed(seen: int) -> bool:
             return over() or progress.messages != seen
 
         while not over() and not rospy.is_shutdown():
-            patience = Deadline(limit(self._stuck_after) if stands() else None)
-            patience.wait(self._changed, partial(changed, progress.messages))
-            if patience.expired and stands() and not over():
-                progress.stand_still(self._stuck_after)
+            patience = self._kind.patience()
+            deadline = Deadline(patience)
+            deadline.wait(self._changed, partial(changed, progress.messages))
+            if patience and deadline.expired and self._kind.patience() and not over():
+                progress.stand_still(patience)
                 return True
         return False
 
@@ -361,18 +328,15 @@ class DispatchClient:
         with self._changed:
             if self._requested or result.goal_achieved or result.gone:
                 return False
-            return self._kind.may_hold_old_plan and self._progress.other_plan
+            return self._kind.other_plan()
 
-    def _send_cancel(self) -> None:
+    def _send_cancel(self, sent_by: DispatcherKind) -> None:
         with self._changed:
             if self._cancel_sent or self._ended:
                 return
             self._cancel_sent = True
             running = self._kind.to_cancel(self._progress)
-        if self._goal is not None:
-            self._goal.cancel()
-        else:
-            self._call_cancel()
+        sent_by.cancel()
         self._cancel_actions(running)
 
     def _cancel_actions(self, actions: Sequence[Action]) -> None:
@@ -432,7 +396,7 @@ class DispatchClient:
                 return
             first = not self._progress.begun
             self._progress.dispatched(dispatched_action(dispatch))
-            if first and self._kind.may_hold_old_plan and self._progress.other_plan:
+            if first and self._kind.other_plan():
                 self._cancelling = True
             self._changed.notify_all()
         self._on_change()
@@ -450,10 +414,8 @@ class DispatchClient:
     def _receive_status(self, status: DispatchStatus) -> None:
         with self._changed:
             before = self._kind.hold
-            if isinstance(self._kind, ReportingDispatcher):
-                self._kind.receive(status)
-            else:
-                self._kind = ReportingDispatcher(status)
+            self._reporting.receive(status)
+            self._kind = self._reporting
             self._changed.notify_all()
         if before != self._kind.hold:
             self._on_change()

@@ -1,6 +1,6 @@
 """What is known of one dispatch from its messages: the dispatched actions and their answers.
 
-Pure: messages go in as plain values. :class:`merlin_sm.dispatch_client.DispatchClient` is the ROS side of it.
+Pure: messages go in as plain values. :mod:`merlin_planning.dispatch_client` is the ROS side of it.
 """
 
 from enum import Enum
@@ -96,14 +96,9 @@ def ground(name: str, arguments: Sequence[str]) -> Ground:
 
 
 class DispatchProgress:
-    """The book of one dispatch. Not thread-safe.
+    """The book of one dispatch. Not thread-safe."""
 
-    :param first: the action that the plan begins with; None: not known.
-    :param takers: operators whose interfaces say when they take an action; those of this dispatch are added.
-    """
-
-    def __init__(self, first: Optional[Ground] = None, takers: Optional[Set[str]] = None) -> None:
-        self._takers = set() if takers is None else takers
+    def __init__(self) -> None:
         self.messages = 0
         """Messages that counted for this dispatch."""
         self.running: Dict[int, Action] = {}
@@ -113,7 +108,6 @@ class DispatchProgress:
         self.failed_reason = ""
         self.failed_by_itself = False
         """Whether an action failed before the dispatch was to be cancelled."""
-        self._first = first
         self._seen: Optional[Ground] = None
         self._stopping = False
         self._taken: Set[int] = set()
@@ -126,27 +120,9 @@ class DispatchProgress:
         """Whether an action was seen."""
         return self._seen is not None
 
-    @property
-    def other_plan(self) -> bool:
-        """Whether what was dispatched first is not what the plan begins with; also when nothing was."""
-        return self._first is not None and self._seen != self._first
-
     def stop(self) -> None:
         """The dispatch is to be cancelled: an action that fails from now on was cancelled."""
         self._stopping = True
-
-    @property
-    def stands(self) -> bool:
-        """Whether nothing is under way, as far as the answers say.
-
-        An action that nothing has taken does not count where its interface would have said so: ROSPlan's
-        dispatchers publish with a queue of one, which drops what is sent close behind another message.
-        """
-        running = any(
-            action.id in self._taken or action.name.lower() not in self._takers
-            for action in self.running.values()
-        )
-        return not running and all(len(answers) > 1 for answers in self._early.values())
 
     def stand_still(self, seconds: float) -> None:
         """The dispatch is given up: nothing was under way, nothing failed, and it did not end."""
@@ -182,7 +158,6 @@ class DispatchProgress:
         self.messages += 1
         if answer is DispatchAnswer.TAKEN:
             self._taken.add(action_id)
-            self._takers.add(action.name.lower())
             return False
         del self.running[action_id]
         if answer is DispatchAnswer.SUCCEEDED:

@@ -1,18 +1,14 @@
 """What differs between dispatchers: ROSPlan's own publish no status, ours do.
 
-Not thread-safe. :class:`merlin_sm.dispatch_client.DispatchClient` begins with :class:`SilentDispatcher` and
-continues with :class:`ReportingDispatcher` from the first status on.
+The client of a dispatcher holds its lock for all methods but those that may block.
 """
 
 from abc import ABC, abstractmethod
-from typing import List, NamedTuple, Optional, Tuple
+from typing import Callable, List, NamedTuple, Optional, Sequence, Tuple
 
-from merlin_msgs.msg import DispatchStatus
+from rosplan_dispatch_msgs.msg import ActionDispatch
 
-from merlin_sm.dispatching.progress import Action, DispatchProgress, DispatchResult, Reply
-
-#: Time for ROSPlan's dispatcher to stop by itself after a failed action, s of running time.
-FAILURE_GRACE = 0.5
+from merlin_planning.dispatch_progress import Action, DispatchProgress, DispatchResult, Reply
 
 
 class Hold(NamedTuple):
@@ -29,8 +25,6 @@ class DispatcherKind(ABC):
 
     #: It publishes its status.
     reports: bool
-    #: It may still hold an older plan when it is called.
-    may_hold_old_plan: bool
     #: It stops the other actions by itself when one fails.
     stops_after_failure: bool
 
@@ -52,8 +46,35 @@ class DispatcherKind(ABC):
         return ""
 
     @abstractmethod
-    def begin(self) -> None:
-        """A dispatch begins."""
+    def begin(self, plan: Sequence[ActionDispatch]) -> DispatchProgress:
+        """A dispatch begins; returns its book."""
+
+    @abstractmethod
+    def wait(self, plan: Sequence[ActionDispatch], interrupted: Callable[[], bool]) -> str:
+        """Waits, with a limit, until the dispatcher can be given the plan. Blocks.
+
+        :param interrupted: ends the wait.
+        :return: what is missing; empty: it may be sent.
+        """
+
+    @abstractmethod
+    def send(self, ended: Callable[[object], None], owner: Optional[str]) -> None:
+        """Gives it the plan.
+
+        :param ended: called, from another thread, with the dispatcher's answer or what the call has raised.
+        :param owner: id of the goal of this process's own server on whose behalf it is dispatched.
+        """
+
+    @abstractmethod
+    def cancel(self) -> None:
+        """Sends the cancel of the dispatch. May block."""
+
+    @abstractmethod
+    def end(self, hangs: bool) -> None:
+        """The dispatch is over for its client.
+
+        :param hangs: whether the dispatcher has not answered.
+        """
 
     @abstractmethod
     def started(self, progress: DispatchProgress) -> bool:
@@ -74,88 +95,10 @@ class DispatcherKind(ABC):
     def result(self, progress: DispatchProgress, reply: Reply) -> DispatchResult:
         """How the dispatch ended."""
 
+    def patience(self) -> Optional[float]:
+        """How long it may send nothing until it is given up, s of running time; None: it is not."""
+        return None
 
-class SilentDispatcher(DispatcherKind):
-    """A dispatcher without status, as ROSPlan's own are."""
-
-    reports = False
-    may_hold_old_plan = True
-    stops_after_failure = False
-    busy = False
-    at_rest = True
-
-    def begin(self) -> None:
-        """Nothing is remembered of an earlier dispatch."""
-
-    def started(self, progress: DispatchProgress) -> bool:
-        """True when an action of it was seen: a stray cancel would stop the next dispatch instead."""
-        return bool(progress.running or progress.failed)
-
-    def failure_grace(self, slack: Optional[float]) -> Optional[float]:
-        """Short: the esterel dispatcher does not notice a failed action."""
-        return FAILURE_GRACE
-
-    def to_cancel(self, progress: DispatchProgress) -> List[Action]:
-        """All that run: the simple dispatcher passes no cancel on."""
-        return list(progress.running.values())
-
-    def result(self, progress: DispatchProgress, reply: Reply) -> DispatchResult:
-        """From the answers of the action interfaces."""
-        return progress.result(reply)
-
-
-class ReportingDispatcher(DispatcherKind):
-    """A dispatcher that publishes its status, as those of MERLIN do.
-
-    :param status: the first one.
-    """
-
-    reports = True
-    may_hold_old_plan = False
-    stops_after_failure = True
-
-    def __init__(self, status: DispatchStatus) -> None:
-        self.receive(status)
-
-    def receive(self, status: DispatchStatus) -> None:
-        """Keeps the status that the dispatcher has published last."""
-        self._status, self._is_new = status, True
-        self.hold = Hold(status.held, tuple(status.breakpoints))
-
-    def begin(self) -> None:
-        """Forgets that the present status is of this dispatch."""
-        self._is_new = False
-
-    @property
-    def busy(self) -> bool:
-        """True unless the status says idle."""
-        return bool(self._status.state != DispatchStatus.IDLE)
-
-    @property
-    def failed_action(self) -> str:
-        """As the last status says."""
-        return str(self._status.failed_action) if self._is_new else ""
-
-    @property
-    def at_rest(self) -> bool:
-        """True after a status of this dispatch that says idle."""
-        return self._is_new and not self.busy
-
-    def started(self, progress: DispatchProgress) -> bool:
-        """True when the status says so."""
-        return self.busy
-
-    def failure_grace(self, slack: Optional[float]) -> Optional[float]:
-        """Our dispatcher stops the other actions itself, within its own deadline."""
-        return slack
-
-    def to_cancel(self, progress: DispatchProgress) -> List[Action]:
-        """None: it passes a cancel on."""
-        return []
-
-    def result(self, progress: DispatchProgress, reply: Reply) -> DispatchResult:
-        """With what the status says of the failure."""
-        if not self._is_new:
-            return progress.result(reply)
-        status = self._status
-        return progress.result(reply, status.failed_action, status.reason, status.unmet_goals)
+    def other_plan(self) -> bool:
+        """Whether it carries out an older plan than the one that was meant."""
+        return False

@@ -26,8 +26,8 @@ from rosplan_knowledge_msgs.srv import (
 )
 from std_srvs.srv import Trigger
 
+from merlin_planning.knowledge_text import PDDLSyntaxError, parse_goal, to_pddl
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
-from merlin_sm.knowledge_text import PDDLSyntaxError, parse_goal, to_pddl
 
 DEFAULT_KNOWLEDGE_BASE = "rosplan_knowledge_base"
 ADD = KnowledgeUpdateServiceArrayRequest.ADD_KNOWLEDGE

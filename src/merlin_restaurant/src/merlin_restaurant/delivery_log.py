@@ -9,8 +9,8 @@ from nav_msgs.msg import Odometry
 from rosplan_knowledge_msgs.msg import KnowledgeItem
 
 from merlin_executor.mission.robot_log import RobotLog
+from merlin_planning.knowledge_text import to_pddl
 from merlin_restaurant.robots_account import Mileage
-from merlin_sm.knowledge_text import to_pddl
 
 
 class DeliveryLog(RobotLog):

@@ -6,9 +6,9 @@ from typing import Any, Callable, Optional
 import rospy
 from merlin_msgs.msg import KnowledgeChanges
 
+from merlin_planning.knowledge_client import KnowledgeError
 from merlin_ros.deadline import Deadline
 from merlin_ros.service_proxy import ServiceError
-from merlin_sm.knowledge_client import KnowledgeError
 from merlin_sm.states.merlin_state import PREEMPTED, SUCCEEDED, MerlinState
 
 

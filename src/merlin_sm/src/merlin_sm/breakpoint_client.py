@@ -12,11 +12,11 @@ from merlin_msgs.srv import (
 )
 
 from merlin_pddl.breakpoints import BreakpointError, read_pattern
+from merlin_planning.knowledge_client import KnowledgeClient
 from merlin_ros.master.master_link import ERRORS, bounded_master
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
 from merlin_sm.holding.node_holds import AUTONOMY_SERVICE, LEAVE_SERVICE, SERVICE
 from merlin_sm.holding.state_holds import names_state, read_state_pattern
-from merlin_sm.knowledge_client import KnowledgeClient
 
 LIMIT = 3.0  # s of wall time for an answer
 

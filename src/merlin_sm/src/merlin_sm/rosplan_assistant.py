@@ -5,7 +5,7 @@ from typing import Iterable, List, Optional, Sequence, Tuple, Union
 from rosplan_knowledge_msgs.msg import KnowledgeItem
 
 from merlin_pddl.text_reader import is_name, suggestion
-from merlin_sm.knowledge_client import (
+from merlin_planning.knowledge_client import (
     ADD,
     ADD_GOAL,
     DEFAULT_KNOWLEDGE_BASE,
@@ -18,7 +18,7 @@ from merlin_sm.knowledge_client import (
     instance,
     knowledge_client,
 )
-from merlin_sm.knowledge_text import PDDLSyntaxError, parse_goal, parse_literals, to_pddl
+from merlin_planning.knowledge_text import PDDLSyntaxError, parse_goal, parse_literals, to_pddl
 
 Facts = Union[str, Sequence[str]]
 
@@ -29,8 +29,8 @@ class MerlinROSPlanAssistant:
     Facts are PDDL text, one or many: ``"(robot_at kitchen)"``. Every change is one transaction. Works on any
     ROSPlan knowledge base; the connection is made at the first call and shared by the whole process.
 
-    All methods raise :class:`merlin_sm.knowledge_text.PDDLSyntaxError` for text that is not PDDL,
-    :class:`merlin_sm.knowledge_client.KnowledgeError` for what the knowledge base refuses, and
+    All methods raise :class:`merlin_planning.knowledge_text.PDDLSyntaxError` for text that is not PDDL,
+    :class:`merlin_planning.knowledge_client.KnowledgeError` for what the knowledge base refuses, and
     :class:`merlin_ros.service_proxy.ServiceError` when it does not answer.
     """
 

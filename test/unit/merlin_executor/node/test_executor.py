@@ -14,9 +14,9 @@ from rosplan_knowledge_msgs.msg import ExprBase, KnowledgeItem
 from merlin_executor.core.outcome import Outcome, Verdict, outcome_name
 from merlin_executor.node import executor as executor_module
 from merlin_executor.node.executor import Executor
+from merlin_planning.dispatcher_kind import Hold
 from merlin_ros.actions.lease import LeaseState
 from merlin_ros.service_proxy import ServiceUnavailable
-from merlin_sm.dispatching.kinds import Hold
 
 LONG = 60.0
 

@@ -14,11 +14,11 @@ from merlin_executor.core.outcome import Outcome, Stop, StopKind, Verdict
 from merlin_executor.node import executor_stages
 from merlin_executor.node.executor_sm import ExecutorSM
 from merlin_executor.node.executor_stages import GOALS_GONE, PlanningSystem
+from merlin_planning.dispatch_progress import DispatchResult
+from merlin_planning.knowledge_text import parse_goal
+from merlin_planning.planning_client import Planned, PlanningResult
 from merlin_ros.call_scope import current_scope
 from merlin_ros.service_proxy import ServiceUnavailable
-from merlin_sm.dispatching.progress import DispatchResult
-from merlin_sm.knowledge_text import parse_goal
-from merlin_sm.planning_client import Planned, PlanningResult
 from merlin_sm.state_factory import MerlinStateFactory
 
 LONG = 60.0

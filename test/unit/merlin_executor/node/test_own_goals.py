@@ -9,9 +9,9 @@ import rospy
 from rosplan_knowledge_msgs.msg import KnowledgeItem
 
 from merlin_executor.node.own_goals import OwnGoals
+from merlin_planning.knowledge_client import ADD_GOAL, KnowledgeError, Update
+from merlin_planning.knowledge_text import parse_goal, to_pddl
 from merlin_ros.service_proxy import ServiceUnavailable
-from merlin_sm.knowledge_client import ADD_GOAL, KnowledgeError, Update
-from merlin_sm.knowledge_text import parse_goal, to_pddl
 
 
 class Knowledge:

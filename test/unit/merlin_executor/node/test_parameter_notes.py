@@ -9,8 +9,8 @@ import rospy
 
 from merlin_executor.node import own_goals
 from merlin_executor.node.own_goals import OwnGoals, ParameterNotes
+from merlin_planning.knowledge_text import parse_goal
 from merlin_ros.master.master_link import MasterSilent
-from merlin_sm.knowledge_text import parse_goal
 
 LONG = 60.0
 

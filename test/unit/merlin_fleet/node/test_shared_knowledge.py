@@ -11,8 +11,8 @@ from rosplan_knowledge_msgs.msg import KnowledgeItem
 
 from merlin_fleet.node import shared_knowledge
 from merlin_fleet.node.shared_knowledge import SharedKnowledge
+from merlin_planning.knowledge_client import ADD, KnowledgeError, Update, fact
 from merlin_ros.service_proxy import ServiceError
-from merlin_sm.knowledge_client import ADD, KnowledgeError, Update, fact
 
 LIMIT = 60.0  # s for anything that has to happen
 

@@ -11,13 +11,10 @@ from rosplan_dispatch_msgs.msg import ActionDispatch
 from rosplan_knowledge_msgs.msg import DomainFormula
 from std_msgs.msg import String
 
+from merlin_planning.dispatch_client import WITHDRAWN
+from merlin_planning.over_rosplan import dispatch_readiness
+from merlin_planning.over_rosplan.dispatch_readiness import ANNOUNCED, DispatchReadiness, drawn_actions
 from merlin_ros import deadline
-from merlin_sm import dispatch_client
-from merlin_sm.dispatch_client import WITHDRAWN, DispatchClient
-from merlin_sm.dispatching import dispatch_readiness
-from merlin_sm.dispatching.dispatch_readiness import ANNOUNCED, DispatchReadiness, drawn_actions
-from merlin_sm.dispatching.kinds import SilentDispatcher
-from merlin_sm.dispatching.progress import DispatchProgress
 
 LONG = 60.0
 GRAPH = """digraph plan {
@@ -124,28 +121,16 @@ def test_interfaces_that_are_announced_without_end_do_not_grow_without_end(ready
     assert len(ready._announced) <= ANNOUNCED and "drive" in ready._announced
 
 
-class Client(DispatchClient):
-    """Its dispatcher has no status, and never gets the plan."""
-
-    def __init__(self) -> None:
-        self.name, self.cancel_deadline = "/dispatcher", LONG
-        self._changed = threading.Condition()
-        self._kind, self._progress = SilentDispatcher(), DispatchProgress()
-        self._active, self._takers, self._stuck_after = False, set(), 0.0
-        self._goal, self._number = None, 0
-        self._on_change = lambda: None
-        self._dispatch: Any = lambda: pytest.fail("the plan was dispatched")
-        self._readiness = DispatchReadiness("/dispatcher", "/kb", self._changed)
-
-
-def test_a_cancel_ends_the_wait_and_nothing_is_dispatched(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_cancel_ends_the_wait_and_nothing_is_dispatched(
+    dispatcher: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(dispatch_readiness, "INTERFACE_WAIT", 1e6)
     monkeypatch.setattr(dispatch_readiness, "DRAWING_WAIT", 1e6)
-    monkeypatch.setattr(dispatch_client, "running_time", lambda: 0.0)
 
     def interruptible(interrupt: Any) -> None:
         if interrupt is not None:  # the preempt comes during the wait
             threading.Timer(0.05, interrupt).start()
 
-    result = Client().dispatch(interruptible, NEW)
+    result = dispatcher.client().dispatch(interruptible, NEW)
     assert result.cancelled and result.reason == WITHDRAWN and not result.gone
+    assert dispatcher.calls == []

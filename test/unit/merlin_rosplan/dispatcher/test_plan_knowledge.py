@@ -9,12 +9,12 @@ from rosplan_knowledge_msgs.msg import DomainOperator, KnowledgeItem
 
 from merlin_pddl.domain import Domain
 from merlin_pddl.domain_reader import parse_domain
+from merlin_planning.knowledge_client import fact, function_value
 from merlin_rosplan.dispatch.operator_model import PlanTerm
 from merlin_rosplan.dispatch.plan_graph import TimedLiteral, TimedValue
 from merlin_rosplan.dispatcher import plan_knowledge
 from merlin_rosplan.dispatcher.plan_knowledge import PlanKnowledge
 from merlin_rosplan.messages.domain_messages import operator_message
-from merlin_sm.knowledge_client import fact, function_value
 
 OPERATORS = parse_domain(
     """(define (domain d) (:types poi) (:predicates (seen ?p - poi) (dark))

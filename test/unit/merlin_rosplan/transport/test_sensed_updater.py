@@ -5,11 +5,11 @@ import threading
 import pytest
 import rospy
 
+from merlin_planning.knowledge_client import KnowledgeError
+from merlin_planning.knowledge_text import to_pddl
 from merlin_ros.service_proxy import ServiceError
 from merlin_rosplan.transport import sensed_updater
 from merlin_rosplan.transport.sensed_updater import SensedUpdater
-from merlin_sm.knowledge_client import KnowledgeError
-from merlin_sm.knowledge_text import to_pddl
 
 LONG = 60.0
 

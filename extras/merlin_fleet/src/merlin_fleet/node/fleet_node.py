@@ -23,11 +23,11 @@ from merlin_fleet.node.fleet_parameters import FleetParameters, read_parameters
 from merlin_fleet.node.planned_cost import PlannedCost, domain_identity
 from merlin_fleet.node.shared_knowledge import SharedKnowledge
 from merlin_fleet.sqlite_outbox import OutboxError, SqliteOutbox
+from merlin_planning.knowledge_client import DEFAULT_KNOWLEDGE_BASE, knowledge_client
 from merlin_ros.health import ERROR, OK, WARN, Health, HealthReporter
 from merlin_ros.node import run_node
 from merlin_rosplan.messages.knowledge_snapshot import KnowledgeBaseError, KnowledgeSnapshots
 from merlin_rosplan.planning.planner import PlannerSettings
-from merlin_sm.knowledge_client import DEFAULT_KNOWLEDGE_BASE, knowledge_client
 
 NAME = "merlin_fleet"
 RUNNING = (GoalStatus.PENDING, GoalStatus.ACTIVE, GoalStatus.PREEMPTING)

@@ -9,8 +9,8 @@ import rospy
 from merlin_msgs.msg import KnowledgeChanges
 from rosplan_knowledge_msgs.msg import KnowledgeItem
 
+from merlin_planning.knowledge_client import ADD, REMOVE, KnowledgeError, Update, fact
 from merlin_ros.service_proxy import ServiceError
-from merlin_sm.knowledge_client import ADD, REMOVE, KnowledgeError, Update, fact
 
 LOOK = 2.0  # s between two looks whether the knowledge base is still the same, and attempts after a failure
 
@@ -19,7 +19,7 @@ Know = Callable[[str, Optional[Tuple[str, ...]], int], None]
 
 
 class KnowledgeSource(Protocol):
-    """A knowledge base, as :class:`merlin_sm.knowledge_client.KnowledgeClient`."""
+    """A knowledge base, as :class:`merlin_planning.knowledge_client.KnowledgeClient`."""
 
     name: str
 

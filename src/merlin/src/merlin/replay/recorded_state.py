@@ -12,10 +12,10 @@ from rosplan_knowledge_msgs.msg import KnowledgeItem
 from std_msgs.msg import String
 
 from merlin_monitor.bag.recorded_topics import KNOWLEDGE, PARAMETERS
+from merlin_planning.knowledge_client import KnowledgeClient
 from merlin_ros.node import run_node
 from merlin_ros.robot_values import ROBOTS
 from merlin_ros.service_proxy import ServiceError
-from merlin_sm.knowledge_client import KnowledgeClient
 
 #: Parameters that the page and rviz read, below the robot's namespace.
 READ = ("world", "robot_description", ROBOTS)

@@ -13,8 +13,8 @@ from merlin.launch_request import LaunchError, file_of_package, find_launch_file
 from merlin.local_names import launch_tool
 from merlin_executor.executor_client import MerlinExecutorClient
 from merlin_executor.mission.readiness import NotReady, wait_for_robot
-from merlin_sm.knowledge_client import ADD, REMOVE, Update, knowledge_client
-from merlin_sm.knowledge_text import parse_goal, to_pddl
+from merlin_planning.knowledge_client import ADD, REMOVE, Update, knowledge_client
+from merlin_planning.knowledge_text import parse_goal, to_pddl
 
 #: Arguments for a launch file, where it has them: the test is the robot and the mission.
 ARGUMENTS = {"on": "robot", "mission": "false", "monitor": "false", "guard": "false", "state_file": "run"}

@@ -12,16 +12,16 @@ from merlin_actions.merlin_action import MerlinAction
 from merlin_actions.robot_places import RobotPlaces
 from merlin_actions.robot_watch import RobotWatch
 from merlin_actions.stopped_robots import StoppedRobots
-from merlin_ros.health import OK, WARN, Health, HealthReporter
-from merlin_ros.node import on_master_lost, run_node
-from merlin_ros.parameters import number
-from merlin_sm.knowledge_client import (
+from merlin_planning.knowledge_client import (
     DEFAULT_KNOWLEDGE_BASE,
     KnowledgeBaseMissing,
     KnowledgeError,
     knowledge_client,
     wait_for_knowledge_base,
 )
+from merlin_ros.health import OK, WARN, Health, HealthReporter
+from merlin_ros.node import on_master_lost, run_node
+from merlin_ros.parameters import number
 
 
 def make_bridges(

@@ -20,12 +20,7 @@ from merlin_actions.merlin_action_sm import MerlinActionSM
 from merlin_actions.robot_presence import RobotPresence
 from merlin_pddl.domain_reader import read_domain
 from merlin_pddl.text_reader import PddlError
-from merlin_ros.health import HealthReporter
-from merlin_ros.master.master_link import get_param
-from merlin_ros.node import keep_params, on_master_lost, run_node
-from merlin_ros.parameters import number
-from merlin_sm.holding.node_holds import node_holds, usual_level
-from merlin_sm.knowledge_client import (
+from merlin_planning.knowledge_client import (
     DEFAULT_KNOWLEDGE_BASE,
     KnowledgeBaseMissing,
     KnowledgeClient,
@@ -33,6 +28,11 @@ from merlin_sm.knowledge_client import (
     knowledge_client,
     wait_for_knowledge_base,
 )
+from merlin_ros.health import HealthReporter
+from merlin_ros.master.master_link import get_param
+from merlin_ros.node import keep_params, on_master_lost, run_node
+from merlin_ros.parameters import number
+from merlin_sm.holding.node_holds import node_holds, usual_level
 from merlin_sm.state_factory import MerlinStateFactory
 from merlin_sm.states.navigation import POINTS_PARAM
 

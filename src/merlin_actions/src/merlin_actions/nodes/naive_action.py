@@ -17,16 +17,16 @@ from merlin_actions.core.execution import Execution
 from merlin_actions.core.names import DECLARED, ros_name
 from merlin_actions.merlin_action_server import SHUTDOWN_WAIT
 from merlin_actions.merlin_action_sm import MerlinActionSM
-from merlin_ros.alarms import wait_ticks
-from merlin_ros.node import on_master_lost, run_node
-from merlin_ros.parameters import number
-from merlin_sm.introspection import start_introspection
-from merlin_sm.knowledge_client import (
+from merlin_planning.knowledge_client import (
     DEFAULT_KNOWLEDGE_BASE,
     KnowledgeBaseMissing,
     KnowledgeError,
     wait_for_knowledge_base,
 )
+from merlin_ros.alarms import wait_ticks
+from merlin_ros.node import on_master_lost, run_node
+from merlin_ros.parameters import number
+from merlin_sm.introspection import start_introspection
 from merlin_sm.states.merlin_state import SUCCEEDED
 
 

@@ -30,11 +30,11 @@ from merlin_executor.mission.mission_node import MissionNode
 from merlin_executor.mission.mission_pause import WAIT, MissionPause
 from merlin_executor.mission.mission_reporter import MissionReporter
 from merlin_executor.resending import RESEND
+from merlin_planning.knowledge_client import KnowledgeError
 from merlin_ros.ros_alarm import call_after
 from merlin_sm.holding.node_holds import node_holds
 from merlin_sm.holding.state_hook import hook_states
 from merlin_sm.introspection import start_introspection
-from merlin_sm.knowledge_client import KnowledgeError
 from merlin_sm.merlin_sm import MerlinSM
 from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, SUCCEEDED
 

@@ -9,9 +9,9 @@ from merlin_executor.executor_client import RESUME, Goals, MerlinExecutorClient
 from merlin_executor.executor_request import ExecutorRequest
 from merlin_executor.mission.mission_pause import MissionPause
 from merlin_executor.resending import RESEND
+from merlin_planning.knowledge_client import KnowledgeError
+from merlin_planning.knowledge_text import PDDLSyntaxError
 from merlin_ros.service_proxy import ServiceError
-from merlin_sm.knowledge_client import KnowledgeError
-from merlin_sm.knowledge_text import PDDLSyntaxError
 from merlin_sm.state_factory import MerlinStateFactory
 from merlin_sm.states.merlin_state import PREEMPTED, SUCCEEDED, MerlinState
 from merlin_sm.states.text_keys import keys_of

@@ -15,12 +15,12 @@ from merlin_executor.executor_client import MerlinExecutorClient
 from merlin_executor.mission.hold_watch import HoldWatch
 from merlin_executor.mission.mission_reporter import MissionReporter
 from merlin_executor.mission.readiness import NotReady, wait_for_robot
+from merlin_planning.knowledge_client import KnowledgeError
 from merlin_ros.health import HealthReporter
 from merlin_ros.node import CANNOT_BEGIN
 from merlin_ros.parameters import ParameterError, number
 from merlin_ros.service_proxy import ServiceError
 from merlin_sm.holding.node_holds import usual_level
-from merlin_sm.knowledge_client import KnowledgeError
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 
 #: Exit code of a mission that has ended and did not succeed.

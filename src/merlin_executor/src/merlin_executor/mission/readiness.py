@@ -10,11 +10,11 @@ from rosplan_knowledge_msgs.msg import DomainFormula
 
 from merlin_executor.core.awaited import Awaited
 from merlin_executor.executor_client import MerlinExecutorClient
+from merlin_planning.knowledge_client import KnowledgeClient, KnowledgeError, fact
 from merlin_ros.deadline import Deadline
 from merlin_ros.late_topics import subscribe_by
 from merlin_ros.robot_values import AVAILABLE, ROBOTS
 from merlin_ros.service_proxy import ServiceError
-from merlin_sm.knowledge_client import KnowledgeClient, KnowledgeError, fact
 
 PATIENCE = 5.0  # s of running time, after which a mission says what it waits for
 

@@ -8,7 +8,7 @@ from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback
 from sound_play.msg import SoundRequestActionGoal
 
 from merlin_executor.core.robot_lines import Deed, RobotLines
-from merlin_sm.knowledge_text import action_text
+from merlin_planning.knowledge_text import action_text
 from merlin_sm.states.recognition import recognized
 
 DISPATCHER = "rosplan_plan_dispatcher"

@@ -35,6 +35,11 @@ from merlin_executor.node.own_goals import OwnGoals
 from merlin_executor.node.recovery import Recovery
 from merlin_executor.node.request import Request
 from merlin_pddl.text_reader import shortened
+from merlin_planning.breakpoint_service import BreakpointService
+from merlin_planning.dispatch_client import STUCK_AFTER, DispatchClient
+from merlin_planning.knowledge_client import KnowledgeClient, KnowledgeError
+from merlin_planning.knowledge_text import PDDLSyntaxError, to_pddl
+from merlin_planning.planning_client import PlanningClient
 from merlin_ros.actions.action_server import ActionServer, ServerGoal
 from merlin_ros.actions.lease import LeaseState
 from merlin_ros.actions.lease_holder import LeaseHolder
@@ -43,12 +48,7 @@ from merlin_ros.health import OK, WARN, Health
 from merlin_ros.master.master_link import ERRORS, bounded_master
 from merlin_ros.publishing import publish
 from merlin_ros.service_proxy import ServiceError
-from merlin_sm.breakpoint_service import BreakpointService
-from merlin_sm.dispatch_client import STUCK_AFTER, DispatchClient
 from merlin_sm.introspection import start_introspection
-from merlin_sm.knowledge_client import KnowledgeClient, KnowledgeError
-from merlin_sm.knowledge_text import PDDLSyntaxError, to_pddl
-from merlin_sm.planning_client import PlanningClient
 from merlin_sm.states.planning import CALL_GRACE
 
 PAUSED_PARAM = "~paused"

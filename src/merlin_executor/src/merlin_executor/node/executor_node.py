@@ -7,14 +7,14 @@ import rospy
 
 from merlin_executor.core.standstill import STAND_WAIT
 from merlin_executor.node.executor import Executor
+from merlin_planning.dispatch_client import STUCK_AFTER
+from merlin_planning.knowledge_client import DEFAULT_KNOWLEDGE_BASE, knowledge_client
+from merlin_planning.planning_client import PlanningClient, StageError
 from merlin_ros.health import HealthReporter
 from merlin_ros.master.master_link import ERRORS, bounded_master
 from merlin_ros.master.namesake import living_namesake
 from merlin_ros.node import keep_foreign_nodes, run_node
 from merlin_ros.parameters import ParameterError, number
-from merlin_sm.dispatch_client import STUCK_AFTER
-from merlin_sm.knowledge_client import DEFAULT_KNOWLEDGE_BASE, knowledge_client
-from merlin_sm.planning_client import PlanningClient, StageError
 
 STATUS_TYPE = "merlin_msgs/ExecutorStatus"
 

@@ -19,10 +19,10 @@ from merlin_executor.core.standstill import still_moving, unstopped
 from merlin_executor.node.executor_stages import KNOWLEDGE_BASE, PlanningSystem
 from merlin_executor.node.own_goals import OwnGoals
 from merlin_executor.node.request import Request
+from merlin_planning.dispatch_progress import DispatchResult
+from merlin_planning.knowledge_client import KnowledgeError
 from merlin_ros.call_scope import CallScope
 from merlin_ros.service_proxy import ServiceError
-from merlin_sm.dispatching.progress import DispatchResult
-from merlin_sm.knowledge_client import KnowledgeError
 from merlin_sm.merlin_sm import MerlinSM
 from merlin_sm.state_factory import MerlinStateFactory
 from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, SUCCEEDED

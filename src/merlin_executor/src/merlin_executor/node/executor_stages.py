@@ -15,15 +15,15 @@ from merlin_executor.node.guard_client import GuardClient
 from merlin_executor.node.own_goals import OwnGoals
 from merlin_executor.node.recovery import Recovery
 from merlin_executor.node.request import Request
+from merlin_planning.dispatch_client import PART as DISPATCHER
+from merlin_planning.dispatch_client import DispatchClient
+from merlin_planning.dispatch_progress import DispatchResult
+from merlin_planning.knowledge_client import KnowledgeClient, KnowledgeError
+from merlin_planning.knowledge_text import to_pddl
+from merlin_planning.planning_client import PlanningClient, StageError
 from merlin_ros.call_scope import CallScope
 from merlin_ros.deadline import Deadline, running_time
 from merlin_ros.service_proxy import ServiceError, ServiceUnavailable
-from merlin_sm.dispatch_client import PART as DISPATCHER
-from merlin_sm.dispatch_client import DispatchClient
-from merlin_sm.dispatching.progress import DispatchResult
-from merlin_sm.knowledge_client import KnowledgeClient, KnowledgeError
-from merlin_sm.knowledge_text import to_pddl
-from merlin_sm.planning_client import PlanningClient, StageError
 from merlin_sm.state_factory import MerlinStateFactory
 from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, SUCCEEDED
 from merlin_sm.states.planning import FAILED, DispatchPlanState, PlanningState

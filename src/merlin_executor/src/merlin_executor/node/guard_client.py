@@ -11,11 +11,11 @@ from std_srvs.srv import Trigger
 
 from merlin_executor.core.base_hold import hold_words
 from merlin_executor.core.standstill import STAND_WAIT, Halt, together
+from merlin_planning.robot_roster import KEEP, RobotRoster, is_node, sender_of
 from merlin_ros.actions.hang_watch import hangs
 from merlin_ros.deadline import Deadline
 from merlin_ros.publishing import publish
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
-from merlin_sm.robot_roster import KEEP, RobotRoster, is_node, sender_of
 
 HALT_LIMIT = 1.0  # s of wall time for the guard to answer
 FRESH = 1.5  # s of wall time for which the word of another robot's guard counts; it sends one every 0.5 s

@@ -9,11 +9,11 @@ from rosplan_knowledge_msgs.msg import KnowledgeItem
 
 from merlin_executor.goals.goal_ledger import GoalLedger
 from merlin_executor.goals.goal_notes import GoalNotes, NotesError
+from merlin_planning.knowledge_client import ADD_GOAL, REMOVE_GOAL, KnowledgeClient, KnowledgeError, Update
+from merlin_planning.knowledge_text import PDDLSyntaxError, parse_goal, to_pddl
 from merlin_ros.actions.lease_holder import LIFE, LeaseHolder
 from merlin_ros.master.master_link import MasterSilent, get_param, set_param
 from merlin_ros.work.threads import CallQueue
-from merlin_sm.knowledge_client import ADD_GOAL, REMOVE_GOAL, KnowledgeClient, KnowledgeError, Update
-from merlin_sm.knowledge_text import PDDLSyntaxError, parse_goal, to_pddl
 
 PARAMETER = "~added_goals"
 

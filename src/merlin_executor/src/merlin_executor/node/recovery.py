@@ -6,15 +6,15 @@ from typing import Collection, Dict, List, NamedTuple, Optional
 import rospy
 from merlin_msgs.msg import KnowledgeChanges, OpenExecution
 
+from merlin_planning.dispatch_client import DispatchClient
+from merlin_planning.execution_journal import ExecutionJournal
+from merlin_planning.knowledge_client import KnowledgeClient
+from merlin_planning.knowledge_text import action_text
+from merlin_planning.planning_client import Interruptible
 from merlin_ros.deadline import running_time
 from merlin_ros.late_topics import subscribe
 from merlin_ros.master.master_link import MasterSilent
 from merlin_ros.service_proxy import ServiceError
-from merlin_sm.dispatch_client import DispatchClient
-from merlin_sm.execution_journal import ExecutionJournal
-from merlin_sm.knowledge_client import KnowledgeClient
-from merlin_sm.knowledge_text import action_text
-from merlin_sm.planning_client import Interruptible
 
 CALL_LIMIT = 5.0  # s of wall time for one call
 #: s of running time that the bridges have to settle their executions themselves.

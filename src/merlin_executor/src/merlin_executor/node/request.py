@@ -13,8 +13,8 @@ from merlin_executor.core.course import Course
 from merlin_executor.core.engine import Job
 from merlin_executor.core.outcome import Verdict
 from merlin_executor.core.request_limits import check_size
+from merlin_planning.knowledge_text import parse_goal, to_pddl
 from merlin_ros.actions.action_server import ServerGoal
-from merlin_sm.knowledge_text import parse_goal, to_pddl
 
 
 class Request(Job):

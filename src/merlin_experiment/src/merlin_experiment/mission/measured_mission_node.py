@@ -28,9 +28,9 @@ from merlin_experiment.mission.real_time_factor import ARRIVAL_AHEAD, CANCEL_AHE
 from merlin_experiment.records.result_files import write_run
 from merlin_experiment.records.task_record import RunRecord, TaskRecord
 from merlin_experiment.records.trajectory import Sample, Trajectory
+from merlin_planning.knowledge_client import KnowledgeError
 from merlin_ros.node import init_node
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
-from merlin_sm.knowledge_client import KnowledgeError
 
 #: ROS time in which the robot comes to its last standstill, s.
 AFTERWARDS = 0.5

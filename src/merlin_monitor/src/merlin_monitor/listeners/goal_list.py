@@ -6,7 +6,7 @@ from typing import Any, Dict, List, NamedTuple
 import yaml
 
 from merlin_monitor.text.phrase import goal_phrase, in_english
-from merlin_sm.knowledge_text import PDDLSyntaxError, parse_goal
+from merlin_planning.knowledge_text import PDDLSyntaxError, parse_goal
 
 LONGEST = 4000  # characters of a goal
 MOST = 200  # goals

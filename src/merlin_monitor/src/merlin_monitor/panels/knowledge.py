@@ -18,8 +18,8 @@ from merlin_monitor.listeners.panel import Panel
 from merlin_monitor.state.freshness import Source
 from merlin_monitor.state.knowledge_section import Contents, added, formulas
 from merlin_monitor.state.monitor_model import MonitorModel
+from merlin_planning.knowledge_client import KnowledgeClient
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
-from merlin_sm.knowledge_client import KnowledgeClient
 
 READ_AGAIN = 2.0  # s of wall time between two readings of a knowledge base that does not publish its changes
 SOON = 0.2  # s from an update to reading, so that one reading serves several updates

@@ -11,8 +11,8 @@ from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.text.fact_text import atom_text
 from merlin_monitor.text.phrase import say, with_reason
+from merlin_planning.robot_roster import RobotRoster, sender_of
 from merlin_ros.work.liveness import Limits, Liveness, Presence, Word
-from merlin_sm.robot_roster import RobotRoster, sender_of
 
 SECTION = "robots"
 SILENT = 2.0  # s of wall time after which a host is gone, as for the bridges

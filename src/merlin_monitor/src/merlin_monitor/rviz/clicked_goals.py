@@ -13,8 +13,8 @@ from merlin_executor.goal_check import GoalError
 from merlin_monitor.panels.map import POINTS
 from merlin_monitor.rviz.places import NoPlace, nearest
 from merlin_monitor.state.map_section import read_points
+from merlin_planning.knowledge_text import PDDLSyntaxError
 from merlin_ros.service_proxy import ServiceError
-from merlin_sm.knowledge_text import PDDLSyntaxError
 
 #: In a goal, what stands for the point.
 BLANK = "{point}"

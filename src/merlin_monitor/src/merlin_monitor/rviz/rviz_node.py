@@ -14,9 +14,9 @@ from merlin_monitor.rviz.clicked_goals import BLANK, ClickedGoals
 from merlin_monitor.rviz.marker_publisher import MarkerPublisher
 from merlin_monitor.state.inbox import Inbox
 from merlin_monitor.state.monitor_model import MonitorModel
+from merlin_planning.knowledge_text import PDDLSyntaxError, parse_goal
 from merlin_ros.node import run_node
 from merlin_ros.parameters import ParameterError
-from merlin_sm.knowledge_text import PDDLSyntaxError, parse_goal
 
 REACH = 2.0  # m
 

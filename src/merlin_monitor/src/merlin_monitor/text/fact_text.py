@@ -3,7 +3,7 @@
 from typing import Any, List
 
 from merlin_monitor.text.plain_value import plain_text
-from merlin_sm.knowledge_text import to_pddl
+from merlin_planning.knowledge_text import to_pddl
 
 INSTANCE, FACT, FUNCTION, EXPRESSION, INEQUALITY = range(5)
 

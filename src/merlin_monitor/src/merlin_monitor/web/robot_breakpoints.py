@@ -7,8 +7,8 @@ import rospy
 from merlin_monitor.text.phrase import Phrase, say
 from merlin_monitor.web.page_control import ControlError
 from merlin_pddl.breakpoints import BreakpointError
+from merlin_planning.knowledge_client import KnowledgeClient
 from merlin_sm.breakpoint_client import BreakpointClient, Stepped
-from merlin_sm.knowledge_client import KnowledgeClient
 
 
 class RobotBreakpoints:

@@ -23,9 +23,9 @@ from merlin_monitor.web.page_control import ControlError
 from merlin_monitor.web.robot_breakpoints import RobotBreakpoints
 from merlin_monitor.web.robot_guards import RobotGuards, ask
 from merlin_monitor.web.robot_knowledge import RobotKnowledge
+from merlin_planning.knowledge_client import knowledge_client
+from merlin_planning.knowledge_text import PDDLSyntaxError, parse_goal
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
-from merlin_sm.knowledge_client import knowledge_client
-from merlin_sm.knowledge_text import PDDLSyntaxError, parse_goal
 
 EXECUTOR_ANSWERS = 3.0  # s of wall time
 PRESSES = 100  # of the stop's button that are remembered

@@ -10,9 +10,9 @@ from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_monitor.text.phrase import Phrase, action_phrase, goal_phrase, say, with_reason
 from merlin_monitor.text.plain_words import action_in_words, shown_parameters
 from merlin_monitor.web.page_control import ControlError
+from merlin_planning.knowledge_client import KnowledgeClient, KnowledgeError, parse_changes
+from merlin_planning.knowledge_text import PDDLSyntaxError, to_pddl
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
-from merlin_sm.knowledge_client import KnowledgeClient, KnowledgeError, parse_changes
-from merlin_sm.knowledge_text import PDDLSyntaxError, to_pddl
 
 PREVIEW_ANSWERS = 13.0  # s of wall time; the planner stops after 10 s
 _NO_PLAN = {

@@ -1,1 +1,1 @@
-"""The parts of the dispatch client: the book of one dispatch, the kinds of dispatchers, owners, replies."""
+"""What a client does itself at a dispatcher of the original ROSPlan."""

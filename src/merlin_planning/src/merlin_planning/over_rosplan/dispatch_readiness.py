@@ -14,10 +14,10 @@ from rosplan_dispatch_msgs.msg import ActionDispatch
 from rosplan_knowledge_msgs.msg import DomainFormula
 from std_msgs.msg import String
 
+from merlin_planning.dispatch_progress import Ground, ground
 from merlin_ros.deadline import Deadline
 from merlin_ros.late_topics import subscribe
 from merlin_ros.master.master_link import ERRORS, bounded_master
-from merlin_sm.dispatching.progress import Ground, ground
 
 INTERFACE_WAIT = 3.0  # s of running time for the action interfaces of a plan to announce themselves
 DRAWING_WAIT = 2.0  # s of running time for a dispatcher that draws its plans to draw the new one

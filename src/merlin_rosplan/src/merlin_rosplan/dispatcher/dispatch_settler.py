@@ -5,10 +5,10 @@ from typing import Callable, Optional, Sequence
 
 import rospy
 
+from merlin_planning.execution_journal import ExecutionJournal
 from merlin_ros.deadline import Deadline
 from merlin_ros.service_proxy import ServiceError
 from merlin_rosplan.dispatch.dispatch_schedule import PlannedAction
-from merlin_sm.execution_journal import ExecutionJournal
 
 CALL_LIMIT = 10.0  # s of wall time for one call of the knowledge base
 #: s of running time after which an interface that lives is left to settle its execution itself

@@ -11,6 +11,7 @@ from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback
 from rosplan_knowledge_msgs.msg import DomainFormula
 
 from merlin_pddl.breakpoints import Breakpoints
+from merlin_planning.robot_roster import RobotRoster, sender_of
 from merlin_ros.actions.lease_holder import LeaseHolder
 from merlin_ros.deadline import Deadline, running_time
 from merlin_ros.publishing import publish
@@ -28,7 +29,6 @@ from merlin_rosplan.dispatch.interface_watch import InterfaceWatch
 from merlin_rosplan.dispatch.operator_model import ActionModel, BindingError, Conditions, PlanTerm
 from merlin_rosplan.dispatcher.plan_knowledge import PlanKnowledge, PlanKnowledgeError
 from merlin_rosplan.transport.component import Component
-from merlin_sm.robot_roster import RobotRoster, sender_of
 
 CANCEL_ACTION = "cancel_action"
 OWN_MARK = "dispatcher"  # key in `information` of feedback that a dispatcher published itself

@@ -18,6 +18,7 @@ from rosplan_dispatch_msgs.srv import DispatchService, DispatchServiceRequest, D
 from std_srvs.srv import Empty, EmptyRequest, EmptyResponse
 
 from merlin_pddl.breakpoints import Breakpoints
+from merlin_planning.breakpoint_service import BreakpointService
 from merlin_ros.actions.action_server import ActionServer, ServerGoal
 from merlin_ros.actions.lease import LOSE_AFTER, SUSPEND_AFTER, LeaseState
 from merlin_ros.alarms import wait_ticks
@@ -42,7 +43,6 @@ from merlin_rosplan.dispatcher.knowledge_events import KnowledgeEvents
 from merlin_rosplan.dispatcher.plan_knowledge import PlanKnowledge, PlanKnowledgeError
 from merlin_rosplan.transport.component import Component, caller
 from merlin_rosplan.transport.handover import Handover
-from merlin_sm.breakpoint_service import BreakpointService
 
 SCOPE = "rosplan_plan_dispatcher"
 IN_FLIGHT = 0.5  # s for which a call waits for a plan that may be on its way

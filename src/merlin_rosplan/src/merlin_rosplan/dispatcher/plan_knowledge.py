@@ -13,6 +13,8 @@ from merlin_pddl.domain import Domain
 from merlin_pddl.evaluation import assigned
 from merlin_pddl.formula import Comparison
 from merlin_pddl.knowledge import ASSIGN, Fact, FunctionValue, Instance, Timed
+from merlin_planning.knowledge_client import CALL_LIMIT, KnowledgeClient, fact
+from merlin_planning.knowledge_text import to_pddl
 from merlin_ros.service_proxy import ServiceError
 from merlin_rosplan.dispatch.operator_model import ActionModel, Conditions, PlanTerm
 from merlin_rosplan.dispatch.plan_graph import TimedLiteral, TimedValue
@@ -24,8 +26,6 @@ from merlin_rosplan.messages.expression_messages import FormulaWriter
 from merlin_rosplan.messages.knowledge_messages import ASSIGNMENTS
 from merlin_rosplan.transport.component import Component
 from merlin_rosplan.transport.direct_service import DirectServiceProxy
-from merlin_sm.knowledge_client import CALL_LIMIT, KnowledgeClient, fact
-from merlin_sm.knowledge_text import to_pddl
 
 _Answer = TypeVar("_Answer")
 

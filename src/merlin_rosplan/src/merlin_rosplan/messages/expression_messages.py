@@ -8,8 +8,8 @@ from rosplan_knowledge_msgs.msg import DomainFormula, DomainInequality, ExprBase
 from merlin_pddl.domain import Domain, Signature
 from merlin_pddl.formula import Arithmetic, Atom, Comparison, Fluent, Number, Numeric, Special
 from merlin_pddl.knowledge import arranged
+from merlin_planning.knowledge_text import COMPARISONS, OPERATORS
 from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
-from merlin_sm.knowledge_text import COMPARISONS, OPERATORS
 
 _COMPARISON_NAMES = {number: name for name, number in COMPARISONS.items()}
 _OPERATION_NAMES = {number: name for name, number in OPERATORS.items()}

@@ -11,12 +11,12 @@ import rospy
 from rosplan_knowledge_msgs.msg import KnowledgeItem
 from rosplan_knowledge_msgs.srv import KnowledgeUpdateServiceRequest
 
+from merlin_planning.knowledge_text import PDDLSyntaxError, parse_goal, to_pddl
 from merlin_ros.actions.lease import LeaseChange, LeaseState
 from merlin_ros.actions.lease_watch import LeaseWatch
 from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
 from merlin_rosplan.knowledge.knowledge_store import KnowledgeStore
 from merlin_rosplan.messages.update_messages import UpdateReader
-from merlin_sm.knowledge_text import PDDLSyntaxError, parse_goal, to_pddl
 
 
 class GoalLeases:

@@ -18,7 +18,6 @@ KINDS: Dict[str, Tuple[str, str]] = {
     "esterel_plan_parser": ("merlin_rosplan.nodes.plan_parser_node", "EsterelPlanParser"),
     "simple_plan_dispatcher": ("merlin_rosplan.dispatcher.dispatcher_kinds", "SimplePlanDispatcher"),
     "esterel_plan_dispatcher": ("merlin_rosplan.dispatcher.dispatcher_kinds", "EsterelPlanDispatcher"),
-    "simulated_action": ("merlin_rosplan.dispatcher.simulated_action", "SimulatedAction"),
     "sensing_interface": ("merlin_rosplan.nodes.sensing_interface", "SensingInterface"),
 }
 

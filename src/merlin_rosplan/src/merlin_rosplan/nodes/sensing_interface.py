@@ -14,12 +14,12 @@ from merlin_msgs.msg import KnowledgeChanges
 from rosplan_knowledge_msgs.msg import KnowledgeItem, StatusUpdate
 from rosplan_knowledge_msgs.srv import SetNamedBool
 
+from merlin_planning.knowledge_client import knowledge_client
 from merlin_ros.ros_alarm import RosAlarm
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
 from merlin_rosplan.knowledge.sensed_facts import facts_of, is_wildcard, parameter_choices
 from merlin_rosplan.transport.component import Component, ComponentError, run_component
 from merlin_rosplan.transport.sensed_updater import LOG_PERIOD, SensedUpdater
-from merlin_sm.knowledge_client import knowledge_client
 
 SCOPE = "rosplan_sensing_interface"
 KNOWLEDGE_BASE_WAIT = 30.0  # s of wall time

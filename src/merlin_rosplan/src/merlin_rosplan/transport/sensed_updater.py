@@ -6,9 +6,9 @@ from typing import Any, Dict, Sequence, Set
 
 import rospy
 
+from merlin_planning.knowledge_client import ADD, KnowledgeError, Update, fact, function_value
 from merlin_ros.service_proxy import ServiceError
 from merlin_rosplan.knowledge.sensed_facts import Fact, SensedFacts, Value
-from merlin_sm.knowledge_client import ADD, KnowledgeError, Update, fact, function_value
 
 RETRY = 1.0  # s of wall time after the knowledge base did not take something
 LONGEST_RETRY = 32.0  # s; what it refuses again and again, a fact of an object that is gone, may wait

@@ -16,10 +16,10 @@ from merlin_msgs.srv import (
 from std_msgs.msg import Header, String
 
 from merlin_pddl.breakpoints import BreakpointError
+from merlin_planning.breakpoint_service import BreakpointService
 from merlin_ros.parameters import ParameterError
 from merlin_ros.publishing import publish
 from merlin_sm.autonomy import LEVELS, read_level
-from merlin_sm.breakpoint_service import BreakpointService
 from merlin_sm.holding.outcomes import Left, NoSuchState, Outcomes
 from merlin_sm.holding.state_holds import StateHolds
 

@@ -2,8 +2,8 @@
 
 from typing import Any, List, Optional, Sequence
 
+from merlin_planning.knowledge_client import KnowledgeError
 from merlin_ros.service_proxy import ServiceError
-from merlin_sm.knowledge_client import KnowledgeError
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 from merlin_sm.states.merlin_state import SUCCEEDED, MerlinState
 from merlin_sm.states.text_keys import keys_of

@@ -4,12 +4,12 @@ from typing import Any, Callable, List, Optional, Sequence
 
 from rosplan_dispatch_msgs.msg import ActionDispatch
 
+from merlin_planning.dispatch_client import DispatchClient
+from merlin_planning.dispatch_progress import DispatchResult
+from merlin_planning.knowledge_text import action_text
+from merlin_planning.planning_client import Planned, PlanningClient, StageError
 from merlin_ros.call_scope import CallScope
 from merlin_ros.master.master_link import master_answers
-from merlin_sm.dispatch_client import DispatchClient
-from merlin_sm.dispatching.progress import DispatchResult
-from merlin_sm.knowledge_text import action_text
-from merlin_sm.planning_client import Planned, PlanningClient, StageError
 from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, SUCCEEDED, MerlinState
 
 UNSOLVABLE = "unsolvable"

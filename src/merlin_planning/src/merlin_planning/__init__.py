@@ -1,0 +1,1 @@
+"""Clients of a planning system with the interfaces of ROSPlan: ours, or ROSPlan itself."""
