@@ -9,9 +9,8 @@ import pytest
 import rospy
 from merlin_msgs.msg import DispatchStatus, Lease
 
-from merlin_planning import dispatch_client, dispatch_owners
+from merlin_planning import dispatch_client, dispatcher_kind, over_rosplan
 from merlin_planning.dispatch_client import DispatchClient
-from merlin_planning.over_rosplan import dispatch_readiness, silent_dispatcher
 from merlin_ros import deadline
 from merlin_ros.actions.client_goal import ClientGoal
 from merlin_ros.actions.lease import LeaseChange, LeaseState
@@ -26,6 +25,7 @@ class DispatcherWorld:
         self.heard: Dict[str, Callable[[Any], None]] = {}  # topic -> the client's callback
         self.changed: Callable[[LeaseChange], None] = lambda change: None
         self.held: List[str] = []
+        self.published = ["/dispatcher/plan_graph"]
         self.cancelled = threading.Event()
         self.there = self.takes_cancel = True
         self.passed = 0.0  # s that the clock is ahead
@@ -102,6 +102,7 @@ def dispatcher(monkeypatch: pytest.MonkeyPatch) -> DispatcherWorld:
 
     def subscribe(topic: str, kind: type, callback: Callable[[Any], None], **_: Any) -> Any:
         world.heard[topic] = callback
+        return object()
 
     monkeypatch.setattr(rospy, "Subscriber", subscribe)
     monkeypatch.setattr(rospy, "Publisher", lambda *_, **__: None)
@@ -109,17 +110,17 @@ def dispatcher(monkeypatch: pytest.MonkeyPatch) -> DispatcherWorld:
     monkeypatch.setattr(rospy, "get_name", lambda: "/me")
     monkeypatch.setattr(rospy, "is_shutdown", lambda: False)
     monkeypatch.setattr(rospy, "logwarn", lambda _: None)
-    for module in (deadline, dispatch_client, dispatch_owners):
+    for module in (deadline, dispatch_client, dispatcher_kind):
         monkeypatch.setattr(module, "running_time", world.running_time)
-    for module in (dispatch_client, silent_dispatcher):
+    for module in (dispatch_client, over_rosplan):
         monkeypatch.setattr(module, "ServiceProxy", world.service)
     monkeypatch.setattr(dispatch_client, "ActionClient", world.server)
     monkeypatch.setattr(dispatch_client, "LeaseWatch", world.watch)
-    monkeypatch.setattr(dispatch_readiness, "subscribe", subscribe)
+    monkeypatch.setattr(over_rosplan, "subscribe", subscribe)
     monkeypatch.setattr(
-        dispatch_readiness,
+        over_rosplan,
         "bounded_master",
-        lambda: SimpleNamespace(getPublishedTopics=lambda _: [["/dispatcher/plan_graph", "std_msgs/String"]]),
+        lambda: SimpleNamespace(getPublishedTopics=lambda _: [(each, "") for each in world.published]),
     )
     return world
 

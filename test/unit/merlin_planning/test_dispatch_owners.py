@@ -5,8 +5,8 @@ from typing import List
 import pytest
 from merlin_msgs.msg import Lease
 
-from merlin_planning import dispatch_owners as module
-from merlin_planning.dispatch_owners import DispatchOwners
+from merlin_planning import dispatcher_kind as module
+from merlin_planning.dispatcher_kind import DispatchOwners
 from merlin_ros.actions.hang_watch import HangWatch
 from merlin_ros.actions.lease import LOSE_AFTER
 

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from merlin_msgs.msg import DispatchStatus
 
 from merlin_planning.dispatch_progress import Action, DispatchAnswer, DispatchProgress, Reply
-from merlin_planning.over_rosplan.silent_dispatcher import FAILURE_GRACE, SilentDispatcher
-from merlin_planning.reporting_dispatcher import ReportingDispatcher
+from merlin_planning.dispatcher_kind import ReportingDispatcher
+from merlin_planning.over_rosplan import FAILURE_GRACE, SilentDispatcher
 
 IDLE = DispatchStatus(state=DispatchStatus.IDLE)
 RUNNING = DispatchStatus(state=DispatchStatus.RUNNING)
@@ -20,7 +20,7 @@ SAY = Action(2, 1, "say", ("hello",))
 
 @pytest.fixture
 def silent(dispatcher: Any) -> SilentDispatcher:
-    return SilentDispatcher("/dispatcher", Mock(), lambda: None, 20.0)
+    return SilentDispatcher("/dispatcher", "/kb", Mock(), lambda: None, 20.0)
 
 
 def reporting(status: DispatchStatus) -> ReportingDispatcher:
@@ -49,7 +49,7 @@ def test_each_running_action_is_cancelled_where_the_dispatcher_passes_no_cancel_
     silent: SilentDispatcher,
 ) -> None:
     assert silent.to_cancel(progress(DRIVE, SAY)) == [DRIVE, SAY]
-    assert reporting(RUNNING).to_cancel(progress(DRIVE, SAY)) == []
+    assert reporting(RUNNING).to_cancel(progress(DRIVE, SAY)) == ()
 
 
 @pytest.mark.parametrize("slack", [6.0, None])

@@ -8,17 +8,22 @@ from merlin_msgs.msg import RunningAction
 from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback
 from rosplan_dispatch_msgs.srv import DispatchServiceResponse
 
-from merlin_planning.dispatch_progress import PART, Action, DispatchAnswer, Reply
+from merlin_planning.dispatch_progress import PART, Action, DispatchAnswer, Ground, Reply, ground
 from merlin_ros.actions.client_goal import ClientGoal
 from merlin_ros.service_proxy import ServiceError, ServiceUnavailable
 
 CANCEL_ACTION = "cancel_action"
-_DISPATCHER = "dispatcher"  # key in the information of feedback that a dispatcher published itself
+OWN_MARK = "dispatcher"  # key in the information of feedback that a dispatcher published itself
 _ANSWERS = {
     ActionFeedback.ACTION_ENABLED: DispatchAnswer.TAKEN,
     ActionFeedback.ACTION_SUCCEEDED_TO_GOAL_STATE: DispatchAnswer.SUCCEEDED,
     ActionFeedback.ACTION_FAILED: DispatchAnswer.FAILED,
 }
+
+
+def ground_action(dispatch: ActionDispatch) -> Ground:
+    """The action that is dispatched, for comparison."""
+    return ground(dispatch.name, [entry.value for entry in dispatch.parameters])
 
 
 def dispatched_action(dispatch: ActionDispatch) -> Action:
@@ -48,7 +53,7 @@ def answer_in(feedback: ActionFeedback) -> Optional[Tuple[DispatchAnswer, Dict[s
     """What an action interface says, and its information; None: it says nothing, or a dispatcher spoke."""
     answer = _ANSWERS.get(feedback.status)
     information = {entry.key: entry.value for entry in feedback.information}
-    return None if answer is None or _DISPATCHER in information else (answer, information)
+    return None if answer is None or OWN_MARK in information else (answer, information)
 
 
 def reply_of(answer: object, dispatcher: str, begun: bool) -> Reply:

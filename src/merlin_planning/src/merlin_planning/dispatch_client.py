@@ -17,14 +17,11 @@ from merlin_planning.action_messages import (
     dispatched_action,
     reply_of,
 )
-from merlin_planning.dispatch_owners import DispatchOwners
 from merlin_planning.dispatch_progress import PART, Action, DispatchProgress, DispatchResult
-from merlin_planning.dispatcher_kind import DispatcherKind, Hold
+from merlin_planning.dispatcher_kind import DispatcherKind, DispatchOwners, Hold, ReportingDispatcher
 from merlin_planning.knowledge_client import DEFAULT_KNOWLEDGE_BASE
-from merlin_planning.over_rosplan.dispatch_readiness import DispatchReadiness
-from merlin_planning.over_rosplan.silent_dispatcher import SilentDispatcher
+from merlin_planning.over_rosplan import SilentDispatcher
 from merlin_planning.planning_client import Interruptible
-from merlin_planning.reporting_dispatcher import ReportingDispatcher
 from merlin_ros.actions.action_client import ActionClient
 from merlin_ros.actions.client_goal import ClientGoal
 from merlin_ros.actions.lease import LeaseChange, LeaseState
@@ -75,12 +72,13 @@ class DispatchClient:
         self._begun = running_time()
         self._changed = threading.Condition()  # guards the fields below
         self._progress = DispatchProgress()
-        self._active = self._cancelling = self._requested = self._cancel_sent = False
+        self._active = self._cancelling = self._requested = False
         self._ended = True
         self._number = 0  # of the present dispatch
         self._silent = False  # whether the dispatcher no longer renews the lease of what it carries out
-        readiness = DispatchReadiness(self.name, rospy.resolve_name(knowledge_base), self._changed)
-        self._plain = SilentDispatcher(self.name, readiness, self._call_cancel, stuck_after)
+        self._plain = SilentDispatcher(
+            self.name, rospy.resolve_name(knowledge_base), self._changed, self._call_cancel, stuck_after
+        )
         self._reporting = ReportingDispatcher(
             ActionClient(f"{dispatcher}/dispatch_plan_action", NonBlockingDispatchAction)
         )
@@ -169,7 +167,8 @@ class DispatchClient:
                     rospy.logwarn(f"{self.name} carries out a plan that has no owner; it is cancelled")
                     if self._call_cancel() and limit(self.cancel_deadline) is None:
                         deadline = Deadline(longest)
-                gone = asked and not self._there()
+                # A master that hangs does not matter for a dispatcher that was cancelled.
+                gone = asked and not (self._cancel.connected or self.available())
                 with self._changed:
                     look = Deadline(min(OWNER_LOOK, deadline.remaining()))
                     look.wait(self._changed, lambda: interrupted.is_set() or not self._busy())
@@ -232,7 +231,7 @@ class DispatchClient:
             kind, number = self._kind, self._number
             self._progress = kind.begin(plan)
             self._active = True
-            self._ended = self._cancelling = self._cancel_sent = self._requested = self._silent = False
+            self._ended = self._cancelling = self._requested = self._silent = False
         answers: List[object] = []
 
         def ended(answer: object) -> None:
@@ -289,7 +288,7 @@ class DispatchClient:
             if not self._ended and not self._cancelling:
                 grace = Deadline(self._kind.failure_grace(slack))
                 grace.wait(self._changed, lambda: self._ended or self._cancelling)
-                if self._kind.stops_after_failure and not self._ended and not self._cancelling:
+                if self._kind.reports and not self._ended and not self._cancelling:
                     return False
                 self._cancelling = True
             if self._ended:
@@ -298,9 +297,11 @@ class DispatchClient:
             takes_cancel = Deadline(patience).wait(
                 self._changed, lambda: self._ended or self._kind.started(self._progress)
             )
-            if not takes_cancel:
-                return False
-        self._send_cancel(sent_by)
+            if self._ended or not takes_cancel:
+                return self._ended
+            running = self._kind.to_cancel(self._progress)
+        sent_by.cancel()
+        self._cancel_actions(running)
         with self._changed:
             return Deadline(slack).wait(self._changed, lambda: self._ended)
 
@@ -330,15 +331,6 @@ class DispatchClient:
                 return False
             return self._kind.other_plan()
 
-    def _send_cancel(self, sent_by: DispatcherKind) -> None:
-        with self._changed:
-            if self._cancel_sent or self._ended:
-                return
-            self._cancel_sent = True
-            running = self._kind.to_cancel(self._progress)
-        sent_by.cancel()
-        self._cancel_actions(running)
-
     def _cancel_actions(self, actions: Sequence[Action]) -> None:
         for action in actions:
             publish(self._cancel_publisher, cancel_of(action))
@@ -351,10 +343,6 @@ class DispatchClient:
             rospy.logwarn(f"cancel of {self.name}: {error}")
             return False
         return True
-
-    def _there(self) -> bool:
-        """Whether the dispatcher that was cancelled still is; a master that hangs does not matter."""
-        return self._cancel.connected or self.available()
 
     def _stop_orphans(self) -> None:
         """Ends the actions of a dispatcher that is gone; they would run on until they miss it."""

@@ -1,14 +1,20 @@
-"""What differs between dispatchers: ROSPlan's own publish no status, ours do.
-
-The client of a dispatcher holds its lock for all methods but those that may block.
-"""
+"""What differs between dispatchers: ours publish a status, ROSPlan's own (:mod:`.over_rosplan`) do not."""
 
 from abc import ABC, abstractmethod
-from typing import Callable, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Callable, NamedTuple, Optional, Sequence, Tuple
 
-from rosplan_dispatch_msgs.msg import ActionDispatch
+from merlin_msgs.msg import DispatchStatus, Lease
+from rosplan_dispatch_msgs.msg import ActionDispatch, NonBlockingDispatchGoal
 
 from merlin_planning.dispatch_progress import Action, DispatchProgress, DispatchResult, Reply
+from merlin_ros.actions.action_client import ActionClient
+from merlin_ros.actions.client_goal import ClientGoal
+from merlin_ros.actions.hang_watch import SETTLE, hangs
+from merlin_ros.actions.lease import LOSE_AFTER
+from merlin_ros.deadline import running_time
+from merlin_ros.work.liveness import Limits, Liveness, Presence
+
+SERVER_WAIT = 2.0  # s of running time for the connection to a dispatcher's action server to be complete
 
 
 class Hold(NamedTuple):
@@ -21,29 +27,17 @@ class Hold(NamedTuple):
 
 
 class DispatcherKind(ABC):
-    """How a dispatcher is dealt with."""
+    """How a dispatcher is dealt with. Its client holds its own lock, but not where something may block."""
 
-    #: It publishes its status.
-    reports: bool
-    #: It stops the other actions by itself when one fails.
-    stops_after_failure: bool
-
-    @property
-    @abstractmethod
-    def busy(self) -> bool:
-        """True when it is known to carry out a plan."""
-
-    @property
-    @abstractmethod
-    def at_rest(self) -> bool:
-        """False while a last status of the present dispatch may follow."""
-
+    reports = False
+    """It publishes its status, and stops the other actions by itself when one fails."""
+    busy = False
+    """It is known to carry out a plan."""
+    at_rest = True
+    """No last status of the present dispatch may follow."""
+    failed_action = ""
+    """The action of the present dispatch that failed, as PDDL text; empty: it names none."""
     hold = Hold()
-
-    @property
-    def failed_action(self) -> str:
-        """The action of the present dispatch that failed, as PDDL text; empty: it names none."""
-        return ""
 
     @abstractmethod
     def begin(self, plan: Sequence[ActionDispatch]) -> DispatchProgress:
@@ -80,20 +74,20 @@ class DispatcherKind(ABC):
     def started(self, progress: DispatchProgress) -> bool:
         """True when the dispatcher is known to have begun the dispatch: a cancel before would be lost."""
 
-    @abstractmethod
     def failure_grace(self, slack: Optional[float]) -> Optional[float]:
         """Time for it to end after an action failed, s of running time; None: no limit.
 
         :param slack: the time that it gets after a cancel.
         """
+        return slack
 
-    @abstractmethod
-    def to_cancel(self, progress: DispatchProgress) -> List[Action]:
+    def to_cancel(self, progress: DispatchProgress) -> Sequence[Action]:
         """The actions to which the client itself has to pass a cancel on."""
+        return ()
 
-    @abstractmethod
     def result(self, progress: DispatchProgress, reply: Reply) -> DispatchResult:
         """How the dispatch ended."""
+        return progress.result(reply)
 
     def patience(self) -> Optional[float]:
         """How long it may send nothing until it is given up, s of running time; None: it is not."""
@@ -102,3 +96,107 @@ class DispatcherKind(ABC):
     def other_plan(self) -> bool:
         """Whether it carries out an older plan than the one that was meant."""
         return False
+
+
+class ReportingDispatcher(DispatcherKind):
+    """A dispatcher that publishes its status, as those of MERLIN do.
+
+    Its plan is a goal of ``dispatch_plan_action``, which the client leases.
+
+    :param server: the client of that action.
+    """
+
+    reports = True
+
+    def __init__(self, server: ActionClient) -> None:
+        self._server = server
+        self._goal: Optional[ClientGoal] = None  # of the present dispatch, written by its thread
+        self._status, self._is_new = DispatchStatus(), False
+
+    def receive(self, status: DispatchStatus) -> None:
+        """Keeps the status that the dispatcher has published last."""
+        self._status, self._is_new = status, True
+        self.hold = Hold(status.held, tuple(status.breakpoints))
+
+    def begin(self, plan: Sequence[ActionDispatch]) -> DispatchProgress:
+        """The present status is of before."""
+        self._is_new = False
+        return DispatchProgress()
+
+    def wait(self, plan: Sequence[ActionDispatch], interrupted: Callable[[], bool]) -> str:
+        """For the connection to its action server."""
+        there = self._server.wait_for_server(SERVER_WAIT, interrupted)
+        return "" if there else self._server.missing
+
+    def send(self, ended: Callable[[object], None], owner: Optional[str]) -> None:
+        """A goal, which is leased."""
+        self._goal = self._server.send(NonBlockingDispatchGoal(), ended, owner=owner)
+
+    def cancel(self) -> None:
+        """Names the goal."""
+        if self._goal is not None:
+            self._goal.cancel()
+
+    def end(self, hangs: bool) -> None:
+        """A goal that has no answer is given up."""
+        goal, self._goal = self._goal, None
+        if hangs and goal is not None:
+            self._server.give_up(goal, "its dispatch does not end")
+
+    @property
+    def busy(self) -> bool:
+        """True unless the status says idle."""
+        return bool(self._status.state != DispatchStatus.IDLE)
+
+    @property
+    def failed_action(self) -> str:
+        """As the last status says."""
+        return str(self._status.failed_action) if self._is_new else ""
+
+    @property
+    def at_rest(self) -> bool:
+        """True after a status of this dispatch that says idle."""
+        return self._is_new and not self.busy
+
+    def started(self, progress: DispatchProgress) -> bool:
+        """True when the status says so, or there is a goal to be named."""
+        return self.busy or self._goal is not None
+
+    def result(self, progress: DispatchProgress, reply: Reply) -> DispatchResult:
+        """With what the status says of the failure."""
+        if not self._is_new:
+            return progress.result(reply)
+        status = self._status
+        return progress.result(reply, status.failed_action, status.reason, status.unmet_goals)
+
+
+class DispatchOwners:
+    """Other nodes that own plans of one dispatcher, by the leases they renew. Not thread-safe.
+
+    :param node: of this process, whose own leases do not count.
+    """
+
+    def __init__(self, node: str) -> None:
+        self._node = node
+        self._looked = running_time()
+        self._owners: Liveness[str] = Liveness(Limits(gone=LOSE_AFTER, settle=SETTLE))
+
+    def heard(self, lease: Lease) -> None:
+        """A lease of the dispatcher was renewed or released."""
+        if lease.owner == self._node:
+            return
+        self._look()
+        self._owners.heard(lease.owner)
+        if not lease.held:
+            self._owners.left(lease.owner)
+
+    @property
+    def living(self) -> str:
+        """One that lives; empty when none does."""
+        self._look()
+        return next((each for each in self._owners if self._owners.presence(each) is Presence.ALIVE), "")
+
+    def _look(self) -> None:
+        now = running_time()
+        passed, self._looked = now - self._looked, now
+        self._owners.pass_time(passed, stalled=hangs.unsettled() > 0.0)

@@ -8,17 +8,15 @@ from knowledge_world import add
 
 from merlin_pddl.knowledge import Fact, FunctionValue, Instance
 from merlin_rosplan.dispatch.operator_model import Conditions, PlanTerm
-from merlin_rosplan.dispatcher import knowledge_events, plan_knowledge
-from merlin_rosplan.dispatcher.knowledge_events import KnowledgeEvents
-from merlin_rosplan.dispatcher.plan_knowledge import PlanKnowledge
+from merlin_rosplan.dispatcher import plan_knowledge
+from merlin_rosplan.dispatcher.plan_knowledge import KnowledgeEvents, PlanKnowledge
 
 
 @pytest.fixture(autouse=True)
 def in_process(store: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    for module in (knowledge_events, plan_knowledge):
-        monkeypatch.setattr(
-            module.Component, "in_process", staticmethod(lambda _: SimpleNamespace(store=store))
-        )
+    monkeypatch.setattr(
+        plan_knowledge.Component, "in_process", staticmethod(lambda _: SimpleNamespace(store=store))
+    )
 
 
 def test_a_dispatch_hears_the_names_of_what_has_changed(store: Any) -> None:

@@ -11,6 +11,7 @@ from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback
 from rosplan_knowledge_msgs.msg import DomainFormula
 
 from merlin_pddl.breakpoints import Breakpoints
+from merlin_planning.action_messages import CANCEL_ACTION, OWN_MARK
 from merlin_planning.robot_roster import RobotRoster, sender_of
 from merlin_ros.actions.lease_holder import LeaseHolder
 from merlin_ros.deadline import Deadline, running_time
@@ -30,8 +31,6 @@ from merlin_rosplan.dispatch.operator_model import ActionModel, BindingError, Co
 from merlin_rosplan.dispatcher.plan_knowledge import PlanKnowledge, PlanKnowledgeError
 from merlin_rosplan.transport.component import Component
 
-CANCEL_ACTION = "cancel_action"
-OWN_MARK = "dispatcher"  # key in `information` of feedback that a dispatcher published itself
 SHUTDOWN_DEADLINE = 1.0  # s that running interfaces get to answer when the node ends
 _WIRE_STATES = {
     DispatchState.RUNNING: DispatchStatus.RUNNING,

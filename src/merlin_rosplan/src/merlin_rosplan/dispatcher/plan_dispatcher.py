@@ -18,6 +18,7 @@ from rosplan_dispatch_msgs.srv import DispatchService, DispatchServiceRequest, D
 from std_srvs.srv import Empty, EmptyRequest, EmptyResponse
 
 from merlin_pddl.breakpoints import Breakpoints
+from merlin_planning.action_messages import OWN_MARK
 from merlin_planning.breakpoint_service import BreakpointService
 from merlin_ros.actions.action_server import ActionServer, ServerGoal
 from merlin_ros.actions.lease import LOSE_AFTER, SUSPEND_AFTER, LeaseState
@@ -38,9 +39,8 @@ from merlin_rosplan.dispatch.dispatch_environment import (
 from merlin_rosplan.dispatch.dispatch_schedule import PlanError, Schedule
 from merlin_rosplan.dispatcher.dispatch_owner import DispatchOwner
 from merlin_rosplan.dispatcher.dispatch_settler import DispatchSettler
-from merlin_rosplan.dispatcher.dispatch_topics import OWN_MARK, SHUTDOWN_DEADLINE, DispatchTopics
-from merlin_rosplan.dispatcher.knowledge_events import KnowledgeEvents
-from merlin_rosplan.dispatcher.plan_knowledge import PlanKnowledge, PlanKnowledgeError
+from merlin_rosplan.dispatcher.dispatch_topics import SHUTDOWN_DEADLINE, DispatchTopics
+from merlin_rosplan.dispatcher.plan_knowledge import KnowledgeEvents, PlanKnowledge, PlanKnowledgeError
 from merlin_rosplan.transport.component import Component, caller
 from merlin_rosplan.transport.handover import Handover
 

@@ -3,7 +3,7 @@
 from typing import Set
 
 from merlin_planning.dispatch_progress import Action, DispatchAnswer, Reply, ground
-from merlin_planning.over_rosplan.plain_progress import PlainProgress
+from merlin_planning.over_rosplan import PlainProgress
 
 NAVIGATE = Action(1, 7, "navigate", ("hall", "kitchen"))
 

@@ -1,0 +1,201 @@
+"""A dispatcher of the original ROSPlan, which publishes no status: what its client knows and does itself.
+
+ROSPlan hands a plan over by a topic and starts it by a service, and nothing keeps the two in order: a plan of
+before is carried out when the service is faster. The esterel dispatcher draws each plan that it receives, on
+``plan_graph``; the drawing says that the plan has come. The simple dispatcher says nothing.
+"""
+
+import re
+import threading
+from typing import Callable, Dict, List, Mapping, Optional, Sequence, Set
+
+import rospy
+from rosplan_dispatch_msgs.msg import ActionDispatch
+from rosplan_dispatch_msgs.srv import DispatchService
+from rosplan_knowledge_msgs.msg import DomainFormula
+from std_msgs.msg import String
+
+from merlin_planning.action_messages import ground_action
+from merlin_planning.dispatch_progress import Action, DispatchAnswer, DispatchProgress, Ground, ground
+from merlin_planning.dispatcher_kind import DispatcherKind
+from merlin_ros.deadline import Deadline, limit
+from merlin_ros.late_topics import subscribe
+from merlin_ros.master.master_link import ERRORS, bounded_master
+from merlin_ros.service_proxy import ServiceProxy
+
+#: Time for ROSPlan's dispatcher to stop by itself after a failed action, s of running time.
+FAILURE_GRACE = 0.5
+INTERFACE_WAIT = 3.0  # s of running time for the action interfaces of a plan to announce themselves
+DRAWING_WAIT = 2.0  # s of running time for a dispatcher that draws its plans to draw the new one
+ANNOUNCED = 1000  # operators whose interfaces are remembered; any node may announce some
+_START = re.compile(r'^\s*(\d+)\s*\[\s*label="([^"\\(]*)_start\\n\(([^"]*)\)"', re.MULTILINE)
+
+
+def drawn_actions(drawing: str) -> List[Ground]:
+    """The actions of a drawn plan graph, in the order of the plan.
+
+    :param drawing: DOT text as on ROSPlan's ``plan_graph``.
+    """
+    starts = sorted((int(number), name, arguments) for number, name, arguments in _START.findall(drawing))
+    return [ground(name, arguments.split(",") if arguments else []) for _, name, arguments in starts]
+
+
+class PlainProgress(DispatchProgress):
+    """Judges from the dispatched actions and their answers alone. Not thread-safe.
+
+    :param first: the action that the plan begins with; None: not known.
+    :param takers: operators whose interfaces say when they take an action; those of this dispatch are added.
+    """
+
+    def __init__(self, first: Optional[Ground], takers: Set[str]) -> None:
+        super().__init__()
+        self._first, self._takers = first, takers
+
+    @property
+    def other_plan(self) -> bool:
+        """Whether what was dispatched first is not what the plan begins with; also when nothing was."""
+        return self._first is not None and self._seen != self._first
+
+    @property
+    def stands(self) -> bool:
+        """Whether nothing is under way, as far as the answers say.
+
+        An action that nothing has taken does not count where its interface would have said so: ROSPlan's
+        dispatchers publish with a queue of one, which drops what is sent close behind another message.
+        """
+        running = any(
+            action.id in self._taken or action.name.lower() not in self._takers
+            for action in self.running.values()
+        )
+        return not running and all(len(answers) > 1 for answers in self._early.values())
+
+    def answered(
+        self, action_id: int, plan_id: int, answer: DispatchAnswer, information: Mapping[str, str]
+    ) -> bool:
+        """Notes too which interfaces say that they take an action."""
+        ends = super().answered(action_id, plan_id, answer, information)
+        action = self.running.get(action_id)
+        if action is not None and action_id in self._taken:
+            self._takers.add(action.name.lower())
+        return ends
+
+
+class SilentDispatcher(DispatcherKind):
+    """A dispatcher without status, as ROSPlan's own are: its service is called.
+
+    :param name: its global name.
+    :param knowledge_base: the global name of the one where action interfaces announce themselves.
+    :param changed: guards what is known, and is notified when it changes.
+    :param call_cancel: calls the dispatcher's service for the cancel.
+    :param stuck_after: s of running time without an action under way, after which a dispatch is given up;
+        zero or less: never.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        knowledge_base: str,
+        changed: threading.Condition,
+        call_cancel: Callable[[], object],
+        stuck_after: float,
+    ) -> None:
+        self._name, self._drawings = name, f"{name}/plan_graph"
+        self._service = ServiceProxy(f"{name}/dispatch_plan", DispatchService)
+        self._changed = changed
+        self._call_cancel = call_cancel
+        self._stuck_after = stuck_after
+        self._announced: Dict[str, None] = {}  # operators, the one that is silent for longest first
+        self._drawn: Optional[List[Ground]] = None  # the plan that the dispatcher has received last
+        self._subscriber: Optional[rospy.Subscriber] = None
+        self._takers: Set[str] = set()  # operators whose interfaces say when they take an action
+        self._book = PlainProgress(None, self._takers)
+        rospy.Subscriber(f"{knowledge_base}/pddl_action_parameters", DomainFormula, self._receive_interface)
+
+    def available(self) -> bool:
+        """Whether the dispatcher, of either kind, is there now."""
+        return self._service.available()
+
+    def begin(self, plan: Sequence[ActionDispatch]) -> DispatchProgress:
+        """Nothing is remembered of an earlier dispatch."""
+        self._book = PlainProgress(ground_action(plan[0]) if plan else None, self._takers)
+        return self._book
+
+    def wait(self, plan: Sequence[ActionDispatch], interrupted: Callable[[], bool]) -> str:
+        """For the action interfaces, and for the plan; whether it is there itself shows when it is called."""
+        operators = {action.name.lower() for action in plan}
+        with self._changed:
+            Deadline(INTERFACE_WAIT).wait(
+                self._changed, lambda: interrupted() or operators <= self._announced.keys()
+            )
+        if plan and self._draws():
+            meant = [ground_action(action) for action in plan]
+            with self._changed:
+                Deadline(DRAWING_WAIT).wait(self._changed, lambda: interrupted() or self._drawn == meant)
+        return ""
+
+    def send(self, ended: Callable[[object], None], owner: Optional[str]) -> None:
+        """Calls the service, in a thread of its own."""
+        service = self._service
+
+        def call() -> None:
+            try:
+                ended(service())
+            except BaseException as error:  # the thread that waits for the end must learn of it
+                ended(error)
+
+        threading.Thread(target=call, name=f"dispatch of {self._name}", daemon=True).start()
+
+    def cancel(self) -> None:
+        """Calls the service for it."""
+        self._call_cancel()
+
+    def end(self, hangs: bool) -> None:
+        """The next dispatch gets a connection of its own while the call hangs in its thread."""
+        if hangs:
+            self._service = ServiceProxy(f"{self._name}/dispatch_plan", DispatchService)
+
+    def started(self, progress: DispatchProgress) -> bool:
+        """True when an action of it was seen: a stray cancel would stop the next dispatch instead."""
+        return bool(progress.running or progress.failed)
+
+    def failure_grace(self, slack: Optional[float]) -> Optional[float]:
+        """Short: the esterel dispatcher does not notice a failed action."""
+        return FAILURE_GRACE
+
+    def to_cancel(self, progress: DispatchProgress) -> List[Action]:
+        """All that run: the simple dispatcher passes no cancel on."""
+        return list(progress.running.values())
+
+    def patience(self) -> Optional[float]:
+        """A limit while nothing is under way: it would wait for ever."""
+        return limit(self._stuck_after) if self._book.stands else None
+
+    def other_plan(self) -> bool:
+        """It may still hold an older plan when it is called."""
+        return self._book.other_plan
+
+    def _draws(self) -> bool:
+        """Whether the dispatcher publishes drawings; they are subscribed as late as this.
+
+        One with a status needs none, and draws large graphs only for subscribers.
+        """
+        try:
+            if self._drawings not in dict(bounded_master().getPublishedTopics("")):
+                return False
+            if self._subscriber is None:
+                self._subscriber = subscribe(self._drawings, String, self._receive_drawing)
+        except ERRORS:
+            return False
+        return True
+
+    def _receive_interface(self, formula: DomainFormula) -> None:
+        name = formula.name.lower()
+        with self._changed:
+            others = [other for other in self._announced if other != name]
+            self._announced = dict.fromkeys([*others, name][-ANNOUNCED:])
+            self._changed.notify_all()
+
+    def _receive_drawing(self, drawing: String) -> None:
+        with self._changed:
+            self._drawn = drawn_actions(drawing.data)
+            self._changed.notify_all()

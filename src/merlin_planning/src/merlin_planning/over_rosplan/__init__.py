@@ -1,1 +1,0 @@
-"""What a client does itself at a dispatcher of the original ROSPlan."""
