@@ -9,25 +9,25 @@ NAVIGATE = Action(1, 7, "navigate", ("hall", "kitchen"))
 
 
 def test_a_dispatch_stands_while_nothing_is_under_way() -> None:
-    progress = PlainProgress(None, set())
-    assert progress.stands
+    progress = PlainProgress(20.0, None, set())
+    assert progress.patience == 20.0
     progress.answered(1, 7, DispatchAnswer.TAKEN, {})  # before the action itself
-    assert not progress.stands
+    assert progress.patience is None
     progress.dispatched(NAVIGATE)
-    assert not progress.stands
+    assert progress.patience is None
     progress.answered(1, 7, DispatchAnswer.SUCCEEDED, {})
-    assert progress.stands
+    assert progress.patience == 20.0
 
 
 def test_an_action_that_nothing_takes_stands_where_its_interface_would_say_so() -> None:
     takers: Set[str] = set()
-    first = PlainProgress(None, takers)
+    first = PlainProgress(20.0, None, takers)
     first.dispatched(NAVIGATE)
-    assert not first.stands  # an interface that never says so may have taken it
+    assert first.patience is None  # an interface that never says so may have taken it
     first.answered(1, 7, DispatchAnswer.TAKEN, {})
-    second = PlainProgress(None, takers)
+    second = PlainProgress(20.0, None, takers)
     second.dispatched(NAVIGATE)
-    assert second.stands
+    assert second.patience == 20.0
     second.stand_still(20.0)
     result = second.result(Reply())
     assert (result.cancelled, result.action) == (False, "")
@@ -35,13 +35,13 @@ def test_an_action_that_nothing_takes_stands_where_its_interface_would_say_so() 
 
 
 def test_another_plan_than_the_one_that_is_meant_is_noticed() -> None:
-    progress = PlainProgress(ground("navigate", ["HALL", "kitchen"]), set())
+    progress = PlainProgress(20.0, ground("navigate", ["HALL", "kitchen"]), set())
     assert progress.other_plan and not progress.begun
     progress.dispatched(NAVIGATE)
     assert progress.begun and not progress.other_plan
-    progress = PlainProgress(ground("navigate", ["hall", "cellar"]), set())
+    progress = PlainProgress(20.0, ground("navigate", ["hall", "cellar"]), set())
     progress.dispatched(NAVIGATE)
     assert progress.other_plan
-    unknown = PlainProgress(None, set())
+    unknown = PlainProgress(20.0, None, set())
     unknown.dispatched(NAVIGATE)
     assert not unknown.other_plan

@@ -119,7 +119,7 @@ class DispatchClient:
     @property
     def hold(self) -> Hold:
         """Before which actions the dispatcher holds, and before which it will hold."""
-        return self._kind.hold
+        return self._reporting.hold
 
     @property
     def busy(self) -> bool:
@@ -299,9 +299,7 @@ class DispatchClient:
             )
             if self._ended or not takes_cancel:
                 return self._ended
-            running = self._kind.to_cancel(self._progress)
-        sent_by.cancel()
-        self._cancel_actions(running)
+        self._cancel_actions(sent_by.cancel(self._progress))
         with self._changed:
             return Deadline(slack).wait(self._changed, lambda: self._ended)
 
@@ -316,10 +314,10 @@ class DispatchClient:
             return over() or progress.messages != seen
 
         while not over() and not rospy.is_shutdown():
-            patience = self._kind.patience()
+            patience = None if self._kind.reports else progress.patience
             deadline = Deadline(patience)
             deadline.wait(self._changed, partial(changed, progress.messages))
-            if patience and deadline.expired and self._kind.patience() and not over():
+            if patience and deadline.expired and progress.patience and not self._kind.reports and not over():
                 progress.stand_still(patience)
                 return True
         return False
@@ -329,7 +327,7 @@ class DispatchClient:
         with self._changed:
             if self._requested or result.goal_achieved or result.gone:
                 return False
-            return self._kind.other_plan()
+            return self._progress.other_plan and not self._kind.reports
 
     def _cancel_actions(self, actions: Sequence[Action]) -> None:
         for action in actions:
@@ -361,18 +359,20 @@ class DispatchClient:
         if reply.gone and not is_shutdown_requested():  # then everything ends by itself
             self._stop_orphans()
         with self._changed:
-            if not reply.achieved and not reply.gone:
+            if not reply.achieved and not reply.gone and self._kind.reports:
                 # The last status may arrive a moment after the answer of the service.
-                Deadline(STATUS_GRACE).wait(self._changed, lambda: self._kind.at_rest)
+                Deadline(STATUS_GRACE).wait(
+                    self._changed, lambda: not self._kind.reports or self._reporting.at_rest
+                )
             if not reply.achieved:
                 missing = self._progress.answers_missing
-                Deadline(ANSWER_GRACE).wait(self._changed, lambda: not missing(self._kind.failed_action))
+                Deadline(ANSWER_GRACE).wait(self._changed, lambda: not missing(self._reporting.failed_action))
             return self._kind.result(self._progress, reply)
 
     # --- what is heard --------------------------------------------------------------------------------
 
     def _busy(self) -> bool:
-        return not self._active and self._kind.busy
+        return not self._active and self._reporting.busy
 
     def _abandoned(self) -> bool:
         with self._changed:
@@ -384,7 +384,7 @@ class DispatchClient:
                 return
             first = not self._progress.begun
             self._progress.dispatched(dispatched_action(dispatch))
-            if first and self._kind.other_plan():
+            if first and self._progress.other_plan and not self._kind.reports:
                 self._cancelling = True
             self._changed.notify_all()
         self._on_change()
@@ -401,11 +401,11 @@ class DispatchClient:
 
     def _receive_status(self, status: DispatchStatus) -> None:
         with self._changed:
-            before = self._kind.hold
+            before = self.hold
             self._reporting.receive(status)
             self._kind = self._reporting
             self._changed.notify_all()
-        if before != self._kind.hold:
+        if before != self.hold:
             self._on_change()
 
     def _dispatcher_changed(self, change: LeaseChange) -> None:

@@ -120,6 +120,16 @@ class DispatchProgress:
         """Whether an action was seen."""
         return self._seen is not None
 
+    @property
+    def other_plan(self) -> bool:
+        """Whether the dispatcher carries out an older plan than the one that was meant."""
+        return False
+
+    @property
+    def patience(self) -> Optional[float]:
+        """How long it may send nothing until it is given up, s of running time; None: it is not."""
+        return None
+
     def stop(self) -> None:
         """The dispatch is to be cancelled: an action that fails from now on was cancelled."""
         self._stopping = True

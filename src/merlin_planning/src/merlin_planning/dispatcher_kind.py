@@ -31,13 +31,6 @@ class DispatcherKind(ABC):
 
     reports = False
     """It publishes its status, and stops the other actions by itself when one fails."""
-    busy = False
-    """It is known to carry out a plan."""
-    at_rest = True
-    """No last status of the present dispatch may follow."""
-    failed_action = ""
-    """The action of the present dispatch that failed, as PDDL text; empty: it names none."""
-    hold = Hold()
 
     @abstractmethod
     def begin(self, plan: Sequence[ActionDispatch]) -> DispatchProgress:
@@ -60,8 +53,11 @@ class DispatcherKind(ABC):
         """
 
     @abstractmethod
-    def cancel(self) -> None:
-        """Sends the cancel of the dispatch. May block."""
+    def cancel(self, progress: DispatchProgress) -> Sequence[Action]:
+        """Sends the cancel of the dispatch. May block.
+
+        :return: the actions to which its client has to pass it on.
+        """
 
     @abstractmethod
     def end(self, hangs: bool) -> None:
@@ -81,21 +77,9 @@ class DispatcherKind(ABC):
         """
         return slack
 
-    def to_cancel(self, progress: DispatchProgress) -> Sequence[Action]:
-        """The actions to which the client itself has to pass a cancel on."""
-        return ()
-
     def result(self, progress: DispatchProgress, reply: Reply) -> DispatchResult:
         """How the dispatch ended."""
         return progress.result(reply)
-
-    def patience(self) -> Optional[float]:
-        """How long it may send nothing until it is given up, s of running time; None: it is not."""
-        return None
-
-    def other_plan(self) -> bool:
-        """Whether it carries out an older plan than the one that was meant."""
-        return False
 
 
 class ReportingDispatcher(DispatcherKind):
@@ -107,6 +91,7 @@ class ReportingDispatcher(DispatcherKind):
     """
 
     reports = True
+    hold = Hold()
 
     def __init__(self, server: ActionClient) -> None:
         self._server = server
@@ -132,10 +117,11 @@ class ReportingDispatcher(DispatcherKind):
         """A goal, which is leased."""
         self._goal = self._server.send(NonBlockingDispatchGoal(), ended, owner=owner)
 
-    def cancel(self) -> None:
-        """Names the goal."""
+    def cancel(self, progress: DispatchProgress) -> Sequence[Action]:
+        """Names the goal; the dispatcher passes it on."""
         if self._goal is not None:
             self._goal.cancel()
+        return ()
 
     def end(self, hangs: bool) -> None:
         """A goal that has no answer is given up."""
@@ -145,17 +131,17 @@ class ReportingDispatcher(DispatcherKind):
 
     @property
     def busy(self) -> bool:
-        """True unless the status says idle."""
+        """Whether it is known to carry out a plan."""
         return bool(self._status.state != DispatchStatus.IDLE)
 
     @property
     def failed_action(self) -> str:
-        """As the last status says."""
+        """The action of the present dispatch that failed, as PDDL text; empty: it names none."""
         return str(self._status.failed_action) if self._is_new else ""
 
     @property
     def at_rest(self) -> bool:
-        """True after a status of this dispatch that says idle."""
+        """Whether no last status of the present dispatch may follow."""
         return self._is_new and not self.busy
 
     def started(self, progress: DispatchProgress) -> bool:

@@ -43,22 +43,24 @@ def drawn_actions(drawing: str) -> List[Ground]:
 class PlainProgress(DispatchProgress):
     """Judges from the dispatched actions and their answers alone. Not thread-safe.
 
+    :param stuck_after: s of running time without an action under way, after which the dispatch is given up;
+        zero or less: never.
     :param first: the action that the plan begins with; None: not known.
     :param takers: operators whose interfaces say when they take an action; those of this dispatch are added.
     """
 
-    def __init__(self, first: Optional[Ground], takers: Set[str]) -> None:
+    def __init__(self, stuck_after: float, first: Optional[Ground], takers: Set[str]) -> None:
         super().__init__()
-        self._first, self._takers = first, takers
+        self._stuck_after, self._first, self._takers = limit(stuck_after), first, takers
 
     @property
     def other_plan(self) -> bool:
-        """Whether what was dispatched first is not what the plan begins with; also when nothing was."""
+        """It may still have held an older plan when it was called; also when nothing was dispatched."""
         return self._first is not None and self._seen != self._first
 
     @property
-    def stands(self) -> bool:
-        """Whether nothing is under way, as far as the answers say.
+    def patience(self) -> Optional[float]:
+        """A limit while nothing is under way, as far as the answers say: the dispatcher would wait for ever.
 
         An action that nothing has taken does not count where its interface would have said so: ROSPlan's
         dispatchers publish with a queue of one, which drops what is sent close behind another message.
@@ -67,7 +69,8 @@ class PlainProgress(DispatchProgress):
             action.id in self._taken or action.name.lower() not in self._takers
             for action in self.running.values()
         )
-        return not running and all(len(answers) > 1 for answers in self._early.values())
+        over = not running and all(len(answers) > 1 for answers in self._early.values())
+        return self._stuck_after if over else None
 
     def answered(
         self, action_id: int, plan_id: int, answer: DispatchAnswer, information: Mapping[str, str]
@@ -87,8 +90,7 @@ class SilentDispatcher(DispatcherKind):
     :param knowledge_base: the global name of the one where action interfaces announce themselves.
     :param changed: guards what is known, and is notified when it changes.
     :param call_cancel: calls the dispatcher's service for the cancel.
-    :param stuck_after: s of running time without an action under way, after which a dispatch is given up;
-        zero or less: never.
+    :param stuck_after: see :class:`PlainProgress`.
     """
 
     def __init__(
@@ -108,7 +110,6 @@ class SilentDispatcher(DispatcherKind):
         self._drawn: Optional[List[Ground]] = None  # the plan that the dispatcher has received last
         self._subscriber: Optional[rospy.Subscriber] = None
         self._takers: Set[str] = set()  # operators whose interfaces say when they take an action
-        self._book = PlainProgress(None, self._takers)
         rospy.Subscriber(f"{knowledge_base}/pddl_action_parameters", DomainFormula, self._receive_interface)
 
     def available(self) -> bool:
@@ -117,8 +118,7 @@ class SilentDispatcher(DispatcherKind):
 
     def begin(self, plan: Sequence[ActionDispatch]) -> DispatchProgress:
         """Nothing is remembered of an earlier dispatch."""
-        self._book = PlainProgress(ground_action(plan[0]) if plan else None, self._takers)
-        return self._book
+        return PlainProgress(self._stuck_after, ground_action(plan[0]) if plan else None, self._takers)
 
     def wait(self, plan: Sequence[ActionDispatch], interrupted: Callable[[], bool]) -> str:
         """For the action interfaces, and for the plan; whether it is there itself shows when it is called."""
@@ -145,9 +145,12 @@ class SilentDispatcher(DispatcherKind):
 
         threading.Thread(target=call, name=f"dispatch of {self._name}", daemon=True).start()
 
-    def cancel(self) -> None:
-        """Calls the service for it."""
+    def cancel(self, progress: DispatchProgress) -> Sequence[Action]:
+        """Calls the service for it; the simple dispatcher passes it on to no action."""
+        with self._changed:
+            running = list(progress.running.values())
         self._call_cancel()
+        return running
 
     def end(self, hangs: bool) -> None:
         """The next dispatch gets a connection of its own while the call hangs in its thread."""
@@ -161,18 +164,6 @@ class SilentDispatcher(DispatcherKind):
     def failure_grace(self, slack: Optional[float]) -> Optional[float]:
         """Short: the esterel dispatcher does not notice a failed action."""
         return FAILURE_GRACE
-
-    def to_cancel(self, progress: DispatchProgress) -> List[Action]:
-        """All that run: the simple dispatcher passes no cancel on."""
-        return list(progress.running.values())
-
-    def patience(self) -> Optional[float]:
-        """A limit while nothing is under way: it would wait for ever."""
-        return limit(self._stuck_after) if self._book.stands else None
-
-    def other_plan(self) -> bool:
-        """It may still hold an older plan when it is called."""
-        return self._book.other_plan
 
     def _draws(self) -> bool:
         """Whether the dispatcher publishes drawings; they are subscribed as late as this.

@@ -1,1 +1,1 @@
-"""State machines that know the planning system, and the transport that everything in MERLIN uses."""
+"""State machines that know the planning system."""
