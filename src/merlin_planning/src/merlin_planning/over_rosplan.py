@@ -22,6 +22,7 @@ from merlin_ros.deadline import Deadline, limit
 from merlin_ros.late_topics import subscribe
 from merlin_ros.master.master_link import ERRORS, bounded_master
 from merlin_ros.service_proxy import ServiceProxy
+from merlin_ros.work.threads import start_thread
 
 #: Time for ROSPlan's dispatcher to stop by itself after a failed action, s of running time.
 FAILURE_GRACE = 0.5
@@ -143,7 +144,7 @@ class SilentDispatcher(DispatcherKind):
             except BaseException as error:  # the thread that waits for the end must learn of it
                 ended(error)
 
-        threading.Thread(target=call, name=f"dispatch of {self._name}", daemon=True).start()
+        start_thread(f"dispatch of {self._name}", call)
 
     def cancel(self, progress: DispatchProgress) -> Sequence[Action]:
         """Calls the service for it; the simple dispatcher passes it on to no action."""

@@ -13,7 +13,7 @@ from merlin_pddl.problem_reader import parse_condition
 from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
 from merlin_rosplan.knowledge.knowledge_state import KnowledgeTables
 from merlin_rosplan.knowledge.knowledge_store import LONG, Journal, JournalError, KnowledgeStore
-from merlin_rosplan.nodes import timed_knowledge
+from merlin_rosplan.nodes import knowledge_base
 
 
 class Disk(Journal):
@@ -53,7 +53,7 @@ def test_what_is_due_while_the_journal_fails_comes_true_afterwards(clock):
 
 
 def test_timed_knowledge_outlives_a_full_disk(monkeypatch):
-    monkeypatch.setattr(timed_knowledge, "RETRY", 0.01)
+    monkeypatch.setattr(knowledge_base, "RETRY", 0.01)
     monkeypatch.setattr(rospy, "logerr_throttle", lambda period, text: said.append(text))
     monkeypatch.setattr(rospy.rostime, "_rostime_initialized", True)
     rospy.rostime.switch_to_wallclock()
@@ -63,7 +63,7 @@ def test_timed_knowledge_outlives_a_full_disk(monkeypatch):
     add(store, Fact("idle", ()), at=time.time_ns() + 50_000_000)
     disk.full = True
     store.listen(lambda change: fired.set())
-    watch = timed_knowledge.TimedKnowledge(store, "/kb")
+    watch = knowledge_base.TimedKnowledge(store, "/kb")
     try:
         while not said:
             assert not fired.wait(0.01)

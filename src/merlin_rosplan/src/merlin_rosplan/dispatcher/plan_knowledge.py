@@ -1,6 +1,7 @@
 """What parser and dispatcher ask and hear of any ROSPlan knowledge base; one of this process without ROS."""
 
 import functools
+import os
 import threading
 from typing import (
     Any,
@@ -24,11 +25,14 @@ from rosplan_knowledge_msgs.msg import KnowledgeItem, StatusUpdate
 from rosplan_knowledge_msgs.srv import GetAttributeService
 
 from merlin_pddl.domain import Domain
+from merlin_pddl.domain_reader import read_domain
 from merlin_pddl.evaluation import assigned
 from merlin_pddl.formula import Comparison
 from merlin_pddl.knowledge import ASSIGN, Fact, FunctionValue, Instance, Timed
+from merlin_pddl.text_reader import PddlError
 from merlin_planning.knowledge_client import CALL_LIMIT, KnowledgeClient, fact
 from merlin_planning.knowledge_text import to_pddl
+from merlin_ros.master.master_link import ERRORS, bounded_master, get_param
 from merlin_ros.service_proxy import ServiceError
 from merlin_rosplan.dispatch.dispatch_environment import KnowledgeChanged
 from merlin_rosplan.dispatch.operator_model import ActionModel, Conditions, PlanTerm
@@ -36,7 +40,6 @@ from merlin_rosplan.dispatch.plan_graph import TimedLiteral, TimedValue
 from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
 from merlin_rosplan.knowledge.knowledge_store import KnowledgeStore
 from merlin_rosplan.knowledge.transaction import StateChange
-from merlin_rosplan.messages.domain_file import DomainFile
 from merlin_rosplan.messages.domain_messages import operator_message, read_operator
 from merlin_rosplan.messages.expression_messages import FormulaWriter
 from merlin_rosplan.messages.knowledge_messages import ASSIGNMENTS
@@ -298,3 +301,37 @@ class KnowledgeEvents:
 
     def _tell(self, cleared: Any, names: Iterable[str]) -> None:
         self._put(KnowledgeChanged(None if cleared else frozenset(name.lower() for name in names)))
+
+
+class DomainFile:
+    """Reads the domain that a knowledge base of ours holds, again when the file has changed. Thread-safe.
+
+    Only ours evaluates whole conditions for others; of the original's domain nothing is read.
+
+    :param knowledge_base: its global name.
+    """
+
+    def __init__(self, knowledge_base: str) -> None:
+        self._knowledge_base = knowledge_base
+        self._lock = threading.Lock()  # guards the two fields below
+        self._read: Optional[Tuple[str, int]] = None
+        self._domain: Optional[Domain] = None
+
+    def domain(self) -> Optional[Domain]:
+        """The domain; None when it is not ours, or its file is not on this machine."""
+        try:
+            bounded_master().lookupService(f"{self._knowledge_base}/apply_effects")
+            path: Any = get_param(f"{self._knowledge_base}/domain_path", None)
+            path = str(path or get_param("/rosplan/domain_path", ""))
+            key = (path, os.stat(path).st_mtime_ns)
+        except ERRORS:
+            return None
+        with self._lock:
+            if key != self._read:
+                try:
+                    self._domain = read_domain(path)
+                except PddlError as error:
+                    self._domain = None
+                    rospy.logwarn(f"{path} has changed and cannot be used: {error}")
+                self._read = key
+            return self._domain

@@ -1,6 +1,9 @@
 """The knowledge base: ROSPlan's services and topics over the store."""
 
 import os
+import threading
+import time
+from collections import OrderedDict
 from typing import List, Optional, Sequence, Tuple
 
 import rospkg
@@ -18,7 +21,8 @@ from rosplan_knowledge_msgs.srv import (
     SetNamedBoolRequest,
     SetNamedBoolResponse,
 )
-from std_srvs.srv import Empty, EmptyRequest, EmptyResponse, Trigger
+from rospy.rostime import get_rostime_cond, is_wallclock
+from std_srvs.srv import Empty, EmptyRequest, EmptyResponse, Trigger, TriggerRequest, TriggerResponse
 
 from merlin_pddl.domain import Domain
 from merlin_pddl.domain_reader import read_domain
@@ -27,7 +31,7 @@ from merlin_pddl.problem_reader import read_problem
 from merlin_pddl.text_reader import PddlError, shortened
 from merlin_ros.health import OK, Health
 from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
-from merlin_rosplan.knowledge.knowledge_store import KnowledgeStore
+from merlin_rosplan.knowledge.knowledge_store import JournalError, KnowledgeStore
 from merlin_rosplan.knowledge.transaction import StateChange
 from merlin_rosplan.messages.knowledge_messages import KnowledgeReader, KnowledgeWriter
 from merlin_rosplan.messages.update_messages import UpdateReader
@@ -35,9 +39,7 @@ from merlin_rosplan.messages.wire_items import AnyItem, UpdateArray, bounded, re
 from merlin_rosplan.nodes.domain_services import DomainServices
 from merlin_rosplan.nodes.execution_services import ExecutionServices
 from merlin_rosplan.nodes.goal_leases import GoalLeases
-from merlin_rosplan.nodes.refusals import Refusals
 from merlin_rosplan.nodes.state_services import StateServices
-from merlin_rosplan.nodes.timed_knowledge import TimedKnowledge
 from merlin_rosplan.storage.state_file import StateFile, StateFileError
 from merlin_rosplan.transport.component import (
     KNOWLEDGE_BASE,
@@ -52,6 +54,9 @@ MAX_ITEMS = 20_000
 #: value of ``~state_file`` that stands for a file in the log folder of this run of ROS
 RUN = "run"
 
+#: How many clients' last refusals are kept.
+REFUSALS_KEPT = 100
+RETRY = 1.0  # s of wall time before a state file that could not be written is tried again
 _ONLY_PDDL = "only PDDL domains (.pddl) are known, no PPDDL, RDDL or HDDL"
 
 
@@ -268,6 +273,88 @@ def knowledge_base_in_process(name: str) -> Optional[KnowledgeBase]:
     """The knowledge base of that global name, if it lives in this process."""
     found = Component.in_process(name)
     return found if isinstance(found, KnowledgeBase) else None
+
+
+class Refusals:
+    """The last refusal of each client, for the client itself. Thread-safe."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()  # guards the field below
+        self._reasons: OrderedDict[str, str] = OrderedDict()
+
+    def note(self, client: str, reason: str) -> None:
+        """What a client sent was refused."""
+        with self._lock:
+            self._reasons[client] = reason
+            self._reasons.move_to_end(client)
+            if len(self._reasons) > REFUSALS_KEPT:
+                self._reasons.popitem(last=False)
+
+    def answer(self, request: TriggerRequest) -> TriggerResponse:
+        """The answer of the service: the last refusal of the client that asks; no success without one."""
+        with self._lock:
+            reason = self._reasons.get(caller(request))
+        return TriggerResponse(reason is not None, reason or "nothing of this client was refused")
+
+
+class TimedKnowledge:
+    """Watches a store's timed items in ROS time. Its thread sleeps until the next one, or until that changes.
+
+    :param store: holds the items.
+    :param client: the name that is reported as the author of the changes.
+    """
+
+    def __init__(self, store: KnowledgeStore, client: str) -> None:
+        self._store = store
+        self._client = client
+        # rospy wakes all waiters on this condition when /clock moves; it guards the two flags below
+        self._time = get_rostime_cond()
+        self._ended = False
+        self._changed = False
+        self._due: Optional[int] = None
+        store.listen(self._wake)
+        self._thread = threading.Thread(target=self._run, name=f"{client} timed knowledge", daemon=True)
+        self._thread.start()
+
+    def _wake(self, _change: StateChange) -> None:
+        if self._store.next_due() != self._due:
+            with self._time:
+                self._changed = True
+                self._time.notify_all()
+
+    def shutdown(self) -> None:
+        """Ends the thread."""
+        with self._time:
+            self._ended = True
+            self._time.notify_all()
+        self._thread.join()
+
+    def _run(self) -> None:
+        while not self._ended:
+            with self._time:
+                self._changed = False
+            try:
+                for reason in self._store.fire_due(self._client):
+                    rospy.logwarn("%s: %s", self._client, shortened(reason))
+            except JournalError as error:
+                rospy.logerr_throttle(60.0, f"{self._client}: what is due has to wait: {error}")
+                self._pause(RETRY)
+                continue
+            # asked outside of the condition, which rospy's clock thread must get at any time
+            self._due = due = self._store.next_due()
+            with self._time:
+                while not self._ended and not self._changed:
+                    remaining = None if due is None else (due - rospy.get_rostime().to_nsec()) / 1e9
+                    if remaining is not None and remaining <= 0:
+                        break
+                    # a simulated clock may be slower or faster, or jump: it wakes us at every step
+                    self._time.wait(remaining if remaining is not None and is_wallclock() else None)
+
+    def _pause(self, seconds: float) -> None:
+        end = time.monotonic() + seconds
+        with self._time:
+            while not self._ended and time.monotonic() < end:
+                self._time.wait(end - time.monotonic())
 
 
 def main() -> None:

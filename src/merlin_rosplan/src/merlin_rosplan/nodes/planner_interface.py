@@ -9,20 +9,24 @@ from typing import Any, Callable, Optional, Sequence, Set, Type
 
 import rospy
 from merlin_msgs.msg import PlannerStatus, PlanWithoutAction, PlanWithoutFeedback, PlanWithoutResult
+from merlin_msgs.srv import PreviewPlan, PreviewPlanRequest, PreviewPlanResponse
 from rosplan_dispatch_msgs.msg import PlanAction, PlanFeedback, PlanGoal, PlanResult
 from rosplan_dispatch_msgs.srv import PlanningService, PlanningServiceRequest, PlanningServiceResponse
 from std_msgs.msg import String
 from std_srvs.srv import Empty, EmptyRequest, EmptyResponse, Trigger
 
 from merlin_pddl.checks import kairos_check
+from merlin_pddl.plan_text import PlanTextError
 from merlin_ros.actions.action_server import ServerGoal
 from merlin_ros.actions.serial_action_server import SerialActionServer
 from merlin_ros.health import OK, WARN, Health
 from merlin_ros.master.master_link import get_param
 from merlin_ros.publishing import publish
-from merlin_rosplan.nodes.preview_service import PreviewService
+from merlin_rosplan.messages.knowledge_snapshot import KnowledgeBaseError
+from merlin_rosplan.nodes.world_reader import WorldReader
 from merlin_rosplan.planning.planner import PlannerSettings
 from merlin_rosplan.planning.planning_outcome import PlannerState, PlanningOutcome
+from merlin_rosplan.supervision.plan_preview import Previews, steps_of
 from merlin_rosplan.supervision.planner_host import HostError, PlannerHosts
 from merlin_rosplan.supervision.scratch_folder import ScratchFolder
 from merlin_rosplan.supervision.supervised_planning import Planning
@@ -322,6 +326,49 @@ class PlannerInterface(Component):
 def _write(path: str, text: str) -> None:
     with open(path, "w") as file:
         file.write(text)
+
+
+class PreviewService:
+    """Serves ``preview_plan`` of a component. Neither its topics nor its planning know of it.
+
+    :param component: the planner interface.
+    :param settings: of its planner.
+    :param parameters: reads the domain's file and the planner's command.
+    """
+
+    def __init__(
+        self,
+        component: Component,
+        settings: PlannerSettings,
+        parameters: Callable[[], PlanningServiceRequest],
+    ) -> None:
+        self._parameters = parameters
+        self._reading = threading.Lock()  # orders the uses of the reader
+        self._world: WorldReader = component.own(WorldReader(component.knowledge_base))
+        self._previews: Previews = component.own(Previews(settings))
+        component.service("preview_plan", PreviewPlan, self._serve)
+
+    def _serve(self, request: PreviewPlanRequest) -> PreviewPlanResponse:
+        wanted = self._parameters()
+        try:
+            with self._reading:
+                world = self._world.snapshot()
+            outcome = self._previews.plan(
+                world, wanted.domain_path, wanted.planner_command, request.goals, request.without
+            )
+            steps = steps_of(outcome.plan)
+        except (KnowledgeBaseError, PlanTextError) as error:
+            outcome, steps = PlanningOutcome(PlannerState.INVALID, str(error)), []
+        status = PlannerStatus(
+            state=int(outcome.state), reason=outcome.reason, planner=outcome.planner, seconds=outcome.seconds
+        )
+        status.header.stamp = rospy.Time.now()
+        return PreviewPlanResponse(
+            status,
+            [str(step) for step in steps],
+            [step.time for step in steps],
+            [step.duration for step in steps],
+        )
 
 
 def main() -> None:

@@ -10,24 +10,30 @@ On a full disk new knowledge is refused. What ends something still succeeds, fro
 executions and goals would stay open that nothing carries out any more.
 """
 
+import contextlib
+import errno
+import fcntl
 import json
 import logging
 import os
 import sqlite3
+import threading
 from operator import itemgetter
 from typing import Any, Dict, List, NoReturn, Optional, Sequence, Tuple
 
 from merlin_pddl.domain import Domain
 from merlin_pddl.knowledge import Row
+from merlin_ros.alarms import call_later
+from merlin_ros.work.threads import CallQueue
 from merlin_rosplan.knowledge.knowledge_store import Journal
 from merlin_rosplan.knowledge.transaction import Step
-from merlin_rosplan.storage.disk_reserve import DiskReserve
-from merlin_rosplan.storage.late_sync import LateSync
 from merlin_rosplan.storage.state_codec import decode_row, encode_row
-from merlin_rosplan.storage.state_lock import StateLock, StateLockedError
 
 _log = logging.getLogger(__name__)
 
+SYNC_DELAY = 0.1  # s of wall time in which writes are gathered for one sync
+#: bytes; a closed execution takes about 20 thousand.
+RESERVE_SIZE = 256 * 1024
 FORMAT = "1"
 _TABLES = {
     "meta": "(name TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID",
@@ -244,3 +250,123 @@ def _decoded(stored: List[Tuple[Any, Any, Any, Any]]) -> Optional[List[Any]]:
     except (ValueError, TypeError, RecursionError):
         return None
     return values if len(values) == len(stored) else None
+
+
+class LateSync:
+    """Syncs one file, in another thread, at most `SYNC_DELAY` after it was asked to.
+
+    :param path: of a file that exists, and stays the same one until :meth:`close`.
+    """
+
+    def __init__(self, path: str) -> None:
+        self._file = os.open(path, os.O_RDONLY)
+        self._syncing = threading.Lock()  # held while it is synced; guards the next
+        self._closed = False
+        self._wanted = False
+        self._calls = CallQueue(f"sync {os.path.basename(path)}")
+
+    def soon(self) -> None:
+        """The file was written; returns at once."""
+        if not self._wanted:
+            self._wanted = True
+            call_later(SYNC_DELAY, lambda: self._calls.put(self._sync))
+
+    def close(self) -> None:
+        """Closes it; what was asked for and not done is left to the operating system."""
+        with self._syncing:
+            self._closed = True
+            os.close(self._file)
+
+    def _sync(self) -> None:
+        self._wanted = False  # first: what is written from now on is for the next sync
+        with self._syncing:
+            if self._closed:
+                return
+            try:
+                os.fdatasync(self._file)
+            except OSError as error:
+                _log.error("the last changes may be lost in a power cut: %s", error)
+
+
+class StateLockedError(Exception):
+    """Another process holds the lock; the text says which."""
+
+
+class StateLock:
+    """An exclusive lock beside a file; it ends with the process, whatever kills it.
+
+    The lock has a file of its own: the file it guards may be damaged, missing, or about to be removed. It is
+    never removed itself, because two processes could then hold the locks of two files of one name.
+
+    :param path: of the file to guard.
+    :raises StateLockedError: when another process holds the lock.
+    :raises OSError: when the lock file cannot be written.
+    """
+
+    def __init__(self, path: str) -> None:
+        self._file = os.open(f"{path}.lock", os.O_RDWR | os.O_CREAT, 0o644)
+        try:
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            holder = os.read(self._file, 20).decode("ascii", "replace").strip()
+            os.close(self._file)
+            if error.errno not in (errno.EWOULDBLOCK, errno.EACCES):
+                raise
+            raise StateLockedError(f"process {holder or 'unknown'} has it open") from error
+        os.ftruncate(self._file, 0)
+        os.pwrite(self._file, f"{os.getpid()}\n".encode(), 0)
+
+    def close(self) -> None:
+        """Releases the lock. A second call does nothing."""
+        if self._file >= 0:
+            os.close(self._file)
+            self._file = -1
+
+
+class DiskReserve:
+    """A file that only takes space, and gives it back when it is needed.
+
+    :param path: of the file. A killed process leaves it, the next one continues with it.
+    """
+
+    def __init__(self, path: str) -> None:
+        self._path = path
+        self._file: Optional[int] = None
+        self._held = False
+
+    def hold(self) -> bool:
+        """Takes the space, if that was not done; False when there is too little."""
+        if self._held:
+            return True
+        try:
+            if self._file is None:
+                self._file = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+            os.posix_fallocate(self._file, 0, RESERVE_SIZE)
+        except OSError:
+            self._free()
+            return False
+        self._held = True
+        return True
+
+    def release(self) -> bool:
+        """Gives the space back; False when there was none."""
+        held, self._held = self._held, False
+        return held and self._free()
+
+    def close(self) -> None:
+        """Takes the file away."""
+        self._held = False
+        if self._file is not None:
+            os.close(self._file)
+            self._file = None
+            with contextlib.suppress(OSError):
+                os.remove(self._path)
+
+    def _free(self) -> bool:
+        if self._file is None:
+            return False
+        try:
+            os.ftruncate(self._file, 0)
+        except OSError:
+            return False
+        return True

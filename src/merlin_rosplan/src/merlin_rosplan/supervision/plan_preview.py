@@ -6,10 +6,12 @@ from pathlib import Path
 from typing import Optional, Sequence, Tuple
 
 from merlin_pddl.domain import Domain
+from merlin_pddl.knowledge import conjuncts
 from merlin_pddl.plan_text import NO_DURATION, PlanStep, parse_plan
 from merlin_pddl.problem import Problem
+from merlin_pddl.problem_reader import parse_condition
+from merlin_pddl.problem_writer import write_problem
 from merlin_pddl.text_reader import PddlError
-from merlin_rosplan.planning.goal_problem import write_goal_problem
 from merlin_rosplan.planning.planner import PlannerSettings
 from merlin_rosplan.planning.planning_outcome import PlannerState, PlanningOutcome
 from merlin_rosplan.supervision.scratch_folder import ScratchFolder
@@ -105,3 +107,16 @@ def steps_of(plan: str) -> Sequence[PlanStep]:
         dataclasses.replace(step, duration=step.duration if step.duration > NO_DURATION else 0.0)
         for step in steps
     ]
+
+
+def write_goal_problem(domain: Domain, problem: Problem, goals: Sequence[str]) -> str:
+    """The problem as PDDL text, with these goals in place of its own ones.
+
+    :param problem: a copy of the state; its goals are replaced.
+    :param goals: PDDL text.
+    :raises PddlError: a goal is not PDDL, or not one of the domain.
+    """
+    objects = {**domain.constants, **{name.lower(): kinds for name, kinds in problem.objects.items()}}
+    problem.goals = [part for text in goals for part in conjuncts(parse_condition(text, domain, objects))]
+    problem.instance_goals = []
+    return write_problem(problem, domain)
