@@ -65,7 +65,12 @@ def test_allowed_imports_pass(tool: ModuleType, tmp_path: Path) -> None:
             "people is not below merlin_sim/r",
         ),
         ("merlin_sim", "cellar/x", "from merlin_sim.world import y\n", "merlin_sim/cellar has no layer yet"),
-        ("merlin_rosplan", "dispatch/x", "import merlin_sm.node\n", "merlin_rosplan/dispatch runs without"),
+        (
+            "merlin_rosplan",
+            "dispatch/x",
+            "import merlin_planning.node\n",
+            "merlin_rosplan/dispatch runs without",
+        ),
         ("merlin_ros", "alarms", "import rospy\n", "merlin_ros/alarms runs without ROS"),
         ("merlin_sm", "node", "import numpy\n", "merlin_sm/package.xml does not name python3-numpy"),
     ],
@@ -81,7 +86,7 @@ def test_what_is_forbidden_is_named(
 ) -> None:
     for room in ("world", "people", "node"):
         write(tmp_path, "merlin_sim", f"{room}/__init__", "")
-    write(tmp_path, package, module, text, "merlin_sm", "merlin_sim", "rospy")
+    write(tmp_path, package, module, text, "merlin_planning", "merlin_sm", "merlin_sim", "rospy")
     assert tool.main() == 1
     (line,) = capsys.readouterr().err.splitlines()
     assert finding in line
@@ -118,7 +123,12 @@ def test_packages_that_are_built_when_asked_for_are_checked_too(
     write(tmp_path, "merlin_sm", "client", "import merlin_fleet.hub\n", "merlin_fleet")
     write(tmp_path, "merlin_fleet", "core/agent", "from merlin_fleet import hub\n", home="extras")
     write(
-        tmp_path, "merlin_fleet", "hub", "import merlin_sim\nimport merlin_sm\n", "merlin_sm", home="extras"
+        tmp_path,
+        "merlin_fleet",
+        "hub",
+        "import merlin_sim\nimport merlin_planning\n",
+        "merlin_planning",
+        home="extras",
     )
     assert tool.main() == 1
     found = capsys.readouterr().err.splitlines()
