@@ -38,6 +38,7 @@ from merlin_pddl.problem_reader import read_problem
 from merlin_pddl.text_reader import PddlError
 from merlin_ros.class_path import load_function
 from merlin_ros.node import init_node
+from merlin_ros.parameters import ParameterError
 from merlin_sm.states.navigation import point_faults
 
 MISSION = "mission"
@@ -66,7 +67,7 @@ def main() -> int:
     sys.argv[1:] = []  # the arguments are not those of a node
     init_node("merlin_check", anonymous=True)
     try:
-        return _report(request.launch_file.name, config)
+        return report(request.launch_file.name, config)
     finally:
         rospy.signal_shutdown("checked")
         master.stop()
@@ -89,12 +90,14 @@ class Findings:
     :ivar mistakes: what has to be corrected, and the robots whose hosts have it; empty: it is not one robot's.
     :ivar robot: whose host is looked at.
     :ivar fits: what fits, and what was not looked at.
+    :ivar points_read: whether the points of interest were judged, with the world that they are in.
     """
 
     def __init__(self) -> None:
         self.mistakes: Dict[str, List[str]] = {}
         self.robot = ""
         self.fits: Dict[str, None] = {}
+        self.points_read = False
         self._tasks: Dict[str, Task] = {}
 
     def look(self, part: Callable[..., None], *arguments: Any) -> None:
@@ -130,19 +133,22 @@ class Findings:
         return self._tasks[name]
 
 
-def _report(name: str, config: LaunchConfig) -> int:
-    """Looks at all parts and prints what was found; returns the exit code."""
+def report(name: str, config: LaunchConfig) -> int:
+    """Looks at all parts and prints what was found; returns the exit code.
+
+    :param name: of the launch file, with which each line begins.
+    """
     found = Findings()
     hosts = list(config.hosts())
     if not hosts:
         found.wrong("it starts no actions; include actions.launch, robot.launch or application.launch")
+    for kind, part in PARTS.items():
+        for node in config.nodes:
+            if (node.package, node.type) == kind:
+                found.look(part, config, node)
     for namespace, host in hosts:
         found.robot = str(config.param(f"{namespace}{host.name}/robot", ""))
         found.look(check_host, config, namespace, host)
-    for node in config.nodes:
-        check = PARTS.get((node.package, node.type))
-        if check is not None:
-            found.look(check, config, node)
     for line in found.fits:
         print(line if ": warning: " in line else f"{name}: {line}")
     for mistake, robots in found.mistakes.items():
@@ -168,7 +174,8 @@ def check_host(found: Findings, config: LaunchConfig, namespace: str, host: Node
     paths = config.param(f"{own}/actions", [])
     if not isinstance(paths, list) or not all(isinstance(path, str) for path in paths):
         raise LaunchError(f"parameter {own}/actions has to be a list of package.module:Class")
-    found.wrong(*point_faults(config.param(f"{namespace}world/points_of_interest", {})))
+    if not found.points_read:
+        found.wrong(*point_faults(config.param(f"{namespace}world/points_of_interest", {})))
     machines = make_machines(paths)
     robot = str(config.param(f"{own}/robot", ""))
     robots = config.robots()
@@ -237,7 +244,7 @@ def check_mission(found: Findings, config: LaunchConfig, node: Node) -> None:
     found.wrong(*goal_faults(mission, found.task(config, config.knowledge_base(node)).fault))
 
 
-def check_world(_: Findings, config: LaunchConfig, node: Node) -> None:
+def check_world(found: Findings, config: LaunchConfig, node: Node) -> None:
     """Reads the world of the simulator as it does itself.
 
     :raises ValueError: when it cannot be used; the text names the file.
@@ -245,6 +252,7 @@ def check_world(_: Findings, config: LaunchConfig, node: Node) -> None:
     try:
         load_function(LOAD_WORLD)(config.file(f"{_name(node)}/world"))
     except Exception as error:  # WorldError, of a package that is loaded here
+        found.points_read = True
         raise ValueError(str(error)) from error
 
 
@@ -271,7 +279,10 @@ def check_page(found: Findings, config: LaunchConfig, node: Node) -> None:
 
 
 def _check_panel(_: Findings, path: str) -> None:
-    script_of(foreign_panel(path))
+    try:
+        script_of(foreign_panel(path))
+    except ParameterError as error:
+        raise LaunchError(f"{error}; correct the launch file's 'panels'") from error
 
 
 #: Executable → what looks at its part of the application.

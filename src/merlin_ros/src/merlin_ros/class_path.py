@@ -1,6 +1,8 @@
 """Classes by their names, as launch files and command lines give them: ``package.module:Class``."""
 
 import importlib
+import traceback
+from pathlib import Path
 from typing import Any, Callable
 
 from merlin_ros.lean_start import importing
@@ -37,6 +39,10 @@ def _load(path: str) -> Any:
             module = importlib.import_module(module_name)
     except (ImportError, SyntaxError) as error:
         raise ValueError(f"{path!r}: {error}") from error
+    except Exception as error:  # of users' code, at its import
+        frame = traceback.extract_tb(error.__traceback__)[-1]
+        place = f"{Path(frame.filename).name}, line {frame.lineno}"
+        raise ValueError(f"{path!r}: {type(error).__name__}: {error} ({place})") from error
     found = getattr(module, name, None)
     if found is None:
         raise ValueError(f"{path!r}: module {module_name} has no {name}")

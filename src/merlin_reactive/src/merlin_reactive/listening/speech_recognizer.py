@@ -1,8 +1,9 @@
 """Understands speech: pocketsphinx with a JSGF grammar, and the courage to say that it did not understand."""
 
+import functools
 import threading
 from dataclasses import dataclass
-from typing import Any, List, Optional, Sequence, Tuple
+from typing import Any, FrozenSet, List, Optional, Sequence, Tuple
 
 import numpy as np
 from pocketsphinx import Config, Decoder, get_model_path
@@ -35,10 +36,15 @@ class Understanding:
     confidence: float
 
 
+@functools.lru_cache(maxsize=None)
+def _dictionary() -> FrozenSet[str]:
+    with open(f"{get_model_path('en-us')}/cmudict-en-us.dict", encoding="utf-8") as lines:
+        return frozenset(line.split(" ", 1)[0] for line in lines)
+
+
 def unknown_words(words: Sequence[str]) -> str:
     """What is wrong with words of a grammar; empty: the dictionary has all of them."""
-    with open(f"{get_model_path('en-us')}/cmudict-en-us.dict", encoding="utf-8") as lines:
-        known = {line.split(" ", 1)[0] for line in lines}
+    known = _dictionary()
     missing = [word for word in dict.fromkeys(words) if word not in known]
     if not missing:
         return ""
