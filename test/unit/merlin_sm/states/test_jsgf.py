@@ -11,7 +11,8 @@ HEADER = "#JSGF V1.0; grammar g; "
     "rules",
     [
         "public <a> = yes | no;",
-        "public <a> = [please] (bring | fetch) me <thing>+ | x*; <thing> = /0.3/ tea | /2/ coffee {drink};",
+        "public <a> = [please] (bring | fetch) me <thing>+ | x*;"
+        " <thing> = /0.3/ tea | /2/ coffee {drink = 'x;';};",
         'public <a> = "ice cream" <NULL>; // a comment\n/* another one */ <b> = don\'t | twenty-one;',
         "import <com.kitchen.food>; public <a> = <food>;",
     ],
@@ -27,15 +28,15 @@ def test_a_grammar_that_can_be_used(rules: str) -> None:
         ("yes or no", "line 1: it has to begin with '#JSGF"),
         (HEADER, "it has no public rule"),
         (HEADER + "<a> = yes;", "it has no public rule"),
-        (HEADER + "public <a> = yes", "expected ';' at the end of the rule <a>"),
-        (HEADER + "public <a> = (yes;", "expected '\\)' of the rule <a>, found ';'"),
+        (HEADER + "public <a> = yes", "expected ';' at its end, found 'public <a> = yes'"),
+        (HEADER + "public <a> = (yes;", "expected '\\)' at the end of the rule <a>"),
         (HEADER + "public <a> = yes | ;", "an alternative of the rule <a> is empty"),
         (HEADER + "public <a> = ;", "an alternative of the rule <a> is empty"),
-        (HEADER + "public <a> yes;", "expected '=' after <a>, found 'yes'"),
+        (HEADER + "public <a> yes;", "expected '<rule> = …', found 'public <a> yes'"),
         (HEADER + "\npublic <a> = <b>;", "line 2: it has no rule <b>, only <a>"),
         (HEADER + "public <a> = x; <a> = y;", "the rule <a> is defined twice"),
-        (HEADER + "public <a> = {tag};", "found '{tag}'"),
-        (HEADER + "public <a = yes;", "'<' cannot stand here"),
+        (HEADER + "public <a> = * yes;", "'\\*' stands behind nothing"),
+        (HEADER + "public <a = yes;", "expected '<rule> = …'"),
     ],
 )
 def test_what_is_wrong_is_named(grammar: str, said: str) -> None:

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Iterator, List, Mapping, NamedTuple, Sequence, Tuple
 
 from merlin_pddl.domain import Domain
-from merlin_pddl.formula_reader import FormulaReader
-from merlin_pddl.text_reader import PddlError, read_text
+from merlin_pddl.formula_reader import ARITHMETIC, COMPARISONS, FormulaReader
+from merlin_pddl.text_reader import Expression, Node, PddlError, Word, read_text
 from merlin_pddl.type_hierarchy import OBJECT
 
 #: Stands for any object, where a value is put in when the program runs.
@@ -124,7 +124,16 @@ def literal_fault(
             return ""  # which predicate it is is computed, too
         reader = FormulaReader(domain, dict(objects))
         for node in read_text(text, ""):
-            reader.condition(node, {**scope, ANY: (OBJECT,)})
+            reader.condition(_with_numbers(node), {**scope, ANY: (OBJECT,)})
     except PddlError as error:
         return "" if adds_objects and error.message.startswith("unknown object") else error.message
     return ""
+
+
+def _with_numbers(node: Node) -> Node:
+    """What is put in where a number has to stand, as one."""
+    if isinstance(node, Expression):
+        number = node.head in (*COMPARISONS, *ARITHMETIC)
+        for at, part in enumerate(node):
+            node[at] = Word("0") if number and part == ANY else _with_numbers(part)
+    return node

@@ -1,19 +1,17 @@
 """Whether a JSGF grammar can be used, and the words in it. Pure."""
 
 import re
-from typing import Dict, List, NoReturn, Set, Tuple
+from typing import Dict, List, NoReturn
 
+_HEADER = re.compile(r"\s*#JSGF[^;]*;")
+#: Comments and tags, which may contain anything.
+_ASIDE = re.compile(r"//[^\n]*|/\*.*?\*/|\{(?:\\.|[^\\}])*\}", re.DOTALL)
+_RULE = re.compile(r"\s*(public\s+)?(<[^<>\s]+>)\s*=(.*)", re.DOTALL)
+_IGNORED = re.compile(r"\s*(grammar\s+[\w.]+|import\s+<[\w.*]+>)?\s*")
 _TOKEN = re.compile(
-    r"(?P<blank>\s+|//[^\n]*|/\*.*?\*/)"
-    r"|(?P<header>\#JSGF[^;\n]*;)"
-    r"|(?P<rule><[^<>\s]+>)"
-    r"|(?P<weight>/\s*[\d.]+([eE][-+]?\d+)?\s*/)"
-    r"|(?P<tag>\{(?:\\.|[^\\}])*\})"
-    r"|(?P<sign>[;=|*+()\[\]])"
-    r'|(?P<word>"[^"\n]*"|[^\s;=|*+<>()\[\]{}/#"]+)',
-    re.DOTALL,
+    r"\s*(?:(?P<ref><[^<>\s]+>)|/[\d.eE+-]+/|(?P<mark>[*+])"
+    r'|(?P<sign>[|()\[\]])|(?P<word>"[^"\n]+"|[^\s;=|*+<>()\[\]{}/#"]+))'
 )
-_PREDEFINED = ("<NULL>", "<VOID>")
 _CLOSES = {"(": ")", "[": "]"}
 
 
@@ -22,109 +20,69 @@ def check_grammar(text: str) -> List[str]:
 
     :raises ValueError: it is not JSGF, names a rule that it does not define, or has no public rule.
     """
-    return _Grammar(text).words
+    # What stays has the lines that it had.
+    plain = _ASIDE.sub(lambda match: "\n" * match.group().count("\n"), text)
+    if not _HEADER.match(plain):
+        raise ValueError("the grammar cannot be used, line 1: it has to begin with '#JSGF V1.0;'")
+    *statements, rest = plain.split(";")
+    words: List[str] = []
+    rules: Dict[str, int] = {}
+    used: Dict[str, int] = {}
+    public, line = False, 1 + statements[0].count("\n")
+    for statement in statements[1:]:
+        match = _RULE.fullmatch(statement)
+        begin = line + statement[: len(statement) - len(statement.lstrip())].count("\n")
+        line += statement.count("\n")
+        if match is not None:
+            public = public or bool(match.group(1))
+            if match.group(2) in rules:
+                _refuse(begin, f"the rule {match.group(2)} is defined twice")
+            rules[match.group(2)] = begin
+            used.update(dict.fromkeys(_read(match.group(3), match.group(2), begin, words), begin))
+        elif not _IGNORED.fullmatch(statement):
+            _refuse(begin, f"expected '<rule> = …', found {' '.join(statement.split())[:40]!r}")
+    if rest.strip():
+        _refuse(line, f"expected ';' at its end, found {' '.join(rest.split())[-40:]!r}")
+    if not public:
+        _refuse(line, "it has no public rule; write public <rule> = …;")
+    for name, begin in used.items():
+        if name not in (*rules, "<NULL>", "<VOID>") and "import" not in plain:
+            _refuse(begin, f"it has no rule {name}, only {', '.join(rules)}; define it")
+    return words
 
 
-class _Grammar:
-    def __init__(self, text: str) -> None:
-        self.words: List[str] = []
-        self._text = text
-        self._at = 0
-        self._tokens = self._scan()
-        self._rules: Dict[str, int] = {}
-        self._used: Dict[str, int] = {}
-        self._public = False
-        imports: Set[str] = set()
-        if not self._tokens or self._tokens[0][0] != "header":
-            self._refuse(0, "it has to begin with '#JSGF V1.0;'")
-        self._at = 1
-        while self._at < len(self._tokens):
-            word = self._tokens[self._at][1]
-            if word == "grammar" and len(self._rules) == 0:
-                self._at += 1
-                self._take("word", "the name of the grammar")
-            elif word == "import":
-                self._at += 1
-                imports.add(self._take("rule", "a rule")[1:-1].rpartition(".")[2])
-            else:
-                self._definition()
-                continue
-            self._take(";", "';'")
-        if not self._public:
-            self._refuse(len(text), "it has no public rule; write public <rule> = …;")
-        for name, at in self._used.items():
-            if name not in (*self._rules, *_PREDEFINED) and not {"*", name[1:-1]} & imports:
-                there = ", ".join(self._rules)
-                self._refuse(at, f"it has no rule {name}, only {there}; define it")
+def _read(body: str, rule: str, line: int, words: List[str]) -> List[str]:
+    """The rules that one names; its words are added."""
+    used: List[str] = []
+    ends, at, empty = [""], 0, True
+    body = body.rstrip()
+    while at < len(body):
+        match = _TOKEN.match(body, at)
+        if match is None:
+            _refuse(line, f"{body[at:].strip()[:1]!r} cannot stand in the rule {rule}")
+        at, sign = match.end(), match.group("sign") or ""
+        if sign in ("|", ")", "]"):
+            if empty:
+                _refuse(line, f"an alternative of the rule {rule} is empty")
+            if sign != "|" and ends.pop() != sign:
+                _refuse(line, f"{sign!r} closes nothing in the rule {rule}")
+            empty = sign == "|"
+        elif sign:
+            ends.append(_CLOSES[sign])
+            empty = True
+        elif match.group("mark"):
+            if empty:
+                _refuse(line, f"{match.group('mark')!r} stands behind nothing in the rule {rule}")
+        elif match.group("ref") or match.group("word"):
+            used += [match.group("ref")] if match.group("ref") else []
+            words += (match.group("word") or "").strip('"').split()
+            empty = False
+    if ends[-1]:
+        _refuse(line, f"expected {ends[-1]!r} at the end of the rule {rule}")
+    if empty:
+        _refuse(line, f"an alternative of the rule {rule} is empty")
+    return used
 
-    def _scan(self) -> List[Tuple[str, str, int]]:
-        found = []
-        at = 0
-        while at < len(self._text):
-            match = _TOKEN.match(self._text, at)
-            if match is None:
-                self._refuse(at, f"{self._text[at]!r} cannot stand here")
-            kind = next(name for name, part in match.groupdict().items() if part is not None)
-            kind = match.group() if kind == "sign" else kind
-            if kind != "blank":
-                found.append((kind, match.group(), at))
-            at = match.end()
-        return found
 
-    def _definition(self) -> None:
-        public = self._tokens[self._at][1] == "public"
-        self._at += public
-        begin = self._position()
-        name = self._take("rule", "a rule, <name> = …")
-        if name in self._rules:
-            self._refuse(begin, f"the rule {name} is defined twice")
-        self._rules[name] = begin
-        self._public |= public
-        self._take("=", f"'=' after {name}")
-        self._expansion(";", name)
-
-    def _expansion(self, end: str, name: str) -> None:
-        """Alternatives up to the sign that ends them."""
-        empty = True
-        while True:
-            begin = self._position()
-            kind, text = self._next(f"{end!r} at the end of the rule {name}")
-            if kind in ("|", end):
-                if empty:
-                    self._refuse(begin, f"an alternative of the rule {name} is empty")
-                if kind == end:
-                    return
-                empty = True
-            elif kind in _CLOSES:
-                self._expansion(_CLOSES[kind], name)
-                empty = False
-            elif kind in ("word", "rule"):
-                if kind == "rule":
-                    self._used.setdefault(text, begin)
-                else:
-                    self.words += text.strip('"').split()
-                empty = False
-            elif kind in ("*", "+", "tag") and not empty or kind == "weight":
-                continue
-            else:
-                self._refuse(begin, f"expected {end!r} of the rule {name}, found {text!r}")
-
-    def _position(self) -> int:
-        return self._tokens[self._at][2] if self._at < len(self._tokens) else len(self._text)
-
-    def _next(self, wanted: str) -> Tuple[str, str]:
-        if self._at >= len(self._tokens):
-            self._refuse(len(self._text), f"expected {wanted}")
-        self._at += 1
-        return self._tokens[self._at - 1][:2]
-
-    def _take(self, kind: str, wanted: str) -> str:
-        begin = self._position()
-        found, text = self._next(wanted)
-        if found != kind:
-            self._refuse(begin, f"expected {wanted}, found {text!r}")
-        return str(text)
-
-    def _refuse(self, at: int, why: str) -> NoReturn:
-        line = self._text.count("\n", 0, at) + 1
-        raise ValueError(f"the grammar cannot be used, line {line}: {why}")
+def _refuse(line: int, why: str) -> NoReturn:
+    raise ValueError(f"the grammar cannot be used, line {line}: {why}")
