@@ -87,7 +87,7 @@ class Task(NamedTuple):
 class Findings:
     """What was found. Each sentence once, however many robots have it.
 
-    :ivar mistakes: what has to be corrected, and the robots whose hosts have it; empty: it is not one robot's.
+    :ivar mistakes: what has to be corrected, and the robots whose hosts have it; empty: no robot's own.
     :ivar robot: whose host is looked at.
     :ivar fits: what fits, and what was not looked at.
     :ivar points_read: whether the points of interest were judged, with the world that they are in.
