@@ -50,7 +50,8 @@ class Drive(MerlinActionSM):
     parameters = ["from", "to"]
 
     def build(self):
-        self.add("HEAR", self.state("ask", "Here?", "grammar"), {"misunderstood": "aborted"})
+        hear = self.state("ask", "Here?", "#JSGF V1.0; public <a> = yes;")
+        self.add("HEAR", hear, {"misunderstood": "aborted"})
 """
 
 
@@ -110,7 +111,7 @@ def test_robots_are_checked(tmp_path: Path, robots: str, said: str) -> None:
 def test_what_does_not_fit_on_one_robot_has_its_name_and_what_robots_hear_is_checked(tmp_path: Path) -> None:
     file = tmp_path / "talks.py"
     file.write_text(TALKS)
-    pddl = Path(__file__).resolve().parents[3] / "pddl" / "robots"
+    pddl = Path(__file__).resolve().parents[4] / "pddl" / "robots"
     launch = str(pddl.parents[1] / "launch" / "include" / "application.launch")
     words = [f"domain_path:={pddl}/domain.pddl", f"problem_path:={pddl}/problem.pddl", "on:=servers"]
     path = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
