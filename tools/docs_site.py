@@ -25,6 +25,9 @@ MENU: Tuple[Tuple[str, Tuple[str, ...]], ...] = (
             "docs/tutorial.md",
             "docs/museum.md",
             "docs/testing.md",
+            "docs/check.md",
+            "docs/troubleshooting.md",
+            "docs/glossary.md",
             "docs/real-robot.md",
             "docs/platforms.md",
         ),
@@ -34,6 +37,7 @@ MENU: Tuple[Tuple[str, Tuple[str, ...]], ...] = (
         (
             "docs/states.md",
             "docs/missions.md",
+            "docs/for-plansys2-users.md",
             "docs/behaviour-trees.md",
             "docs/planners.md",
             "docs/dispatch.md",

@@ -137,6 +137,12 @@ def test_text_that_is_not_an_action_or_a_type_is_refused_with_the_reason(specs, 
     assert said in str(error.value)
 
 
+def test_its_readme_starts_it_on_the_master_of_the_robot(tmp_path):
+    text = (package_of(tmp_path) / "README.md").read_text()
+    assert "roslaunch my_robot my_robot.launch on:=robot" in text
+    assert "merlin run my_robot my_robot.launch on:=robot" not in text
+
+
 def test_nothing_is_overwritten(tmp_path):
     package = package_of(tmp_path)
     (package / "README.md").write_text("mine")

@@ -10,7 +10,7 @@ from rosplan_knowledge_msgs.msg import DomainAssignment, DomainFormula, DomainOp
 
 from merlin_actions import effects
 from merlin_actions.core.ending import Closing
-from merlin_actions.effects import Opening, UpdateEffects, when_back
+from merlin_actions.effects import Opening, ServiceEffects, UpdateEffects, when_back
 from merlin_planning.knowledge_client import ADD, KnowledgeError, Update, fact
 from merlin_planning.knowledge_text import to_pddl
 from merlin_ros.service_proxy import ServiceUnavailable
@@ -160,3 +160,20 @@ def test_original_rosplan_says_that_it_cannot_count_an_interruption() -> None:
     with pytest.raises(KnowledgeError, match="decrease .battery. 1. of if_interrupted"):
         driving.open(opening()._replace(counts=["(decrease (battery) 1)"]))
     assert knowledge.facts == {"(at hall)"}
+
+
+@pytest.mark.parametrize(("offered", "kind"), [(True, ServiceEffects), (False, UpdateEffects)])
+def test_a_knowledge_base_that_is_busy_is_not_taken_for_the_original(
+    offered: bool, kind: type, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Proxy:
+        def __init__(self, *_: object, **__: object) -> None: ...
+
+        def offered(self) -> bool:
+            return offered
+
+        def available(self) -> bool:  # it takes no connection within a second
+            return False
+
+    monkeypatch.setattr(effects, "ServiceProxy", Proxy)
+    assert isinstance(effects.effects_of(drive(durative=True), Knowledge()), kind)

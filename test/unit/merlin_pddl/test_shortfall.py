@@ -72,6 +72,22 @@ def test_it_names_the_condition_and_by_how_much_it_is_missed(goal: str, init: st
     assert shortfall(COURIER, task(goal, init), LONG) == (True, expected)
 
 
+def test_objects_that_do_not_belong_together_are_no_reason() -> None:
+    museum = """(define (domain museum) (:types place picture door)
+      (:predicates (at ?p - place) (shown_in ?o - picture ?p - place) (joins ?a ?b - place ?d - door)
+        (passable ?d - door) (told ?o - picture))
+      (:action go :parameters (?a ?b - place ?d - door)
+        :precondition (and (at ?a) (joins ?a ?b ?d) (passable ?d)) :effect (and (at ?b) (not (at ?a))))
+      (:action tell :parameters (?o - picture ?p - place)
+        :precondition (and (at ?p) (shown_in ?o ?p)) :effect (told ?o)))"""
+    day = """(define (problem day) (:domain museum)
+      (:objects foyer hall vault - place crown - picture hall_door vault_door - door)
+      (:init (at foyer) (joins foyer hall hall_door) (joins hall vault vault_door) (passable hall_door)
+        (shown_in crown vault)) (:goal (told crown)))"""
+    found, why = shortfall(museum, day, LONG)
+    assert found and "it needs (passable vault_door) for go; no action can make it true" in why
+
+
 def test_it_follows_a_condition_back_to_its_reason() -> None:
     found, why = shortfall(COURIER, task("(at roof)"), LONG)
     assert found and why.startswith("(at roof) cannot be reached, it needs (door ")

@@ -105,3 +105,18 @@ def test_a_proxy_is_closed_between_two_calls_also_in_a_scope_that_has_ended() ->
     proxy._leave()
     thread.join(LONG)
     assert proxy._user is None
+
+
+def test_a_service_of_a_server_that_takes_no_connection_is_offered_all_the_same(
+    master: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("ROS_MASTER_URI", master.uri)
+    with socket.socket() as busy:
+        busy.bind(("127.0.0.1", 0))  # and does not listen
+        node = rosgraph.Master("/busy", master.uri)
+        node.registerService(
+            "/busy_one", f"rosrpc://127.0.0.1:{busy.getsockname()[1]}", "http://127.0.0.1:1/"
+        )
+        proxy = ServiceProxy("/busy_one", SetBool)
+        assert not proxy.available() and proxy.offered()
+        assert not ServiceProxy("/nobody", SetBool).offered()

@@ -2,7 +2,8 @@
 
 import os
 import sys
-from typing import Dict, List, Mapping, Tuple
+from pathlib import Path
+from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Tuple
 
 import rospy
 from rosgraph.names import load_mappings
@@ -13,22 +14,39 @@ from merlin.launch_request import HelpWanted, LaunchError, LaunchRequest
 from merlin.local_names import master_uri, use_loopback
 from merlin.master import Master
 from merlin_actions.action_classes import make_machines
-from merlin_actions.core.application_check import ApplicationError, ApplicationWorld, check_application
+from merlin_actions.core.application_check import (
+    ApplicationError,
+    ApplicationWorld,
+    check_application,
+    not_looked_at,
+)
 from merlin_actions.core.declared import declared_fault
 from merlin_actions.core.robot_check import check_robots, robot_parameters, unnamed_robots
 from merlin_actions.machine_survey import fitted, survey
+from merlin_executor.mission.literal_goals import goal_faults
 from merlin_executor.mission.mission_host import load_mission
 from merlin_executor.mission.readiness import servers_of
+from merlin_monitor.listeners.goal_list import GoalListError, read_goals
+from merlin_monitor.panel_board import foreign_panel, script_of
+from merlin_pddl.checks.literals import literal_fault
 from merlin_pddl.checks.portability import declared_twice
+from merlin_pddl.checks.values import missing_values
 from merlin_pddl.domain import Domain, Signature
 from merlin_pddl.domain_reader import read_domain
 from merlin_pddl.problem import Problem
 from merlin_pddl.problem_reader import read_problem
 from merlin_pddl.text_reader import PddlError
+from merlin_ros.class_path import load_function
 from merlin_ros.node import init_node
+from merlin_ros.parameters import ParameterError
+from merlin_sm.states.navigation import point_faults
 
 MISSION = "mission"
 MISSION_NODE = ("merlin_executor", "mission")
+SIMULATOR_NODE = ("merlin_sim", "merlin_sim")
+PAGE_NODE = ("merlin_monitor", "monitor")
+#: Reads a world; the simulator is not on a robot's computer.
+LOAD_WORLD = "merlin_sim.world.world_file:load_world"
 EXIT_MISTAKES = 2
 
 
@@ -49,61 +67,115 @@ def main() -> int:
     sys.argv[1:] = []  # the arguments are not those of a node
     init_node("merlin_check", anonymous=True)
     try:
-        return _report(request.launch_file.name, config)
+        return report(request.launch_file.name, config)
     finally:
         rospy.signal_shutdown("checked")
         master.stop()
 
 
-def _report(name: str, config: LaunchConfig) -> int:
-    """Checks each host of actions and prints what was found; returns the exit code."""
-    try:
-        hosts = list(config.hosts())
-        if not hosts:
-            raise LaunchError(
-                "it starts no actions; include actions.launch, robot.launch or application.launch"
-            )
-        mistakes: Dict[str, List[str]] = {}  # mistake → the robots of the hosts that have it
-        for namespace, host in hosts:
-            try:
-                print(f"{name}: {check_host(config, namespace, host)}")
-            except ApplicationError as error:
-                robot = str(config.param(f"{namespace}{host.name}/robot", ""))
-                for mistake in error.mistakes:
-                    mistakes.setdefault(mistake, []).append(robot)
-        for mistake, robots in mistakes.items():
-            whose = "" if "" in robots else f"robot {' and '.join(robots)}: "
-            print(f"{name}: {whose}{mistake}", file=sys.stderr)
-        if mistakes:
-            return EXIT_MISTAKES
-        check_missions(config)
-    except (LaunchError, PddlError) as error:
-        print(f"{name}: {error}", file=sys.stderr)
+class Task(NamedTuple):
+    """Domain and problem of a knowledge base."""
+
+    domain: Domain
+    problem: Problem
+
+    def fault(self, text: str, operator: str = "", adds_objects: bool = False) -> str:
+        """What is wrong with facts or goals, as :func:`merlin_pddl.checks.literals.literal_fault` says it."""
+        return literal_fault(text, self.domain, self.problem.objects, operator, adds_objects)
+
+
+class Findings:
+    """What was found. Each sentence once, however many robots have it.
+
+    :ivar mistakes: what has to be corrected, and the robots whose hosts have it; empty: no robot's own.
+    :ivar robot: whose host is looked at.
+    :ivar fits: what fits, and what was not looked at.
+    :ivar points_read: whether the points of interest were judged, with the world that they are in.
+    """
+
+    def __init__(self) -> None:
+        self.mistakes: Dict[str, List[str]] = {}
+        self.robot = ""
+        self.fits: Dict[str, None] = {}
+        self.points_read = False
+        self._tasks: Dict[str, Task] = {}
+
+    def look(self, part: Callable[..., None], *arguments: Any) -> None:
+        """Looks at a part; what it raises is a mistake, and the other parts are looked at too."""
+        try:
+            part(self, *arguments)
+        except ApplicationError as error:
+            self.wrong(*error.mistakes)
+        except (LaunchError, PddlError, ValueError) as error:
+            self.wrong(str(error))
+
+    def wrong(self, *mistakes: str) -> None:
+        """Notes mistakes."""
+        for mistake in mistakes:
+            self.mistakes.setdefault(mistake, []).append(self.robot)
+
+    def task(self, config: LaunchConfig, name: str) -> Task:
+        """Domain and problem of a knowledge base, which are read once.
+
+        :raises LaunchError: when one of the files is missing.
+        :raises PddlError: when one of them is not PDDL.
+        """
+        if name not in self._tasks:
+            domain = read_domain(config.file(f"{name}/domain_path"))
+            problem = Problem("", domain.name)
+            if config.param(f"{name}/problem_path"):
+                file = config.file(f"{name}/problem_path")
+                problem = read_problem(file, domain)
+                warnings = declared_twice(file.read_text(encoding="utf-8-sig"), str(file))
+                warnings += [f"{file}: warning: {text}" for text in missing_values(domain, problem)]
+                self.fits.update(dict.fromkeys(warnings))
+            self._tasks[name] = Task(domain, problem)
+        return self._tasks[name]
+
+
+def report(name: str, config: LaunchConfig) -> int:
+    """Looks at all parts and prints what was found; returns the exit code.
+
+    :param name: of the launch file, with which each line begins.
+    """
+    found = Findings()
+    hosts = list(config.hosts())
+    if not hosts:
+        found.wrong("it starts no actions; include actions.launch, robot.launch or application.launch")
+    for kind, part in PARTS.items():
+        for node in config.nodes:
+            if (node.package, node.type) == kind:
+                found.look(part, config, node)
+    for namespace, host in hosts:
+        found.robot = str(config.param(f"{namespace}{host.name}/robot", ""))
+        found.look(check_host, config, namespace, host)
+    for line in found.fits:
+        print(line if ": warning: " in line else f"{name}: {line}")
+    for mistake, robots in found.mistakes.items():
+        whose = "" if "" in robots else f"robot {' and '.join(dict.fromkeys(robots))}: "
+        print(f"{name}: {whose}{mistake}", file=sys.stderr)
+    if found.mistakes:
         return EXIT_MISTAKES
     if not any(node.name == MISSION for node in config.nodes):
         print(f"{name}: no node is named 'mission': it runs until it is ended, and sends no goals itself")
     return 0
 
 
-def check_host(config: LaunchConfig, namespace: str, host: Node) -> str:
-    """Checks the actions of one host; returns a sentence about what fits.
+def check_host(found: Findings, config: LaunchConfig, namespace: str, host: Node) -> None:
+    """Compares the actions of one host with domain, problem, points of interest and servers.
 
     :raises ApplicationError: when something does not fit.
     :raises LaunchError: when domain or problem are missing.
     :raises PddlError: when one of them is not PDDL.
     """
-    prefix = config.knowledge_base(host)
-    domain = read_domain(config.file(f"{prefix}/domain_path"))
-    problem = Problem("", domain.name)
-    if config.param(f"{prefix}/problem_path"):
-        file = config.file(f"{prefix}/problem_path")
-        problem = read_problem(file, domain)
-        for warning in declared_twice(file.read_text(encoding="utf-8-sig"), str(file)):
-            print(warning)
+    task = found.task(config, config.knowledge_base(host))
+    domain, problem = task
     own = f"{namespace}{host.name}"
     paths = config.param(f"{own}/actions", [])
     if not isinstance(paths, list) or not all(isinstance(path, str) for path in paths):
         raise LaunchError(f"parameter {own}/actions has to be a list of package.module:Class")
+    if not found.points_read:
+        found.wrong(*point_faults(config.param(f"{namespace}world/points_of_interest", {})))
     machines = make_machines(paths)
     robot = str(config.param(f"{own}/robot", ""))
     robots = config.robots()
@@ -117,12 +189,18 @@ def check_host(config: LaunchConfig, namespace: str, host: Node) -> str:
         {name: next(iter(domain.types.parents(name)), "") for name in domain.types},
         _signatures({**domain.functions, **domain.predicates}),
         lambda text, operator: declared_fault(text, operator, domain, problem.objects),
+        task.fault,
+        config.judges(namespace),
     )
     everything = [survey(fitted(machine, world)) for machine in machines]
     bound = robot_parameters(everything, world) if robots else {}
     # With several robots a host serves the actions that name one, or the others.
     needs = [need for need in everything if not robots or (need.operator in bound) == bool(robot)]
-    elsewhere = [need._replace(points=(), targets=(), servers=()) for need in everything if need not in needs]
+    elsewhere = [
+        need._replace(points=(), targets=(), servers=(), asked=(), services=())
+        for need in everything
+        if need not in needs
+    ]
     mistakes = check_application([*needs, *elsewhere], world, bool(config.param(f"{own}/complete", False)))
     mistakes += check_robots(everything, world, robots)
     if not robots:
@@ -131,40 +209,92 @@ def check_host(config: LaunchConfig, namespace: str, host: Node) -> str:
         raise ApplicationError(mistakes)
     wanted = sorted({server for need in needs for _, server in need.servers})
     there = "" if config.has_robot else ", which the robot has to serve"
-    return (
+    found.fits[
         f"{f'robot {robot}: ' if robot else ''}"
         f"{len(domain.operators)} operators, {len(needs)} classes, {len(points)} points of interest fit; "
         f"servers: {', '.join(wanted) or 'none'}{there}"
-    )
+    ] = None
+    found.fits.update(dict.fromkeys(f"not looked at: {text}" for text in not_looked_at(needs, world)))
 
 
-def check_missions(config: LaunchConfig) -> None:
-    """Loads the class of each mission.
+def check_mission(found: Findings, config: LaunchConfig, node: Node) -> None:
+    """Loads the class of a mission, and reads the goals that stand in it.
 
-    :raises LaunchError: when one does not exist, is not a mission, or waits for a server that is not started.
+    :raises LaunchError: when it does not exist, is not a mission, or waits for a server that is not started.
     """
-    for node in config.nodes:
-        if (node.package, node.type) != MISSION_NODE:
-            continue
-        own = f"{node.namespace}{node.name}"
-        path = str(load_mappings(node.args.split()).get("mission") or config.param(f"{own}/mission", ""))
-        try:
-            servers = load_mission(path).servers
-        except ValueError as error:
-            raise LaunchError(f"node {own}: {error}; correct its mission:=package.module:Class") from error
-        robots = config.robots()
-        served = [
-            below + name
-            for below in ("", *(f"{robot}/" for robot in robots))
-            for name in config.servers(node.namespace + below)
-        ]
-        wanted = servers_of(servers, robots)
-        missing = [name for name in wanted if name not in served] if config.has_robot else []
-        if missing:
-            raise LaunchError(
-                f"node {own}: {path} waits for the action servers {', '.join(missing)}, which the launch "
-                f"file does not start; it starts: {', '.join(sorted(served)) or 'none'}"
-            )
+    own = _name(node)
+    path = str(load_mappings(node.args.split()).get("mission") or config.param(f"{own}/mission", ""))
+    try:
+        mission = load_mission(path)
+    except ValueError as error:
+        raise LaunchError(f"node {own}: {error}; correct its mission:=package.module:Class") from error
+    robots = config.robots()
+    served = [
+        below + name
+        for below in ("", *(f"{robot}/" for robot in robots))
+        for name in config.servers(node.namespace + below)
+    ]
+    wanted = servers_of(mission.servers, robots)
+    missing = [name for name in wanted if name not in served] if config.has_robot else []
+    if missing:
+        found.wrong(
+            f"node {own}: {path} waits for the action servers {', '.join(missing)}, which the launch "
+            f"file does not start; it starts: {', '.join(sorted(served)) or 'none'}"
+        )
+    found.wrong(*goal_faults(mission, found.task(config, config.knowledge_base(node)).fault))
+
+
+def check_world(found: Findings, config: LaunchConfig, node: Node) -> None:
+    """Reads the world of the simulator as it does itself.
+
+    :raises ValueError: when it cannot be used; the text names the file.
+    """
+    try:
+        load_function(LOAD_WORLD)(config.file(f"{_name(node)}/world"))
+    except Exception as error:  # WorldError, of a package that is loaded here
+        found.points_read = True
+        raise ValueError(str(error)) from error
+
+
+def check_page(found: Findings, config: LaunchConfig, node: Node) -> None:
+    """Loads the panels of the page, and reads the goals that it offers.
+
+    :raises ParameterError: for a panel that cannot be used.
+    """
+    own = _name(node)
+    for path in config.param(f"{own}/panels", []):
+        found.look(_check_panel, str(path))
+    file = str(config.param(f"{own}/goals", ""))
+    if file in ("", "none"):
+        return
+    try:
+        offered = read_goals(Path(file).expanduser())
+    except GoalListError as error:
+        raise LaunchError(str(error)) from error
+    task = found.task(config, config.knowledge_base(node))
+    for goal in offered:
+        fault = task.fault(goal.goal)
+        if fault:
+            found.wrong(f"the list of goals {file}: {goal.goal} ({goal.name}): {fault}; correct it")
+
+
+def _check_panel(_: Findings, path: str) -> None:
+    try:
+        script_of(foreign_panel(path))
+    except ParameterError as error:
+        raise LaunchError(f"{error}; correct the launch file's 'panels'") from error
+
+
+#: Executable → what looks at its part of the application.
+PARTS: Mapping[Tuple[str, str], Callable[..., None]] = {
+    MISSION_NODE: check_mission,
+    SIMULATOR_NODE: check_world,
+    PAGE_NODE: check_page,
+}
+
+
+def _name(node: Node) -> str:
+    return f"{node.namespace}{node.name}"
 
 
 def _signatures(named: Mapping[str, Signature]) -> Dict[str, List[Tuple[str, str]]]:

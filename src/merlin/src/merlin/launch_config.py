@@ -1,7 +1,7 @@
 """What a launch file starts and sets, read without starting it."""
 
 from pathlib import Path
-from typing import Any, Dict, Iterable, Iterator, List, Tuple
+from typing import Any, Callable, Dict, Iterable, Iterator, List, Sequence, Tuple
 
 import roslaunch
 import roslib.packages
@@ -10,6 +10,7 @@ from roslaunch.core import Node
 
 from merlin.launch_request import LaunchError, LaunchRequest, one_line
 from merlin_actions.testing.result_script import fields_of
+from merlin_ros.class_path import load_function
 from merlin_ros.robot_values import of_robot, texts
 
 #: Executable → the actions that it serves.
@@ -19,6 +20,11 @@ SERVED = {
     ("merlin_reactive", "speech"): "sound_play",
     ("merlin_reactive", "listen"): "listen",
     ("merlin_reactive", "recognition"): "recognize",
+}
+#: Executable → what its server says of words or classes, ``package.module:function``.
+JUDGES = {
+    ("merlin_reactive", "listen"): "merlin_reactive.listening.speech_recognizer:unknown_words",
+    ("merlin_reactive", "recognition"): "merlin_reactive.recognition.object_recognizer:unknown_classes",
 }
 #: Executables that stand in for a robot: with one of them the launch file starts every server itself.
 STAND_INS = {("merlin_sim", "merlin_sim"), ("merlin_actions", "simulated_base")}
@@ -72,7 +78,17 @@ class LaunchConfig:
 
     def servers(self, namespace: str) -> Dict[str, str]:
         """Actions that a namespace's nodes serve → the node."""
-        found: Dict[str, str] = {}
+        return {action: node.name for action, node in self._servers(namespace)}
+
+    def judges(self, namespace: str) -> Dict[str, Callable[[Sequence[str]], str]]:
+        """Actions that a namespace's nodes serve → what the server says of words or classes."""
+        return {
+            action: load_function(JUDGES[node.package, node.type])
+            for action, node in self._servers(namespace)
+            if (node.package, node.type) in JUDGES
+        }
+
+    def _servers(self, namespace: str) -> Iterator[Tuple[str, Node]]:
         for node in self.nodes:
             if node.namespace != namespace:
                 continue
@@ -81,8 +97,7 @@ class LaunchConfig:
                 action = str(self.param(f"{namespace}{node.name}/action", ""))
             action = dict(node.remap_args).get(action, action)
             if action:
-                found[action] = node.name
-        return found
+                yield action, node
 
     @property
     def has_robot(self) -> bool:

@@ -26,7 +26,7 @@ def main() -> int:
     hosts = sys.argv[1:]
     if any(word.startswith("-") for word in hosts):
         print(USAGE)
-        return EXIT_MISTAKES
+        return 0 if {"-h", "--help"} & set(hosts) else EXIT_MISTAKES
     try:
         uri, services = choose(lambda nodes, there: wanted(there, hosts), "actions that can be reloaded")
     except LaunchError as error:

@@ -219,7 +219,9 @@ def effects_of(operator: DomainOperator, knowledge: KnowledgeClient) -> Effects:
     """The effects of an operator, through the best service that the knowledge base offers.
 
     :raises ValueError: when they cannot be expressed.
+    :raises merlin_ros.service_proxy.ServiceError: when the master does not say what it offers.
     """
-    if ServiceProxy(f"{knowledge.name}/apply_effects", ApplyEffects).available():
+    # One that is busy and takes no connection is ours all the same.
+    if ServiceProxy(f"{knowledge.name}/apply_effects", ApplyEffects).offered():
         return ServiceEffects(operator.formula.name, knowledge)
     return UpdateEffects(operator, knowledge)

@@ -28,7 +28,7 @@ def settle_left(knowledge: KnowledgeClient, operator: str) -> List[LeftExecution
     :raises merlin_ros.service_proxy.ServiceError: when it does not answer.
     """
     journal = ExecutionJournal(knowledge.name, APPLY_LIMIT)
-    if not journal.available():
+    if not journal.offered():
         return []  # the original ROSPlan
     settled = []
     for execution in journal.open(rospy.get_name()):

@@ -6,9 +6,12 @@ import smach
 from merlin_actions.core.application_check import ApplicationError, ApplicationWorld, Needs, cannot_be_made
 from merlin_actions.core.robot_parameter import robot_parameter, with_robot
 from merlin_actions.merlin_action_sm import MerlinActionSM
+from merlin_pddl.checks.literals import Literal, calls_of, literals_of, renamed
 from merlin_sm.autonomy import label_text
 from merlin_sm.states.action_state import ActionState
+from merlin_sm.states.knowledge import KnowledgeState
 from merlin_sm.states.navigation import NavigationState
+from merlin_sm.states.ros_calls import ServiceCallState
 
 
 def fitted(machine: MerlinActionSM, world: ApplicationWorld) -> MerlinActionSM:
@@ -47,7 +50,21 @@ def survey(machine: MerlinActionSM) -> Needs:
         machine.robot_parameter,
         machine.concurrent,
         (*machine.while_running, *machine.if_interrupted, *machine.if_stopped_at),
+        (*_facts(states), *literals_of(type(machine), {"change_facts": -1}, (MerlinActionSM,))),
+        calls_of(type(machine), "add_objects", (MerlinActionSM,)),
+        tuple(
+            (path, s.action, tuple(s.asks)) for path, s, _ in states if isinstance(s, ActionState) and s.asks
+        ),
+        tuple((path, s.service) for path, s, _ in states if isinstance(s, ServiceCallState)),
     )
+
+
+def _facts(states: Sequence[Tuple[str, smach.State, Dict[str, str]]]) -> Iterator[Literal]:
+    """The facts of states that change knowledge, with the keys of the outermost machine."""
+    for path, state, keys in states:
+        if isinstance(state, KnowledgeState):
+            for fact in state.changes:
+                yield Literal(f"state {path}", renamed(fact, keys))
 
 
 def _states(

@@ -20,8 +20,15 @@ class ExecutionJournal:
         self._apply = ServiceProxy(f"{knowledge_base}/apply_effects", ApplyEffects, timeout=timeout)
 
     def available(self) -> bool:
-        """Whether the knowledge base has a journal."""
+        """Whether the knowledge base has a journal, and takes calls now."""
         return self._list.available()
+
+    def offered(self) -> bool:
+        """Whether the knowledge base is one with a journal, though it may be too busy to answer now.
+
+        :raises merlin_ros.service_proxy.ServiceError: when the master gives no answer.
+        """
+        return self._list.offered()
 
     def open(self, owner: str = "") -> List[OpenExecution]:
         """The open executions.

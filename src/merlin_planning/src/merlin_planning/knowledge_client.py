@@ -2,7 +2,7 @@
 
 import threading
 import time
-from typing import Any, Dict, List, NamedTuple, Optional, Sequence, Type
+from typing import Any, Dict, List, NamedTuple, Optional, Sequence, Tuple, Type
 
 import rospy
 from diagnostic_msgs.msg import KeyValue
@@ -26,7 +26,11 @@ from rosplan_knowledge_msgs.srv import (
 )
 from std_srvs.srv import Trigger
 
+from merlin_pddl.domain import Domain
+from merlin_pddl.domain_reader import read_domain
+from merlin_pddl.text_reader import PddlError
 from merlin_planning.knowledge_text import PDDLSyntaxError, parse_goal, to_pddl
+from merlin_ros.master.master_link import get_param
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
 
 DEFAULT_KNOWLEDGE_BASE = "rosplan_knowledge_base"
@@ -175,6 +179,22 @@ def knowledge_client(name: str = DEFAULT_KNOWLEDGE_BASE) -> KnowledgeClient:
         if resolved not in _clients:
             _clients[resolved] = KnowledgeClient(resolved)
         return _clients[resolved]
+
+
+def known_domain(client: "KnowledgeClient") -> Optional[Tuple[Domain, Dict[str, Tuple[str, ...]]]]:
+    """Domain and objects with their types; None: the file of the domain is not on this machine.
+
+    :raises merlin_ros.service_proxy.ServiceError: when the knowledge base does not answer.
+    """
+    try:
+        domain = read_domain(str(get_param(f"{client.name}/domain_path", "")))
+    except PddlError:
+        return None
+    objects: Dict[str, Tuple[str, ...]] = {}
+    for kind in domain.types:
+        for name in client.instances(kind, constants=False, subtypes=False):
+            objects[name.lower()] = (*objects.get(name.lower(), ()), kind)
+    return domain, objects
 
 
 def wait_for_knowledge_base(name: str, timeout: float) -> None:

@@ -1,6 +1,9 @@
 """Classes by their names, as launch files and command lines give them: ``package.module:Class``."""
 
 import importlib
+import traceback
+from pathlib import Path
+from typing import Any, Callable
 
 from merlin_ros.lean_start import importing
 
@@ -10,7 +13,25 @@ def load_class(path: str) -> type:
 
     :raises ValueError: when it does not exist, with the reason.
     """
-    module_name, colon, class_name = path.partition(":")
+    found = _load(path)
+    if not isinstance(found, type):
+        raise ValueError(f"{path!r} is not a class")
+    return found
+
+
+def load_function(path: str) -> Callable[..., Any]:
+    """The function behind ``package.module:function``.
+
+    :raises ValueError: when it does not exist, with the reason.
+    """
+    found = _load(path)
+    if not callable(found):
+        raise ValueError(f"{path!r} is not a function")
+    return found
+
+
+def _load(path: str) -> Any:
+    module_name, colon, name = path.partition(":")
     if not colon:
         raise ValueError(f"{path!r} is not a class path; write package.module:Class")
     try:
@@ -18,9 +39,11 @@ def load_class(path: str) -> type:
             module = importlib.import_module(module_name)
     except (ImportError, SyntaxError) as error:
         raise ValueError(f"{path!r}: {error}") from error
-    found = getattr(module, class_name, None)
+    except Exception as error:  # of users' code, at its import
+        frame = traceback.extract_tb(error.__traceback__)[-1]
+        place = f"{Path(frame.filename).name}, line {frame.lineno}"
+        raise ValueError(f"{path!r}: {type(error).__name__}: {error} ({place})") from error
+    found = getattr(module, name, None)
     if found is None:
-        raise ValueError(f"{path!r}: module {module_name} has no {class_name}")
-    if not isinstance(found, type):
-        raise ValueError(f"{path!r} is not a class")
+        raise ValueError(f"{path!r}: module {module_name} has no {name}")
     return found

@@ -7,6 +7,7 @@ import sys
 import threading
 import time
 import traceback
+from pathlib import Path
 from typing import Any, Callable, Iterator, List, Mapping, Optional, Tuple, Type
 
 import rosgraph
@@ -126,6 +127,23 @@ _ending = _Ending()
 _keeper: Optional[MasterKeeper] = None
 
 
+def print_help() -> None:
+    """Prints what a node does and how it is started, when the command line asks for it.
+
+    :raises SystemExit: with 0, when it does.
+    """
+    if not {"-h", "--help"} & set(sys.argv[1:]):
+        return
+    script = Path(sys.argv[0]).absolute()
+    folder = script.parent if script.parent.name != "scripts" else script.parents[1]
+    # That of the module whose function starts the node.
+    texts = (frame.f_globals.get("__doc__") for frame, _ in traceback.walk_stack(sys._getframe(1)))
+    text = next((text for text in texts if text and text != __doc__), "")
+    print(f"usage: rosrun {folder.name} {script.name} _parameter:=value name:=remapped …")
+    print(f"\n{text.strip()}\n\nIts parameters, topics and services are in the README of {folder.name}.")
+    raise SystemExit(0)
+
+
 def init_node(name: str, **options: Any) -> None:
     """Makes this process a node that SIGINT and SIGTERM end in a thread of its own.
 
@@ -138,11 +156,12 @@ def init_node(name: str, **options: Any) -> None:
 
     :param name: unless ``__name`` is given on the command line.
     :param options: of `rospy.init_node`.
-    :raises SystemExit: with :data:`CANNOT_BEGIN`, after saying why, when the master's address is invalid, or
-        a node of this name lives; with the code of :func:`run_node` when a signal ends the node before it
-        has begun. Without a master it waits for one, and says so once.
+    :raises SystemExit: with 0 after `--help`; with :data:`CANNOT_BEGIN`, after saying why, when the
+        master's address is invalid, or a node of this name lives; with the code of :func:`run_node` when a
+        signal ends the node before it has begun. Without a master it waits for one, and says so once.
     """
     global _keeper
+    print_help()
     try:
         parse_http_host_and_port(rosgraph.get_master_uri())
     except ValueError:

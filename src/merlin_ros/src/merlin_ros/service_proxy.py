@@ -162,6 +162,21 @@ class ServiceProxy:
             time.sleep(0.02)
         return False
 
+    def offered(self) -> bool:
+        """Whether the master knows the service; that of a server that is busy or hangs is offered too.
+
+        :raises ServiceUnavailable: when the master gives no answer.
+        """
+        try:
+            bounded_master().lookupService(self.name)
+        except rosgraph.MasterError:
+            return False
+        except ERRORS as error:
+            raise ServiceUnavailable(
+                f"whether there is a service {self.name} is not known: {error}"
+            ) from error
+        return True
+
     def available(self) -> bool:
         """Whether the master knows the service and its server accepts connections."""
         try:

@@ -93,6 +93,10 @@ class MerlinSM(StateMachine, MerlinROSPlanAssistant):
         children = self.get_children()
         reasons = [getattr(children[label], "reason", "") for label in terminal_states if label in children]
         self.reason = "; ".join(filter(None, reasons))
+        if outcome == "aborted" and not self.reason and terminal_states:
+            last = terminal_states[-1]
+            how = getattr(children.get(last), "outcome", "") or "some outcome"
+            self.reason = f"state {label_text(last)} ended with {how}, with which its machine is aborted"
 
 
 def _note(

@@ -9,6 +9,7 @@ from rosplan_knowledge_msgs.msg import DomainFormula
 from merlin_actions.core.application_check import ApplicationWorld
 from merlin_actions.merlin_action_sm import MerlinActionSM
 from merlin_actions.nodes import fsm_host
+from merlin_sm import knowledge_client
 from merlin_sm.state_factory import MerlinStateFactory
 from merlin_sm.states.function_state import FunctionState
 
@@ -64,9 +65,11 @@ def test_machines_that_do_not_fit_the_domain_are_refused(monkeypatch: pytest.Mon
         "types": lambda self: {},
         "predicates": lambda self: {},
         "function_signatures": lambda self: {},
+        "name": "/kb",
     }
     monkeypatch.setattr(fsm_host, "knowledge_client", lambda name: type("Knowledge", (), fields)())
-    monkeypatch.setattr(fsm_host, "get_param", lambda name, default: default)
+    for module in (fsm_host, knowledge_client):
+        monkeypatch.setattr(module, "get_param", lambda name, default: default)
     world = fsm_host.read_world("rosplan_knowledge_base")
     with pytest.raises(ValueError, match="CheckTable"):
         fsm_host.check_machines([CheckTable()], world, complete=False)
@@ -91,11 +94,12 @@ def test_declared_effects_are_compared_with_the_file_of_the_domain(
         "types": lambda self: {},
         "predicates": lambda self: {},
         "function_signatures": lambda self: {},
+        "name": "/kb",
     }
     monkeypatch.setattr(fsm_host, "knowledge_client", lambda name: type("Knowledge", (), fields)())
     params = {"/kb/domain_path": str(domain)}
-    monkeypatch.setattr(fsm_host, "get_param", lambda name, default: params.get(name, default))
-    monkeypatch.setattr(fsm_host.rospy, "resolve_name", lambda name: f"/{name}")
+    for module in (fsm_host, knowledge_client):
+        monkeypatch.setattr(module, "get_param", lambda name, default: params.get(name, default))
     with pytest.raises(ValueError, match=r"Greet declares '\(robot_at anywere\)': unknown object"):
         fsm_host.check_machines([Greet()], fsm_host.read_world("kb"), complete=False)
 

@@ -72,7 +72,7 @@ def test_a_mission_runs_with_its_parameters(robot: FakeRobot, monkeypatch: pytes
     monkeypatch.setattr("sys.argv", ["mission", "mission:=Round", "__name:=patrol"])
     assert mission_host.main() == 0
     assert robot.goals == [KITCHEN, "(checked bathroom)"] * 2
-    assert robot.waited == [("the knowledge base", robot, ("move_base", "sound_play"), 7.0)]
+    assert robot.waited == [("the knowledge base", robot, Round, ("move_base", "sound_play"), 7.0)]
     assert (robot.published[-1].mission, robot.published[-1].state) == ("round", MissionStatus.SUCCEEDED)
 
 

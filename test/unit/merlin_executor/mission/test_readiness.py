@@ -56,7 +56,7 @@ knowledge = SimpleNamespace(
 )
 executor = SimpleNamespace(name="/merlin/execute", wait_for_executor=lambda limit: True)
 try:
-    readiness.wait_for_robot(knowledge, executor, (), float(sys.argv[1]))
+    readiness.wait_for_robot(knowledge, executor, None, (), float(sys.argv[1]))
     print("wait is over", flush=True)
 except readiness.NotReady as error:
     print("not ready:", error, flush=True)

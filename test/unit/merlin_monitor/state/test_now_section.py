@@ -143,7 +143,7 @@ def test_a_request_that_is_gone_on_with_began_when_it_began() -> None:
     result.status = GoalStatus(goal_id=GoalID(id=REQUEST))
     now.result(result, 11.0)
     texts = [event.text for event in told]
-    assert texts[-2:] == ["“kitchen checked” gone on with", "“kitchen checked”: succeeded after 10.0 s"]
+    assert texts[-2:] == ["goes on with “kitchen checked”", "“kitchen checked”: succeeded after 10.0 s"]
 
 
 def test_what_why_and_which_step() -> None:

@@ -5,10 +5,12 @@ from typing import Any, List
 
 import pytest
 
+from merlin_planning.dispatch_progress import DispatchResult
 from merlin_sm.merlin_sm import MerlinSM
 from merlin_sm.states import dialogue
 from merlin_sm.states.function_state import FunctionState
 from merlin_sm.states.merlin_state import PREEMPTED, SUCCEEDED, MerlinState
+from merlin_sm.states.planning import DispatchPlanState
 from merlin_sm.states.while_state import WhileSM
 from smach import UserData
 
@@ -59,6 +61,35 @@ def test_a_machine_that_goes_on_after_a_failure_says_what_failed(caplog: pytest.
     with caplog.at_level("INFO", "rosout"):
         assert machine.execute() == SUCCEEDED
     assert [record.message for record in caplog.records] == ["LOAD was aborted: the tray is full"]
+
+
+def test_a_machine_that_aborts_after_a_state_that_succeeded_says_so() -> None:
+    machine = MerlinSM([SUCCEEDED, "aborted", PREEMPTED])
+    with machine:
+        machine.add("GIVE_BACK", FunctionState(lambda userdata: None), {SUCCEEDED: "aborted"})
+    assert machine.execute() == "aborted"
+    assert machine.reason == "state GIVE_BACK ended with succeeded, with which its machine is aborted"
+
+
+class Dispatcher:
+    """A client of the dispatcher that has an answer."""
+
+    def __init__(self, result: DispatchResult) -> None:
+        self.dispatch = lambda *arguments: result
+
+
+@pytest.mark.parametrize(
+    ("said", "reason"),
+    [
+        ("(lead ann) failed", "(lead ann) failed"),
+        ("(lead ann) failed: she is gone", "(lead ann) failed: she is gone"),
+        ("she is gone", "(lead ann): she is gone"),
+    ],
+)
+def test_an_action_that_failed_is_named_once(said: str, reason: str) -> None:
+    failed = DispatchResult(False, action="(lead ann)", reason=said)
+    state = DispatchPlanState(Dispatcher(failed))  # type: ignore[arg-type]
+    assert run(state) == "failed" and run.reason == reason
 
 
 class Wait(MerlinState):

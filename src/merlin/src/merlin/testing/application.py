@@ -47,7 +47,7 @@ class Application:
         )
         try:
             self._knowledge = knowledge_client()
-            wait_for_robot(self._knowledge, MerlinExecutorClient(), (), READY)
+            wait_for_robot(self._knowledge, MerlinExecutorClient(), None, (), READY)
         except NotReady as error:
             self.end()
             raise LaunchError(f"{file.name}: {error}\n{Path(log.name).read_text()[-TAIL:]}") from error

@@ -1,5 +1,6 @@
 """Fixtures of pytest. ``pytest_plugins = ["merlin.testing.fixtures"]`` in conftest.py brings them in."""
 
+import logging
 import os
 from pathlib import Path
 from typing import Callable, Dict, Iterator, List, Tuple
@@ -23,6 +24,8 @@ def ros_master(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     folder = tmp_path_factory.mktemp("ros")
     os.environ.update(ROS_MASTER_URI=uri, ROS_HOME=str(folder), ROS_LOG_DIR=str(folder / "log"))
     init_node("test", anonymous=True)
+    # pytest would show some hundred lines of it with each test that fails.
+    logging.getLogger("rosmaster").setLevel(logging.WARNING)
     yield uri
     rospy.signal_shutdown("the tests are over")
     master.stop()
@@ -40,7 +43,7 @@ def robots_of_session(ros_master: str) -> Iterator[Dict[str, SimulatedRobot]]:
 @pytest.fixture
 def robots(
     robots_of_session: Dict[str, SimulatedRobot], request: pytest.FixtureRequest
-) -> Callable[..., List[SimulatedRobot]]:
+) -> Iterator[Callable[..., List[SimulatedRobot]]]:
     """Robots of one plan whose servers do what the test says: ``ria, tom = robots("ria", "tom")``."""
 
     def ready(*names: str) -> List[SimulatedRobot]:
@@ -50,7 +53,9 @@ def robots(
             robots_of_session[name].reset(Path(str(request.node.fspath)).parent)
         return [robots_of_session[name] for name in names]
 
-    return ready
+    yield ready
+    for robot in robots_of_session.values():
+        robot.end_missions()
 
 
 @pytest.fixture

@@ -1,8 +1,9 @@
 """A robot for tests: simulated servers that a test scripts, below actions, or below a whole application."""
 
+import contextlib
 import threading
 from pathlib import Path
-from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple, Type, Union
+from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple, Type, Union
 
 import rospy
 import yaml
@@ -27,6 +28,52 @@ DURATION = 0.02  # s that each goal takes
 LIMIT = 60.0  # s for what a test waits for
 
 Mission = Union[GoalDispatcher, MissionSM]
+
+
+class MissionEnd(NamedTuple):
+    """How a mission ended; true when it succeeded. A failed ``assert`` shows the reason."""
+
+    succeeded: bool
+    reason: str
+    """The sentence that it has published last."""
+
+    def __bool__(self) -> bool:
+        return self.succeeded
+
+
+class MissionRun:
+    """A mission that runs, in a thread of its own."""
+
+    def __init__(self, mission: Mission) -> None:
+        self._mission = mission
+        self._end = MissionEnd(False, "")
+        self._error: Optional[BaseException] = None
+        self._thread = threading.Thread(target=self._run, name="mission", daemon=True)
+        self._thread.start()
+
+    def cancel(self) -> None:
+        """Cancels it: all of its goals are taken back."""
+        self._mission.cancel()
+
+    def wait(self, limit: float = LIMIT) -> MissionEnd:
+        """Waits for its end.
+
+        :raises TimeoutError: when it has not ended within the limit, s.
+        """
+        self._thread.join(limit)
+        if self._thread.is_alive():
+            doing = self._mission.reporter.health().message
+            raise TimeoutError(f"{self._mission.name} did not end within {limit:g} s; it is at: {doing}")
+        if self._error is not None:
+            raise self._error
+        return self._end
+
+    def _run(self) -> None:
+        try:
+            succeeded = self._mission.carry_out()
+            self._end = MissionEnd(succeeded, self._mission.reporter.health().message)
+        except BaseException as error:  # of the test's own code; raised in its thread
+            self._error = error
 
 
 class ActionRun:
@@ -91,6 +138,7 @@ class SimulatedRobot:
     def __init__(self, name: str = "") -> None:
         self.said: List[str] = []
         self.drives: List[Tuple[float, float]] = []
+        self._runs: List[MissionRun] = []
         self._folder = Path()
         self._drive_began = threading.Event()
         notes = {"move_base": self._note_drive, "sound_play": self._note_speech}
@@ -174,10 +222,26 @@ class SimulatedRobot:
         run.wait(limit)
         return run
 
-    def mission(self, mission: Mission, limit: float = LIMIT) -> bool:
-        """Runs a mission to its end, below an application that runs; True when it succeeded."""
+    def mission(self, mission: Mission, limit: float = LIMIT) -> MissionEnd:
+        """Runs a mission to its end, below an application that runs; true when it succeeded."""
+        return self.start_mission(mission, limit).wait(limit)
+
+    def start_mission(self, mission: Mission, limit: float = LIMIT) -> MissionRun:
+        """Starts a mission below an application that runs; it is cancelled when the test ends.
+
+        :param limit: s for each part of the application to be there.
+        """
         mission.wait_for_robot(limit)
-        return bool(mission.execute())
+        self._runs.append(MissionRun(mission))
+        return self._runs[-1]
+
+    def end_missions(self, limit: float = LIMIT) -> None:
+        """Cancels the missions that a test has left running, and waits for their end."""
+        while self._runs:
+            run = self._runs.pop()
+            run.cancel()
+            with contextlib.suppress(Exception):  # a failed one is the business of its test
+                run.wait(limit)
 
     def wait_for_drive(self, limit: float = LIMIT) -> None:
         """Waits until a drive has begun, the moment for a cancel.

@@ -11,6 +11,7 @@ from typing import Callable, Collection, Dict, Iterator, List, Mapping, NamedTup
 
 from merlin_actions.core.names import DECLARED, HERE
 from merlin_actions.core.robot_parameter import Parameters
+from merlin_pddl.checks.literals import Literal
 
 
 class Needs(NamedTuple):
@@ -33,6 +34,14 @@ class Needs(NamedTuple):
     """How many of it run at once."""
     declared: Tuple[str, ...] = ()
     """What it declares with `while_running`, `if_interrupted` and `if_stopped_at`."""
+    literals: Tuple[Literal, ...] = ()
+    """Facts that its states and its source change."""
+    adds_objects: bool = False
+    """Whether its source adds objects, so that the problem need not have those of `literals`."""
+    asked: Tuple[Tuple[str, str, Tuple[str, ...]], ...] = ()
+    """Path of a state, the action whose server it uses, and the words or classes that it asks of it."""
+    services: Tuple[Tuple[str, str], ...] = ()
+    """Path of a state, and the service that it calls."""
 
 
 class ApplicationWorld(NamedTuple):
@@ -54,6 +63,10 @@ class ApplicationWorld(NamedTuple):
     """Predicates and functions of the domain."""
     declared_fault: Callable[[str, str], str] = lambda text, operator: ""
     """What is wrong with a declared effect of an operator; empty: nothing, or the domain is not known."""
+    literal_fault: Callable[[str, str, bool], str] = lambda text, operator, adds_objects: ""
+    """What is wrong with facts or goals of a class; likewise. See `merlin_pddl.checks.literals`."""
+    known: Mapping[str, Callable[[Sequence[str]], str]] = MappingProxyType({})
+    """Action -> what its server says of words or classes that it does not know; empty: it knows them."""
 
 
 class ApplicationError(ValueError):
@@ -84,6 +97,8 @@ def check_application(classes: Sequence[Needs], world: ApplicationWorld, complet
         found += _declared(needs, world)
         found += _points(needs, world)
         found += _servers(needs, world)
+        found += _literals(needs, world)
+        found += _asked(needs, world)
     if complete:
         known = {name.lower() for name in served}
         found += [
@@ -152,6 +167,40 @@ def _servers(needs: Needs, world: ApplicationWorld) -> Iterator[str]:
                 f"state {path} of {needs.name} uses the action server {server!r}, which the launch file "
                 f"does not start; start it, or remap it. It starts: {there}"
             )
+
+
+def _literals(needs: Needs, world: ApplicationWorld) -> Iterator[str]:
+    for where, text in needs.literals:
+        fault = world.literal_fault(text, needs.operator, needs.adds_objects)
+        if fault:
+            yield f"{where} of {needs.name}: {text}: {fault}; correct it, or declare it in domain or problem"
+
+
+def _asked(needs: Needs, world: ApplicationWorld) -> Iterator[str]:
+    for path, server, words in needs.asked:
+        fault = world.known[server](words) if server in world.known else ""
+        if fault:
+            yield f"state {path} of {needs.name} asks of {server}: {fault}; correct the state"
+
+
+def not_looked_at(classes: Sequence[Needs], world: ApplicationWorld) -> List[str]:
+    """What was not compared, since only a system that runs has it; a sentence each."""
+    found: List[str] = []
+    unknown: Dict[str, Dict[str, None]] = {}
+    for needs in classes:
+        found += [
+            f"service {name!r} of state {path} of {needs.name}: a node has to offer it"
+            for path, name in needs.services
+        ]
+        for _, server, words in needs.asked:
+            if server not in world.known:
+                unknown.setdefault(server, {}).update(dict.fromkeys(words))
+    found += [
+        f"whether the server of {server!r} knows {', '.join(words)}: it is not one of MERLIN's"
+        for server, words in unknown.items()
+        if words
+    ]
+    return found
 
 
 def cannot_be_made(path: str, error: Exception) -> str:

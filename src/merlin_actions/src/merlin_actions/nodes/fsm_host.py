@@ -2,7 +2,7 @@
 
 import math
 import threading
-from typing import Callable, Dict, List, Mapping, Optional, Tuple
+from typing import Dict, List, Mapping, Optional, Tuple
 
 import rospy
 from rosplan_knowledge_msgs.msg import DomainFormula
@@ -18,14 +18,13 @@ from merlin_actions.machine_survey import fitted, survey
 from merlin_actions.merlin_action_server import CANCEL_LIMIT, MerlinActionServer
 from merlin_actions.merlin_action_sm import MerlinActionSM
 from merlin_actions.robot_presence import RobotPresence
-from merlin_pddl.domain_reader import read_domain
-from merlin_pddl.text_reader import PddlError
+from merlin_pddl.checks.literals import literal_fault
 from merlin_planning.knowledge_client import (
     DEFAULT_KNOWLEDGE_BASE,
     KnowledgeBaseMissing,
-    KnowledgeClient,
     KnowledgeError,
     knowledge_client,
+    known_domain,
     wait_for_knowledge_base,
 )
 from merlin_ros.health import HealthReporter
@@ -34,12 +33,13 @@ from merlin_ros.node import keep_params, on_master_lost, run_node
 from merlin_ros.parameters import number
 from merlin_sm.holding.node_holds import node_holds, usual_level
 from merlin_sm.state_factory import MerlinStateFactory
-from merlin_sm.states.navigation import POINTS_PARAM
+from merlin_sm.states.navigation import POINTS_PARAM, point_faults
 
 
 def read_world(knowledge_base: str) -> ApplicationWorld:
     """Domain, objects and points of interest, of a knowledge base and the parameter server."""
     client = knowledge_client(knowledge_base)
+    known = known_domain(client)
     return ApplicationWorld(
         _signatures(client.operators()),
         client.instances,
@@ -47,7 +47,8 @@ def read_world(knowledge_base: str) -> ApplicationWorld:
         None,
         client.types(),
         _signatures({**client.function_signatures(), **client.predicates()}),
-        _declared_faults(knowledge_base, client),
+        lambda text, operator: declared_fault(text, operator, *known) if known else "",
+        lambda text, operator, adds: literal_fault(text, *known, operator, adds) if known else "",
     )
 
 
@@ -71,22 +72,10 @@ def check_machines(
     needs = [survey(machine) for machine in machines]
     mistakes = check_application(needs, world, complete)
     mistakes += check_robots(needs, world, [robot] if robot else [])
+    mistakes += point_faults(get_param(POINTS_PARAM, {}))
     if mistakes:
         raise ApplicationError(mistakes)
     return robot_parameters(needs, world)
-
-
-def _declared_faults(knowledge_base: str, client: KnowledgeClient) -> Callable[[str, str], str]:
-    """Judges declared effects by the file of the domain; where it is not on this machine, none is wrong."""
-    try:
-        domain = read_domain(str(get_param(f"{rospy.resolve_name(knowledge_base)}/domain_path", "")))
-    except PddlError:
-        return lambda text, operator: ""
-    objects: Dict[str, Tuple[str, ...]] = {}
-    for kind in domain.types:
-        for name in client.instances(kind, constants=False, subtypes=False):
-            objects[name.lower()] = (*objects.get(name.lower(), ()), kind)
-    return lambda text, operator: declared_fault(text, operator, domain, objects)
 
 
 def make_servers(machines: List[MerlinActionSM]) -> List[MerlinActionServer]:

@@ -64,9 +64,9 @@ class MissionNode(MerlinROSPlanAssistant, ABC):
         """Waits for knowledge base, Executor, action interfaces, robots of ``robots:=`` and :attr:`servers`.
 
         :param timeout: of each, s of running time.
-        :raises NotReady: when one is missing.
+        :raises NotReady: when one is missing, or the domain does not know a goal that stands in the mission.
         """
-        wait_for_robot(self.knowledge, self.client, self.servers, timeout)
+        wait_for_robot(self.knowledge, self.client, type(self), self.servers, timeout)
 
     @abstractmethod
     def carry_out(self) -> bool:

@@ -1,7 +1,7 @@
 """Waits until all parts of the robot that a mission needs are up."""
 
 import threading
-from typing import Any, Callable, List, Sequence, Tuple
+from typing import Any, Callable, List, Optional, Sequence, Tuple
 
 import rospy
 from actionlib_msgs.msg import GoalStatusArray
@@ -10,6 +10,7 @@ from rosplan_knowledge_msgs.msg import DomainFormula
 
 from merlin_executor.core.awaited import Awaited
 from merlin_executor.executor_client import MerlinExecutorClient
+from merlin_executor.mission.literal_goals import goal_faults_now
 from merlin_planning.knowledge_client import KnowledgeClient, KnowledgeError, fact
 from merlin_ros.deadline import Deadline
 from merlin_ros.late_topics import subscribe_by
@@ -24,7 +25,11 @@ class NotReady(RuntimeError):
 
 
 def wait_for_robot(
-    knowledge: KnowledgeClient, client: MerlinExecutorClient, servers: Sequence[str], timeout: float
+    knowledge: KnowledgeClient,
+    client: MerlinExecutorClient,
+    mission: Optional[type],
+    servers: Sequence[str],
+    timeout: float,
 ) -> None:
     """Waits for the knowledge base, the Executor, an action interface for every operator, robots and servers.
 
@@ -32,12 +37,16 @@ def wait_for_robot(
     on without them, too.
 
     :param servers: names of the action servers; of several robots each has those whose names have no slash.
+    :param mission: whose literal goals are compared with the domain; None: there is no class of one.
     :param timeout: of each, s of running time.
-    :raises NotReady: when one is missing.
+    :raises NotReady: when one is missing, or a goal is not known.
     """
     after = f"after {timeout:.0f} s"
     if not knowledge.wait(timeout):
         raise NotReady(f"no knowledge base {knowledge.name} {after}")
+    faults = goal_faults_now(mission, knowledge) if mission is not None else []
+    if faults:
+        raise NotReady("; ".join(faults))
     if not client.wait_for_executor(timeout):
         raise NotReady(f"no Executor on {client.name} {after}")
     missing = missing_interfaces(knowledge, timeout)

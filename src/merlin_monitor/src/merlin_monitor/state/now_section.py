@@ -132,7 +132,7 @@ class NowSection:
                 self._request_began.setdefault(message.request, (at, list(message.goals)))
                 goals = self._executor["words"] or say("a request")
                 begun = (
-                    say("“{goals}” gone on with", goals=goals)
+                    say("goes on with “{goals}”", goals=goals)
                     if resumed
                     else say("“{goals}” asked for by {client}", goals=goals, client=self._who())
                 )

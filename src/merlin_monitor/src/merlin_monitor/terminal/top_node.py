@@ -20,7 +20,7 @@ from merlin_monitor.state.inbox import Inbox
 from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_monitor.terminal.terminal_view import lines, paint
 from merlin_ros.master.master_link import master_answers
-from merlin_ros.node import init_node
+from merlin_ros.node import init_node, print_help
 
 REDRAW = 0.2  # s between two pictures
 LISTEN = 4.0  # s of wall time that are listened to before the state is printed once
@@ -93,6 +93,7 @@ def _screen() -> Iterator[Any]:
 
 def main() -> int:
     """Entry point; returns the exit code."""
+    print_help()
     if not master_answers():
         print(
             f"top: there is no ROS master at {os.environ.get('ROS_MASTER_URI', '')}; "

@@ -103,6 +103,10 @@ class _Search:
     def __init__(self, domain: Domain, state: RelaxedState) -> None:
         self._domain = domain
         self._state = state
+        effects = (effect for operator in domain.operators.values() for effect in operator.effects)
+        self._changed = {effect.atom.name for effect in effects if effect.atom is not None} | set(
+            domain.derived
+        )
 
     def gap(self, condition: Condition, operator: str, seen: FrozenSet[str]) -> Gap:
         """The reason behind a ground condition.
@@ -129,7 +133,7 @@ class _Search:
 
     def _way(self, atom: Atom, seen: FrozenSet[str]) -> Optional[Tuple[Condition, str]]:
         """What is missing for the action that comes nearest to an atom, and its operator."""
-        best: Optional[Tuple[int, Condition, str]] = None
+        best: Optional[Tuple[Tuple[int, int], Condition, str]] = None
         for operator in self._domain.operators.values():
             for effect in operator.effects:
                 if effect.atom is None or effect.negative or effect.atom.name != atom.name:
@@ -137,8 +141,10 @@ class _Search:
                 for missing in itertools.islice(self._missing(operator, effect, atom), WAYS):
                     if any(to_pddl(condition) in seen for condition in missing) or not missing:
                         continue
-                    if best is None or len(missing) < best[0]:
-                        best = len(missing), missing[0], operator.name
+                    # An action on objects that do not belong together is not near, however little it lacks.
+                    distance = sum(map(self._apart, missing)), len(missing)
+                    if best is None or distance < best[0]:
+                        best = distance, max(missing, key=self._apart), operator.name
         return None if best is None else best[1:]
 
     def _missing(self, operator: Operator, effect: Effect, atom: Atom) -> Iterator[List[Condition]]:
@@ -159,6 +165,11 @@ class _Search:
         needed += [part for timed in effect.conditions for part in conjuncts(timed.condition)]
         for bindings in self._state.extend(free, bound):
             yield [ground(need, bindings) for need in needed if not self._state.can(need, bindings)]
+
+    def _apart(self, condition: Condition) -> int:
+        """How many objects a missing condition relates for ever; 0: an action may change it."""
+        fixed = isinstance(condition, Atom) and condition.name not in self._changed
+        return len(condition.args) if isinstance(condition, Atom) and fixed else 0
 
     def _subject(self, comparison: Comparison) -> str:
         return self._without_value(comparison) or to_pddl(comparison)

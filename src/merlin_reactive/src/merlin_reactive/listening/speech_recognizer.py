@@ -1,8 +1,9 @@
 """Understands speech: pocketsphinx with a JSGF grammar, and the courage to say that it did not understand."""
 
+import functools
 import threading
 from dataclasses import dataclass
-from typing import Any, List, Optional, Tuple
+from typing import Any, FrozenSet, List, Optional, Sequence, Tuple
 
 import numpy as np
 from pocketsphinx import Config, Decoder, get_model_path
@@ -33,6 +34,21 @@ class Understanding:
 
     text: str
     confidence: float
+
+
+@functools.lru_cache(maxsize=None)
+def _dictionary() -> FrozenSet[str]:
+    with open(f"{get_model_path('en-us')}/cmudict-en-us.dict", encoding="utf-8") as lines:
+        return frozenset(line.split(" ", 1)[0] for line in lines)
+
+
+def unknown_words(words: Sequence[str]) -> str:
+    """What is wrong with words of a grammar; empty: the dictionary has all of them."""
+    known = _dictionary()
+    missing = [word for word in dict.fromkeys(words) if word not in known]
+    if not missing:
+        return ""
+    return f"no {' and no '.join(map(repr, missing))} in its English dictionary, which is in lower case"
 
 
 class SpeechRecognizer:

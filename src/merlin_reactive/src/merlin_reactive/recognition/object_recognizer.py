@@ -96,6 +96,15 @@ def check_classes(classes: Sequence[str]) -> None:
             )
 
 
+def unknown_classes(classes: Sequence[str]) -> str:
+    """What is wrong with names of classes; empty: all are known."""
+    try:
+        check_classes(classes)
+    except UnknownClass as error:
+        return str(error)
+    return ""
+
+
 def annotated(picture: np.ndarray, sightings: Sequence[Sighting]) -> np.ndarray:
     """A copy of a picture (RGB) with what was recognised drawn into it."""
     image = np.ascontiguousarray(picture).copy()

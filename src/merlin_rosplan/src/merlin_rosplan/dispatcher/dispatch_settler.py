@@ -75,7 +75,7 @@ class DispatchSettler:
 
         :raises ServiceError: when the knowledge base does not answer.
         """
-        if not self._journal.available():
+        if not self._journal.offered():
             return  # the original ROSPlan: its interfaces apply effects by themselves
         for execution in self._journal.open():
             if not execution.token.startswith(prefix):

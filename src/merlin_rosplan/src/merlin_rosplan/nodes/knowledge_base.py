@@ -88,6 +88,7 @@ class KnowledgeBase(Component):
         self.own(TimedKnowledge(self.store, self.scope))
         DomainServices(self, self.domain, self.store.sensed)
         StateServices(self, self.store, max_items, self.strict)
+        ExecutionServices(self, self.store, self._status)  # before what clients wait for, update_array
         self.service("update", KnowledgeUpdateService, self._update)
         self.service("update_array", bounded(UpdateArray, max_items), self._update_array)
         self.service("clear", Empty, self._clear)
@@ -95,7 +96,6 @@ class KnowledgeBase(Component):
         self.service("update_sensed_predicates", SetNamedBool, self._sensed)
         self._refusals = Refusals()
         self.service("last_refusal", Trigger, self._refusals.answer)
-        ExecutionServices(self, self.store, self._status)
         self._goal_leases = GoalLeases(self.scope, self.store, self._updates)
 
     def on_shutdown(self) -> None:

@@ -140,13 +140,13 @@ def _read(path: str) -> str:
 
 
 def _why(attempt: Attempt, task: Task) -> str:
-    """Why an engine found no plan: its own words, and which condition no action can reach."""
+    """Why an engine found no plan: which condition no action can reach, else its own words."""
     if attempt.state not in (PlannerState.UNSOLVABLE, PlannerState.NO_PLAN, PlannerState.TIMEOUT):
         return attempt.reason
     found, why = shortfall(task.domain, task.problem)
     if not why or (attempt.state is PlannerState.TIMEOUT and not found):
         return attempt.reason
-    return f"{why} ({attempt.reason})" if found else f"{attempt.reason}; {why}"
+    return why if found else f"{attempt.reason}; {why}"
 
 
 def _answer_of(entry: Entry, keep_in: Optional[Path], task: Task) -> Dict[str, Any]:

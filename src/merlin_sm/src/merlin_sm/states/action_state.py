@@ -13,6 +13,7 @@ from merlin_ros.actions.hang_watch import hangs
 from merlin_ros.deadline import Deadline
 from merlin_sm.guard_watch import shared_guard_watch
 from merlin_sm.states.merlin_state import PREEMPTED, SUCCEEDED, MerlinState
+from merlin_sm.states.text_keys import check_keys
 
 SERVER_WAIT = 5.0  # s of running time for a server that is not there yet
 CANCEL_LIMIT = 2.0  # s of running time within which a server has to stop
@@ -51,6 +52,7 @@ class ActionState(MerlinState):
     where the guard held the base; a goal for which the guard says that no velocity comes is cancelled.
 
     :cvar drives: whether goals drive also while no guard has named the action.
+    :ivar asks: words or classes that its server has to know.
     :param name: of the action.
     :param action_spec: the generated ``...Action`` class.
     :param goal: the goal, or a function from userdata to the goal; raise ValueError to abort with its text,
@@ -64,6 +66,7 @@ class ActionState(MerlinState):
     """
 
     drives = False
+    asks: Sequence[str] = ()
 
     def __init__(
         self,
@@ -77,6 +80,8 @@ class ActionState(MerlinState):
         server_wait: float = SERVER_WAIT,
         cancel_limit: float = CANCEL_LIMIT,
     ) -> None:
+        for function in (goal, on_result):
+            check_keys(function, input_keys, output_keys, "input_keys")
         super().__init__(outcomes, input_keys, output_keys)
         self.action = name
         self._goal = goal

@@ -5,6 +5,7 @@ from typing import Any, Callable, Optional, Sequence
 from merlin_planning.knowledge_client import KnowledgeError
 from merlin_ros.service_proxy import ServiceError
 from merlin_sm.states.merlin_state import SUCCEEDED, MerlinState
+from merlin_sm.states.text_keys import check_keys
 
 
 class FunctionState(MerlinState):
@@ -16,6 +17,7 @@ class FunctionState(MerlinState):
     :param inputs: userdata keys that it reads.
     :param outputs: userdata keys that it sets.
     :param outcomes: that it may return besides succeeded.
+    :raises ValueError: when the function reads a key that is not listed.
     """
 
     def __init__(
@@ -25,6 +27,7 @@ class FunctionState(MerlinState):
         outputs: Sequence[str] = (),
         outcomes: Sequence[str] = (),
     ) -> None:
+        check_keys(function, inputs, outputs, "inputs")
         super().__init__(outcomes, inputs, outputs)
         self._function = function
 

@@ -22,6 +22,7 @@ class KnowledgeState(MerlinState, MerlinROSPlanAssistant):
     ) -> None:
         self._keys = keys_of([*add, *remove], keys)
         super().__init__(input_keys=self._keys)
+        self.changes = (*add, *remove)
         self._add = list(add)
         self._remove = list(remove)
 

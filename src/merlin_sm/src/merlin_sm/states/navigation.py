@@ -1,7 +1,7 @@
 """Navigation: drive to a point of interest or to a pose through move_base."""
 
 import math
-from typing import Any
+from typing import Any, List, Tuple
 
 import rospy
 from geometry_msgs.msg import PoseStamped
@@ -26,17 +26,35 @@ def point_of_interest(name: str) -> PoseStamped:
         known = ", ".join(sorted(points)) or "none"
         where = rospy.resolve_name(POINTS_PARAM)
         raise GivenUp(f"unknown point of interest {name!r}; {where} has: {known}", about=name)
-    try:
-        x, y, yaw = (float(points[name][key]) for key in ("x", "y", "yaw"))
-        if not all(map(math.isfinite, (x, y, yaw))):
-            raise ValueError(name)
-    except (KeyError, TypeError, ValueError):
-        raise ValueError(f"point of interest {name!r} needs numbers x, y (m) and yaw (rad)") from None
+    x, y, yaw = _numbers(name, points[name])
     pose = PoseStamped()
     pose.header.frame_id = "map"
     pose.pose.position.x, pose.pose.position.y = x, y
     pose.pose.orientation.z, pose.pose.orientation.w = math.sin(yaw / 2), math.cos(yaw / 2)
     return pose
+
+
+def point_faults(points: Any) -> List[str]:
+    """What is wrong with the value of ``world/points_of_interest``, a sentence for each point."""
+    if not isinstance(points, dict):
+        return [f"{POINTS_PARAM} is {points!r}; write name: {{x: …, y: …, yaw: …}} for each point"]
+    found = []
+    for name, point in points.items():
+        try:
+            _numbers(name, point)
+        except ValueError as error:
+            found.append(f"{error}; correct points_of_interest")
+    return found
+
+
+def _numbers(name: str, point: Any) -> Tuple[float, float, float]:
+    try:
+        x, y, yaw = (float(point[key]) for key in ("x", "y", "yaw"))
+        if not all(map(math.isfinite, (x, y, yaw))):
+            raise ValueError(name)
+    except (KeyError, TypeError, ValueError):
+        raise ValueError(f"point of interest {name!r} needs numbers x, y (m) and yaw (rad)") from None
+    return x, y, yaw
 
 
 class NavigationState(ActionState):
@@ -55,7 +73,7 @@ class NavigationState(ActionState):
         super().__init__(
             action,
             MoveBaseAction,
-            lambda userdata: _goal(target if target is not None else userdata.target),
+            (lambda _: _goal(target)) if target is not None else (lambda userdata: _goal(userdata.target)),
             input_keys=keys,
             **options,
         )

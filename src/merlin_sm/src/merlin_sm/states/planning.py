@@ -172,7 +172,7 @@ class DispatchPlanState(PlanningState):
         result = self._client.dispatch(self.interruptible, self._plan(), self._owner())
         self._on_result(result)
         self.gone = result.gone
-        named = result.action and not result.timed_out
+        named = result.action and not result.timed_out and not result.reason.startswith(result.action)
         self.reason = f"{result.action}: {result.reason}" if named else result.reason
         if result.goal_achieved:
             return SUCCEEDED

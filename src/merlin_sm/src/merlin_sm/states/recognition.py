@@ -50,6 +50,7 @@ class RecognizeState(ActionState):
 
         goal = RecognizeGoal(classes=list(classes))
         super().__init__(action, RecognizeAction, goal, on_result=keep, output_keys=["detections"], **options)
+        self.asks = tuple(classes)
 
 
 def recognized(result: RecognizeResult) -> Sequence[Recognized]:

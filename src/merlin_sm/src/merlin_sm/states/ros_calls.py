@@ -12,6 +12,7 @@ from merlin_ros.master.master_link import MasterSilent
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
 from merlin_ros.work.threads import start_thread
 from merlin_sm.states.merlin_state import PREEMPTED, SUCCEEDED, MerlinState
+from merlin_sm.states.text_keys import check_keys
 
 
 class ServiceCallState(MerlinState):
@@ -40,7 +41,10 @@ class ServiceCallState(MerlinState):
         wait: float = 5.0,
         timeout: Optional[float] = None,
     ) -> None:
+        for function in (request, on_response):
+            check_keys(function, input_keys, output_keys, "input_keys")
         super().__init__(outcomes, input_keys, output_keys)
+        self.service = name
         self._service_class = service_class
         self._request = request
         self._on_response = on_response
@@ -105,6 +109,7 @@ class TopicState(MerlinState):
         input_keys: Sequence[str] = (),
         output_keys: Sequence[str] = (),
     ) -> None:
+        check_keys(accept, input_keys, output_keys, "input_keys")
         super().__init__(outcomes, input_keys, output_keys)
         self._topic = topic
         self._message_class = message_class

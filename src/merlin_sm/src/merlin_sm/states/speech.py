@@ -7,6 +7,7 @@ from merlin_msgs.msg import ListenAction, ListenGoal
 from sound_play.msg import SoundRequest, SoundRequestAction, SoundRequestGoal
 
 from merlin_sm.states.action_state import ActionState
+from merlin_sm.states.jsgf import check_grammar
 from merlin_sm.states.text_keys import keys_of
 
 MISUNDERSTOOD = "misunderstood"
@@ -60,6 +61,7 @@ class ListenState(ActionState):
     :param grammar: JSGF text.
     :param timeout: s of ROS time; 0: the server's default.
     :param action: name of the listen action.
+    :raises ValueError: for a grammar that cannot be used.
     """
 
     def __init__(self, grammar: str, timeout: float = 0.0, action: str = "listen", **options: Any) -> None:
@@ -67,6 +69,7 @@ class ListenState(ActionState):
             userdata.heard = result.text
             return None if result.text else MISUNDERSTOOD
 
+        words = check_grammar(grammar)
         goal = ListenGoal(grammar=grammar, timeout=rospy.Duration(timeout))
         super().__init__(
             action,
@@ -77,3 +80,4 @@ class ListenState(ActionState):
             output_keys=["heard"],
             **options,
         )
+        self.asks = words

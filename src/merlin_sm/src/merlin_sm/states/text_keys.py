@@ -1,8 +1,9 @@
-"""The userdata that a text with ``{key}`` names. Pure."""
+"""The userdata that a text with ``{key}`` names, and that a function reads. Pure."""
 
+import dis
 import re
 import string
-from typing import List, Optional, Sequence
+from typing import Any, Callable, List, Optional, Sequence
 
 
 def keys_of(texts: Sequence[str], keys: Optional[Sequence[str]] = None) -> List[str]:
@@ -26,3 +27,46 @@ def keys_of(texts: Sequence[str], keys: Optional[Sequence[str]] = None) -> List[
                 raise ValueError(f"the text {text!r} names {{{key}}}, which is not among its keys: {given}")
             named.append(key)
     return list(dict.fromkeys(named)) if keys is None else list(keys)
+
+
+def keys_read(function: Callable[..., Any]) -> List[str]:
+    """The userdata keys that a function, whose first argument is the userdata, itself reads by their names.
+
+    What it hands on to another function is not followed; a callable without Python code reads none.
+    """
+    bound_to = getattr(function, "__self__", None)
+    code = getattr(getattr(function, "__func__", function), "__code__", None)
+    place = 0 if bound_to is None else 1
+    if code is None or code.co_argcount <= place:
+        return []
+    name = code.co_varnames[place]
+    found: List[str] = []
+    steps = list(dis.get_instructions(code))
+    for first, second, third in zip(steps, steps[1:], [*steps[2:], steps[-1]]):
+        if first.opname.startswith("LOAD_FAST") and first.argval == name:
+            item = second.opname == "LOAD_CONST" and third.opname == "BINARY_SUBSCR"
+            if item or second.opname == "LOAD_ATTR":
+                found.append(str(second.argval))
+        elif first.opname in ("STORE_FAST", "DELETE_FAST") and first.argval == name:
+            return []  # it is another object from here on
+    return list(dict.fromkeys(found))
+
+
+def check_keys(function: Any, inputs: Sequence[str], outputs: Sequence[str], argument: str) -> None:
+    """Compares the userdata that a function reads with what its state declares.
+
+    :param argument: of the state that lists the inputs.
+    :raises ValueError: for the first key that it reads and the state does not list.
+    """
+    if not callable(function):
+        return
+    for key in keys_read(function):
+        # SMACH lets a state read what it sets itself; a method of userdata is not a key.
+        if key not in (*inputs, *outputs, "keys", "get", "items", "update"):
+            name = getattr(function, "__name__", type(function).__name__)
+            line = getattr(getattr(function, "__code__", None), "co_firstlineno", 0)
+            given = ", ".join(inputs) or "none"
+            raise ValueError(
+                f"{name}, line {line}, reads userdata {key!r}, which is not among the {argument} of its "
+                f"state: {given}; add it"
+            )

@@ -20,6 +20,14 @@ APPLICATION = """<launch>
   </include>
 </launch>
 """
+WORLD = """name: square
+starts: [{x: 2.0, y: 2.0, yaw: 0.0}]
+walls:
+- {from: [0, 0], to: [4, 0]}
+- {from: [4, 0], to: [4, 4]}
+- {from: [4, 4], to: [0, 4]}
+- {from: [0, 4], to: [0, 0]}
+"""
 NAVIGATE, ASK = "merlin_actions.actions.navigate:Navigate", "merlin_home.actions.ask:Ask"
 
 
@@ -30,7 +38,8 @@ class TakeOrder(MerlinActionSM):
     parameters = ["t"]
 
     def build(self):
-        self.add("ASK", self.state("ask", "What for {t}?", "grammar"), {"misunderstood": "aborted"})
+        ask = self.state("ask", "What for {t}?", "#JSGF V1.0; public <a> = a tea;")
+        self.add("ASK", ask, {"misunderstood": "aborted"})
 """
 
 
@@ -41,7 +50,8 @@ class Drive(MerlinActionSM):
     parameters = ["from", "to"]
 
     def build(self):
-        self.add("HEAR", self.state("ask", "Here?", "grammar"), {"misunderstood": "aborted"})
+        hear = self.state("ask", "Here?", "#JSGF V1.0; public <a> = yes;")
+        self.add("HEAR", hear, {"misunderstood": "aborted"})
 """
 
 
@@ -60,7 +70,7 @@ def check(tmp_path: Path, *words: str, **variables: str) -> "subprocess.Complete
 def application(tmp_path: Path, actions: str, on: str = "simulator", points: str = "kitchen") -> str:
     world = tmp_path / "points.yaml"
     listed = "".join(f"  {name}: {{x: 1.0, y: 1.0, yaw: 0.0}}\n" for name in points.split())
-    world.write_text(f"points_of_interest:\n{listed}")
+    world.write_text(f"{WORLD}points_of_interest:\n{listed}")
     file = tmp_path / "my.launch"
     file.write_text(APPLICATION.format(on=on, points=world, actions=actions))
     return str(file)
@@ -86,7 +96,7 @@ def test_the_applications_of_merlin_fit(tmp_path: Path, name: str) -> None:
     ],
 )
 def test_robots_are_checked(tmp_path: Path, robots: str, said: str) -> None:
-    pddl = Path(__file__).resolve().parents[3] / "pddl" / "robots"
+    pddl = Path(__file__).resolve().parents[4] / "pddl" / "robots"
     words = [f"domain_path:={pddl}/domain.pddl", f"problem_path:={pddl}/problem.pddl"]
     drive = "actions:=['merlin_actions.actions.drive:Drive']"
     launch = str(pddl.parents[1] / "launch" / "include" / "application.launch")
@@ -101,7 +111,7 @@ def test_robots_are_checked(tmp_path: Path, robots: str, said: str) -> None:
 def test_what_does_not_fit_on_one_robot_has_its_name_and_what_robots_hear_is_checked(tmp_path: Path) -> None:
     file = tmp_path / "talks.py"
     file.write_text(TALKS)
-    pddl = Path(__file__).resolve().parents[3] / "pddl" / "robots"
+    pddl = Path(__file__).resolve().parents[4] / "pddl" / "robots"
     launch = str(pddl.parents[1] / "launch" / "include" / "application.launch")
     words = [f"domain_path:={pddl}/domain.pddl", f"problem_path:={pddl}/problem.pddl", "on:=servers"]
     path = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
@@ -145,7 +155,7 @@ def test_a_misspelt_class_is_named(tmp_path: Path) -> None:
 
 def test_a_mission_that_does_not_exist_and_an_object_declared_twice_are_named(tmp_path: Path) -> None:
     launch = Path(application(tmp_path, f"{NAVIGATE}, {ASK}", points="kitchen bathroom dorm_room main_door"))
-    home = Path(__file__).resolve().parents[3] / "pddl" / "home" / "problem.pddl"
+    home = Path(__file__).resolve().parents[4] / "pddl" / "home" / "problem.pddl"
     problem = tmp_path / "problem.pddl"
     problem.write_text(home.read_text().replace("kitchen", "kitchen kitchen", 1))
     args = "mission:=merlin_home.home_mission:X"

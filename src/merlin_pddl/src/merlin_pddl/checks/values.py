@@ -1,0 +1,70 @@
+"""Which numbers the actions of a problem need that have no value, so that they never run."""
+
+import time
+from typing import Any, Dict, Iterator, List, Set, Tuple
+
+from merlin_pddl.analysis.reachability import Reachability, conditions_of
+from merlin_pddl.analysis.relaxed_state import CutOffError
+from merlin_pddl.domain import Domain, Operator
+from merlin_pddl.formula import Comparison, Fluent, terms
+from merlin_pddl.knowledge import ASSIGN
+from merlin_pddl.problem import Problem
+
+#: How many missing values of a function are named.
+NAMED = 3
+LIMIT = 2.0
+"""s of wall time for the analysis."""
+CUT_OFF = "values of functions were not looked at: the problem is too large for it"
+
+
+def missing_values(domain: Domain, problem: Problem, limit: float = LIMIT) -> List[str]:
+    """One sentence for each operator and function; values that an action may set before are not missing.
+
+    :param limit: s of wall time.
+    """
+    reach = Reachability(domain, problem, time.monotonic() + limit)
+    found: Dict[Tuple[str, str], Dict[str, None]] = {}
+    try:
+        reach.run()
+        for operator in domain.operators.values():
+            needed = conditions_of(operator)
+            plain = [condition for condition in needed if not isinstance(condition, Comparison)]
+            fluents = list(dict.fromkeys(_read(operator)))
+            if not fluents:
+                continue
+            for bindings in reach.state.matches(operator.parameters, plain):
+                for fluent in fluents:
+                    key = reach.state.key(fluent, bindings)
+                    # From a place to itself is nothing to drive.
+                    if key not in reach.state.values and len(set(key)) == len(key):
+                        found.setdefault((operator.name, fluent.name), {})[f"({' '.join(key)})"] = None
+    except CutOffError:
+        return [CUT_OFF]
+    said = []
+    for (name, _), texts in found.items():
+        named = sorted(texts)[:NAMED]
+        more = f" and {len(texts) - NAMED} more" if len(texts) > NAMED else ""
+        said.append(
+            f"operator {name} needs the value of {', '.join(named)}{more}: no plan can use it there; "
+            f"write (= {named[0]} …) into :init of the problem, or have a node set it"
+        )
+    return said
+
+
+def _read(operator: Operator) -> Iterator[Fluent]:
+    """The functions whose values an operator needs before it can run."""
+    formulas: List[Any] = list(conditions_of(operator))
+    for effect in operator.effects:
+        if effect.value is not None and not effect.conditions and not effect.variables:
+            formulas.append(effect.value)
+            if effect.op != ASSIGN:
+                formulas.append(effect.fluent)
+    for formula in formulas:
+        for term in terms(formula):
+            # One with a variable of a quantifier is none of a ground action.
+            if isinstance(term, Fluent) and {a for a in term.args if a[0] == "?"} <= _names(operator):
+                yield term
+
+
+def _names(operator: Operator) -> Set[str]:
+    return {variable.name for variable in operator.parameters}

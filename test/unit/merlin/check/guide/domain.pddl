@@ -1,0 +1,16 @@
+(define (domain guide)
+  (:requirements :typing :durative-actions :numeric-fluents)
+  (:types place picture - object poi - place)
+  (:constants anywhere - place)
+  (:predicates (robot_at ?p - place) (shown ?o - picture) (hangs_in ?o - picture ?p - poi) (quiet))
+  (:functions (way ?from - place ?to - poi) (battery))
+  (:durative-action navigate
+    :parameters (?from - place ?to - poi)
+    :duration (= ?duration (way ?from ?to))
+    :condition (and (at start (robot_at ?from)) (at start (> (battery) 10)))
+    :effect (and (at start (not (robot_at ?from))) (at end (robot_at ?to))))
+  (:durative-action show
+    :parameters (?o - picture ?p - poi)
+    :duration (= ?duration 20)
+    :condition (and (over all (robot_at ?p)) (over all (hangs_in ?o ?p)))
+    :effect (at end (shown ?o))))

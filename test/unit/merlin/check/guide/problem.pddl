@@ -1,0 +1,6 @@
+(define (problem guide) (:domain guide)
+  (:objects hall gallery - poi sunset - picture)
+  (:init (robot_at anywhere) (hangs_in sunset gallery) (= (battery) 80)
+    (= (way anywhere hall) 10) (= (way anywhere gallery) 20)
+    (= (way hall gallery) 15) (= (way gallery hall) 15))
+  (:goal (shown sunset)))

@@ -1,0 +1,94 @@
+"""Facts and goals in Python are found and judged by a domain; numbers that are missing are named."""
+
+from pathlib import Path
+from typing import Any, List
+
+import pytest
+
+from merlin_pddl.checks.literals import literal_fault, literals_of
+from merlin_pddl.checks.values import CUT_OFF, missing_values
+from merlin_pddl.domain_reader import parse_domain
+from merlin_pddl.problem_reader import parse_problem
+
+DOMAIN = parse_domain(
+    """(define (domain d) (:types room cup) (:predicates (clean ?r - room) (on ?c - cup ?r - room))
+    (:functions (battery) (way ?a ?b - room))
+    (:action wipe :parameters (?r ?other - room) :precondition (and (clean ?other)
+      (> (battery) (way ?other ?r)))
+      :effect (and (clean ?r) (decrease (battery) 1)))
+    (:action load :parameters () :effect (assign (battery) 100)))"""
+)
+OBJECTS = {"hall": ("room",), "attic": ("room",), "mug": ("cup",)}
+
+
+@pytest.mark.parametrize(
+    ("text", "fault"),
+    [
+        ("(clean hall)", ""),
+        ("(not (clean {_}))", ""),
+        ("(clean {_}) (>= (battery) {level})", ""),
+        ("(clean room_{n})", ""),
+        ("({_} hall)", ""),
+        ("no PDDL", ""),
+        ("(cleen hall)", "unknown predicate 'cleen' (did you mean 'clean'?)"),
+        ("(clean hal)", "unknown object 'hal' (did you mean 'hall'?)"),
+        ("(clean {a} {b})", "'clean' takes 1 argument(s), here are 2"),
+        ("(clean mug)", "'mug' is of type cup, but 'clean' takes room here"),
+        ("(on {r} hall)", "'?r' is of type room, but 'on' takes cup here"),
+    ],
+)
+def test_a_literal_is_judged(text: str, fault: str) -> None:
+    assert literal_fault(text, DOMAIN, OBJECTS, "wipe") == fault
+
+
+def test_an_object_that_may_come_later_is_no_mistake() -> None:
+    assert literal_fault("(clean cellar)", DOMAIN, OBJECTS, adds_objects=True) == ""
+
+
+class Base:
+    def send(self, goals: Any) -> None: ...
+
+
+class Mine(Base):
+    def run(self, name: str, all_of_it: List[str]) -> None:
+        self.send("(clean hall)")
+        self.send([f"(clean {name})", "(on mug hall)"] if name else "(clean attic)")
+        self.send(goals=(f"(clean {each})" for each in all_of_it))
+        self.send(name)
+
+
+class Heir(Mine):
+    pass
+
+
+def test_the_literals_of_a_class_and_of_what_it_inherits() -> None:
+    found = literals_of(Heir, {"send": 0}, (Base,))
+    texts = ["(clean hall)", "(clean {_})", "(on mug hall)", "(clean attic)", "(clean {_})"]
+    assert [text for _, text in found] == texts
+    source = Path(__file__).read_text().splitlines()
+    place, _, line = found[0].where.rpartition(", line ")
+    assert place == Path(__file__).name and "(clean hall)" in source[int(line) - 1]
+
+
+def problem(init: str) -> Any:
+    text = (
+        f"(define (problem p) (:domain d) (:objects hall attic - room) (:init {init}) (:goal (clean attic)))"
+    )
+    return parse_problem(text, DOMAIN)
+
+
+def test_a_number_that_is_missing_is_named_with_its_operator() -> None:
+    (said,) = missing_values(DOMAIN, problem("(clean hall) (= (battery) 5)"))
+    assert said.startswith("operator wipe needs the value of (way hall attic): no plan")
+    assert missing_values(DOMAIN, problem("(clean hall) (= (battery) 5) (= (way hall attic) 1)")) == [
+        said.replace("hall attic", "attic hall")
+    ]
+
+
+def test_what_an_action_assigns_is_not_missing() -> None:
+    ways = "(= (way hall attic) 1) (= (way attic hall) 1)"
+    assert missing_values(DOMAIN, problem(f"(clean hall) {ways}")) == []
+
+
+def test_a_task_that_is_too_large_is_said_not_to_be_looked_at() -> None:
+    assert missing_values(DOMAIN, problem("(clean hall)"), limit=-1.0) == [CUT_OFF]
