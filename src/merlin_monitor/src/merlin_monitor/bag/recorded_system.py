@@ -82,6 +82,10 @@ class RecordedSystem(RosSystem):
             value = value[part]
         return value
 
+    def clock_set(self) -> float:
+        """Not known of then."""
+        return 0.0
+
     def time(self) -> float:
         """ROS time of then, s."""
         return self._at

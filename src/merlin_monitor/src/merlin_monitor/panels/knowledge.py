@@ -126,7 +126,7 @@ class KnowledgePanel(Panel):
             self._put(message)
 
     def _put(self, message: KnowledgeChanges) -> None:
-        at = message.header.stamp.to_sec() or self.ros.time()
+        at = self.ros.time_of(message)
         self.state.inbox.put(self.state.knowledge.changed, message, at)
 
     def _work(self) -> None:

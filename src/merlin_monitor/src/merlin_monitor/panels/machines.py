@@ -88,7 +88,7 @@ class MachinesPanel(Panel):
         )
 
     def _status(self, server: str, message: SmachContainerStatus) -> None:
-        at = message.header.stamp.to_sec() or self.ros.time()
+        at = self.ros.time_of(message)
         self.state.inbox.put(self._take, server, message, at, self.ros.wall())
 
     def _take(self, server: str, message: SmachContainerStatus, at: float, wall: float) -> None:

@@ -49,6 +49,7 @@ class PlanSection:
         self._replans: List[Dict[str, Any]] = []
         self._early: Dict[Tuple[int, int], Tuple[int, str, float]] = {}  # feedback that came before its plan
         self._status: Any = None  # the dispatcher's last one
+        self._status_at = 0.0  # s of ROS time
         self._places: Set[str] = set()
         self._kept: Mapping[str, Any] = {}  # the section of an earlier life, until the first plan
         self._missed: List[Tuple[Any, float]] = []  # dispatches of no step that is known
@@ -112,7 +113,7 @@ class PlanSection:
         for message, received in missed:
             self.dispatched(message, received)
         if late:
-            self._catch_up(at)
+            self._catch_up()
         elif self._plans > 1:
             self._kept = {}
 
@@ -164,7 +165,7 @@ class PlanSection:
     def dispatcher(self, message: Any, at: float) -> None:
         """Takes a message with the fields of merlin_msgs/DispatchStatus."""
         first = self._status is None or not self._status.state
-        self._status = message
+        self._status, self._status_at = message, at
         if message.state:
             self._follow(message.plan_id)
         if first and self._plans == 1:
@@ -174,7 +175,10 @@ class PlanSection:
             step = self._steps.get(identity)
             text = atom_text(action.name, [parameter.value for parameter in action.parameters])
             if step is not None and step["text"] == text and step["state"] == WAITING:
-                self._put(step, state=DISPATCHED, began=action.dispatched.to_sec() or at)
+                # Of the dispatcher's own clock only how long ago it was is of use.
+                stamps = message.header.stamp, action.dispatched
+                ago = (stamps[0] - stamps[1]).to_sec() if all(stamps) else 0.0
+                self._put(step, state=DISPATCHED, began=at - ago)
         self._tree.set(
             SECTION,
             "dispatcher",
@@ -245,9 +249,9 @@ class PlanSection:
         english = action_in_words(name, parameters, self._places)
         return action_phrase(name, shown_parameters(parameters), english)
 
-    def _catch_up(self, at: float) -> None:
+    def _catch_up(self) -> None:
         """Started in the middle of a dispatch, it gets the latched messages before or after the plan."""
-        self.dispatcher(self._status, at)
+        self.dispatcher(self._status, self._status_at)
         self._take_up(self._status)
         for (plan_id, identity), (status, reason, received) in list(self._early.items()):
             step = self._steps.get(identity)

@@ -14,6 +14,7 @@ from std_srvs.srv import Trigger
 
 from merlin_executor.executor_client import MerlinExecutorClient
 from merlin_executor.goal_check import GoalError, check_goals
+from merlin_monitor.listeners.ros_system import RosSystem
 from merlin_monitor.state.freshness import SILENT
 from merlin_monitor.state.history_events import sentence
 from merlin_monitor.state.monitor_model import MonitorModel
@@ -181,7 +182,7 @@ class RobotControl:
         known = self._state.tree.get("now", "problems") or []
         if problem not in [each["key"] for each in known]:
             raise ControlError("There is no such problem any more.")
-        self._state.inbox.put(self._state.acknowledge, problem, by, rospy.get_time(), time.monotonic())
+        self._state.inbox.put(self._state.acknowledge, problem, by, RosSystem().time(), time.monotonic())
         return "Noted; it stays so until the problem has ended."
 
     def _pause_too(self, by: str) -> None:
@@ -202,7 +203,7 @@ class RobotControl:
         self._report(by, cancel_words(by, request, goals))
 
     def _report(self, by: str, said: Phrase, **detail: str) -> None:
-        self._state.report(sentence("control", said, rospy.get_time(), by=by, **detail))
+        self._state.report(sentence("control", said, RosSystem().time(), by=by, **detail))
 
 
 def _each(said: Dict[str, str]) -> str:
