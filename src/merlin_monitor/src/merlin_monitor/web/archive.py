@@ -1,7 +1,6 @@
 """A history that is shown as the page shows the past: nothing in it changes any more. Without ROS."""
 
 import concurrent.futures
-import json
 import re
 import time
 from pathlib import Path
@@ -12,8 +11,9 @@ from merlin_monitor.history.history_reader import HistoryReader
 from merlin_monitor.history.pictures import Pictures
 from merlin_monitor.panel_scripts import script_file
 from merlin_monitor.state.history_events import Event
-from merlin_monitor.state.history_section import NEWEST, HistorySection
-from merlin_monitor.state.state_tree import StateTree, apply_changes
+from merlin_monitor.state.history_store import NEWEST, HistorySection
+from merlin_monitor.state.recorder import last_state
+from merlin_monitor.state.state_tree import StateTree
 
 STARTUP = 60.0  # s for each of the first answers
 _NAME = re.compile(r"[a-z][a-z0-9_]{0,40}\Z")
@@ -59,11 +59,7 @@ class Archive:
         runs = self.history.runs().result(STARTUP)
         last = self.history.segment(runs[-1]["run"], runs[-1]["ended"]).result(STARTUP)
         try:
-            whole, *later = json.loads(last or "")["frames"]
-            state = whole[2]
-            for frame in later:  # a run that ended soon may have sent its panels after the first frame
-                apply_changes(state, frame[2])
-            meta = state["meta"]
+            meta = last_state(last)["meta"]
             panels = [panel for panel in map(self._panel, meta["panels"]) if panel]
         except (ValueError, LookupError, TypeError) as error:
             raise HistoryError(f"{path} is damaged: its last segment cannot be read") from error
