@@ -1,6 +1,9 @@
 """Control of the robot from the page: goals, cancels, pausing, stop. Each request is checked first."""
 
-from typing import Any, Dict, List, Protocol, Sequence
+from typing import TYPE_CHECKING, Any, Dict, List, Protocol
+
+if TYPE_CHECKING:
+    from merlin_monitor.web.robot_control import RobotControl
 
 LONGEST_GOAL = 4000  # characters
 LONGEST_NAME = 400  # characters of the name of a state, an outcome or a level
@@ -23,64 +26,6 @@ class ControlError(Exception):
         self.confirm = confirm
 
 
-class ControlledRobot(Protocol):
-    """What can be asked of the robot; each method raises ControlError when it cannot be done.
-
-    `by` is the name of the operator, which the history shows.
-    """
-
-    def check(self, goal: str) -> None:
-        """Compares a goal in PDDL with the domain and the world."""
-
-    def send(self, goal: str, priority: int, by: str) -> str:
-        """Sends a goal; returns the id of the request."""
-
-    def cancel(self, request: str, by: str) -> str:
-        """Cancels a request; returns what was done."""
-
-    def cancel_all(self, by: str) -> str:
-        """Cancels all requests; returns what was done."""
-
-    def pause(self, pause: bool, by: str) -> str:
-        """Pauses the Executor, or resumes it; returns the Executor's answer."""
-
-    def stop(self, by: str, press: str) -> str:
-        """Stops all bases until they are released, and cancels all requests; returns what was done.
-
-        :param press: names the press of the button, which may arrive several times; empty: it comes once.
-        """
-
-    def release(self, by: str, seen: str) -> str:
-        """Releases the bases; returns what was done.
-
-        :param seen: of a :class:`ControlError`, what the operator wants to release nevertheless.
-        """
-
-    def plan(self, goal: str, without: Sequence[str], by: str) -> Dict[str, Any]:
-        """A plan for a goal that is not carried out; returns a sentence, ``done``, and the ``plan``."""
-
-    def change(self, facts: str, by: str) -> str:
-        """Makes facts true or false and sets values, by hand; returns what was done."""
-
-    def hold_before(self, texts: Sequence[str], by: str) -> str:
-        """Replaces the breakpoints; returns what was done."""
-
-    def go_on(self, step: bool, by: str) -> str:
-        """Continues from a breakpoint; a step holds the next action or state."""
-
-    def leave(self, state: str, outcome: str, within: str, by: str) -> str:
-        """Makes a state end with an outcome; without one, confirms the outcome that waits.
-
-        :param within: the namespace of the node that runs it, with a slash at its end; empty: any.
-        """
-
-    def set_autonomy(self, level: str, by: str) -> str:
-        """Sets up to which level machines take outcomes by themselves; returns what was done."""
-
-    def acknowledge(self, problem: str, by: str) -> str:
-        """Notes that an operator knows about a problem, by its key; returns what was done."""
-
-
 class Controls(Protocol):
     """Carries out what a page asks for: of a robot (`Control`), or of a fleet."""
 
@@ -97,7 +42,7 @@ class Control:
     :param robot: the robot.
     """
 
-    def __init__(self, robot: ControlledRobot) -> None:
+    def __init__(self, robot: "RobotControl") -> None:
         self._robot = robot
 
     def carry_out(self, what: str, fields: Dict[str, Any], by: str) -> Dict[str, Any]:

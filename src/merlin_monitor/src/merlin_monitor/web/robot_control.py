@@ -35,7 +35,9 @@ ALL_REQUESTS = GoalID()  # a cancel without name and time is for all goals of an
 
 
 class RobotControl:
-    """The robot as :class:`merlin_monitor.web.page_control.ControlledRobot` wants it.
+    """What can be asked of the robot; each method raises ControlError when it cannot be done.
+
+    `by` is the name of the operator, which the history shows. What is returned is a sentence: what was done.
 
     :param state: takes the events, and knows which requests there are.
     """
@@ -60,14 +62,14 @@ class RobotControl:
         self._paused_too = False  # by a stop that a guard did not confirm
 
     def check(self, goal: str) -> None:
-        """Compares a goal with the domain and the objects."""
+        """Compares a goal in PDDL with the domain and the objects."""
         try:
             check_goals(parse_goal(goal), self._knowledge)
         except (PDDLSyntaxError, GoalError, ServiceError) as error:
             raise ControlError(str(error)) from error
 
     def send(self, goal: str, priority: int, by: str) -> str:
-        """Sends a goal to the Executor."""
+        """Sends a goal to the Executor; returns the id of the request."""
         if not self._client.executor_alive:
             raise ControlError("There is no Executor to send the goal to.")
         request = self._client.send(goal, priority)
@@ -107,6 +109,8 @@ class RobotControl:
 
         Where a guard does not confirm it, the Executor is paused, too, or a mission would go on. That may
         take time, or not come true; nothing waits for it.
+
+        :param press: names the press of the button, which may arrive several times; empty: it comes once.
         """
         with self._lock:
             repeated = press in self._presses
@@ -133,7 +137,10 @@ class RobotControl:
         )
 
     def release(self, by: str, seen: str) -> str:
-        """Releases the bases; one that another operator holds only when this one has seen it."""
+        """Releases the bases; one that another operator holds only when this one has seen it.
+
+        :param seen: of a :class:`ControlError`, what the operator wants to release nevertheless.
+        """
         others = self._guards.holders_but(by)
         if others and others != seen:
             raise ControlError(f"Not released yet: {others}.", others)
@@ -154,11 +161,11 @@ class RobotControl:
         return f"{words}, and the next goal may begin."
 
     def plan(self, goal: str, without: Sequence[str], by: str) -> Dict[str, Any]:
-        """Plans a goal; nothing is carried out."""
+        """Plans a goal, nothing is carried out; returns a sentence, ``done``, and the ``plan``."""
         return self._planning.plan(goal, without, by)
 
     def change(self, facts: str, by: str) -> str:
-        """Changes facts of the knowledge base in the name of an operator; returns what was done."""
+        """Makes facts true or false and sets values, by hand."""
         return self._planning.change(facts, by)
 
     def hold_before(self, texts: Sequence[str], by: str) -> str:
@@ -166,19 +173,22 @@ class RobotControl:
         return self._breakpoints.hold_before(texts, by)
 
     def go_on(self, step: bool, by: str) -> str:
-        """Continues from a breakpoint."""
+        """Continues from a breakpoint; a step holds the next action or state."""
         return self._breakpoints.go_on(step, by)
 
     def leave(self, state: str, outcome: str, within: str, by: str) -> str:
-        """Makes a state end with an outcome."""
+        """Makes a state end with an outcome; without one, confirms the outcome that waits.
+
+        :param within: the namespace of the node that runs it, with a slash at its end; empty: any.
+        """
         return self._breakpoints.leave(state, outcome, within, by)
 
     def set_autonomy(self, level: str, by: str) -> str:
-        """Sets the autonomy level."""
+        """Sets up to which level machines take outcomes by themselves."""
         return self._breakpoints.set_autonomy(level, by)
 
     def acknowledge(self, problem: str, by: str) -> str:
-        """Notes that an operator knows about a problem."""
+        """Notes that an operator knows about a problem, by its key."""
         known = self._state.tree.get("now", "problems") or []
         if problem not in [each["key"] for each in known]:
             raise ControlError("There is no such problem any more.")
