@@ -11,7 +11,7 @@ from merlin_monitor.panels.map import MapPanel
 from merlin_monitor.panels.now import NowPanel
 from merlin_monitor.panels.plan import PlanPanel
 from merlin_monitor.rviz.clicked_goals import BLANK, ClickedGoals
-from merlin_monitor.rviz.marker_publisher import MarkerPublisher
+from merlin_monitor.rviz.markers import MarkerPublisher
 from merlin_monitor.state.inbox import Inbox
 from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_ros.node import run_node

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, Callable, Dict, List, Mapping, Optional
 
 from merlin_executor.core.base_hold import clock_text
-from merlin_monitor.drawing.layout_thread import LayoutThread
+from merlin_monitor.drawing.graph_layout import LayoutThread
 from merlin_monitor.drawing.machine_graph import DrawnGraph, machine_graph, plan_graph
 from merlin_monitor.history.pictures import Pictures
 from merlin_monitor.state.freshness import Freshness
