@@ -35,7 +35,7 @@ class RobotBreakpoints:
         return f"It is held before {shown}."
 
     def go_on(self, step: bool, by: str) -> str:
-        """Continues from a breakpoint."""
+        """Continues from a breakpoint; a step holds the next action or state."""
         try:
             stepped = self._client.step() if step else Stepped(self._client.go_on(), "")
         except BreakpointError as error:
@@ -48,7 +48,11 @@ class RobotBreakpoints:
         return stepped.said
 
     def leave(self, state: str, outcome: str, within: str, by: str) -> str:
-        """Makes a state end with an outcome; its node adds an event to the history when it has left."""
+        """Makes a state end with an outcome; its node adds an event to the history when it has left.
+
+        :param outcome: empty: the one that waits is confirmed.
+        :param within: the namespace of the node that runs it, with a slash at its end; empty: any.
+        """
         try:
             done = self._client.states.leave(state, outcome, by, within)
         except BreakpointError as error:

@@ -6,7 +6,7 @@ A stop needs neither Executor nor planner nor state machine.
 import threading
 import time
 from collections import deque
-from typing import Any, Deque, Dict, List, Sequence
+from typing import Deque, Dict, List
 
 import rospy
 from actionlib_msgs.msg import GoalID
@@ -46,8 +46,10 @@ class RobotControl:
         self._state = state
         executor = str(rospy.get_param("~executor", "merlin/execute"))
         self._knowledge = knowledge_client(str(rospy.get_param("~knowledge_base", "rosplan_knowledge_base")))
-        self._planning = RobotKnowledge(state, self._knowledge, self._report)
-        self._breakpoints = RobotBreakpoints(self._knowledge, self._report)
+        self.planning: RobotKnowledge = RobotKnowledge(state, self._knowledge, self._report)
+        """Plans that are only shown, and facts set by hand."""
+        self.breakpoints: RobotBreakpoints = RobotBreakpoints(self._knowledge, self._report)
+        """Breakpoints, forced outcomes, and the autonomy level."""
         self._client = MerlinExecutorClient(executor, knowledge_base=None)
         self._cancels = rospy.Publisher(f"{executor}/cancel", GoalID, queue_size=10)
         self._pause = {
@@ -159,33 +161,6 @@ class RobotControl:
         elif self._state.tree.get("now", "executor", "paused"):
             return f"{words}. The Executor stays paused, as it was before."
         return f"{words}, and the next goal may begin."
-
-    def plan(self, goal: str, without: Sequence[str], by: str) -> Dict[str, Any]:
-        """Plans a goal, nothing is carried out; returns a sentence, ``done``, and the ``plan``."""
-        return self._planning.plan(goal, without, by)
-
-    def change(self, facts: str, by: str) -> str:
-        """Makes facts true or false and sets values, by hand."""
-        return self._planning.change(facts, by)
-
-    def hold_before(self, texts: Sequence[str], by: str) -> str:
-        """Replaces the breakpoints."""
-        return self._breakpoints.hold_before(texts, by)
-
-    def go_on(self, step: bool, by: str) -> str:
-        """Continues from a breakpoint; a step holds the next action or state."""
-        return self._breakpoints.go_on(step, by)
-
-    def leave(self, state: str, outcome: str, within: str, by: str) -> str:
-        """Makes a state end with an outcome; without one, confirms the outcome that waits.
-
-        :param within: the namespace of the node that runs it, with a slash at its end; empty: any.
-        """
-        return self._breakpoints.leave(state, outcome, within, by)
-
-    def set_autonomy(self, level: str, by: str) -> str:
-        """Sets up to which level machines take outcomes by themselves."""
-        return self._breakpoints.set_autonomy(level, by)
 
     def acknowledge(self, problem: str, by: str) -> str:
         """Notes that an operator knows about a problem, by its key."""
