@@ -11,7 +11,7 @@ from served import TOKEN, WEB, Served, ask
 
 from merlin_monitor.access import operators
 from merlin_monitor.access.operators import Operators, OperatorsError, write_operators
-from merlin_monitor.access.wrong_tokens import FORGET, LONGEST_DELAY, WrongTokens
+from merlin_monitor.access.web_access import FORGET, LONGEST_DELAY, WrongTokens
 
 ANA, BO = "token of ana", "token of bo, long"
 

@@ -12,8 +12,14 @@ from merlin_monitor.panel_board import own_panels
 from merlin_monitor.panels import knowledge
 from merlin_monitor.state import guard_section, history_events, map_section, now_section, plan_section
 from merlin_monitor.state.health_section import LEVELS
-from merlin_monitor.text.phrase import action_phrase, goal_phrase, in_english, say, value_phrase
-from merlin_monitor.text.plain_words import action_in_words
+from merlin_monitor.text.phrase import (
+    action_in_words,
+    action_phrase,
+    goal_phrase,
+    in_english,
+    say,
+    value_phrase,
+)
 from merlin_sm import autonomy
 
 pytestmark = pytest.mark.processes
@@ -157,5 +163,5 @@ def test_sentences_without_a_start_that_is_no_place_and_without_articles_of_numb
     drive = [("from", "anywhere"), ("to", "kitchen")]
     assert action_in_words("navigate", drive, places) == "navigating to the kitchen"
     assert action_in_words("check_table", [("t", "table_4")], places) == "checking table at table 4"
-    phrase = say("{what}, then pausing", what=[action_phrase("ask", [("p", "{x}")], "asking {x}")])
+    phrase = say("{what}, then pausing", what=[action_phrase("ask", [("p", "{x}")])])
     assert in_english(phrase) == "asking {x}, then pausing"

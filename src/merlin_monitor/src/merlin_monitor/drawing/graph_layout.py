@@ -126,31 +126,14 @@ def _read(
         node, cluster = names.get(item.get("name")), frames.get(item.get("name"))
         if node is not None and "pos" in item:
             x, y = _numbers(item["pos"])[:2]
-            picture["nodes"].append(
-                {
-                    "id": node.id,
-                    "text": node.text,
-                    "kind": node.kind,
-                    "in": node.cluster,
-                    "x": round(x - left, 1),
-                    "y": round(y - top, 1),
-                    "w": round(float(item["width"]) * _POINTS, 1),
-                    "h": round(float(item["height"]) * _POINTS, 1),
-                }
-            )
+            box = (x - left, y - top, *(float(item[side]) * _POINTS for side in ("width", "height")))
+            shown = {"id": node.id, "text": node.text, "kind": node.kind, "in": node.cluster, **_box(*box)}
+            picture["nodes"].append(shown)
         elif cluster is not None and "bb" in item:
             a, b, c, d = _numbers(item["bb"])
-            picture["clusters"].append(
-                {
-                    "id": cluster.id,
-                    "text": cluster.text,
-                    "in": cluster.parent,
-                    "x": round(min(a, c) - left, 1),
-                    "y": round(min(b, d) - top, 1),
-                    "w": round(abs(c - a), 1),
-                    "h": round(abs(d - b), 1),
-                }
-            )
+            box = (min(a, c) - left, min(b, d) - top, abs(c - a), abs(d - b))
+            shown = {"id": cluster.id, "text": cluster.text, "in": cluster.parent, **_box(*box)}
+            picture["clusters"].append(shown)
     for item in answer.get("edges", []):
         number = _edge_number(item.get("id"))
         if number is None or "pos" not in item:
@@ -162,6 +145,10 @@ def _read(
             shown["label"] = [round(x - left, 1), round(y - top, 1)]
         picture["edges"].append(shown)
     return picture
+
+
+def _box(x: float, y: float, width: float, height: float) -> Dict[str, float]:
+    return {name: round(value, 1) for name, value in zip("xywh", (x, y, width, height))}
 
 
 def _curve(text: str, left: float, top: float) -> Dict[str, Any]:

@@ -93,7 +93,13 @@ class RosSystem:
 
         It raises tf2_ros.TransformException when there is none.
         """
-        return _Transforms().newest
+        buffer = tf2_ros.Buffer(rospy.Duration(TRANSFORMS_KEPT))
+        listener = tf2_ros.TransformListener(buffer)
+
+        def newest(target: str, source: str, kept: Any = listener) -> Any:
+            return buffer.lookup_transform(target, source, rospy.Time(0))
+
+        return newest
 
     def graph(self) -> Optional[TopicGraph]:
         """What is published; None: the master does not answer for a moment."""
@@ -111,12 +117,3 @@ class RosSystem:
             return str(bounded_master().lookupService(service))
         except ERRORS:
             return ""
-
-
-class _Transforms:
-    def __init__(self) -> None:
-        self._buffer = tf2_ros.Buffer(rospy.Duration(TRANSFORMS_KEPT))
-        self._listener = tf2_ros.TransformListener(self._buffer)
-
-    def newest(self, target: str, source: str) -> Any:
-        return self._buffer.lookup_transform(target, source, rospy.Time(0))

@@ -9,8 +9,14 @@ from merlin_monitor.state.history_events import Reporter, sentence
 from merlin_monitor.state.machine_section import MachineSection, held_words, unconfirmed_words
 from merlin_monitor.state.plan_section import PlanSection
 from merlin_monitor.state.state_tree import StateTree
-from merlin_monitor.text.phrase import Phrase, action_phrase, goal_phrase, in_english, say, with_reason
-from merlin_monitor.text.plain_words import action_in_words, shown_parameters
+from merlin_monitor.text.phrase import (
+    Phrase,
+    action_phrase,
+    goal_phrase,
+    in_english,
+    say,
+    with_reason,
+)
 from merlin_monitor.truth.worst_truth import LIVE, Facts, lost_words, worst_truth
 
 NOW, QUEUE = "now", "queue"
@@ -387,8 +393,7 @@ class NowSection:
 
     def _in_words(self, action: Dict[str, Any]) -> Phrase:
         parameters = [(pair[0], pair[1]) for pair in action["parameters"]]
-        english = action_in_words(action["name"], parameters, self.places)
-        return action_phrase(action["name"], shown_parameters(parameters), english)
+        return action_phrase(action["name"], parameters, self.places)
 
     def _step(self, actions: List[Dict[str, Any]]) -> Phrase:
         total = self._executor.get("total") or self._plan.count

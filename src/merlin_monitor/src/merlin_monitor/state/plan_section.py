@@ -6,9 +6,14 @@ from merlin_monitor.state.history_events import Reporter, sentence
 from merlin_monitor.state.plan_order import Edges, ShownStep
 from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.text.fact_text import atom_text
-from merlin_monitor.text.phrase import Phrase, action_phrase, in_english, say, with_reason
+from merlin_monitor.text.phrase import (
+    Phrase,
+    action_phrase,
+    in_english,
+    say,
+    with_reason,
+)
 from merlin_monitor.text.plain_value import plain_text
-from merlin_monitor.text.plain_words import action_in_words, shown_parameters
 
 SECTION = "plan"
 WAITING, DISPATCHED, RUNNING = "waiting", "dispatched", "running"
@@ -94,7 +99,7 @@ class PlanSection:
                 "id": step.id,
                 "name": step.name,
                 "text": step.text,
-                "words": self._words(step.name, step.parameters),
+                "words": action_phrase(step.name, step.parameters, self._places),
                 "parameters": [list(pair) for pair in step.parameters],
                 "start": step.start,
                 "duration": step.duration,
@@ -129,7 +134,7 @@ class PlanSection:
         """Takes the names of the places, which the words of a step are made with."""
         self._places = names
         for step in self._steps.values():
-            words = self._words(step["name"], [(pair[0], pair[1]) for pair in step["parameters"]])
+            words = action_phrase(step["name"], [(pair[0], pair[1]) for pair in step["parameters"]], names)
             self._put(step, words=words)
 
     def dispatched(self, message: Any, at: float) -> None:
@@ -244,10 +249,6 @@ class PlanSection:
         if len(steps) > TOLD_STEPS:
             return say("plan of {count} steps, first {steps}", count=count, steps=shown)
         return say("plan of {count} steps: {steps}", count=count, steps=shown)
-
-    def _words(self, name: str, parameters: List[Tuple[str, str]]) -> Phrase:
-        english = action_in_words(name, parameters, self._places)
-        return action_phrase(name, shown_parameters(parameters), english)
 
     def _catch_up(self) -> None:
         """Started in the middle of a dispatch, it gets the latched messages before or after the plan."""

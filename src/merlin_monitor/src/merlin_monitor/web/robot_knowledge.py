@@ -7,8 +7,13 @@ from merlin_msgs.msg import PlannerStatus
 from merlin_msgs.srv import PreviewPlan
 
 from merlin_monitor.state.monitor_model import MonitorModel
-from merlin_monitor.text.phrase import Phrase, action_phrase, goal_phrase, say, with_reason
-from merlin_monitor.text.plain_words import action_in_words, shown_parameters
+from merlin_monitor.text.phrase import (
+    Phrase,
+    action_phrase,
+    goal_phrase,
+    say,
+    with_reason,
+)
 from merlin_monitor.web.page_control import ControlError
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
 from merlin_sm.knowledge_client import KnowledgeClient, KnowledgeError, parse_changes
@@ -91,5 +96,4 @@ class RobotKnowledge:
         if len(known) != len(objects):
             return text
         pairs = [(variable, value) for (variable, _), value in zip(known, objects)]
-        places = self._state.now.places
-        return action_phrase(name, shown_parameters(pairs), action_in_words(name, pairs, places))
+        return action_phrase(name, pairs, self._state.now.places)

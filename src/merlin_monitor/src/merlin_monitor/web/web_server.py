@@ -20,8 +20,8 @@ from merlin_monitor.access.web_access import (
     RequestRefused,
     WebAccess,
     WrongToken,
+    WrongTokens,
 )
-from merlin_monitor.access.wrong_tokens import WrongTokens
 from merlin_monitor.history.history_reader import HistoryReader
 from merlin_monitor.history.pictures import Pictures
 from merlin_monitor.state.history_events import Event, sentence
@@ -34,6 +34,7 @@ from merlin_monitor.web.page_control import ControlError, Controls
 from merlin_monitor.web.past_routes import PastRoutes
 
 PORTS_TRIED = 20  # from the wanted one on
+DUAL = socket.has_dualstack_ipv6()  # :: is every address of IPv4, too
 FILES = (".html", ".css", ".js", ".json", ".svg")
 GOODBYE = 0.5  # s for a page to answer when it is closed
 PING = 20.0  # s between two signs of life of a page
@@ -133,7 +134,7 @@ class WebServer:
         routes.add_get("/live", self._serve_live)
         routes.add_post("/live", self._may_follow)
         routes.add_get("/state.json", self._serve_state)
-        routes.add_get("/map.png", self._serve_map)
+        routes.add_get("/map.png", self._serve_picture)
         routes.add_get("/pictures/{name}.png", self._serve_picture)
         routes.add_post("/control/{what}", self._serve_control)
         routes.add_get("/panels/{name}.js", self._serve_panel)
@@ -226,13 +227,8 @@ class WebServer:
         text = f'{{"version":{version},"state":{state}}}'
         return web.Response(text=text, content_type="application/json")
 
-    async def _serve_map(self, request: web.Request) -> web.StreamResponse:
-        return await self._picture("map", request)
-
     async def _serve_picture(self, request: web.Request) -> web.StreamResponse:
-        return await self._picture(request.match_info["name"], request)
-
-    async def _picture(self, name: str, request: web.Request) -> web.StreamResponse:
+        name = request.match_info.get("name", "map")
         version = request.query.get("version", "")
         picture = self._state.pictures.get(name, version)
         if picture is None and version and self._state.history is not None:
@@ -300,9 +296,11 @@ def listen(host: str, port: int) -> socket.socket:
             )
         except (OSError, OverflowError) as error:
             raise ServerError(f"the address {host!r} cannot be used: {error}; correct host:=…") from error
-        for family, kind, _, _, address in addresses:
+        for family, _, _, _, address in addresses:
             try:
-                return _bound(socket.socket(family, kind), address)
+                return socket.create_server(
+                    address, family=family, backlog=64, dualstack_ipv6=family == socket.AF_INET6 and DUAL
+                )
             except OSError as error:
                 last = error
                 if error.errno == errno.EADDRINUSE:
@@ -311,15 +309,3 @@ def listen(host: str, port: int) -> socket.socket:
         if isinstance(last, PermissionError):
             break
     raise ServerError(f"cannot listen on {host}:{port}: {last}; choose another port:=…")
-
-
-def _bound(found: socket.socket, address: Any) -> socket.socket:
-    """The socket, listening; closed when that raises an OSError."""
-    try:
-        found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        found.bind(address)
-        found.listen(64)
-    except OSError:
-        found.close()
-        raise
-    return found
