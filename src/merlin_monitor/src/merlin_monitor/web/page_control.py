@@ -88,13 +88,13 @@ _REQUESTS: Dict[str, Callable[["RobotControl", Dict[str, Any], str], str]] = {
     "stop": lambda robot, fields, by: robot.stop(by, _name(fields, "press")),
     "release": lambda robot, fields, by: robot.release(by, str(fields.get("seen", ""))),
     "change": lambda robot, fields, by: robot.planning.change(_text(fields, "facts"), by),
-    "breakpoints": lambda robot, fields, by: robot.breakpoints.hold_before(_listed(fields, "before"), by),
-    "step": lambda robot, fields, by: robot.breakpoints.go_on(True, by),
-    "continue": lambda robot, fields, by: robot.breakpoints.go_on(False, by),
-    "leave": lambda robot, fields, by: robot.breakpoints.leave(
+    "breakpoints": lambda robot, fields, by: robot.planning.hold_before(_listed(fields, "before"), by),
+    "step": lambda robot, fields, by: robot.planning.go_on(True, by),
+    "continue": lambda robot, fields, by: robot.planning.go_on(False, by),
+    "leave": lambda robot, fields, by: robot.planning.leave(
         _name(fields, "state"), _name(fields, "outcome"), _name(fields, "within"), by
     ),
-    "autonomy": lambda robot, fields, by: robot.breakpoints.set_autonomy(_name(fields, "level"), by),
+    "autonomy": lambda robot, fields, by: robot.planning.set_autonomy(_name(fields, "level"), by),
     "acknowledge": lambda robot, fields, by: robot.acknowledge(_name(fields, "problem"), by),
 }
 

@@ -21,9 +21,8 @@ from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_monitor.state.now_section import cancel_words
 from merlin_monitor.text.phrase import Phrase, goal_phrase, say
 from merlin_monitor.web.page_control import ControlError
-from merlin_monitor.web.robot_breakpoints import RobotBreakpoints
 from merlin_monitor.web.robot_guards import RobotGuards, ask
-from merlin_monitor.web.robot_knowledge import RobotKnowledge
+from merlin_monitor.web.robot_planning import RobotPlanning
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
 from merlin_sm.knowledge_client import knowledge_client
 from merlin_sm.knowledge_text import PDDLSyntaxError, parse_goal
@@ -46,10 +45,8 @@ class RobotControl:
         self._state = state
         executor = str(rospy.get_param("~executor", "merlin/execute"))
         self._knowledge = knowledge_client(str(rospy.get_param("~knowledge_base", "rosplan_knowledge_base")))
-        self.planning: RobotKnowledge = RobotKnowledge(state, self._knowledge, self._report)
-        """Plans that are only shown, and facts set by hand."""
-        self.breakpoints: RobotBreakpoints = RobotBreakpoints(self._knowledge, self._report)
-        """Breakpoints, forced outcomes, and the autonomy level."""
+        self.planning: RobotPlanning = RobotPlanning(state, self._knowledge, self._report)
+        """Plans, facts, breakpoints, outcomes of states."""
         self._client = MerlinExecutorClient(executor, knowledge_base=None)
         self._cancels = rospy.Publisher(f"{executor}/cancel", GoalID, queue_size=10)
         self._pause = {
