@@ -21,9 +21,9 @@ from tf2_msgs.msg import TFMessage
 from merlin_monitor.bag.bag_import import BagImport
 from merlin_monitor.bag.recorded_topics import KNOWLEDGE, PARAMETERS
 from merlin_monitor.bag.recording import BagRecording
-from merlin_monitor.history.recorder import Recorder
 from merlin_monitor.state.history_events import Event
 from merlin_monitor.state.history_store import HistoryStore
+from merlin_monitor.state.recorder import Recorder
 from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.web.open_command import opened
 from merlin_test.chromium import Visit, chromium

@@ -37,7 +37,7 @@ store.view("meta", (meta) => {
   drawConnection();
   useSimulatedTime(Boolean(meta.simulated));
   setText(byId("robot"), meta.robot);
-  setText(byId("clock"), clockText(meta.time));
+  setText(byId("clock"), clockText(meta.time + (meta.clock_set || 0)));
   const simulator = meta.simulator;
   setText(byId("simulator"), simulator ? (simulator.paused ? t("simulation paused") : t("simulated, ×{factor}", simulator)) : "");
 });

@@ -78,5 +78,5 @@ function endOf({ now = {}, plan = {}, meta = {} }) {
   if (!times || !times.open || !times.known) return "–";
   const left = Math.max(0, times.end - meta.time);
   const late = times.delay > 2 ? ` · ${t("{time} late", { time: secondsText(times.delay) })}` : "";
-  return `${t("in {time}", { time: secondsText(Math.round(left)) })} (${clockText(times.end)})${late}`;
+  return `${t("in {time}", { time: secondsText(Math.round(left)) })} (${clockText(times.end + (meta.clock_set || 0))})${late}`;
 }

@@ -23,6 +23,7 @@ class FakeRobot:
     """Notes what is asked of it."""
 
     def __init__(self) -> None:
+        self.planning = self
         self.calls: List[tuple] = []
         self.presses: List[str] = []  # of the button that stops
         self.holder = ""  # who else holds the base

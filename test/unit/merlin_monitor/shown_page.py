@@ -133,7 +133,7 @@ def _fill_world(state: MonitorModel) -> None:
     state.map.path([(1.4, 1.2), (2.0, 1.0), (3.0, 1.2)])
     state.map.goal((3.0, 1.2, 0.0))
     facts = [fact("robot_at", "kitchen"), fact("checked", "main_door"), fact("in_service")]
-    objects = [(place, "poi") for place in PLACES]
+    objects = dict.fromkeys(PLACES, "poi")
     state.knowledge.domain(
         {
             "name": "home",

@@ -1,6 +1,5 @@
 """Node `players`: guests and barman of the simulated restaurant, which follow a seeded schedule."""
 
-import math
 import sys
 import threading
 import traceback
@@ -19,7 +18,7 @@ from merlin_guests.restaurant_world import restaurant_world
 from merlin_guests.schedule import DISTURBANCES, GuestPlan, ScheduleError, make_schedule
 from merlin_guests.stage import Closed, PlayError, Stage
 from merlin_ros.node import init_node
-from merlin_ros.parameters import ParameterError, number
+from merlin_ros.parameters import ParameterError, number, whole
 from merlin_ros.service_proxy import ServiceError
 from merlin_sim.world.world_file import WorldError
 from merlin_sim.world.world_model import World
@@ -127,15 +126,8 @@ def _disturbances() -> Union[int, List[str]]:
     """How many, or which: ``leaves,chair`` or a list."""
     given = rospy.get_param("~disturbances", len(DISTURBANCES))
     if isinstance(given, (bool, int, float)):
-        return _whole("~disturbances", len(DISTURBANCES))
+        return whole("~disturbances", len(DISTURBANCES))
     return [str(kind) for kind in given] if isinstance(given, list) else str(given).replace(",", " ").split()
-
-
-def _whole(name: str, default: int) -> int:
-    value = number(name, default, -math.inf)
-    if value != round(value):
-        raise ParameterError(f"parameter {name} is {value:g}, not a whole number")
-    return round(value)
 
 
 def _share(name: str, default: float) -> float:
@@ -156,11 +148,11 @@ def main() -> int:
     """Entry point of the node; returns the exit code."""
     init_node("players")
     try:
-        world, seed = _world(), _whole("~seed", 1)
+        world, seed = _world(), whole("~seed", 1)
         wrong_share = _share("~wrong_share", 0.25)
         haste = number("~haste", 1.0, 0.0)
         robots = [str(name) for name in rospy.get_param("~robots", None) or [""]]
-        plans = make_schedule(_whole("~guests", 6), seed, _disturbances(), haste)
+        plans = make_schedule(whole("~guests", 6), seed, _disturbances(), haste)
     except (ParameterError, ScheduleError, WorldError) as error:
         print(f"players: {error}", file=sys.stderr)
         return 2

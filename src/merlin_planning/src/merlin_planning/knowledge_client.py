@@ -118,6 +118,11 @@ class KnowledgeClient:
         """Names of the objects of a type; an empty type means all."""
         return list(dict.fromkeys(self._instances(type_name, constants, subtypes).instances))
 
+    def objects(self) -> Dict[str, str]:
+        """The type of each object, by its name."""
+        own = {name: kind for kind in self.types() for name in self.instances(kind, True, False)}
+        return {**dict.fromkeys(self.instances(), "object"), **own}
+
     def propositions(self, predicate: str = "") -> List[KnowledgeItem]:
         """Facts of a predicate; an empty one means all."""
         return list(self._propositions(predicate).attributes)

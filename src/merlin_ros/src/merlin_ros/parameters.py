@@ -20,3 +20,14 @@ def number(name: str, default: float, least: float) -> float:
     if value < least:
         raise ParameterError(f"parameter {name} is {value:g}, less than {least:g}")
     return float(value)
+
+
+def whole(name: str, default: int, least: int = -(2**31) + 1, most: int = 2**31 - 1) -> int:
+    """A whole number from a parameter.
+
+    :raises ParameterError: when it is something else, less than `least` or more than `most`.
+    """
+    value = number(name, default, -math.inf)
+    if value != round(value) or not least <= value <= most:
+        raise ParameterError(f"parameter {name} is {value:.12g}, not a whole number from {least} to {most}")
+    return round(value)

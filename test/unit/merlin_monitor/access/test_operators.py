@@ -9,9 +9,9 @@ from typing import Dict, List, Tuple
 import pytest
 from served import TOKEN, WEB, Served, ask
 
-from merlin_monitor.access import operator_command
+from merlin_monitor.access import operators
 from merlin_monitor.access.operators import Operators, OperatorsError, write_operators
-from merlin_monitor.access.wrong_tokens import FORGET, LONGEST_DELAY, WrongTokens
+from merlin_monitor.access.web_access import FORGET, LONGEST_DELAY, WrongTokens
 
 ANA, BO = "token of ana", "token of bo, long"
 
@@ -81,7 +81,7 @@ def test_the_file_of_the_readme_can_be_used(tmp_path: Path) -> None:
 
 def command(monkeypatch: pytest.MonkeyPatch, path: Path, *words: str) -> int:
     monkeypatch.setattr("sys.argv", ["operator", *words, "--file", str(path)])
-    return operator_command.main()
+    return operators.main()
 
 
 @pytest.mark.everywhere

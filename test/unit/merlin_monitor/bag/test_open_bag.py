@@ -22,8 +22,8 @@ from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 
 from merlin_monitor.bag import bag_history, bag_import
-from merlin_monitor.bag.bag_clock import BagClock
 from merlin_monitor.bag.bag_import import BagImport
+from merlin_monitor.bag.recorded_system import BagClock
 from merlin_monitor.bag.recorded_topics import KNOWLEDGE, PARAMETERS
 from merlin_monitor.bag.recording import BagRecording
 from merlin_monitor.history.history_file import HistoryError

@@ -10,14 +10,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from merlin_monitor.history import recorder as recorder_module
 from merlin_monitor.history.event_log import Neighbour
 from merlin_monitor.history.frames import Frame
 from merlin_monitor.history.history_file import VERSION, HistoryError
 from merlin_monitor.history.history_reader import HistoryReader
-from merlin_monitor.history.recorder import Recorder
+from merlin_monitor.state import recorder as recorder_module
 from merlin_monitor.state.history_events import Event
 from merlin_monitor.state.history_store import HistoryStore
+from merlin_monitor.state.recorder import Recorder
 from merlin_monitor.state.state_tree import StateTree, apply_changes
 
 LIMIT = 60.0  # s for an answer

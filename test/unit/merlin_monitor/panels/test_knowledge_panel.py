@@ -32,10 +32,13 @@ class Client:
         assert self.go_on.acquire(timeout=LONG)
         return []
 
-    def instances(self, *_: Any) -> List[str]:
+    def objects(self) -> Dict[str, str]:
+        return dict.fromkeys(self.types(), "")
+
+    def propositions(self) -> List[str]:
         return []
 
-    propositions = functions = goals = instances
+    functions = goals = propositions
 
     def predicates(self) -> Dict[str, Any]:
         return {}

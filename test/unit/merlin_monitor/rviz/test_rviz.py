@@ -14,9 +14,8 @@ from roslaunch.core import RLException
 from roslaunch.xmlloader import XmlLoader
 from visualization_msgs.msg import Marker, MarkerArray
 
-from merlin_monitor.rviz.marker_publisher import MarkerPublisher
-from merlin_monitor.rviz.markers import HEADLINE, LONGEST_LINE, headline, markers
-from merlin_monitor.rviz.places import NoPlace, nearest
+from merlin_monitor.rviz.clicked_goals import NoPlace, nearest
+from merlin_monitor.rviz.markers import HEADLINE, LONGEST_LINE, MarkerPublisher, headline, markers
 from merlin_monitor.state.inbox import Inbox
 from merlin_monitor.state.monitor_model import MonitorModel
 

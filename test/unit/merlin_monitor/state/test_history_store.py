@@ -8,8 +8,7 @@ from typing import Any, List, Optional
 import pytest
 
 from merlin_monitor.state.history_events import Event
-from merlin_monitor.state.history_section import NEWEST, HistorySection
-from merlin_monitor.state.history_store import HistoryError, HistoryStore
+from merlin_monitor.state.history_store import NEWEST, HistoryError, HistorySection, HistoryStore
 from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.web.monitor_node import history_path
 

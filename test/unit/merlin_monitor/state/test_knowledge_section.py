@@ -33,7 +33,7 @@ def shown(tree: StateTree) -> Dict[str, Any]:
 
 def test_the_beginning_is_no_change() -> None:
     tree, knowledge, told = section()
-    contents = Contents([("kitchen", "poi")], [fact("robot_at", "kitchen")], [value("d", number=2.0)], [])
+    contents = Contents({"kitchen": "poi"}, [fact("robot_at", "kitchen")], [value("d", number=2.0)], [])
     knowledge.replace(contents, "", 0.0, first=True)
     assert shown(tree) == {
         "objects": {"kitchen": "poi"},
@@ -68,11 +68,11 @@ def test_a_change_says_who_and_when() -> None:
 
 def test_reading_again_tells_only_what_differs() -> None:
     tree, knowledge, told = section()
-    knowledge.replace(Contents([], [fact("a"), fact("b")], [value("n", number=1.0)], []), "", 0.0, True)
+    knowledge.replace(Contents({}, [fact("a"), fact("b")], [value("n", number=1.0)], []), "", 0.0, True)
     tree_before = tree.version
-    knowledge.replace(Contents([], [fact("a"), fact("b")], [value("n", number=1.0)], []), "", 1.0, False)
+    knowledge.replace(Contents({}, [fact("a"), fact("b")], [value("n", number=1.0)], []), "", 1.0, False)
     assert tree.version == tree_before
-    knowledge.replace(Contents([], [fact("b"), fact("c")], [value("n", number=2.0)], []), "/x", 2.0, False)
+    knowledge.replace(Contents({}, [fact("b"), fact("c")], [value("n", number=2.0)], []), "/x", 2.0, False)
     assert shown(tree)["facts"] == ["(b)", "(c)"] and shown(tree)["values"] == {"(n)": 2.0}
     assert told.texts == ["a removed, c added and n is 2, by /x"]
 

@@ -15,10 +15,9 @@ from merlin_msgs.msg import SimPeople, SimPerson
 from messages import Told
 from nav_msgs.msg import OccupancyGrid
 
-from merlin_monitor.drawing.robot_track import LONGEST_PATH
 from merlin_monitor.history.pictures import Pictures
 from merlin_monitor.state.health_section import HealthSection
-from merlin_monitor.state.map_section import MapSection, grid_picture
+from merlin_monitor.state.map_section import LONGEST_PATH, MapSection, grid_picture
 from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.text.phrase import in_english
 

@@ -7,9 +7,8 @@ import pytest
 from nav_msgs.msg import OccupancyGrid
 from sensor_msgs.msg import LaserScan
 
-from merlin_monitor.drawing.robot_track import LONGEST_TRAIL
 from merlin_monitor.panels.map import scan_points
-from merlin_monitor.state.map_section import MapSection, near_cells
+from merlin_monitor.state.map_section import LONGEST_TRAIL, MapSection, near_cells
 from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.text.phrase import in_english
 

@@ -26,8 +26,7 @@ from merlin_monitor.state.now_section import NowSection
 from merlin_monitor.state.plan_order import sequential_steps
 from merlin_monitor.state.plan_section import PlanSection
 from merlin_monitor.state.state_tree import StateTree
-from merlin_monitor.text.phrase import in_english
-from merlin_monitor.text.plain_words import action_in_words, gerund, listed
+from merlin_monitor.text.phrase import action_in_words, gerund, in_english, listed
 
 REQUEST = "/mission-1-12.5"
 

@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Any, Dict, List
 
 import pytest
+import rospy
 from actionlib_msgs.msg import GoalID, GoalStatus
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from merlin_msgs.msg import (
@@ -44,6 +45,7 @@ class Life:
             steps_total=4,
             running=[running(done, "ask", ("p", "abcd"[done]))],
         )
+        status.header.stamp = rospy.Time.from_sec(at)
         state = self.state
         state.now.mission(MissionStatus(mission="Round", state=MissionStatus.RUNNING, task=1), at)
         state.now.executor(executor(ExecutorStatus.RUNNING, request=REQUEST, goals=["(a)"]), at)

@@ -1,6 +1,8 @@
 """What happened is read afterwards, as text and as JSON, also while the monitor still writes."""
 
+import contextlib
 import json
+import sqlite3
 import sys
 import time
 from pathlib import Path
@@ -64,6 +66,20 @@ def test_a_history_that_is_still_written_is_read(
     store.close()
 
 
+def test_a_file_of_the_first_version_is_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
+    with contextlib.closing(sqlite3.connect(tmp_path / "history.sqlite")) as file, file:
+        file.execute("CREATE TABLE runs (id INTEGER PRIMARY KEY, began REAL)")
+        columns = "run INTEGER, wall REAL, at REAL, kind TEXT, text TEXT, detail TEXT"
+        file.execute(f"CREATE TABLE events (id INTEGER PRIMARY KEY, {columns})")
+        file.execute("INSERT INTO runs VALUES (1, 1.7e9)")
+        file.execute("INSERT INTO events VALUES (1, 1, 1.7e9, 2.0, 'goal', '(checked hall) asked for', '{}')")
+    assert "(checked hall) asked for" in said(monkeypatch, capsys, tmp_path)
+    (event,) = json.loads(said(monkeypatch, capsys, tmp_path, "--json"))
+    assert (event["at"], event["detail"], said.errors) == (2.0, {}, "")
+
+
 def test_what_cannot_be_read_is_said(
     file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
 ) -> None:
@@ -71,7 +87,7 @@ def test_what_cannot_be_read_is_said(
     assert said.code == 2 and "there is no history" in said.errors
     (tmp_path / "text").write_text("This is a text, and no history at all, whatever its name may be.\n" * 20)
     said(monkeypatch, capsys, tmp_path / "text")
-    assert said.code == 2 and "cannot be read as a history" in said.errors
+    assert said.code == 2 and "is not a history" in said.errors
     said(monkeypatch, capsys, file, "--run", 7)
     assert said.code == 2 and "there is no run 7; there are: 1 to 2" in said.errors
 

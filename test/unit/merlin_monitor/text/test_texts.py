@@ -10,11 +10,16 @@ from shown_page import Visit, chromium, fill, show_panels
 
 from merlin_monitor.panel_board import own_panels
 from merlin_monitor.panels import knowledge
-from merlin_monitor.state import guard_section, history_events, map_section, plan_section
+from merlin_monitor.state import guard_section, history_events, map_section, now_section, plan_section
 from merlin_monitor.state.health_section import LEVELS
-from merlin_monitor.text import now_words
-from merlin_monitor.text.phrase import action_phrase, goal_phrase, in_english, say, value_phrase
-from merlin_monitor.text.plain_words import action_in_words
+from merlin_monitor.text.phrase import (
+    action_in_words,
+    action_phrase,
+    goal_phrase,
+    in_english,
+    say,
+    value_phrase,
+)
 from merlin_sm import autonomy
 
 pytestmark = pytest.mark.processes
@@ -41,9 +46,9 @@ def _texts() -> Set[str]:
         found |= set(re.findall(rf"(?<![.\w])say\(\s*{TEXT}", module.read_text()))
     found |= {panel.title for panel in own_panels() if panel.title}
     for words in (
-        now_words.OUTCOMES,
-        now_words.EXECUTOR_STATES,
-        now_words.MISSION_STATES,
+        now_section.OUTCOMES,
+        now_section.EXECUTOR_STATES,
+        now_section.MISSION_STATES,
         plan_section.ENDED,
         plan_section._PLANNER,
     ):
@@ -51,10 +56,10 @@ def _texts() -> Set[str]:
     found |= {
         *history_events.KINDS,
         *LEVELS,
-        *now_words.STAGES.values(),
-        *now_words.ENDS.values(),
-        now_words.PAUSED,
-        now_words.HELD_BEFORE,
+        *now_section.STAGES.values(),
+        *now_section.ENDS.values(),
+        now_section.PAUSED,
+        now_section.HELD_BEFORE,
         guard_section.SILENT_REASON,
         knowledge.FOLLOWS,
         knowledge.READS,
@@ -158,5 +163,5 @@ def test_sentences_without_a_start_that_is_no_place_and_without_articles_of_numb
     drive = [("from", "anywhere"), ("to", "kitchen")]
     assert action_in_words("navigate", drive, places) == "navigating to the kitchen"
     assert action_in_words("check_table", [("t", "table_4")], places) == "checking table at table 4"
-    phrase = say("{what}, then pausing", what=[action_phrase("ask", [("p", "{x}")], "asking {x}")])
+    phrase = say("{what}, then pausing", what=[action_phrase("ask", [("p", "{x}")])])
     assert in_english(phrase) == "asking {x}, then pausing"

@@ -12,7 +12,7 @@ from merlin_monitor.panel_scripts import script_file
 from merlin_monitor.state.inbox import Inbox
 from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_monitor.web import open_command
-from merlin_monitor.web.archive import Archive
+from merlin_monitor.web.open_command import Archive
 
 
 def kept(folder: Path, panels: Any) -> Path:

@@ -254,7 +254,7 @@ def test_on_paper_it_is_a_report(visits: Any, served: Served) -> None:
     page = visits(color_scheme="dark", bypass_csp=True)
     rows = "document.querySelectorAll('#knowledge-list [role=listitem]:not([hidden])').length"
     facts = [fact("robot_at", f"place_{number}") for number in range(320)]
-    contents = Contents([], facts, [], [])
+    contents = Contents({}, facts, [], [])
     served.state.inbox.put(served.state.knowledge.replace, contents, "/mission", 121.0, True)
     page.wait_text("#knowledge-list", "place 0")
     page.page.add_script_tag(path=AXE)

@@ -15,7 +15,7 @@ from merlin_fleet.core.records import Goal, Report
 from merlin_fleet.fleet_client import ACHIEVED, DEFAULT_FLEET, OVER, FleetClient, FleetError
 from merlin_fleet.fleet_request import FleetRequest, GoalNews
 from merlin_fleet.hub import DEFAULT_ENDPOINT
-from merlin_monitor.access.operator_command import default_path
+from merlin_monitor.access.operators import default_path
 
 EXIT_NOT_ACHIEVED = 1
 EXIT_MISTAKES = 2

@@ -1,12 +1,12 @@
 """The command `rosrun merlin replay`: shows the page as it was while a bag was recorded."""
 
 import argparse
-import os
 import sys
 import tempfile
 from pathlib import Path
 from typing import List
 
+import rospkg
 import yaml
 
 from merlin.launch_request import LaunchError, LaunchRequest, launch_folder
@@ -70,7 +70,7 @@ def _arguments(words: List[str]) -> argparse.Namespace:
         prog="rosrun merlin replay",
         description="Shows the page as it was while a bag was recorded (record:=true).",
     )
-    last = Path(os.environ.get("ROS_HOME") or Path.home() / ".ros") / "merlin"
+    last = Path(rospkg.get_ros_home()) / "merlin"
     parser.add_argument(
         "bag",
         type=Path,

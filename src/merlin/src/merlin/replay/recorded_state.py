@@ -54,13 +54,7 @@ def everything(client: KnowledgeClient) -> KnowledgeChanges:
     """
     change = KnowledgeChanges(client=BEGIN, cleared=True)
     change.header.stamp = rospy.Time.now()
-    seen = set()
-    for kind in client.types():
-        for name in client.instances(kind, True, False):
-            if name not in seen:
-                seen.add(name)
-                change.added.append(_instance(kind, name))
-    change.added += [_instance("object", name) for name in client.instances() if name not in seen]
+    change.added += [_instance(kind, name) for name, kind in client.objects().items()]
     change.added += [*client.propositions(), *client.functions()]
     change.goals_added += client.goals()
     return change

@@ -1,8 +1,9 @@
-"""Geometry of a graph by Graphviz. The texts stay here: Graphviz sees numbers and sizes only."""
+"""Geometry of graphs by Graphviz, for which no caller waits. The texts stay here: it sees sizes only."""
 
 import json
 import subprocess
-from typing import Any, Dict, List, Optional, Tuple
+import threading
+from typing import Any, Callable, Dict, List, Optional, Tuple
 
 from merlin_monitor.drawing.machine_graph import LARGE, SMALL, DrawnGraph
 
@@ -13,6 +14,7 @@ LONGEST_LABEL = 34  # characters; the page cuts what is longer
 _POINTS = 72.0  # per inch
 _HEIGHT = {"state": 34, "step": 34, "outcome": 24}  # px
 _PADDING = {"state": 34, "step": 30, "outcome": 22}  # px
+Done = Callable[[str, Optional[Dict[str, Any]], str], None]
 
 
 class LayoutError(RuntimeError):
@@ -124,31 +126,14 @@ def _read(
         node, cluster = names.get(item.get("name")), frames.get(item.get("name"))
         if node is not None and "pos" in item:
             x, y = _numbers(item["pos"])[:2]
-            picture["nodes"].append(
-                {
-                    "id": node.id,
-                    "text": node.text,
-                    "kind": node.kind,
-                    "in": node.cluster,
-                    "x": round(x - left, 1),
-                    "y": round(y - top, 1),
-                    "w": round(float(item["width"]) * _POINTS, 1),
-                    "h": round(float(item["height"]) * _POINTS, 1),
-                }
-            )
+            box = (x - left, y - top, *(float(item[side]) * _POINTS for side in ("width", "height")))
+            shown = {"id": node.id, "text": node.text, "kind": node.kind, "in": node.cluster, **_box(*box)}
+            picture["nodes"].append(shown)
         elif cluster is not None and "bb" in item:
             a, b, c, d = _numbers(item["bb"])
-            picture["clusters"].append(
-                {
-                    "id": cluster.id,
-                    "text": cluster.text,
-                    "in": cluster.parent,
-                    "x": round(min(a, c) - left, 1),
-                    "y": round(min(b, d) - top, 1),
-                    "w": round(abs(c - a), 1),
-                    "h": round(abs(d - b), 1),
-                }
-            )
+            box = (min(a, c) - left, min(b, d) - top, abs(c - a), abs(d - b))
+            shown = {"id": cluster.id, "text": cluster.text, "in": cluster.parent, **_box(*box)}
+            picture["clusters"].append(shown)
     for item in answer.get("edges", []):
         number = _edge_number(item.get("id"))
         if number is None or "pos" not in item:
@@ -160,6 +145,10 @@ def _read(
             shown["label"] = [round(x - left, 1), round(y - top, 1)]
         picture["edges"].append(shown)
     return picture
+
+
+def _box(x: float, y: float, width: float, height: float) -> Dict[str, float]:
+    return {name: round(value, 1) for name, value in zip("xywh", (x, y, width, height))}
 
 
 def _curve(text: str, left: float, top: float) -> Dict[str, Any]:
@@ -181,3 +170,78 @@ def _edge_number(text: Any) -> Optional[int]:
 
 def _numbers(text: str) -> List[float]:
     return [float(part) for part in text.split(",")]
+
+
+class LayoutThread:
+    """Lays out the newest graph of every name, one after the other.
+
+    :param done: called in this thread with the name and the picture, or the reason why there is no picture.
+    """
+
+    def __init__(self, done: Done) -> None:
+        self._done = done
+        self._changed = threading.Condition()  # guards the fields below
+        self._waiting: Dict[str, Callable[[], Optional[DrawnGraph]]] = {}
+        self._last: Dict[str, Tuple[DrawnGraph, Optional[Dict[str, Any]], str]] = {}
+        self._stopping = False
+        self._thread = threading.Thread(target=self._work, name="layout", daemon=True)
+
+    def start(self) -> None:
+        """Begins to work."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Ends; a picture under way is not waited for."""
+        with self._changed:
+            self._stopping = True
+            self._changed.notify_all()
+
+    def ask(self, name: str, graph: Callable[[], Optional[DrawnGraph]]) -> None:
+        """Wants a picture; the graph is made when its turn comes, so the last one asked for is drawn."""
+        with self._changed:
+            self._waiting[name] = graph
+            self._changed.notify_all()
+
+    def draw_waiting(self) -> None:
+        """Lays out what waits, in the thread of the caller; instead of `start`."""
+        with self._changed:
+            waiting, self._waiting = self._waiting, {}
+        for name, make in waiting.items():
+            self._lay_out(name, make)
+
+    def _work(self) -> None:
+        while True:
+            with self._changed:
+                while not self._waiting and not self._stopping:
+                    self._changed.wait()
+                if self._stopping:
+                    return
+                name = next(iter(self._waiting))
+                make = self._waiting.pop(name)
+            self._lay_out(name, make)
+
+    def _lay_out(self, name: str, make: Callable[[], Optional[DrawnGraph]]) -> None:
+        try:
+            picture, reason = self._draw(name, make)
+        except Exception as error:  # one strange machine does not end all pictures
+            picture, reason = None, f"{type(error).__name__}: {error}"
+        self._done(name, picture, reason)
+
+    def _draw(
+        self, name: str, make: Callable[[], Optional[DrawnGraph]]
+    ) -> Tuple[Optional[Dict[str, Any]], str]:
+        graph = make()
+        if graph is None or not graph.nodes:
+            self._last.pop(name, None)
+            return None, ""
+        known = self._last.get(name)
+        if known is not None and known[0] == graph:
+            return known[1], known[2]
+        picture: Optional[Dict[str, Any]] = None
+        reason = ""
+        try:
+            picture = layout(graph)
+        except LayoutError as error:
+            reason = str(error)
+        self._last[name] = graph, picture, reason
+        return picture, reason

@@ -10,7 +10,8 @@ Row = Dict[str, Any]
 LONGEST_TEXT = 1000  # characters of an event
 MARKS = ("failure", "cancel", "replan")
 MOST_MARKS = 1000  # most marks that are shown of one run
-_COLUMNS = "id, run, wall, at, kind, text, detail, mark"
+_OLD_COLUMNS = "id, run, wall, at, kind, text, detail"  # of all versions of the file
+_COLUMNS = f"{_OLD_COLUMNS}, mark"
 
 
 class Neighbour(NamedTuple):
@@ -40,15 +41,7 @@ class EventLog:
 
     def add(self, run: int, wall: float, event: Any) -> Row:
         """Adds an event, within a transaction of the caller; returns it as it was stored."""
-        row = {
-            "run": run,
-            "wall": wall,
-            "at": plain(float(event.at)) or 0.0,
-            "kind": event.kind,
-            "text": plain_text(event.text, LONGEST_TEXT).encode("utf-8", "replace").decode(),
-            "detail": plain(event.detail),
-            "mark": event.mark,
-        }
+        row = row_of(run, wall, event)
         cursor = self._connection.execute(
             "INSERT INTO events (run, wall, at, kind, text, detail, mark) VALUES (?,?,?,?,?,?,?)",
             tuple(json.dumps(value) if name == "detail" else value for name, value in row.items()),
@@ -74,6 +67,26 @@ class EventLog:
     def all(self) -> List[Row]:
         """All events, oldest first."""
         return list(self._select("ORDER BY id", ()))
+
+    def runs(self) -> List[Row]:
+        """The runs that have events, oldest first: number, begin (s since 1970) and how many events."""
+        rows = self._connection.execute(
+            "SELECT runs.id, runs.began, COUNT(*) FROM runs JOIN events ON run = runs.id GROUP BY runs.id"
+        )
+        return [{"run": run, "began": began, "events": count} for run, began, count in rows]
+
+    def find(self, run: Optional[int], kinds: Sequence[str], since: float) -> List[Row]:
+        """Events, oldest first, without their marks, which older files do not have.
+
+        :param run: number; None: of all runs.
+        :param kinds: none: all.
+        :param since: s since 1970.
+        """
+        conditions: List[str] = ["wall >= ?"]
+        values: List[Any] = [since]
+        _among("run", [] if run is None else [run], conditions, values)
+        _among("kind", kinds, conditions, values)
+        return list(self._select(f"WHERE {' AND '.join(conditions)} ORDER BY id", values, _OLD_COLUMNS))
 
     def neighbour(self, wanted: Neighbour) -> Optional[Row]:
         """The next or last event."""
@@ -104,14 +117,27 @@ class EventLog:
         )
         return [list(row) for row in rows][::-1]
 
-    def _select(self, rest: str, values: Sequence[Any]) -> Iterator[Row]:
-        for row in self._connection.execute(f"SELECT {_COLUMNS} FROM events {rest}", values):
-            event = dict(zip(_COLUMNS.split(", "), row))
+    def _select(self, rest: str, values: Sequence[Any], columns: str = _COLUMNS) -> Iterator[Row]:
+        for row in self._connection.execute(f"SELECT {columns} FROM events {rest}", values):
+            event = dict(zip(columns.split(", "), row))
             event["detail"] = json.loads(event["detail"])
             yield event
 
 
-def _among(column: str, wanted: Sequence[str], conditions: List[str], values: List[Any]) -> None:
+def row_of(run: int, wall: float, event: Any) -> Row:
+    """An event as it is stored, without its id."""
+    return {
+        "run": run,
+        "wall": wall,
+        "at": plain(float(event.at)) or 0.0,
+        "kind": event.kind,
+        "text": plain_text(event.text, LONGEST_TEXT).encode("utf-8", "replace").decode(),
+        "detail": plain(event.detail),
+        "mark": event.mark,
+    }
+
+
+def _among(column: str, wanted: Sequence[Any], conditions: List[str], values: List[Any]) -> None:
     if wanted:
         conditions.append(f"{column} IN ({','.join('?' * len(wanted))})")
         values += wanted

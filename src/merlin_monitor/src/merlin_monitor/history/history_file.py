@@ -97,10 +97,11 @@ def last_run(connection: sqlite3.Connection, wall: float, session: str) -> Optio
     return LastRun(row[0], row[1]) if row and row[2] <= wall <= row[2] + LONGEST_GAP else None
 
 
-def open_for_reading(path: Path) -> sqlite3.Connection:
+def open_for_reading(path: Path, events_only: bool = False) -> sqlite3.Connection:
     """Opens the history of a run, also while that run goes on.
 
     :param path: the file, or the folder that it lies in.
+    :param events_only: its events are enough, as older files have them.
     :raises HistoryError: when it is missing, damaged, newer, another file, or without what was shown.
     """
     file = path / FILE if path.is_dir() else path
@@ -109,18 +110,18 @@ def open_for_reading(path: Path) -> sqlite3.Connection:
             f"there is no history {file}; name the results folder of a run that had a monitor, or its file"
         )
     try:
-        return _checked(file, "mode=ro")
+        return _checked(file, "mode=ro", events_only)
     except sqlite3.OperationalError:
         # A folder that cannot be written cannot take SQLite's lock files either.
         try:
-            return _checked(file, "mode=ro&immutable=1")
+            return _checked(file, "mode=ro&immutable=1", events_only)
         except sqlite3.Error as error:
             raise HistoryError(f"{file} cannot be read: {error}") from error
     except sqlite3.DatabaseError as error:
         raise HistoryError(f"{file} is not a history, or damaged: {error}") from error
 
 
-def _checked(file: Path, how: str) -> sqlite3.Connection:
+def _checked(file: Path, how: str, events_only: bool) -> sqlite3.Connection:
     connection = sqlite3.connect(
         f"{file.resolve().as_uri()}?{how}", uri=True, timeout=BUSY, check_same_thread=False
     )
@@ -131,7 +132,8 @@ def _checked(file: Path, how: str) -> sqlite3.Connection:
         version = connection.execute("PRAGMA user_version").fetchone()[0]
         if version > VERSION:
             raise HistoryError(f"{file}: {_newer(version)}")
-        if version < 1 or not connection.execute("SELECT 1 FROM segments LIMIT 1").fetchone():
+        shown = version and connection.execute("SELECT 1 FROM segments LIMIT 1").fetchone()
+        if not (shown or events_only):
             raise HistoryError(
                 f"{file} holds events only, not what was shown; read them with 'rosrun merlin history {file}'"
             )

@@ -73,8 +73,7 @@ class Panel:
         """
 
         def receive(message: Any) -> None:
-            stamp = message.header.stamp.to_sec() if message._has_header else 0.0
-            self.state.inbox.put(take, message, stamp or self.ros.time())
+            self.state.inbox.put(take, message, self.ros.time_of(message))
 
         options = {"queue_size": 100, "tcp_nodelay": True, **options}
         return self.ros.subscribe(topic, message_class, receive, **options)

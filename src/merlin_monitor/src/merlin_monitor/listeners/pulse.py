@@ -68,6 +68,7 @@ class Pulse:
         now = self._ros.wall()
         if now - self._checked >= CHECKS:
             self._checked = now
+            self._state.tree.set("meta", "clock_set", round(self._ros.clock_set(), 1))
             self._state.inbox.put(self._check, self._ros.time(), now, self._sources(), self._all_owners())
 
     def _check(

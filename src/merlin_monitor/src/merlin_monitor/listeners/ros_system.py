@@ -4,11 +4,14 @@ import time
 from typing import Any, Callable, Dict, List, NamedTuple, Optional
 
 import rospy
+import rospy.rostime
 import tf2_ros
 
+from merlin_monitor.history.history_file import WallClock
 from merlin_ros.master.master_link import ERRORS, bounded_master
 
 TRANSFORMS_KEPT = 5.0  # s
+LEAST_JUMP = 0.05  # s; what is less is not a clock that was set
 
 
 class TopicGraph(NamedTuple):
@@ -23,7 +26,13 @@ class TopicGraph(NamedTuple):
 
 
 class RosSystem:
-    """What panels ask of ROS, asked in the node that they live in."""
+    """What panels ask of ROS, asked in the node that they live in.
+
+    All durations that are shown are differences of `time` and `time_of`, which continue evenly when the
+    computer's clock is set.
+    """
+
+    _steady = WallClock()  # one of the process: times of two systems may be compared
 
     @property
     def namespace(self) -> str:
@@ -43,9 +52,23 @@ class RosSystem:
         """The value of a parameter, or the default."""
         return rospy.get_param(name, default)
 
+    def clock_set(self) -> float:
+        """By how many s the computer's clock was set since the node began; 0 in a simulation."""
+        jump = time.time() - self._steady() if rospy.rostime.is_wallclock() else 0.0
+        return jump if abs(jump) >= LEAST_JUMP else 0.0
+
     def time(self) -> float:
-        """ROS time, s."""
-        return float(rospy.get_time())
+        """ROS time, s; without what the clock was set by."""
+        return float(rospy.get_time()) - self.clock_set()
+
+    def time_of(self, message: Any) -> float:
+        """When a message was sent, s of `time`: as its header says, else now."""
+        stamp = message.header.stamp.to_sec() if message._has_header else 0.0
+        jump = self.clock_set()
+        if not stamp:
+            return self.time()
+        # One that was on its way while the clock was put back seems to come from the future.
+        return min(stamp - jump, self.time()) if jump else stamp
 
     def wall(self) -> float:
         """s that continue at any time, and never back."""
@@ -70,7 +93,13 @@ class RosSystem:
 
         It raises tf2_ros.TransformException when there is none.
         """
-        return _Transforms().newest
+        buffer = tf2_ros.Buffer(rospy.Duration(TRANSFORMS_KEPT))
+        listener = tf2_ros.TransformListener(buffer)
+
+        def newest(target: str, source: str, kept: Any = listener) -> Any:
+            return buffer.lookup_transform(target, source, rospy.Time(0))
+
+        return newest
 
     def graph(self) -> Optional[TopicGraph]:
         """What is published; None: the master does not answer for a moment."""
@@ -88,12 +117,3 @@ class RosSystem:
             return str(bounded_master().lookupService(service))
         except ERRORS:
             return ""
-
-
-class _Transforms:
-    def __init__(self) -> None:
-        self._buffer = tf2_ros.Buffer(rospy.Duration(TRANSFORMS_KEPT))
-        self._listener = tf2_ros.TransformListener(self._buffer)
-
-    def newest(self, target: str, source: str) -> Any:
-        return self._buffer.lookup_transform(target, source, rospy.Time(0))

@@ -6,7 +6,7 @@ says nothing of single updates; so it is read again then, and every few seconds.
 
 import threading
 import time
-from typing import Any, Dict, List, Optional, Tuple
+from typing import Any, Dict, List, Optional
 
 import rospy
 from merlin_msgs.msg import KnowledgeChanges
@@ -126,7 +126,7 @@ class KnowledgePanel(Panel):
             self._put(message)
 
     def _put(self, message: KnowledgeChanges) -> None:
-        at = message.header.stamp.to_sec() or self.ros.time()
+        at = self.ros.time_of(message)
         self.state.inbox.put(self.state.knowledge.changed, message, at)
 
     def _work(self) -> None:
@@ -170,14 +170,7 @@ class KnowledgePanel(Panel):
 
     def _read(self) -> Contents:
         client = self._client
-        objects: List[Tuple[str, str]] = []
-        seen = set()
-        for kind in client.types():
-            for name in client.instances(kind, True, False):
-                if name not in seen:
-                    seen.add(name)
-                    objects.append((name, kind))
-        objects += [(name, "object") for name in client.instances() if name not in seen]
+        objects = client.objects()
         return Contents(objects, client.propositions(), client.functions(), client.goals())
 
     def _adds(self) -> Dict[str, List[List[str]]]:

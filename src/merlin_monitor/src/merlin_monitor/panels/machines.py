@@ -55,18 +55,14 @@ class MachinesPanel(Panel):
         for server in found - set(self._servers):
             self._servers[server] = [
                 # The structure first: a status means more beside it.
-                self.ros.subscribe(
+                self.subscribe(
                     server + STRUCTURE,
                     SmachContainerStructure,
                     partial(self._structure, server),
                     queue_size=1000,
                 ),
-                self.ros.subscribe(
-                    server + STATUS,
-                    SmachContainerStatus,
-                    partial(self._status, server),
-                    queue_size=1000,
-                    tcp_nodelay=True,
+                self.subscribe(
+                    server + STATUS, SmachContainerStatus, partial(self._status, server), queue_size=1000
                 ),
             ]
         for server in set(self._servers) - found:
@@ -82,15 +78,9 @@ class MachinesPanel(Panel):
         self.state.machines.holds(message, at, self.ros.wall())
         self.state.now.refresh()
 
-    def _structure(self, server: str, message: SmachContainerStructure) -> None:
-        self.state.inbox.put(
-            self.state.machines.structure, server, message, self.ros.wall(), sender_of(message)
-        )
+    def _structure(self, server: str, message: SmachContainerStructure, at: float) -> None:
+        self.state.machines.structure(server, message, self.ros.wall(), sender_of(message))
 
-    def _status(self, server: str, message: SmachContainerStatus) -> None:
-        at = message.header.stamp.to_sec() or self.ros.time()
-        self.state.inbox.put(self._take, server, message, at, self.ros.wall())
-
-    def _take(self, server: str, message: SmachContainerStatus, at: float, wall: float) -> None:
-        self.state.machines.status(server, message, at, wall, sender_of(message))
+    def _status(self, server: str, message: SmachContainerStatus, at: float) -> None:
+        self.state.machines.status(server, message, at, self.ros.wall(), sender_of(message))
         self.state.now.refresh()

@@ -11,12 +11,11 @@ from move_base_msgs.msg import MoveBaseActionResult
 from nav_msgs.msg import OccupancyGrid, Path
 from sensor_msgs.msg import LaserScan
 
-from merlin_monitor.drawing.grid_place import yaw_of
-from merlin_monitor.drawing.robot_track import RobotTrack
 from merlin_monitor.listeners.graph_watch import GraphWatch
 from merlin_monitor.listeners.panel import Panel
 from merlin_monitor.listeners.plan_robots import PlanRobots
 from merlin_monitor.state.freshness import Source
+from merlin_monitor.state.map_section import RobotTrack, yaw_of
 from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_monitor.truth.worst_truth import NAVIGATION
 

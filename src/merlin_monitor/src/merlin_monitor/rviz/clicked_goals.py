@@ -1,7 +1,8 @@
 """Goals for points of interest that are clicked in rviz."""
 
+import math
 import threading
-from typing import Optional
+from typing import Mapping, Optional, Sequence
 
 import rospy
 from geometry_msgs.msg import PoseStamped
@@ -11,7 +12,6 @@ from merlin_executor.core.request_limits import RequestTooLarge
 from merlin_executor.executor_client import ExecutorRequest, MerlinExecutorClient, outcome_name
 from merlin_executor.goal_check import GoalError
 from merlin_monitor.panels.map import POINTS
-from merlin_monitor.rviz.places import NoPlace, nearest
 from merlin_monitor.state.map_section import read_points
 from merlin_planning.knowledge_text import PDDLSyntaxError
 from merlin_ros.service_proxy import ServiceError
@@ -19,6 +19,31 @@ from merlin_ros.service_proxy import ServiceError
 #: In a goal, what stands for the point.
 BLANK = "{point}"
 GOOD = (Outcome.SUCCEEDED, Outcome.ALREADY_TRUE, Outcome.CANCELLED)
+
+
+class NoPlace(ValueError):
+    """No point of interest is at that place; the text names the nearest one."""
+
+
+def nearest(points: Mapping[str, Sequence[float]], x: float, y: float, reach: float) -> str:
+    """The name of the point of interest nearest to a place.
+
+    :param points: name → x and y, m.
+    :param reach: m; one that is further away is not meant.
+    :raises NoPlace: when none is meant.
+    """
+    if not (math.isfinite(x) and math.isfinite(y)):
+        raise NoPlace("the place is not a pair of finite numbers")
+    if not points:
+        raise NoPlace("there are no points of interest")
+    distances = {name: math.hypot(point[0] - x, point[1] - y) for name, point in points.items()}
+    name = min(distances, key=lambda each: distances[each])
+    if distances[name] > reach:
+        raise NoPlace(
+            f"no point of interest within {reach:g} m of ({x:.2f}, {y:.2f}); "
+            f"the nearest is {name}, {distances[name]:.2f} m away"
+        )
+    return name
 
 
 class ClickedGoals:

@@ -1,6 +1,5 @@
 """Node: what rviz shows of MERLIN, and goals for points of interest that are clicked there."""
 
-import math
 from typing import Dict, List
 
 import rospy
@@ -11,14 +10,15 @@ from merlin_monitor.panels.map import MapPanel
 from merlin_monitor.panels.now import NowPanel
 from merlin_monitor.panels.plan import PlanPanel
 from merlin_monitor.rviz.clicked_goals import BLANK, ClickedGoals
-from merlin_monitor.rviz.marker_publisher import MarkerPublisher
+from merlin_monitor.rviz.markers import MarkerPublisher
 from merlin_monitor.state.inbox import Inbox
 from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_planning.knowledge_text import PDDLSyntaxError, parse_goal
 from merlin_ros.node import run_node
-from merlin_ros.parameters import ParameterError
+from merlin_ros.parameters import ParameterError, number, whole
 
 REACH = 2.0  # m
+LEAST_REACH = 0.01  # m
 
 
 def main() -> int:
@@ -28,7 +28,8 @@ def main() -> int:
 
 def _start() -> None:
     frame = str(rospy.get_param("~global_frame", "map"))
-    goal, priority, reach = _goal(), _priority(), _reach()
+    goal, priority = _goal(), whole("~priority", 0)
+    reach = number("~reach", REACH, LEAST_REACH)
     state = MonitorModel(Inbox(rospy.logwarn))
     panels: List[Panel] = []
 
@@ -58,18 +59,3 @@ def _goal() -> str:
         name = rospy.resolve_name("~goal")
         raise ParameterError(f"parameter {name} is {goal!r}: {error}; give (robot_at {BLANK})") from error
     return goal
-
-
-def _priority() -> int:
-    priority = rospy.get_param("~priority", 0)
-    if not isinstance(priority, int) or isinstance(priority, bool) or abs(priority) >= 2**31:
-        name = rospy.resolve_name("~priority")
-        raise ParameterError(f"parameter {name} is {priority!r}; give a whole number")
-    return priority
-
-
-def _reach() -> float:
-    reach = rospy.get_param("~reach", REACH)
-    if not isinstance(reach, (int, float)) or not (math.isfinite(reach) and reach > 0):
-        raise ParameterError(f"parameter {rospy.resolve_name('~reach')} is {reach!r}; give m, more than 0")
-    return float(reach)

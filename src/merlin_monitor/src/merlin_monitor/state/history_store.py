@@ -1,24 +1,28 @@
 """The history of the present run: its events and what the page showed, in a file that outlives the node."""
 
 import concurrent.futures
-import json
 import queue
 import sqlite3
+import threading
+from collections import deque
 from pathlib import Path
-from typing import Any, Callable, Dict, List, Optional, Tuple
+from typing import Any, Callable, Deque, Dict, List, Optional, Tuple
 
-from merlin_monitor.history.event_log import Row
+from merlin_monitor.history.event_log import Row, row_of
 from merlin_monitor.history.frames import Frame
 from merlin_monitor.history.history_file import HistoryError, WallClock, begin_run, last_run, open_for_writing
 from merlin_monitor.history.history_reader import HistoryReader
 from merlin_monitor.state.history_events import Event, sentence
-from merlin_monitor.state.state_tree import apply_changes
+from merlin_monitor.state.recorder import last_state
+from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.text.phrase import say
 
 __all__ = ["HistoryError", "HistoryStore"]
 
 PRUNE_EVERY = 1000  # events between two looks at the limit
 MEGABYTE = 1_000_000
+SECTION = "history"
+NEWEST = 200  # events in the state; older ones are asked for page by page
 END_OF_TIME = 1e12  # s since 1970
 _COPIED = (
     ("events", "wall, at, kind, text, detail, mark"),
@@ -86,13 +90,9 @@ class HistoryStore(HistoryReader):
         if self.last is None:
             return {}
         try:
-            text = self.segment(self.run, END_OF_TIME).result(limit)
-        except (HistoryError, concurrent.futures.TimeoutError):
+            return last_state(self.segment(self.run, END_OF_TIME).result(limit))
+        except (HistoryError, ValueError, concurrent.futures.TimeoutError):
             return {}
-        (_, _, state, _), *later = json.loads(text or "null")["frames"]
-        for _, _, changes, _ in later:
-            apply_changes(state, changes)
-        return dict(state)
 
     def add(self, event: Event) -> None:
         """Takes an event; returns at once."""
@@ -135,7 +135,7 @@ class HistoryStore(HistoryReader):
             self._gap = True
             self.trouble = str(error)
             said = say("the history could not be written: {why}", why=str(error))
-            self._on_events([self._lost_event(sentence("monitor", said, 0.0))])
+            self._on_events([{"id": 0, **row_of(0, self.now(), sentence("monitor", said, 0.0))}])
 
     def _store(self, jobs: List[Any]) -> List[Row]:
         self._leave_memory()
@@ -176,14 +176,22 @@ class HistoryStore(HistoryReader):
         self._use(file)
         self.run, self._in_memory = run, False
 
-    def _lost_event(self, event: Event) -> Row:
-        return {
-            "id": 0,
-            "run": 0,
-            "wall": self.now(),
-            "at": 0.0,
-            "kind": event.kind,
-            "text": event.text,
-            "detail": event.detail,
-            "mark": "",
-        }
+
+class HistorySection:
+    """Keeps the section ``history`` of the state."""
+
+    def __init__(self, tree: StateTree) -> None:
+        self._tree = tree
+        self._lock = threading.Lock()  # guards _shown: the first page comes from another thread
+        self._shown: Deque[str] = deque()
+        tree.set(SECTION, "events", {})
+
+    def add(self, events: List[Dict[str, Any]]) -> None:
+        """Shows stored events."""
+        with self._lock:
+            for event in events[-NEWEST:]:
+                key = str(event["id"])
+                self._tree.set(SECTION, "events", key, event)
+                self._shown.append(key)
+            while len(self._shown) > NEWEST:
+                self._tree.remove(SECTION, "events", self._shown.popleft())

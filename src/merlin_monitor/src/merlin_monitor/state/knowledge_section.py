@@ -20,7 +20,7 @@ Table = Dict[str, Entry]
 class Contents(NamedTuple):
     """Everything a knowledge base knows, as the messages of its services."""
 
-    objects: List[Tuple[str, str]]  # name, type
+    objects: Dict[str, str]  # name → type
     facts: List[Any]
     values: List[Any]
     goals: List[Any]
@@ -58,7 +58,7 @@ class KnowledgeSection:
         :param first: whether there was nothing before, so that nothing counts as changed.
         """
         new: Dict[str, Table] = {
-            "objects": {name: {"type": kind} for name, kind in contents.objects},
+            "objects": {name: {"type": kind} for name, kind in contents.objects.items()},
             "facts": {item_text(item): {} for item in contents.facts},
             "values": {item_text(item): {"value": item.function_value} for item in contents.values},
             "goals": {item_text(item): {} for item in contents.goals},

@@ -149,7 +149,7 @@ class MachineSection:
         said = say(how, client=message.operator) if message.operator else say("not confirmed")
         machine, *labels = message.state.split("/")
         server = f"{message.node.rpartition('/')[0]}/{machine.lower()}"
-        decided = _Decided(server, labels, message.outcome, message.header.stamp.to_sec(), said)
+        decided = _Decided(server, labels, message.outcome, at, said)
         self._decided = [*self._decided, decided][-MOST_STEPS:]
         for key in self._tree.keys(SECTION, "containers"):
             self._mark_steps(key)

@@ -1,14 +1,13 @@
 """The section of the map: the map's picture, the robot, its path, points of interest and people on it."""
 
 import math
-from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple, Union
+from collections import deque
+from typing import Any, Callable, Deque, Dict, List, Optional, Sequence, Tuple, Union
 
 import numpy
 
 from merlin_executor.core.base_hold import clock_text
-from merlin_monitor.drawing.grid_place import cells_of, grid_place
 from merlin_monitor.drawing.png import png
-from merlin_monitor.drawing.robot_track import RobotTrack
 from merlin_monitor.history.pictures import Pictures
 from merlin_monitor.state.guard_section import GUARD
 from merlin_monitor.state.state_tree import StateTree
@@ -27,11 +26,85 @@ LEVEL = 0.07  # of a quaternion, across: 8°
 ROOM = 0.4  # m around the goal and the way that a robot needs
 AHEAD = 1.0  # m of the way
 _INK = {"free": 0, "unknown": 40, "occupied": 255}  # opacity
-
-
 STANDS_GOAL = "stands since {time}: something that the map does not have stands at the goal"
 STANDS_WAY = "stands since {time}: something that the map does not have is in the way"
 STANDS = "stands since {time} on the way to its goal; nothing in the way is seen"
+LONGEST_PATH = 300  # points that are shown
+TRAIL_STEP = 0.15  # m between two points of the trail
+LONGEST_TRAIL = 400  # points
+JUMP = 2.0  # m; further away within one look, the robot was put there
+
+
+class RobotTrack:
+    """Keeps ``path``, ``goal`` and ``trail`` of one robot.
+
+    :param tree: of the state.
+    :param place: where these three are in the state.
+    """
+
+    def __init__(self, tree: StateTree, *place: str) -> None:
+        self._tree = tree
+        self._place = place
+        self._trail: Deque[Tuple[int, float, float]] = deque()
+
+    def path(self, points: Sequence[Tuple[float, float]]) -> None:
+        """The way the robot means to take, m; none: it is not going anywhere."""
+        stride = max(1, -(-len(points) // LONGEST_PATH))
+        shown = [[round(x, 2), round(y, 2)] for x, y in points[::stride]]
+        if points and stride > 1:
+            shown.append([round(points[-1][0], 2), round(points[-1][1], 2)])
+        self._tree.set(*self._place, "path", shown)
+
+    def goal(self, pose: Optional[Tuple[float, float, float]]) -> None:
+        """Where it is going, m and rad; None: nowhere."""
+        shown = None if pose is None else [round(value, 3) for value in pose]
+        self._tree.set(*self._place, "goal", shown)
+
+    def was(self, x: float, y: float) -> None:
+        """Notes where the robot is, m."""
+        trail = self._trail
+        number = 0
+        if trail:
+            number, last_x, last_y = trail[-1]
+            far = math.hypot(x - last_x, y - last_y)
+            if far < TRAIL_STEP:
+                return
+            if far > JUMP:
+                trail.clear()
+                self._tree.set(*self._place, "trail", {})
+        trail.append((number + 1, x, y))
+        self._tree.set(*self._place, "trail", str(number + 1), [round(x, 2), round(y, 2)])
+        if len(trail) > LONGEST_TRAIL:
+            self._tree.remove(*self._place, "trail", str(trail.popleft()[0]))
+
+
+def yaw_of(rotation: Any) -> float:
+    """The yaw of a geometry_msgs/Quaternion, rad."""
+    sine = 2.0 * (rotation.w * rotation.z + rotation.x * rotation.y)
+    cosine = 1.0 - 2.0 * (rotation.y * rotation.y + rotation.z * rotation.z)
+    return math.atan2(sine, cosine)
+
+
+def grid_place(info: Any) -> Dict[str, Any]:
+    """Origin (m), yaw (rad) and size (m) of a nav_msgs/MapMetaData, and as ``box`` what it covers."""
+    width, height = info.width * info.resolution, info.height * info.resolution
+    x, y, yaw = info.origin.position.x, info.origin.position.y, yaw_of(info.origin.orientation)
+    corners = numpy.array([(0.0, 0.0), (width, 0.0), (0.0, height), (width, height)]) @ _turn(yaw).T + (x, y)
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    box = dict(zip(("x", "y", "width", "height"), map(float, (*low, *(high - low)))))
+    return {"x": x, "y": y, "yaw": yaw, "width": width, "height": height, "box": box}
+
+
+def cells_of(info: Any, points: Any) -> Any:
+    """The column and row of each point, also beyond the grid; points are x and y in m, one in each row."""
+    origin = info.origin.position
+    # Turned back by the inverse of the turn, which is its transpose.
+    within = (points - (origin.x, origin.y)) @ _turn(yaw_of(info.origin.orientation))
+    return numpy.floor(within / info.resolution).astype(int).T
+
+
+def _turn(yaw: float) -> Any:
+    return numpy.array([(math.cos(yaw), -math.sin(yaw)), (math.sin(yaw), math.cos(yaw))])
 
 
 class MapSection:

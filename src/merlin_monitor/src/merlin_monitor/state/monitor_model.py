@@ -6,16 +6,14 @@ from pathlib import Path
 from typing import Any, Callable, Dict, List, Mapping, Optional
 
 from merlin_executor.core.base_hold import clock_text
-from merlin_monitor.drawing.layout_thread import LayoutThread
+from merlin_monitor.drawing.graph_layout import LayoutThread
 from merlin_monitor.drawing.machine_graph import DrawnGraph, machine_graph, plan_graph
 from merlin_monitor.history.pictures import Pictures
-from merlin_monitor.history.recorder import Recorder
 from merlin_monitor.state.freshness import Freshness
 from merlin_monitor.state.guard_section import GuardSection
 from merlin_monitor.state.health_section import HealthSection
 from merlin_monitor.state.history_events import Event, Reporter, sentence
-from merlin_monitor.state.history_section import NEWEST, HistorySection
-from merlin_monitor.state.history_store import HistoryError, HistoryStore
+from merlin_monitor.state.history_store import NEWEST, HistoryError, HistorySection, HistoryStore
 from merlin_monitor.state.inbox import Inbox
 from merlin_monitor.state.knowledge_section import KnowledgeSection
 from merlin_monitor.state.machine_section import MachineSection
@@ -23,6 +21,7 @@ from merlin_monitor.state.map_section import MapSection
 from merlin_monitor.state.now_section import NowSection
 from merlin_monitor.state.plan_order import Edges, ShownStep
 from merlin_monitor.state.plan_section import PlanSection
+from merlin_monitor.state.recorder import Recorder
 from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.text.phrase import say
 from merlin_monitor.truth.problems import Acknowledged, problems_of

@@ -6,9 +6,14 @@ from merlin_monitor.state.history_events import Reporter, sentence
 from merlin_monitor.state.plan_order import Edges, ShownStep
 from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.text.fact_text import atom_text
-from merlin_monitor.text.phrase import Phrase, action_phrase, in_english, say, with_reason
+from merlin_monitor.text.phrase import (
+    Phrase,
+    action_phrase,
+    in_english,
+    say,
+    with_reason,
+)
 from merlin_monitor.text.plain_value import plain_text
-from merlin_monitor.text.plain_words import action_in_words, shown_parameters
 
 SECTION = "plan"
 WAITING, DISPATCHED, RUNNING = "waiting", "dispatched", "running"
@@ -49,6 +54,7 @@ class PlanSection:
         self._replans: List[Dict[str, Any]] = []
         self._early: Dict[Tuple[int, int], Tuple[int, str, float]] = {}  # feedback that came before its plan
         self._status: Any = None  # the dispatcher's last one
+        self._status_at = 0.0  # s of ROS time
         self._places: Set[str] = set()
         self._kept: Mapping[str, Any] = {}  # the section of an earlier life, until the first plan
         self._missed: List[Tuple[Any, float]] = []  # dispatches of no step that is known
@@ -93,7 +99,7 @@ class PlanSection:
                 "id": step.id,
                 "name": step.name,
                 "text": step.text,
-                "words": self._words(step.name, step.parameters),
+                "words": action_phrase(step.name, step.parameters, self._places),
                 "parameters": [list(pair) for pair in step.parameters],
                 "start": step.start,
                 "duration": step.duration,
@@ -112,7 +118,7 @@ class PlanSection:
         for message, received in missed:
             self.dispatched(message, received)
         if late:
-            self._catch_up(at)
+            self._catch_up()
         elif self._plans > 1:
             self._kept = {}
 
@@ -128,7 +134,7 @@ class PlanSection:
         """Takes the names of the places, which the words of a step are made with."""
         self._places = names
         for step in self._steps.values():
-            words = self._words(step["name"], [(pair[0], pair[1]) for pair in step["parameters"]])
+            words = action_phrase(step["name"], [(pair[0], pair[1]) for pair in step["parameters"]], names)
             self._put(step, words=words)
 
     def dispatched(self, message: Any, at: float) -> None:
@@ -164,7 +170,7 @@ class PlanSection:
     def dispatcher(self, message: Any, at: float) -> None:
         """Takes a message with the fields of merlin_msgs/DispatchStatus."""
         first = self._status is None or not self._status.state
-        self._status = message
+        self._status, self._status_at = message, at
         if message.state:
             self._follow(message.plan_id)
         if first and self._plans == 1:
@@ -174,7 +180,10 @@ class PlanSection:
             step = self._steps.get(identity)
             text = atom_text(action.name, [parameter.value for parameter in action.parameters])
             if step is not None and step["text"] == text and step["state"] == WAITING:
-                self._put(step, state=DISPATCHED, began=action.dispatched.to_sec() or at)
+                # Of the dispatcher's own clock only how long ago it was is of use.
+                stamps = message.header.stamp, action.dispatched
+                ago = (stamps[0] - stamps[1]).to_sec() if all(stamps) else 0.0
+                self._put(step, state=DISPATCHED, began=at - ago)
         self._tree.set(
             SECTION,
             "dispatcher",
@@ -241,13 +250,9 @@ class PlanSection:
             return say("plan of {count} steps, first {steps}", count=count, steps=shown)
         return say("plan of {count} steps: {steps}", count=count, steps=shown)
 
-    def _words(self, name: str, parameters: List[Tuple[str, str]]) -> Phrase:
-        english = action_in_words(name, parameters, self._places)
-        return action_phrase(name, shown_parameters(parameters), english)
-
-    def _catch_up(self, at: float) -> None:
+    def _catch_up(self) -> None:
         """Started in the middle of a dispatch, it gets the latched messages before or after the plan."""
-        self.dispatcher(self._status, at)
+        self.dispatcher(self._status, self._status_at)
         self._take_up(self._status)
         for (plan_id, identity), (status, reason, received) in list(self._early.items()):
             step = self._steps.get(identity)

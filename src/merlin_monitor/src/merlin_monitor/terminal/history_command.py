@@ -1,86 +1,23 @@
 """``rosrun merlin history``: what happened, read from the file that the monitor keeps. No node, no master."""
 
 import argparse
+import contextlib
 import json
 import re
 import sqlite3
 import sys
 import time
 from pathlib import Path
-from typing import Any, Dict, Iterator, List, Optional, Sequence
+from typing import Any, Dict, Iterator, Optional, Sequence
 
 import rospkg
 
+from merlin_monitor.history.event_log import EventLog
+from merlin_monitor.history.history_file import FILE, HistoryError, open_for_reading
 from merlin_monitor.state.history_events import KINDS
 
-FILE = "history.sqlite"
 EXIT_MISTAKES = 2
 _UNITS = {"s": 1.0, "m": 60.0, "h": 3600.0, "d": 86400.0}
-
-
-class HistoryFileError(RuntimeError):
-    """Nothing can be read; the text says what to do."""
-
-
-class HistoryFile:
-    """A history, also of a monitor that still writes it.
-
-    :raises HistoryFileError: when there is no such file, or it is something else.
-    """
-
-    def __init__(self, path: Path) -> None:
-        self._path = path / FILE if path.is_dir() else path
-        if not self._path.is_file():
-            raise HistoryFileError(
-                f"there is no history {self._path}; name that of a run with a monitor, or its results folder"
-            )
-        self._connection = sqlite3.connect(f"{self._path.resolve().as_uri()}?mode=ro", uri=True)
-
-    def runs(self) -> List[Dict[str, Any]]:
-        """The runs that have events: number, begin (s since 1970) and how many events, oldest first."""
-        rows = self._ask(
-            "SELECT runs.id, runs.began, COUNT(events.id) FROM runs JOIN events ON events.run = runs.id "
-            "GROUP BY runs.id ORDER BY runs.id",
-            (),
-        )
-        return [{"run": run, "began": began, "events": count} for run, began, count in rows]
-
-    def events(
-        self, run: Optional[int] = None, kinds: Sequence[str] = (), since: float = 0.0
-    ) -> Iterator[Dict[str, Any]]:
-        """Events, oldest first.
-
-        :param run: number; None: of all runs.
-        :param kinds: none: all.
-        :param since: s since 1970.
-        """
-        conditions, values = ["wall >= ?"], [since]
-        if run is not None:
-            conditions.append("run = ?")
-            values.append(run)
-        if kinds:
-            conditions.append(f"kind IN ({','.join('?' * len(kinds))})")
-        rows = self._ask(
-            "SELECT id, run, wall, at, kind, text, detail FROM events "
-            f"WHERE {' AND '.join(conditions)} ORDER BY id",
-            (*values, *kinds),
-        )
-        for identity, of, wall, at, kind, text, detail in rows:
-            yield {
-                "id": identity,
-                "run": of,
-                "wall": wall,
-                "at": at,
-                "kind": kind,
-                "text": text,
-                "detail": json.loads(detail),
-            }
-
-    def _ask(self, question: str, values: Sequence[Any]) -> List[Any]:
-        try:
-            return list(self._connection.execute(question, values))
-        except sqlite3.Error as error:
-            raise HistoryFileError(f"{self._path} cannot be read as a history: {error}") from error
 
 
 def as_text(events: Sequence[Dict[str, Any]]) -> Iterator[str]:
@@ -146,17 +83,21 @@ def main() -> int:
     parser.add_argument("--json", action="store_true", help="a JSON list")
     given = parser.parse_args()
     try:
-        for line in _answer(HistoryFile(given.file), given):
-            print(line)
-    except HistoryFileError as error:
+        with contextlib.closing(open_for_reading(given.file, events_only=True)) as file:
+            for line in _answer(EventLog(file), given):
+                print(line)
+    except HistoryError as error:
         print(f"merlin history: {error}", file=sys.stderr)
+        return EXIT_MISTAKES
+    except sqlite3.Error as error:
+        print(f"merlin history: {given.file} cannot be read: {error}", file=sys.stderr)
         return EXIT_MISTAKES
     except BrokenPipeError:  # of head, or of a pager that was left
         sys.stderr.close()
     return 0
 
 
-def _answer(history: HistoryFile, given: argparse.Namespace) -> Iterator[str]:
+def _answer(history: EventLog, given: argparse.Namespace) -> Iterator[str]:
     runs = history.runs()
     if given.runs:
         if given.json:
@@ -169,12 +110,12 @@ def _answer(history: HistoryFile, given: argparse.Namespace) -> Iterator[str]:
     numbers = [run["run"] for run in runs]
     if given.run is not None and given.run not in numbers:
         known = f"{numbers[0]} to {numbers[-1]}" if numbers else "none"
-        raise HistoryFileError(f"there is no run {given.run}; there are: {known}")
+        raise HistoryError(f"there is no run {given.run}; there are: {known}")
     run = given.run
     if run is None and not given.all and given.since is None and numbers:
         run = numbers[-1]
     since = time.time() - given.since if given.since is not None else 0.0
-    events = list(history.events(run, given.kind, since))
+    events = history.find(run, given.kind, since)
     if given.json:
         yield json.dumps(events, indent=1, ensure_ascii=False)
         return

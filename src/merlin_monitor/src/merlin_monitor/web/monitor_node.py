@@ -21,7 +21,7 @@ from merlin_monitor.web.robot_control import RobotControl
 from merlin_monitor.web.web_server import ServerError, WebServer
 from merlin_ros.health import OK, Health, HealthReporter
 from merlin_ros.node import on_master_replaced, run_node
-from merlin_ros.parameters import ParameterError
+from merlin_ros.parameters import ParameterError, whole
 
 #: Value of ~history for no history: roslaunch drops an argument that is empty.
 NO_HISTORY = "none"
@@ -39,10 +39,10 @@ def main() -> int:
 
 def _start() -> None:
     host = str(rospy.get_param("~host", "127.0.0.1"))
-    port = _whole("~port", 8080, 0, 65535)
-    limit = _whole("~history_limit", 100_000, 100, 100_000_000)
+    port = whole("~port", 8080, 0, 65535)
+    limit = whole("~history_limit", 100_000, 100, 100_000_000)
     path = history_path(str(rospy.get_param("~history", "")))
-    megabytes = _whole("~history_megabytes", 500, 1, 1_000_000)
+    megabytes = whole("~history_megabytes", 500, 1, 1_000_000)
     make_folder = bool(rospy.get_param("~make_folder", True))
     state = MonitorModel(Inbox(rospy.logwarn), path, limit, make_folder, megabytes, session=_session())
     panels = PanelBoard(state, _class_paths("~panels"), offered=True)
@@ -108,14 +108,3 @@ def _class_paths(name: str) -> List[str]:
     if not isinstance(value, list) or not all(isinstance(path, str) for path in value):
         raise ParameterError(f"parameter {name} is {value!r}; give [package.module:Class, …]")
     return value
-
-
-def _whole(name: str, default: int, lowest: int, highest: int) -> int:
-    value = rospy.get_param(name, default)
-    try:
-        number = int(value)
-    except (TypeError, ValueError):
-        number = lowest - 1
-    if not lowest <= number <= highest:
-        raise ParameterError(f"parameter {rospy.resolve_name(name)} is {value!r}; give {lowest} to {highest}")
-    return number

@@ -1,15 +1,14 @@
 """Control of the robot from the page: goals, cancels, pausing, stop. Each request is checked first."""
 
-from typing import Any, Dict, List, Protocol, Sequence
+from typing import TYPE_CHECKING, Any, Callable, Dict, List, Protocol
+
+if TYPE_CHECKING:
+    from merlin_monitor.web.robot_control import RobotControl
 
 LONGEST_GOAL = 4000  # characters
 LONGEST_NAME = 400  # characters of the name of a state, an outcome or a level
 MOST_LISTED = 100  # actions in a list
 HIGHEST_PRIORITY = 2**31 - 1
-REQUESTS = (
-    *("who", "check", "send", "cancel", "cancel_all", "pause", "resume", "stop", "release"),
-    *("plan", "change", "breakpoints", "step", "continue", "leave", "autonomy", "acknowledge"),
-)
 
 
 class ControlError(Exception):
@@ -21,64 +20,6 @@ class ControlError(Exception):
     def __init__(self, text: str, confirm: str = "") -> None:
         super().__init__(text)
         self.confirm = confirm
-
-
-class ControlledRobot(Protocol):
-    """What can be asked of the robot; each method raises ControlError when it cannot be done.
-
-    `by` is the name of the operator, which the history shows.
-    """
-
-    def check(self, goal: str) -> None:
-        """Compares a goal in PDDL with the domain and the world."""
-
-    def send(self, goal: str, priority: int, by: str) -> str:
-        """Sends a goal; returns the id of the request."""
-
-    def cancel(self, request: str, by: str) -> str:
-        """Cancels a request; returns what was done."""
-
-    def cancel_all(self, by: str) -> str:
-        """Cancels all requests; returns what was done."""
-
-    def pause(self, pause: bool, by: str) -> str:
-        """Pauses the Executor, or resumes it; returns the Executor's answer."""
-
-    def stop(self, by: str, press: str) -> str:
-        """Stops all bases until they are released, and cancels all requests; returns what was done.
-
-        :param press: names the press of the button, which may arrive several times; empty: it comes once.
-        """
-
-    def release(self, by: str, seen: str) -> str:
-        """Releases the bases; returns what was done.
-
-        :param seen: of a :class:`ControlError`, what the operator wants to release nevertheless.
-        """
-
-    def plan(self, goal: str, without: Sequence[str], by: str) -> Dict[str, Any]:
-        """A plan for a goal that is not carried out; returns a sentence, ``done``, and the ``plan``."""
-
-    def change(self, facts: str, by: str) -> str:
-        """Makes facts true or false and sets values, by hand; returns what was done."""
-
-    def hold_before(self, texts: Sequence[str], by: str) -> str:
-        """Replaces the breakpoints; returns what was done."""
-
-    def go_on(self, step: bool, by: str) -> str:
-        """Continues from a breakpoint; a step holds the next action or state."""
-
-    def leave(self, state: str, outcome: str, within: str, by: str) -> str:
-        """Makes a state end with an outcome; without one, confirms the outcome that waits.
-
-        :param within: the namespace of the node that runs it, with a slash at its end; empty: any.
-        """
-
-    def set_autonomy(self, level: str, by: str) -> str:
-        """Sets up to which level machines take outcomes by themselves; returns what was done."""
-
-    def acknowledge(self, problem: str, by: str) -> str:
-        """Notes that an operator knows about a problem, by its key; returns what was done."""
 
 
 class Controls(Protocol):
@@ -97,13 +38,13 @@ class Control:
     :param robot: the robot.
     """
 
-    def __init__(self, robot: ControlledRobot) -> None:
+    def __init__(self, robot: "RobotControl") -> None:
         self._robot = robot
 
     def carry_out(self, what: str, fields: Dict[str, Any], by: str) -> Dict[str, Any]:
         """Carries out a request; returns a sentence, ``done``, and what belongs to it.
 
-        :param what: one of `REQUESTS`.
+        :param what: ``plan``, or one of `_REQUESTS`.
         :param fields: goal and priority, request, goal and what to leave out, or facts.
         :param by: the operator.
         :raises ControlError: it cannot be done.
@@ -111,47 +52,51 @@ class Control:
         if what == "plan":
             goal = _text(fields, "goal")
             self._robot.check(goal)
-            return self._robot.plan(goal, _listed(fields, "without"), by)
-        return {"done": self._done(what, fields, by)}
+            return self._robot.planning.plan(goal, _listed(fields, "without"), by)
+        if what not in _REQUESTS:
+            raise ControlError(f"There is nothing called {what!r}; there is plan, {', '.join(_REQUESTS)}.")
+        return {"done": _REQUESTS[what](self._robot, fields, by)}
 
-    def _done(self, what: str, fields: Dict[str, Any], by: str) -> str:
-        robot = self._robot
-        if what == "who":
-            return by
-        if what == "breakpoints":
-            return robot.hold_before(_listed(fields, "before"), by)
-        if what in ("step", "continue"):
-            return robot.go_on(what == "step", by)
-        if what == "leave":
-            state, outcome, within = (_name(fields, each) for each in ("state", "outcome", "within"))
-            return robot.leave(state, outcome, within, by)
-        if what == "autonomy":
-            return robot.set_autonomy(_name(fields, "level"), by)
-        if what == "acknowledge":
-            return robot.acknowledge(_name(fields, "problem"), by)
-        if what == "change":
-            return robot.change(_text(fields, "facts"), by)
-        if what == "check":
-            robot.check(_text(fields, "goal"))
-            return "The goal can be sent."
-        if what == "send":
-            goal, priority = _text(fields, "goal"), _priority(fields)
-            robot.check(goal)
-            return f"Sent as {robot.send(goal, priority, by)}."
-        if what == "cancel":
-            request = fields.get("request")
-            if not isinstance(request, str) or not request:
-                raise ControlError("Name the request that is to be cancelled.")
-            return robot.cancel(request, by)
-        if what == "cancel_all":
-            return robot.cancel_all(by)
-        if what in ("pause", "resume"):
-            return robot.pause(what == "pause", by)
-        if what == "stop":
-            return robot.stop(by, _name(fields, "press"))
-        if what == "release":
-            return robot.release(by, str(fields.get("seen", "")))
-        raise ControlError(f"There is nothing called {what!r}; there is {', '.join(REQUESTS)}.")
+
+def _check(robot: "RobotControl", fields: Dict[str, Any], by: str) -> str:
+    robot.check(_text(fields, "goal"))
+    return "The goal can be sent."
+
+
+def _send(robot: "RobotControl", fields: Dict[str, Any], by: str) -> str:
+    goal, priority = _text(fields, "goal"), _priority(fields)
+    robot.check(goal)
+    return f"Sent as {robot.send(goal, priority, by)}."
+
+
+def _cancel(robot: "RobotControl", fields: Dict[str, Any], by: str) -> str:
+    request = fields.get("request")
+    if not isinstance(request, str) or not request:
+        raise ControlError("Name the request that is to be cancelled.")
+    return robot.cancel(request, by)
+
+
+#: What carries out each request; it gets the robot, the fields and the operator.
+_REQUESTS: Dict[str, Callable[["RobotControl", Dict[str, Any], str], str]] = {
+    "who": lambda robot, fields, by: by,
+    "check": _check,
+    "send": _send,
+    "cancel": _cancel,
+    "cancel_all": lambda robot, fields, by: robot.cancel_all(by),
+    "pause": lambda robot, fields, by: robot.pause(True, by),
+    "resume": lambda robot, fields, by: robot.pause(False, by),
+    "stop": lambda robot, fields, by: robot.stop(by, _name(fields, "press")),
+    "release": lambda robot, fields, by: robot.release(by, str(fields.get("seen", ""))),
+    "change": lambda robot, fields, by: robot.planning.change(_text(fields, "facts"), by),
+    "breakpoints": lambda robot, fields, by: robot.planning.hold_before(_listed(fields, "before"), by),
+    "step": lambda robot, fields, by: robot.planning.go_on(True, by),
+    "continue": lambda robot, fields, by: robot.planning.go_on(False, by),
+    "leave": lambda robot, fields, by: robot.planning.leave(
+        _name(fields, "state"), _name(fields, "outcome"), _name(fields, "within"), by
+    ),
+    "autonomy": lambda robot, fields, by: robot.planning.set_autonomy(_name(fields, "level"), by),
+    "acknowledge": lambda robot, fields, by: robot.acknowledge(_name(fields, "problem"), by),
+}
 
 
 def _text(fields: Dict[str, Any], name: str) -> str:

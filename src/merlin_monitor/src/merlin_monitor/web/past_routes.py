@@ -1,6 +1,7 @@
-"""What the page asks when it shows the past: runs, marks, events and segments of what was shown."""
+"""What the page asks of the history: events, and of the past runs, marks and segments of what was shown."""
 
 import asyncio
+import json
 import math
 from typing import Any, Callable, Tuple
 
@@ -13,7 +14,7 @@ LARGEST_NUMBER = 2**62
 
 
 class PastRoutes:
-    """Answers below ``/past``.
+    """Answers with events, and below ``/past``.
 
     :param history: returns the history; raises HistoryError when none is kept.
     """
@@ -23,10 +24,25 @@ class PastRoutes:
 
     def add_to(self, routes: web.UrlDispatcher) -> None:
         """Adds the addresses."""
+        routes.add_get("/history", self._page)
+        routes.add_get("/history.json", self._export)
         routes.add_get("/past/runs", self._runs)
         routes.add_get("/past/marks", self._marks)
         routes.add_get("/past/event", self._event)
         routes.add_get("/past/segment", self._segment)
+
+    async def _page(self, request: web.Request) -> web.StreamResponse:
+        before = _number(request, "before") if "before" in request.query else None
+        limit = _number(request, "limit", "200")
+        events = self._history().page(before, limit, _words(request, "kinds"))
+        return web.json_response(await asyncio.wrap_future(events))
+
+    async def _export(self, request: web.Request) -> web.StreamResponse:
+        events = await asyncio.wrap_future(self._history().export())
+        headers = {"Content-Disposition": 'attachment; filename="merlin-history.json"'}
+        loop = asyncio.get_running_loop()
+        text = await loop.run_in_executor(None, lambda: json.dumps(events, indent=1))
+        return web.Response(text=text, content_type="application/json", headers=headers)
 
     async def _runs(self, request: web.Request) -> web.StreamResponse:
         return web.json_response(await asyncio.wrap_future(self._history().runs()))

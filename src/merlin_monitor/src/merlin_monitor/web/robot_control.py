@@ -6,7 +6,7 @@ A stop needs neither Executor nor planner nor state machine.
 import threading
 import time
 from collections import deque
-from typing import Any, Deque, Dict, List, Sequence
+from typing import Deque, Dict, List
 
 import rospy
 from actionlib_msgs.msg import GoalID
@@ -14,15 +14,15 @@ from std_srvs.srv import Trigger
 
 from merlin_executor.executor_client import MerlinExecutorClient
 from merlin_executor.goal_check import GoalError, check_goals
+from merlin_monitor.listeners.ros_system import RosSystem
 from merlin_monitor.state.freshness import SILENT
 from merlin_monitor.state.history_events import sentence
 from merlin_monitor.state.monitor_model import MonitorModel
-from merlin_monitor.text.now_words import cancel_words
+from merlin_monitor.state.now_section import cancel_words
 from merlin_monitor.text.phrase import Phrase, goal_phrase, say
 from merlin_monitor.web.page_control import ControlError
-from merlin_monitor.web.robot_breakpoints import RobotBreakpoints
 from merlin_monitor.web.robot_guards import RobotGuards, ask
-from merlin_monitor.web.robot_knowledge import RobotKnowledge
+from merlin_monitor.web.robot_planning import RobotPlanning
 from merlin_planning.knowledge_client import knowledge_client
 from merlin_planning.knowledge_text import PDDLSyntaxError, parse_goal
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
@@ -34,7 +34,9 @@ ALL_REQUESTS = GoalID()  # a cancel without name and time is for all goals of an
 
 
 class RobotControl:
-    """The robot as :class:`merlin_monitor.web.page_control.ControlledRobot` wants it.
+    """What can be asked of the robot; each method raises ControlError when it cannot be done.
+
+    `by` is the name of the operator, which the history shows. What is returned is a sentence: what was done.
 
     :param state: takes the events, and knows which requests there are.
     """
@@ -43,8 +45,8 @@ class RobotControl:
         self._state = state
         executor = str(rospy.get_param("~executor", "merlin/execute"))
         self._knowledge = knowledge_client(str(rospy.get_param("~knowledge_base", "rosplan_knowledge_base")))
-        self._planning = RobotKnowledge(state, self._knowledge, self._report)
-        self._breakpoints = RobotBreakpoints(self._knowledge, self._report)
+        self.planning: RobotPlanning = RobotPlanning(state, self._knowledge, self._report)
+        """Plans, facts, breakpoints, outcomes of states."""
         self._client = MerlinExecutorClient(executor, knowledge_base=None)
         self._cancels = rospy.Publisher(f"{executor}/cancel", GoalID, queue_size=10)
         self._pause = {
@@ -59,14 +61,14 @@ class RobotControl:
         self._paused_too = False  # by a stop that a guard did not confirm
 
     def check(self, goal: str) -> None:
-        """Compares a goal with the domain and the objects."""
+        """Compares a goal in PDDL with the domain and the objects."""
         try:
             check_goals(parse_goal(goal), self._knowledge)
         except (PDDLSyntaxError, GoalError, ServiceError) as error:
             raise ControlError(str(error)) from error
 
     def send(self, goal: str, priority: int, by: str) -> str:
-        """Sends a goal to the Executor."""
+        """Sends a goal to the Executor; returns the id of the request."""
         if not self._client.executor_alive:
             raise ControlError("There is no Executor to send the goal to.")
         request = self._client.send(goal, priority)
@@ -106,6 +108,8 @@ class RobotControl:
 
         Where a guard does not confirm it, the Executor is paused, too, or a mission would go on. That may
         take time, or not come true; nothing waits for it.
+
+        :param press: names the press of the button, which may arrive several times; empty: it comes once.
         """
         with self._lock:
             repeated = press in self._presses
@@ -132,7 +136,10 @@ class RobotControl:
         )
 
     def release(self, by: str, seen: str) -> str:
-        """Releases the bases; one that another operator holds only when this one has seen it."""
+        """Releases the bases; one that another operator holds only when this one has seen it.
+
+        :param seen: of a :class:`ControlError`, what the operator wants to release nevertheless.
+        """
         others = self._guards.holders_but(by)
         if others and others != seen:
             raise ControlError(f"Not released yet: {others}.", others)
@@ -152,36 +159,12 @@ class RobotControl:
             return f"{words}. The Executor stays paused, as it was before."
         return f"{words}, and the next goal may begin."
 
-    def plan(self, goal: str, without: Sequence[str], by: str) -> Dict[str, Any]:
-        """Plans a goal; nothing is carried out."""
-        return self._planning.plan(goal, without, by)
-
-    def change(self, facts: str, by: str) -> str:
-        """Changes facts of the knowledge base in the name of an operator; returns what was done."""
-        return self._planning.change(facts, by)
-
-    def hold_before(self, texts: Sequence[str], by: str) -> str:
-        """Replaces the breakpoints."""
-        return self._breakpoints.hold_before(texts, by)
-
-    def go_on(self, step: bool, by: str) -> str:
-        """Continues from a breakpoint."""
-        return self._breakpoints.go_on(step, by)
-
-    def leave(self, state: str, outcome: str, within: str, by: str) -> str:
-        """Makes a state end with an outcome."""
-        return self._breakpoints.leave(state, outcome, within, by)
-
-    def set_autonomy(self, level: str, by: str) -> str:
-        """Sets the autonomy level."""
-        return self._breakpoints.set_autonomy(level, by)
-
     def acknowledge(self, problem: str, by: str) -> str:
-        """Notes that an operator knows about a problem."""
+        """Notes that an operator knows about a problem, by its key."""
         known = self._state.tree.get("now", "problems") or []
         if problem not in [each["key"] for each in known]:
             raise ControlError("There is no such problem any more.")
-        self._state.inbox.put(self._state.acknowledge, problem, by, rospy.get_time(), time.monotonic())
+        self._state.inbox.put(self._state.acknowledge, problem, by, RosSystem().time(), time.monotonic())
         return "Noted; it stays so until the problem has ended."
 
     def _pause_too(self, by: str) -> None:
@@ -202,7 +185,7 @@ class RobotControl:
         self._report(by, cancel_words(by, request, goals))
 
     def _report(self, by: str, said: Phrase, **detail: str) -> None:
-        self._state.report(sentence("control", said, rospy.get_time(), by=by, **detail))
+        self._state.report(sentence("control", said, RosSystem().time(), by=by, **detail))
 
 
 def _each(said: Dict[str, str]) -> str:

@@ -9,7 +9,7 @@ import ssl
 import threading
 import time
 from pathlib import Path
-from typing import Any, Awaitable, Callable, Dict, List, Optional
+from typing import Any, Awaitable, Callable, Dict, List, Optional, Protocol
 
 from aiohttp import web
 
@@ -20,24 +20,45 @@ from merlin_monitor.access.web_access import (
     RequestRefused,
     WebAccess,
     WrongToken,
+    WrongTokens,
 )
-from merlin_monitor.access.wrong_tokens import WrongTokens
-from merlin_monitor.state.history_events import sentence
+from merlin_monitor.history.history_reader import HistoryReader
+from merlin_monitor.history.pictures import Pictures
+from merlin_monitor.state.history_events import Event, sentence
 from merlin_monitor.state.history_store import HistoryError
+from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.text.phrase import say
 from merlin_monitor.web import silent_connections
 from merlin_monitor.web.live_feed import LiveFeed
 from merlin_monitor.web.page_control import ControlError, Controls
 from merlin_monitor.web.past_routes import PastRoutes
-from merlin_monitor.web.shown import Shown
 
 PORTS_TRIED = 20  # from the wanted one on
+DUAL = socket.has_dualstack_ipv6()  # :: is every address of IPv4, too
 FILES = (".html", ".css", ".js", ".json", ".svg")
 GOODBYE = 0.5  # s for a page to answer when it is closed
 PING = 20.0  # s between two signs of life of a page
 OLD_CHECK = 1.5  # s since the model's last check, after which it counts as hung
 LONGEST_REQUEST = 64 * 1024  # bytes
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
+
+
+class Shown(Protocol):
+    """A :class:`MonitorModel`, an :class:`Archive`, or a fleet."""
+
+    tree: StateTree
+    pictures: Pictures
+
+    @property
+    def history(self) -> Optional[HistoryReader]:
+        """Events, and what was shown; None: none is kept."""
+
+    @property
+    def checked_at(self) -> float:
+        """When what is shown was checked last, s of ``time.monotonic``."""
+
+    def report(self, event: Event) -> None:
+        """Adds an event to the history."""
 
 
 class ServerError(RuntimeError):
@@ -113,10 +134,8 @@ class WebServer:
         routes.add_get("/live", self._serve_live)
         routes.add_post("/live", self._may_follow)
         routes.add_get("/state.json", self._serve_state)
-        routes.add_get("/map.png", self._serve_map)
+        routes.add_get("/map.png", self._serve_picture)
         routes.add_get("/pictures/{name}.png", self._serve_picture)
-        routes.add_get("/history", self._serve_history)
-        routes.add_get("/history.json", self._export_history)
         routes.add_post("/control/{what}", self._serve_control)
         routes.add_get("/panels/{name}.js", self._serve_panel)
         PastRoutes(self._history).add_to(routes)
@@ -208,13 +227,8 @@ class WebServer:
         text = f'{{"version":{version},"state":{state}}}'
         return web.Response(text=text, content_type="application/json")
 
-    async def _serve_map(self, request: web.Request) -> web.StreamResponse:
-        return await self._picture("map", request)
-
     async def _serve_picture(self, request: web.Request) -> web.StreamResponse:
-        return await self._picture(request.match_info["name"], request)
-
-    async def _picture(self, name: str, request: web.Request) -> web.StreamResponse:
+        name = request.match_info.get("name", "map")
         version = request.query.get("version", "")
         picture = self._state.pictures.get(name, version)
         if picture is None and version and self._state.history is not None:
@@ -222,24 +236,6 @@ class WebServer:
         if picture is None:
             raise web.HTTPNotFound(text="There is no such picture.\n")
         return web.Response(body=picture, content_type="image/png")
-
-    async def _serve_history(self, request: web.Request) -> web.StreamResponse:
-        try:
-            before = int(request.query["before"]) if "before" in request.query else None
-            limit = int(request.query.get("limit", 200))
-        except ValueError:
-            raise web.HTTPBadRequest(text="before and limit are whole numbers.\n") from None
-        if before is not None and not 0 <= before < 2**62:
-            raise web.HTTPBadRequest(text="before is the id of an event.\n")
-        kinds = tuple(kind for kind in request.query.get("kinds", "").split(",") if kind)[:20]
-        events = await asyncio.wrap_future(self._history().page(before, limit, kinds))
-        return web.json_response(events)
-
-    async def _export_history(self, request: web.Request) -> web.StreamResponse:
-        events = await asyncio.wrap_future(self._history().export())
-        headers = {"Content-Disposition": 'attachment; filename="merlin-history.json"'}
-        text = await self._loop.run_in_executor(None, lambda: json.dumps(events, indent=1))
-        return web.Response(text=text, content_type="application/json", headers=headers)
 
     def _history(self) -> Any:
         if self._state.history is None:
@@ -300,9 +296,11 @@ def listen(host: str, port: int) -> socket.socket:
             )
         except (OSError, OverflowError) as error:
             raise ServerError(f"the address {host!r} cannot be used: {error}; correct host:=…") from error
-        for family, kind, _, _, address in addresses:
+        for family, _, _, _, address in addresses:
             try:
-                return _bound(socket.socket(family, kind), address)
+                return socket.create_server(
+                    address, family=family, backlog=64, dualstack_ipv6=family == socket.AF_INET6 and DUAL
+                )
             except OSError as error:
                 last = error
                 if error.errno == errno.EADDRINUSE:
@@ -311,15 +309,3 @@ def listen(host: str, port: int) -> socket.socket:
         if isinstance(last, PermissionError):
             break
     raise ServerError(f"cannot listen on {host}:{port}: {last}; choose another port:=…")
-
-
-def _bound(found: socket.socket, address: Any) -> socket.socket:
-    """The socket, listening; closed when that raises an OSError."""
-    try:
-        found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        found.bind(address)
-        found.listen(64)
-    except OSError:
-        found.close()
-        raise
-    return found

@@ -8,7 +8,7 @@ from typing import Any, List
 import rospy
 
 from merlin_reactive.pose import Pose
-from merlin_ros.parameters import ParameterError, number
+from merlin_ros.parameters import ParameterError, number, whole
 from merlin_sim.engine.scene import ROBOT
 from merlin_sim.engine.simulation import RobotSpec
 from merlin_sim.robot.camera import CameraModel
@@ -41,9 +41,7 @@ def read_parameters() -> SimParameters:
     world = rospy.get_param("~world", "")
     if not isinstance(world, str) or not world:
         raise ParameterError("parameter ~world is missing: the path of a world file (see docs/simulation.md)")
-    seed = rospy.get_param("~seed", 1)
-    if isinstance(seed, bool) or not isinstance(seed, int):
-        raise ParameterError(f"parameter ~seed is {seed!r}, not a whole number")
+    seed = whole("~seed", 1)
     localization = rospy.get_param("~localization", "truth")
     if localization not in ("truth", "particles", "none"):
         raise ParameterError(

@@ -1,4 +1,4 @@
-"""What operators ask of the planning system itself: a plan that is only shown, and facts set by hand."""
+"""What operators ask of planning system and machines: plans, facts, breakpoints, outcomes of states."""
 
 from typing import Any, Callable, Dict, List, Sequence, Tuple
 
@@ -7,12 +7,19 @@ from merlin_msgs.msg import PlannerStatus
 from merlin_msgs.srv import PreviewPlan
 
 from merlin_monitor.state.monitor_model import MonitorModel
-from merlin_monitor.text.phrase import Phrase, action_phrase, goal_phrase, say, with_reason
-from merlin_monitor.text.plain_words import action_in_words, shown_parameters
+from merlin_monitor.text.phrase import (
+    Phrase,
+    action_phrase,
+    goal_phrase,
+    say,
+    with_reason,
+)
 from merlin_monitor.web.page_control import ControlError
+from merlin_pddl.breakpoints import BreakpointError
 from merlin_planning.knowledge_client import KnowledgeClient, KnowledgeError, parse_changes
 from merlin_planning.knowledge_text import PDDLSyntaxError, to_pddl
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
+from merlin_sm.breakpoint_client import BreakpointClient, Stepped
 
 PREVIEW_ANSWERS = 13.0  # s of wall time; the planner stops after 10 s
 _NO_PLAN = {
@@ -22,8 +29,10 @@ _NO_PLAN = {
 }
 
 
-class RobotKnowledge:
-    """Plans and changes of one planning system.
+class RobotPlanning:
+    """A plan that is only shown, facts set by hand, breakpoints, forced outcomes, and the autonomy level.
+
+    Breakpoints stay with the robot, whatever becomes of the page.
 
     :param state: knows what is shown.
     :param knowledge: its knowledge base.
@@ -36,6 +45,8 @@ class RobotKnowledge:
         self._state = state
         self._knowledge = knowledge
         self._report = report
+        dispatcher = str(rospy.get_param("~plan_dispatcher", "rosplan_plan_dispatcher"))
+        self._breakpoints = BreakpointClient(knowledge, dispatcher=dispatcher)
         planner = str(rospy.get_param("~planner_interface", "rosplan_planner_interface"))
         self._preview = ServiceProxy(f"{planner}/preview_plan", PreviewPlan, timeout=PREVIEW_ANSWERS)
 
@@ -84,6 +95,54 @@ class RobotKnowledge:
         self._report(by, say("{client} changes the knowledge: {facts}", client=by, facts=goal_phrase(facts)))
         return f"The knowledge was changed: {len(texts)} of facts and values."
 
+    def hold_before(self, texts: Sequence[str], by: str) -> str:
+        """Replaces the breakpoints."""
+        try:
+            self._breakpoints.set(texts)
+        except BreakpointError as error:
+            raise ControlError(f"Not all breakpoints are set: {error}.") from error
+        shown = ", ".join(texts) or "nothing"
+        kept = ", ".join(texts) or say("nothing")
+        self._report(by, say("{client} holds the robot before {what}", client=by, what=kept))
+        return f"It is held before {shown}."
+
+    def go_on(self, step: bool, by: str) -> str:
+        """Continues from a breakpoint; a step holds the next action or state."""
+        try:
+            stepped = self._breakpoints.step() if step else Stepped(self._breakpoints.go_on(), "")
+        except BreakpointError as error:
+            raise ControlError(f"Not continued: {error}.") from error
+        if stepped.state:
+            self._report(by, say("{client} lets the state {state} begin", client=by, state=stepped.state))
+        else:
+            begun = "{client} lets one action begin" if step else "{client} lets what is held go on"
+            self._report(by, say(begun, client=by))
+        return stepped.said
+
+    def leave(self, state: str, outcome: str, within: str, by: str) -> str:
+        """Makes a state end with an outcome; its node adds an event to the history when it has left.
+
+        :param outcome: empty: the one that waits is confirmed.
+        :param within: the namespace of the node that runs it, with a slash at its end; empty: any.
+        """
+        try:
+            done = self._breakpoints.states.leave(state, outcome, by, within)
+        except BreakpointError as error:
+            raise ControlError(f"Not done: {error}.") from error
+        if outcome:
+            wished = say("{client} wishes {outcome} of {state}", client=by, outcome=outcome, state=state)
+            self._report(by, wished)
+        return done
+
+    def set_autonomy(self, level: str, by: str) -> str:
+        """Sets the autonomy level of all machines."""
+        try:
+            self._breakpoints.states.set_autonomy(level)
+        except BreakpointError as error:
+            raise ControlError(f"The autonomy level is not set everywhere: {error}.") from error
+        self._report(by, say("{client} sets the autonomy level {level}", client=by, level=say(level)))
+        return f"The autonomy level is {level}."
+
     def _words(self, text: str) -> Any:
         """An action in words, with the names of its parameters where the domain is known."""
         name, *objects = text.strip("()").split()
@@ -91,5 +150,4 @@ class RobotKnowledge:
         if len(known) != len(objects):
             return text
         pairs = [(variable, value) for (variable, _), value in zip(known, objects)]
-        places = self._state.now.places
-        return action_phrase(name, shown_parameters(pairs), action_in_words(name, pairs, places))
+        return action_phrase(name, pairs, self._state.now.places)

@@ -8,7 +8,7 @@ import pytest
 from served import TOKEN, WEB, Served
 from shown_page import Visit, chromium, fill
 
-from merlin_monitor.listeners.goal_list import GoalListError, read_goals
+from merlin_monitor.panels.control import GoalListError, read_goals
 
 pytestmark = pytest.mark.processes
 

@@ -3,43 +3,16 @@
 import json
 import threading
 import zlib
-from typing import Any, Callable, List, Protocol, Tuple
+from typing import Any, Callable, Dict, Optional
 
 from merlin_monitor.history.frames import Frame
+from merlin_monitor.state.state_tree import StateTree, apply_changes
 
 GATHER = 0.2  # s that changes are gathered for one frame
 LONGEST_SEGMENT = 300.0  # s
 LARGEST_SEGMENT = 256 * 1024  # characters of changes, or as many as the whole state has
 LEFT_OUT = ("history",)  # sections: the events have a table of their own
 STOP_LIMIT = 5.0  # s for the last frame
-
-
-class _Changes(Protocol):
-    whole: bool
-
-    def as_list(self) -> List[List[Any]]:
-        """Each change as ``[path, value]``."""
-
-
-class _Feed(Protocol):
-    def take(self) -> Tuple[int, Any]:
-        """The version, and the changes since the last call."""
-
-    def close(self) -> None:
-        """Ends the feed."""
-
-
-class RecordedState(Protocol):
-    """The state that is shown."""
-
-    def subscribe(self, wake: Callable[[], object]) -> Any:
-        """A feed of its changes."""
-
-    def as_json(self, without: Tuple[str, ...] = ()) -> Tuple[int, str]:
-        """The version and the whole state."""
-
-    def get(self, *path: str) -> Any:
-        """The value under a path."""
 
 
 class Recorder:
@@ -52,7 +25,7 @@ class Recorder:
     """
 
     def __init__(
-        self, tree: RecordedState, put: Callable[[Frame], bool], clock: Callable[[], float], segment: int = 0
+        self, tree: StateTree, put: Callable[[Frame], bool], clock: Callable[[], float], segment: int = 0
     ) -> None:
         self._tree = tree
         self._put = put
@@ -125,3 +98,15 @@ class Recorder:
 
 def _compact(value: Any) -> str:
     return json.dumps(value, separators=(",", ":"))
+
+
+def last_state(segment: Optional[str]) -> Dict[str, Any]:
+    """The state to which a segment leads.
+
+    :param segment: of :meth:`merlin_monitor.history.frames.Recording.segment`.
+    :raises ValueError, LookupError, TypeError: it cannot be read.
+    """
+    (_, _, state, _), *later = json.loads(segment or "")["frames"]
+    for _, _, changes, _ in later:
+        apply_changes(state, changes)
+    return dict(state)
