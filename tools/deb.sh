@@ -54,6 +54,7 @@ Architecture: $(dpkg --print-architecture)
 Maintainer: $(sed -n 's:.*<maintainer email="\(.*\)">\(.*\)</maintainer>.*:\2 <\1>:p' src/merlin/package.xml)
 Installed-Size: $(du -sk "$root" | cut -f1)
 Depends: $python, $(tools/packages.sh --run-time apt.txt "$profile" | paste -sd, | sed 's/,/, /g')
+Recommends: alsa-utils
 Provides: merlin
 Conflicts: merlin
 Replaces: merlin
