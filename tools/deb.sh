@@ -67,6 +67,6 @@ chmod -R u=rwX,go=rX "$root"
 file=results/deb/${name}_$version${commit}_$(dpkg --print-architecture).deb
 mkdir -p results/deb
 rm -f results/deb/"${name}"_*.deb
-dpkg-deb --root-owner-group -Zxz --build "$root" "$file" >/dev/null
+dpkg-deb --root-owner-group -Zxz -z1 --build "$root" "$file" >/dev/null
 rm -rf "$root"
 echo "deb: $file, $(du -m "$file" | cut -f1) MB; install it with: apt install ./$file"
