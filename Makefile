@@ -134,7 +134,7 @@ docs:
 	@tools/docs.sh
 
 debian:
-	@VERSION=$(VERSION) TARGET="$(TARGET)" PROFILE="$(PROFILE)" PYTEST="$(PYTEST)" AS="$(AS)" tools/debian.sh
+	@VERSION=$(VERSION) TARGET="$(TARGET)" PROFILE="$(PROFILE)" PYTEST="$(PYTEST)" AS="$(AS)" DEB="$(DEB)" tools/debian.sh
 
 # What a robot's computer installs instead of a checkout: docs/platforms.md.
 deb: build

@@ -10,6 +10,8 @@ from roslaunch.config import ROSLaunchConfig
 from roslaunch.core import RLException
 from roslaunch.xmlloader import XmlLoader
 
+from merlin.launch_request import known_arguments
+
 LAUNCH = Path(rospkg.RosPack().get_path("merlin")) / "launch"
 ROBOT = {
     "domain_path": "/d.pddl",
@@ -176,5 +178,6 @@ def test_an_application_of_a_robot_needs_no_simulator(tmp_path: Path):
     file = tmp_path / "application.launch"
     text = (LAUNCH / "include" / file.name).read_text(encoding="utf-8")
     file.write_text(re.sub(r"merlin_sim\b", "nowhere", text), encoding="utf-8")
+    assert "world_file" in known_arguments(file)
     config = load(file, on="robot", world_file=ROBOT["points_of_interest"])
     assert "/world/points_of_interest/kitchen/x" in config.params
