@@ -27,6 +27,7 @@ MENU: Tuple[Tuple[str, Tuple[str, ...]], ...] = (
             "docs/testing.md",
             "docs/real-robot.md",
             "docs/platforms.md",
+            "docs/stability.md",
         ),
     ),
     (
