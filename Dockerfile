@@ -24,10 +24,10 @@ WORKDIR /home/merlin
 
 FROM user AS simulation
 RUN --mount=type=bind,from=simulation-package,source=/merlin/results/deb,target=/deb \
-  apt-get update && apt-get install -y --no-install-recommends /deb/*.deb && rm -rf /var/lib/apt/lists/*
+  apt-get update && apt-get install -y --no-install-recommends /deb/*.deb && apt-get clean && rm -rf /var/lib/apt/lists/*
 USER merlin
 
 FROM user AS robot
 RUN --mount=type=bind,from=robot-package,source=/merlin/results/deb,target=/deb \
-  apt-get update && apt-get install -y --no-install-recommends alsa-utils /deb/*.deb && rm -rf /var/lib/apt/lists/*
+  apt-get update && apt-get install -y --no-install-recommends alsa-utils /deb/*.deb && apt-get clean && rm -rf /var/lib/apt/lists/*
 USER merlin

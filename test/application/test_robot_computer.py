@@ -34,7 +34,7 @@ def missing(*tools: str) -> str:
 
 
 def run(*command: str, **variables: str) -> str:
-    """Runs a command in the checkout, to its end without an error; returns what it prints."""
+    """Runs a command in the checkout, to its end without an error; returns all that it prints."""
     env = {**os.environ, **variables}
     for name in ("CMAKE_PREFIX_PATH", "PYTHONPATH", "ROS_PACKAGE_PATH", "VIRTUAL_ENV"):
         env.pop(name, None)
@@ -43,12 +43,12 @@ def run(*command: str, **variables: str) -> str:
         cwd=str(ROOT),
         env=env,
         text=True,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
+        capture_output=True,
         timeout=BUILDING,
     )
-    assert done.returncode == 0, f"{' '.join(command)}:\n{done.stdout[-4000:]}"
-    return done.stdout
+    said = done.stdout + done.stderr
+    assert done.returncode == 0, f"{' '.join(command)}:\n{said[-4000:]}"
+    return said
 
 
 @pytest.mark.skipif(
@@ -69,7 +69,7 @@ def base(tmp_path: Path) -> Iterator[str]:
     for certificate in Path("/usr/local/share/ca-certificates").glob("**/*.crt"):
         shutil.copy(str(certificate), str(root / "usr/local/share/ca-certificates"))
     run("chroot", str(root), "update-ca-certificates")
-    container = run("buildah", "from", "scratch").strip()
+    container = run("buildah", "from", "scratch").split()[0]
     run("buildah", "add", "--quiet", container, str(root), "/")
     run("buildah", "commit", "--quiet", "--rm", container, f"{name}-base")
     shutil.rmtree(str(root))
@@ -97,11 +97,12 @@ def test_the_container_runs_a_mission_as_an_ordinary_user(base: str) -> None:
         base,
         ".",
     )
-    settings = json.loads(run("buildah", "inspect", "--type", "image", base))["OCIv1"]["config"]
-    container = run("buildah", "from", base).strip()
+    image, _ = json.JSONDecoder().raw_decode(run("buildah", "inspect", "--type", "image", base))
+    settings = image["OCIv1"]["config"]
+    container = run("buildah", "from", base).split()[0]
     try:
-        command = ["buildah", "run", *chroot, container, "--"]
-        assert run(*command, "id", "-u").strip() == "1000"
+        command = ["buildah", "run", *chroot, "--hostname", "localhost", container, "--"]
+        assert run(*command, "id", "-u").split()[0] == "1000"
         assert "nothing is wrong" in run(*command, *settings["Entrypoint"], *settings["Cmd"])
         run("buildah", "copy", container, str(ROOT / "tools/try_installed.sh"), "/opt/try_installed.sh")
         assert "goal (checked bathroom): done" in run(*command, "/opt/try_installed.sh")
