@@ -18,7 +18,7 @@ LINGER ?= auto
 IN := tools/in_workspace.sh
 RUN := $(IN) rosrun merlin run
 
-.PHONY: help build demo experiment restaurant fleet fleet-chaos try check test repeat lint docs bench chaos chaos-table mutants pins soak screenshots debian clean
+.PHONY: help build demo experiment restaurant fleet fleet-chaos try check test repeat lint docs bench chaos chaos-table mutants pins soak screenshots debian deb clean
 
 help:
 	@echo "make demo   Mission 1 of the paper in the simulated apartment (RTF= SEED= MISSION= APPROACH= CANCEL_AFTER= RECORD= LINGER=)"
@@ -40,10 +40,12 @@ help:
 	@echo "make docs   the documents and an API reference as a site in results/docs/html, links checked"
 	@echo "make screenshots  the monitor's pictures in docs/images, over a running mission"
 	@echo "make debian  build and demo in a bare root of another Debian (VERSION=12|13 TARGET='build demo test' PROFILE= PYTEST='FILE …' AS=root|user)"
+	@echo "make deb    a Debian package of the install space, in results/deb (PROFILE=robot|simulation|all)"
 	@echo "make build  only what the others need (PROFILE=robot|simulation|all; robot+fleet, simulation+fleet)"
 
 # The profile that a target needs; PROFILE=, which make passes on, may ask for more.
 NEEDS = $(if $(filter-out build,$(MAKECMDGOALS)),all)
+deb: NEEDS = $(PROFILE)
 demo experiment restaurant: NEEDS = simulation
 try: NEEDS = robot
 build:
@@ -132,7 +134,11 @@ docs:
 	@tools/docs.sh
 
 debian:
-	@VERSION=$(VERSION) TARGET="$(TARGET)" PROFILE="$(PROFILE)" PYTEST="$(PYTEST)" AS="$(AS)" tools/debian.sh
+	@VERSION=$(VERSION) TARGET="$(TARGET)" PROFILE="$(PROFILE)" PYTEST="$(PYTEST)" AS="$(AS)" DEB="$(DEB)" tools/debian.sh
+
+# What a robot's computer installs instead of a checkout: docs/platforms.md.
+deb: build
+	@PROFILE=$(PROFILE) tools/deb.sh
 
 lint: build
 	@$(IN) tools/lint.sh

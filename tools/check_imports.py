@@ -120,7 +120,7 @@ LAYERS: Dict[str, Tuple[str, ...]] = {
         "bag",
         "web terminal rviz",
     ),
-    "merlin": ("new", ".", "doctor replay testing"),
+    "merlin": ("new", ".", "doctor replay services testing"),
     "merlin_home": (".", "actions"),
     "merlin_restaurant": (".", "actions"),
     "merlin_experiment": ("records oracle", "mission runs", "report", "."),

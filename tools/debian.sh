@@ -2,6 +2,7 @@
 # Runs the README's commands in a bare root of a Debian release: make debian VERSION=13
 #   VERSION=13            or 12
 #   TARGET="build demo"   targets of make that are run one after the other; test: all tests, and PYTEST="FILE …": these
+#   DEB=FILE              a package that make deb has made, which is installed instead, tried and removed again
 #   PROFILE=robot         of the build: robot, simulation, all, robot+fleet …; each target asks for what it needs
 #   AS=user               in the home of an ordinary user who may use sudo; root
 #   MIRROR=…              of Debian, http://deb.debian.org/debian
@@ -50,6 +51,25 @@ if [ "${1:-}" = --inside ]; then
   size() { echo "$(dpkg --root="$root" -l | grep -c '^ii') Debian packages, $(du -xsm "$root" | cut -f1) MB"; }
   say "the bare root: $(size)"
   SECONDS=0
+  if [ -n "${DEB:-}" ]; then
+    package=$(dpkg-deb -f "$root/root/merlin.deb" Package)
+    inside apt-get update -q >/dev/null
+    inside apt-get install -y -q --no-install-recommends /root/merlin.deb >"$root/root/log" 2>&1 || {
+      tail -n 5 "$root/root/log" >&2
+      fail "apt-get could not install $DEB"
+    }
+    say "$package is installed: $SECONDS s since the bare root, $(size)"
+    inside useradd --create-home --shell /bin/bash robot
+    chmod 755 "$root/root"
+    home=/home/robot account=robot
+    inside /root/merlin/tools/try_installed.sh
+    home=/root account=root
+    inside apt-get purge -y -q "$package" >/dev/null 2>&1
+    left=$(find "$root"/opt/* "$root/usr/share/doc/$package" "$root"/var/lib/dpkg/info/"$package".* 2>/dev/null | head -n 3 || true)
+    [ -z "$left" ] || fail "$package has left $left"
+    say "$package is removed"
+    exit 0
+  fi
   for target in ${TARGET:-build demo}; do
     say "Debian ${VERSION:-13}: make $target, as $account"
     if [ "$target" = test ] && [ -n "${PYTEST:-}" ]; then
@@ -64,7 +84,8 @@ if [ "${1:-}" = --inside ]; then
   exit 0
 fi
 
-[ "$(id -u)" = 0 ] || exec sudo --preserve-env=VERSION,TARGET,PROFILE,PYTEST,AS,MIRROR,FOLDER,http_proxy,https_proxy,no_proxy "$0"
+[ -z "${DEB:-}" ] || dpkg-deb -f "$DEB" Package >/dev/null 2>&1 || fail "DEB=$DEB is no Debian package; make deb makes one"
+[ "$(id -u)" = 0 ] || exec sudo --preserve-env=VERSION,TARGET,PROFILE,DEB,PYTEST,AS,MIRROR,FOLDER,http_proxy,https_proxy,no_proxy "$0"
 for tool in debootstrap unshare git pkill; do
   command -v "$tool" >/dev/null || fail "it needs $tool: apt-get install debootstrap util-linux git procps"
 done
@@ -107,5 +128,6 @@ cp -L /etc/resolv.conf /etc/hosts "$root/etc/"
 find /usr/local/share/ca-certificates -name '*.crt' -exec cp -t "$root/usr/local/share/ca-certificates" {} + 2>/dev/null || true
 [ -z "$(git status --porcelain)" ] || say "what is not committed is left out"
 git clone -q --no-local --no-tags "$workspace" "$root/root/merlin"
+[ -z "${DEB:-}" ] || cp "$DEB" "$root/root/merlin.deb"
 attended unshare --mount --pid --fork --kill-child --propagation private "$workspace/tools/debian.sh" --inside "$root"
-say "Debian ${VERSION:-13}: ${TARGET:-build demo} passed"
+say "Debian ${VERSION:-13}: ${DEB:-${TARGET:-build demo}} passed"

@@ -30,6 +30,7 @@ MENU: Tuple[Tuple[str, Tuple[str, ...]], ...] = (
             "docs/glossary.md",
             "docs/real-robot.md",
             "docs/platforms.md",
+            "docs/stability.md",
         ),
     ),
     (

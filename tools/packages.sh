@@ -4,6 +4,7 @@
 #   packages.sh FILE [PROFILE]       the lines of apt.txt or requirements*.txt that it needs; all: every one. A section is of
 #                                    the profile in brackets at the end of its title; without one, of each. Sections of ROS
 #                                    are left out where another ROS 1 is installed, whose files theirs would lie beside.
+#   packages.sh --run-time FILE PROFILE   the same without sections whose title has the word building
 #   packages.sh --largest PROFILE …  the smallest that has all of them; exit code 2 when one is none
 #   packages.sh --left-out PROFILE   the catkin packages below src that are not built
 #   packages.sh --extras PROFILE     yes: packages below extras are built
@@ -64,10 +65,12 @@ case ${1:-} in
   ;;
 --extras) ! has_fleet "$(largest "$2")" || echo yes ;;
 *)
+  running=
+  [ "${1:-}" != --run-time ] || { running=yes && shift; }
   wanted=$(rank "${2:-all}")
   fleet=$(! has_fleet "${2:-all}" || echo yes)
-  awk -v without="$(foreign_ros)" -v wanted="$wanted" -v fleet="$fleet" '
-    /^# ---/ {ros = $3 == "ROS"; rank = /\[all\]/ || (/\[fleet\]/ && !fleet) ? 3 : /\[simulation\]/ ? 2 : 1}
-    !/^#/ && NF && !(ros && without) && rank <= wanted' "$1"
+  awk -v without="$(foreign_ros)" -v wanted="$wanted" -v fleet="$fleet" -v running="$running" '
+    /^# ---/ {ros = $3 == "ROS"; building = /building/; rank = /\[all\]/ || (/\[fleet\]/ && !fleet) ? 3 : /\[simulation\]/ ? 2 : 1}
+    !/^#/ && NF && !(ros && without) && !(building && running) && rank <= wanted' "$1"
   ;;
 esac

@@ -1,5 +1,6 @@
 """planning:=, dispatcher:=, planner_command:= and robots:= of the applications' launch files."""
 
+import re
 import subprocess
 from pathlib import Path
 
@@ -8,6 +9,8 @@ import rospkg
 from roslaunch.config import ROSLaunchConfig
 from roslaunch.core import RLException
 from roslaunch.xmlloader import XmlLoader
+
+from merlin.launch_request import known_arguments
 
 LAUNCH = Path(rospkg.RosPack().get_path("merlin")) / "launch"
 ROBOT = {
@@ -168,3 +171,13 @@ def test_of_a_robot_only_what_somebody_has_said_is_known(robots, robot):
     config = load(file, **arguments, **given, over_limit="refuse")
     assert of_base(config, robot) == list(given.values())
     assert config.params[f"{robot}/merlin_guard/over_limit"].value == "refuse"
+
+
+def test_an_application_of_a_robot_needs_no_simulator(tmp_path: Path):
+    """A computer with the profile robot has no merlin_sim."""
+    file = tmp_path / "application.launch"
+    text = (LAUNCH / "include" / file.name).read_text(encoding="utf-8")
+    file.write_text(re.sub(r"merlin_sim\b", "nowhere", text), encoding="utf-8")
+    assert "world_file" in known_arguments(file)
+    config = load(file, on="robot", world_file=ROBOT["points_of_interest"])
+    assert "/world/points_of_interest/kitchen/x" in config.params

@@ -29,6 +29,22 @@ def resolves(name: str) -> bool:
         return False
 
 
+def is_own(name: str) -> bool:
+    """Whether a name or address leads to this computer; one that cannot be resolved does not."""
+    try:
+        found = socket.getaddrinfo(name, 0, type=socket.SOCK_STREAM)
+    except (OSError, UnicodeError):
+        return False
+    for family, kind, _, _, address in found:
+        try:
+            with socket.socket(family, kind) as probe:
+                probe.bind(address)  # the kernel takes its own addresses only
+                return True
+        except OSError:
+            continue
+    return False
+
+
 def given_address() -> str:
     """The variable in which the user gives the address of this machine, as NAME=value; empty: none is set."""
     for name in ("ROS_HOSTNAME", "ROS_IP"):  # in the order in which ROS looks

@@ -14,7 +14,7 @@ import rospkg
 from rosgraph.network import parse_http_host_and_port
 
 from merlin.doctor.findings import Machine
-from merlin.local_names import given_address, resolves
+from merlin.local_names import given_address, is_own, resolves
 
 #: What a robot's computer has to have.
 MODULES = ("rospy", "actionlib", "tf2_ros", "smach", "merlin_msgs", "merlin_sm", "merlin_rosplan", "numpy")
@@ -56,22 +56,6 @@ def free_space(folder: Path) -> int:
             return shutil.disk_usage(str(folder)).free // 2**20
     except OSError:
         return -1
-
-
-def is_own(name: str) -> bool:
-    """Whether a name or address leads to this computer; one that cannot be resolved does not."""
-    try:
-        found = socket.getaddrinfo(name, 0, type=socket.SOCK_STREAM)
-    except (OSError, UnicodeError):
-        return False
-    for family, kind, _, _, address in found:
-        try:
-            with socket.socket(family, kind) as probe:
-                probe.bind(address)  # the kernel takes its own addresses only
-                return True
-        except OSError:
-            continue
-    return False
 
 
 def sound_fault(devices: Path) -> str:

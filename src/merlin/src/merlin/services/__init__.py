@@ -1,0 +1,1 @@
+"""Writes the systemd services of a robot's computer."""
