@@ -16,12 +16,16 @@ from std_msgs.msg import String
 from std_srvs.srv import Empty, EmptyRequest, EmptyResponse, Trigger
 
 from merlin_pddl.checks import kairos_check
+from merlin_pddl.domain_reader import read_domain
 from merlin_pddl.plan_text import PlanTextError
+from merlin_pddl.text_reader import PddlError
 from merlin_ros.actions.action_server import ServerGoal
 from merlin_ros.actions.serial_action_server import SerialActionServer
 from merlin_ros.health import OK, WARN, Health
 from merlin_ros.master.master_link import get_param
 from merlin_ros.publishing import publish
+from merlin_rosplan.knowledge.foreseen import after_actions
+from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
 from merlin_rosplan.messages.knowledge_snapshot import KnowledgeBaseError
 from merlin_rosplan.nodes.world_reader import WorldReader
 from merlin_rosplan.planning.planner import PlannerSettings
@@ -352,12 +356,17 @@ class PreviewService:
         wanted = self._parameters()
         try:
             with self._reading:
-                world = self._world.snapshot()
+                domain, problem = self._world.snapshot()
+            if request.after:
+                if not domain.operators:  # as it is read over ROS
+                    domain = read_domain(wanted.domain_path)
+                problem = after_actions(domain, problem, request.after)
+            world = (domain, problem)
             outcome = self._previews.plan(
                 world, wanted.domain_path, wanted.planner_command, request.goals, request.without
             )
             steps = steps_of(outcome.plan)
-        except (KnowledgeBaseError, PlanTextError) as error:
+        except (KnowledgeBaseError, PlanTextError, PddlError, UpdateRefused) as error:
             outcome, steps = PlanningOutcome(PlannerState.INVALID, str(error)), []
         status = PlannerStatus(
             state=int(outcome.state), reason=outcome.reason, planner=outcome.planner, seconds=outcome.seconds

@@ -1,0 +1,63 @@
+"""The state that is expected when what runs has ended."""
+
+from pathlib import Path
+from typing import Set
+
+import pytest
+
+from merlin_pddl.domain_reader import parse_domain, read_domain
+from merlin_pddl.problem import Problem
+from merlin_pddl.problem_reader import parse_problem, read_problem
+from merlin_rosplan.knowledge.foreseen import after_actions
+from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
+
+HOME = Path(__file__).resolve().parents[4] / "pddl" / "home"
+NUMBERS = """(define (domain d) (:requirements :typing :durative-actions :numeric-fluents)
+  (:types place) (:predicates (in ?p - place) (wet ?p - place) (clean ?p - place))
+  (:functions (battery) (way ?p - place))
+  (:durative-action drive :parameters (?p - place) :duration (= ?duration (way ?p))
+    :condition (at start (>= (battery) 1))
+    :effect (and (at end (in ?p)) (at end (decrease (battery) (way ?p)))
+      (when (at end (wet ?p)) (at end (not (clean ?p)))))))"""
+
+
+def facts_of(problem: Problem) -> Set[str]:
+    return {fact.text() for fact in problem.facts}
+
+
+def test_a_robot_on_its_way_is_where_it_goes() -> None:
+    domain = read_domain(HOME / "domain.pddl")
+    problem = read_problem(HOME / "problem.pddl", domain)
+    problem.facts = [fact for fact in problem.facts if fact.name != "robot_at"]  # it has left
+    before = facts_of(problem)
+    after = after_actions(domain, problem, ["(navigate anywhere kitchen)"])
+    assert facts_of(after) - before == {"(robot_at kitchen)"} and before <= facts_of(after)
+    assert after.objects == problem.objects and len(after.values) == len(problem.values)
+    assert facts_of(problem) == before, "the caller's stays as it is"
+    assert facts_of(after_actions(domain, problem, ["(navigate anywhere kitchen)", "(ask kitchen)"])) >= {
+        "(checked kitchen)"
+    }
+
+
+def test_numbers_and_conditional_effects_count() -> None:
+    domain = parse_domain(NUMBERS)
+    text = """(define (problem p) (:domain d) (:objects a b - place)
+      (:init (wet a) (clean a) (clean b) (= (battery) 50) (= (way a) 7) (= (way b) 3)) (:goal (in a)))"""
+    after = after_actions(domain, parse_problem(text, domain), ["(drive A)", "(drive b)"])
+    assert facts_of(after) == {"(wet a)", "(clean b)", "(in a)", "(in b)"}
+    assert {value.text(): value.value for value in after.values}["(battery)"] == 40.0
+
+
+@pytest.mark.parametrize(
+    ("action", "why"),
+    [
+        ("(fly kitchen)", "unknown operator 'fly'"),
+        ("(ask moon)", "unknown object 'moon'"),
+        ("(ask)", "has not the parameters"),
+        ("", "unknown operator"),
+    ],
+)
+def test_what_cannot_be_foreseen_is_said(action: str, why: str) -> None:
+    domain = read_domain(HOME / "domain.pddl")
+    with pytest.raises(UpdateRefused, match=why):
+        after_actions(domain, read_problem(HOME / "problem.pddl", domain), [action])
