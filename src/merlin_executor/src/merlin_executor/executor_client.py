@@ -91,6 +91,7 @@ class MerlinExecutorClient:
         on_feedback: Optional[Callable[[ExecuteFeedback], None]] = None,
         on_client_lost: Optional[int] = None,
         on_lost: Optional[str] = None,
+        by: str = "",
     ) -> ExecutorRequest:
         """Sends goals and returns at once.
 
@@ -100,6 +101,7 @@ class MerlinExecutorClient:
         :param on_feedback: called with each feedback, in another thread.
         :param on_client_lost: CANCEL or GO_ON; None: as the client does by default.
         :param on_lost: END or RESEND; None: as the client does by default.
+        :param by: the person on whose behalf it is sent, for all that show it; empty: the client's own.
         :raises PDDLSyntaxError: for text that is not a PDDL goal.
         :raises RequestTooLarge: for more than the Executor takes.
         :raises GoalError: for goals that the domain or the world does not know.
@@ -115,6 +117,7 @@ class MerlinExecutorClient:
             priority=priority,
             on_interrupt=on_interrupt,
             on_client_lost=self._on_client_lost if on_client_lost is None else on_client_lost,
+            by=by,
         )
         request = ExecutorRequest(self._client, goal, on_done, on_feedback, on_lost or self.on_lost)
         with self._lock:

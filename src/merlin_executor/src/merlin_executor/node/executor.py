@@ -261,6 +261,7 @@ class Executor:
                 status.request = request.goal.id
                 status.goals = request.texts
                 status.priority = request.priority
+                status.by = request.goal.goal.by
                 status.stage = request.course.stage
                 status.running = self._dispatcher.running
                 status.steps_done = self._dispatcher.steps_done if request.plan else 0

@@ -81,6 +81,7 @@ class Request(Job):
             on_interrupt=ExecuteGoal.RESUME if self.resumes else ExecuteGoal.DROP,
             interrupted=self.interrupted,
             queued=self.queued,
+            by=self.goal.goal.by,
         )
 
     def _result(self, verdict: Verdict) -> ExecuteResult:
