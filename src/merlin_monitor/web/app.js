@@ -1,6 +1,6 @@
 // Puts the panels together, as the monitor lists them, and lets the keyboard reach them.
 import { Control } from "./control.js";
-import { byId, clockText, el, setHidden, setText, useSimulatedTime } from "./dom.js";
+import { byId, clockText, el, setText, tell, useSimulatedTime } from "./dom.js";
 import { keys } from "./keys.js";
 import { Store } from "./store.js";
 import { t } from "./texts.js";
@@ -29,8 +29,7 @@ function drawConnection() {
   byId("connection").dataset.state = store.connected ? shown : "lost";
   setText(byId("connection"), store.connected ? t(shown) : newsText(store.heardAt));
   document.body.dataset.news = store.connected ? shown : "none";
-  setHidden(byId("refused"), !store.refused);
-  setText(byId("refused"), store.refused);
+  tell(byId("refused"), store.refused);
 }
 
 store.view("meta", (meta) => {
@@ -42,8 +41,8 @@ store.view("meta", (meta) => {
   setText(byId("simulator"), simulator ? (simulator.paused ? t("simulation paused") : t("simulated, ×{factor}", simulator)) : "");
 });
 
-store.viewLive(({ meta = {} }) => {
-  const shown = JSON.stringify([meta.panels || [], meta.archive || ""]);
+store.viewLive(({ meta = {}, visitor = "" }) => {
+  const shown = JSON.stringify([meta.panels || [], meta.archive || "", visitor]);
   if (shown === listed) return;
   if (listed) {
     // The monitor was started again with other panels, or what is served here now is a recording, or none any more.
@@ -53,7 +52,8 @@ store.viewLive(({ meta = {} }) => {
     return;
   }
   listed = shown;
-  Promise.all(meta.panels.map(add)).then(() => { document.documentElement.dataset.panels = "shown"; });
+  if (visitor) main.append(el("p", { id: "look", class: "card" }, t(visitor))); // t("Sign in to see what the robot does.")
+  Promise.all((meta.panels || []).map(add)).then(() => { document.documentElement.dataset.panels = "shown"; });
 });
 store.connect();
 
@@ -73,8 +73,7 @@ async function add({ name, title, width }) {
   // Grey while the source of the section is gone or hangs.
   store.view(name, ({ silent: what }) => {
     section.toggleAttribute("data-silent", Boolean(what));
-    setHidden(silent, !what);
-    setText(silent, what && t("no news since {time}: {node} {what}", { time: clockText(what.since), node: what.node || t("its source"), what: t(what.what) }));
+    tell(silent, what && t("no news since {time}: {node} {what}", { time: clockText(what.since), node: what.node || t("its source"), what: t(what.what) }));
   });
   try {
     const panel = await import(`./panels/${name}.js`);

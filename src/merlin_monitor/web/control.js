@@ -3,6 +3,7 @@ import { reasonOf } from "./answers.js";
 import { byId, secondsText, setHidden, setText } from "./dom.js";
 import { t } from "./texts.js";
 
+const LOOK = `merlin-look-${location.port}`; // cookie of the right to look, and no other
 const TOKEN = `merlin-token ${new URL(".", document.baseURI).pathname}`; // one address may have several robots below it
 const PATIENCE = 15000; // ms for an answer; that of a stop comes within 3 s
 const STOP_PATIENCE = 3000; // then the press is sent again
@@ -51,12 +52,22 @@ export class Control {
   async learnName() {
     this.name = "operator";
     const told = await this.send("who", {}, this.token);
-    if (told.status === 200) this.name = told.words;
+    if (told.status === 200) {
+      this.name = told.words;
+      this.look(told.object.look);
+    }
     if (told.status === 403) {
       this.signOut();
       this.say(told);
     }
     this.draw();
+  }
+
+  // Where only operators may look.
+  look(key) {
+    if (!key || document.cookie.includes(key)) return;
+    document.cookie = `${LOOK}=${key}; SameSite=Strict${location.protocol === "https:" ? "; Secure" : ""}`;
+    if (document.cookie.includes(key)) location.reload(); // else the browser keeps no cookies
   }
 
   signIn(words = "") {
@@ -68,7 +79,11 @@ export class Control {
   signOut() {
     this.token = this.name = "";
     sessionStorage.removeItem(TOKEN);
+    this.store.refresh("meta");
     this.draw();
+    if (!document.cookie.includes(LOOK)) return;
+    document.cookie = `${LOOK}=; Max-Age=0`;
+    location.reload();
   }
 
   close() {
@@ -89,6 +104,7 @@ export class Control {
     sessionStorage.setItem(TOKEN, token);
     this.name = "";
     this.close();
+    this.store.refresh("meta");
     this.draw();
     if (what !== "who") this.say(told);
     this.confirm(told, what, fields);
@@ -121,7 +137,7 @@ export class Control {
     this.say(told);
   }
 
-  // What another operator holds is released only when this one has seen it.
+  // What contradicts another operator, or what runs, is asked about.
   confirm(told, what, fields) {
     if (!(told.object || {}).confirm) return;
     setHidden(byId("control-said"), true);

@@ -12,6 +12,7 @@ from merlin_monitor.access.tls import ServerTls
 from merlin_monitor.access.web_access import WebAccess
 from merlin_monitor.state.inbox import Inbox
 from merlin_monitor.state.monitor_model import MonitorModel
+from merlin_monitor.text.phrase import goal_phrase
 from merlin_monitor.web.page_control import Control, ControlError
 from merlin_monitor.web.web_server import WebServer
 
@@ -27,6 +28,7 @@ class FakeRobot:
         self.calls: List[tuple] = []
         self.presses: List[str] = []  # of the button that stops
         self.holder = ""  # who else holds the base
+        self.running = ""  # what a change by hand contradicts
 
     def check(self, goal: str) -> None:
         if "moon" in goal:
@@ -68,7 +70,14 @@ class FakeRobot:
             for at, place in ((0.0, "hall"), (10.0, "kitchen"))
             if f"(navigate {place})" not in without
         ]
-        plan = {"goal": goal, "without": list(without), "steps": steps, "seconds": 10.0 * len(steps)}
+        plan = {
+            "goal": goal,
+            "words": goal_phrase(goal),
+            "without": list(without),
+            "after": ["driving to the hall"],
+            "steps": steps,
+            "seconds": 10.0 * len(steps),
+        }
         return {"done": "Not carried out.", "plan": plan}
 
     def hold_before(self, texts: Sequence[str], by: str) -> str:
@@ -91,13 +100,18 @@ class FakeRobot:
         self.calls.append(("acknowledge", problem, by))
         return "Noted."
 
-    def change(self, facts: str, by: str) -> str:
+    def change(self, facts: str, by: str, seen: str) -> str:
+        if self.running and seen != self.running:
+            raise ControlError(f"Nothing was changed yet: {self.running} runs.", self.running)
         self.calls.append(("change", facts, by))
         return "The knowledge was changed."
 
 
 class Served:
-    """A running server and what belongs to it."""
+    """A running server and what belongs to it.
+
+    :param host: on which it says that it listens; it listens on this machine alone.
+    """
 
     def __init__(
         self,
@@ -106,6 +120,8 @@ class Served:
         tls: Optional[ServerTls] = None,
         open_stop: bool = False,
         names: Sequence[str] = (),
+        host: str = "127.0.0.1",
+        open_look: bool = False,
     ) -> None:
         self.state = MonitorModel(Inbox(), folder / "history.sqlite")
         self.robot = FakeRobot()
@@ -116,7 +132,7 @@ class Served:
         self.server = WebServer(
             self.state,
             WEB,
-            WebAccess("127.0.0.1", names, Operators(self.operators), open_stop),
+            WebAccess(host, names, Operators(self.operators), open_stop, open_look=open_look),
             control,
             scripts={"plan": WEB / "panels" / "plan.js"},
             tls=tls.context if tls else None,

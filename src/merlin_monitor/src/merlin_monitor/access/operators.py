@@ -1,6 +1,7 @@
 """Operators of the robot: names and tokens, from a file that only its owner reads."""
 
 import argparse
+import hashlib
 import hmac
 import os
 import re
@@ -8,12 +9,13 @@ import secrets
 import sys
 import threading
 from pathlib import Path
-from typing import Any, Dict, List, Optional, Tuple
+from typing import Any, Dict, Iterable, List, Optional, Tuple
 
 import yaml
 
 SHORTEST_TOKEN = 12  # characters; a wrong one costs time, so that is out of reach for guessing
 MADE_TOKEN = 12  # bytes of a token that is made
+LOOK_ROUNDS = 20_000  # of a hash: a key may not lead to a token that a person has thought of
 _NAME = re.compile(r"[\w][\w .-]{0,39}\Z")
 
 
@@ -33,6 +35,7 @@ class Operators:
         self._lock = threading.Lock()  # guards the fields below
         self._seen: Tuple[int, ...] = ()
         self._tokens: Dict[str, str] = {}
+        self._look_keys: Dict[str, str] = {}
         self.trouble = ""
         """Why the file was not taken when it was changed last; those of before stay. Empty: it was."""
         self._refresh()
@@ -55,6 +58,19 @@ class Operators:
         found = [name for name, own in known if hmac.compare_digest(given, own)]
         return found[0] if found else None
 
+    def look_key(self, name: str) -> str:
+        """What proves that a browser may look, and gives no other right; empty: no such operator."""
+        with self._lock:
+            return self._look_keys.get(name, "")
+
+    def may_look(self, keys: Iterable[str]) -> bool:
+        """Whether one of these is the look key of an operator that there is now."""
+        self._refresh()
+        given = [key.encode("utf-8", "surrogatepass") for key in keys]
+        with self._lock:
+            known = [key.encode() for key in self._look_keys.values()]
+        return sum(hmac.compare_digest(key, own) for key in given for own in known) > 0
+
     def _refresh(self) -> None:
         if self._path is None:
             return
@@ -72,6 +88,7 @@ class Operators:
             self._seen = seen
             try:
                 self._tokens = read_operators(self._path) if seen else {}
+                self._look_keys = {name: _look_key(token) for name, token in self._tokens.items()}
                 self.trouble = ""
             except OperatorsError as error:
                 self.trouble = str(error)
@@ -119,6 +136,10 @@ def write_operators(path: Path, tokens: Dict[str, str]) -> None:
     with open(handle, "w", encoding="utf-8") as file:
         yaml.safe_dump(tokens, file, allow_unicode=True)
     os.replace(new, path)
+
+
+def _look_key(token: str) -> str:
+    return hashlib.pbkdf2_hmac("sha256", token.encode("utf-8"), b"merlin look", LOOK_ROUNDS).hex()
 
 
 def make_token() -> str:

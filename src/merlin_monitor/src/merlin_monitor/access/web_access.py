@@ -5,7 +5,7 @@ import ipaddress
 import re
 import socket
 import time
-from typing import Callable, Dict, FrozenSet, Iterable, NamedTuple, Optional
+from typing import Callable, Dict, FrozenSet, Iterable, Mapping, NamedTuple, Optional
 from urllib.parse import urlsplit
 
 from merlin_monitor.access.operators import Operators
@@ -24,6 +24,7 @@ HEADERS = {
     "Cache-Control": "no-cache",
 }
 TOKEN_HEADER = "X-Merlin-Token"
+LOOK_COOKIE = "merlin-look"  # begins the name of the cookie that carries a look key
 _LOCAL = frozenset({"localhost", "127.0.0.1", "::1"})
 _NAME = re.compile(r"[A-Za-z0-9_]([A-Za-z0-9_.-]{0,250}[A-Za-z0-9_])?\Z")
 
@@ -43,6 +44,13 @@ class WrongToken(RequestRefused):
 READ_ONLY = "This monitor is read-only: it has no operators. Make one: rosrun merlin_monitor operator <name>"
 
 
+NO_LOOK = "Sign in to see what the robot does."
+NOBODY_LOOKS = (
+    "Nobody may look yet: this page is open to other computers, and has no operators. "
+    "Make one: rosrun merlin_monitor operator <name>, or let everybody look: open_look:=true"
+)
+
+
 class WebAccess:
     """Decides about requests.
 
@@ -53,6 +61,7 @@ class WebAccess:
     :param operators: those that may control the robot; without any, it is only shown.
     :param open_stop: whether everybody may stop the robot.
     :param setting: how its user gives such a name.
+    :param open_look: whether everybody who reaches it may look; on an address of this machine that is so.
     :raises HostNameError: when a name is none.
     """
 
@@ -63,6 +72,7 @@ class WebAccess:
         operators: Optional[Operators] = None,
         open_stop: bool = False,
         setting: str = "allowed_hosts:=",
+        open_look: bool = False,
     ) -> None:
         self.open_stop = open_stop
         self._setting = setting
@@ -71,7 +81,9 @@ class WebAccess:
         for name, known in hosts.items():
             if known is None:
                 raise HostNameError(f"{setting}{name} names no host; give it as robot.lab or robot.lab:8443")
-        self._any_address = not _is_loopback(host)
+        self._any_address = not is_loopback(host)
+        self.open_look = open_look or not self._any_address
+        """Whether everybody may look."""
         own = (socket.gethostname(), socket.getfqdn()) if self._any_address else ()
         self._names: FrozenSet[str] = _LOCAL | {
             name.lower() for name in (host, *own, *hosts.values()) if name
@@ -107,6 +119,20 @@ class WebAccess:
                 f"and asks {host!r}. Where a proxy stands between, have it pass on the header Host with the "
                 f"port (nginx: $http_host), or start it with {self._setting}{site or 'NAME'}."
             )
+
+    @property
+    def has_operators(self) -> bool:
+        """Whether anybody can sign in now."""
+        return bool(self._operators.names)
+
+    def may_look(self, cookies: Mapping[str, str]) -> bool:
+        """Whether what the robot does is shown to the one with these cookies."""
+        keys = [value for name, value in cookies.items() if name.startswith(LOOK_COOKIE)]
+        return self.open_look or self._operators.may_look(keys)
+
+    def look_key(self, operator: str) -> str:
+        """The look key of an operator; empty: none is needed."""
+        return "" if self.open_look else self._operators.look_key(operator)
 
     def operator(self, token: Optional[str]) -> str:
         """The name of the operator who has the token.
@@ -150,7 +176,8 @@ def _is_address(name: str) -> bool:
     return True
 
 
-def _is_loopback(host: str) -> bool:
+def is_loopback(host: str) -> bool:
+    """Whether an address to listen on is of this machine alone."""
     if host.lower() == "localhost":
         return True
     return _is_address(host) and ipaddress.ip_address(host).is_loopback

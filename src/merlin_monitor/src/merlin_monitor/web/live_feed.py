@@ -6,7 +6,7 @@ of changes behind it, which grows into the whole state and no further.
 
 import asyncio
 import json
-from typing import Any, Callable, List, Optional, Set, Tuple
+from typing import Any, Callable, Dict, List, Optional, Set, Tuple
 
 from aiohttp import web
 
@@ -24,11 +24,15 @@ class LiveFeed:
 
     :param tree: the state.
     :param alive: whether the state is kept; when it is not, nothing shows the pages that it is.
+    :param for_visitors: the state for pages that may not look.
     """
 
-    def __init__(self, tree: StateTree, alive: Callable[[], bool]) -> None:
+    def __init__(
+        self, tree: StateTree, alive: Callable[[], bool], for_visitors: Callable[[], Dict[str, Any]]
+    ) -> None:
         self._tree = tree
         self._alive = alive
+        self._for_visitors = for_visitors
         self._pages: Set[_Page] = set()
         self._feed: Optional[Feed] = None
         self._task: Optional[asyncio.Task[None]] = None
@@ -40,13 +44,19 @@ class LiveFeed:
         """How many pages are open."""
         return len(self._pages)
 
-    async def serve(self, socket: web.WebSocketResponse, abort: Callable[[], None]) -> None:
+    async def serve(
+        self, socket: web.WebSocketResponse, abort: Callable[[], None], may_look: Callable[[], bool]
+    ) -> None:
         """Feeds one page until it is closed.
 
         :param abort: ends its connection, whatever it has not read.
+        :param may_look: whether it gets the state; a connection ends when that changes.
         """
         self._watch()
-        page = _Page(socket, abort, self._whole_text)
+        if may_look():
+            page: _Page = _Page(socket, abort, self._whole_text, may_look)
+        else:
+            page = _Visitor(socket, abort, self._visitor_text, lambda: not may_look())
         page.changes.become_whole()
         self._pages.add(page)
         sender = asyncio.ensure_future(page.send())
@@ -106,11 +116,21 @@ class LiveFeed:
             self._whole = version, f'{{"version":{version},"state":{state}}}'
         return self._whole[1]
 
+    def _visitor_text(self) -> str:
+        return json.dumps({"version": 1, "state": self._for_visitors()}, separators=(",", ":"))
+
 
 class _Page:
-    def __init__(self, socket: web.WebSocketResponse, abort: Callable[[], None], whole: Any) -> None:
+    def __init__(
+        self,
+        socket: web.WebSocketResponse,
+        abort: Callable[[], None],
+        whole: Callable[[], str],
+        holds: Callable[[], bool],
+    ) -> None:
         self.socket = socket
         self._abort = abort
+        self._holds = holds
         self.changes = ChangeSet()
         self._version = 0
         self._whole = whole
@@ -138,6 +158,9 @@ class _Page:
             changes, text = self.changes, self._text
             beat, self._beat = self._beat, False
             self.changes, self._text = ChangeSet(), None
+            if not self._holds():
+                self._abort()
+                return
             if not changes and not beat:
                 continue
             if not changes:
@@ -155,6 +178,19 @@ class _Page:
                 return
             finally:
                 limit.cancel()
+
+
+class _Visitor(_Page):
+    """A page that may not look: it hears that the monitor lives, and what it takes to sign in."""
+
+    _said = ""
+
+    def offer(self, version: int, changes: ChangeSet, text: Optional[str]) -> None:
+        said = self._whole()
+        if said != self._said:
+            self._said = said
+            self.changes.become_whole()
+        self.beat()
 
 
 def _frame(version: int, changes: List[List[Any]]) -> str:

@@ -9,7 +9,7 @@ import rospkg
 import rospy
 
 from merlin_monitor.access.tls import ServerTls, TlsError, read_tls
-from merlin_monitor.access.web_access import HostNameError, WebAccess
+from merlin_monitor.access.web_access import HostNameError, WebAccess, is_loopback
 from merlin_monitor.listeners.ros_system import RosSystem
 from merlin_monitor.panel_board import PanelBoard
 from merlin_monitor.panels.control import open_stop_of_node, operators_of_node, path_of_node
@@ -47,6 +47,12 @@ def _start() -> None:
     state = MonitorModel(Inbox(rospy.logwarn), path, limit, make_folder, megabytes, session=_session())
     panels = PanelBoard(state, _class_paths("~panels"), offered=True)
     operators = operators_of_node(RosSystem())
+    open_look = bool(rospy.get_param("~open_look", False))
+    if operators is None and not open_look and not is_loopback(host):
+        raise ParameterError(
+            f"nobody could look at the page: host:={host} opens it to other computers, and operators:=none "
+            "lets nobody sign in; give operators:=FILE, or open_look:=true to show all of it to everybody"
+        )
     # Operators may come later; the files of a monitor that never has any stay unwritten.
     control = Control(RobotControl(state)) if operators is not None else None
     names = str(rospy.get_param("~allowed_hosts", "")).replace(",", " ").split()
@@ -55,7 +61,7 @@ def _start() -> None:
     server = WebServer(
         state,
         folder,
-        WebAccess(host, names, operators, open_stop_of_node(RosSystem())),
+        WebAccess(host, names, operators, open_stop_of_node(RosSystem()), open_look=open_look),
         control,
         host,
         port,

@@ -16,7 +16,8 @@ from typing import Any, Dict, Iterable, Iterator, List, Sequence
 
 import rospkg
 
-from merlin_monitor.access.web_access import HostNameError, WebAccess
+from merlin_monitor.access.operators import Operators, OperatorsError, default_path
+from merlin_monitor.access.web_access import HostNameError, WebAccess, is_loopback
 from merlin_monitor.bag.bag_history import BagError, as_bag, history_of
 from merlin_monitor.history.history_file import FILE, HistoryError
 from merlin_monitor.history.history_reader import HistoryReader
@@ -102,7 +103,7 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 @contextlib.contextmanager
 def opened(
-    path: Path, host: str, port: int, name: str = "", allowed: Sequence[str] = ()
+    path: Path, host: str, port: int, name: str = "", allowed: Sequence[str] = (), open_look: bool = False
 ) -> Iterator[WebServer]:
     """Serves the page of a history.
 
@@ -110,6 +111,7 @@ def opened(
     :param port: wanted; if it is taken, the next free one.
     :param name: what the page calls it; empty: its folder.
     :param allowed: further names of the page.
+    :param open_look: whether everybody may look who reaches it; else those who sign in as operators.
     :raises HistoryError: it cannot be shown.
     :raises HostNameError: a name is none.
     :raises ServerError: it cannot be served.
@@ -118,7 +120,8 @@ def opened(
     archive = Archive(path, name or _shown(folder))
     try:
         web = Path(rospkg.RosPack().get_path("merlin_monitor")) / "web"
-        access = WebAccess(host, allowed, setting="--allowed-host ")
+        operators = None if open_look or is_loopback(host) else Operators(default_path())
+        access = WebAccess(host, allowed, operators, setting="--allowed-host ", open_look=open_look)
         server = WebServer(archive, web, access, None, host, port, archive.scripts)
         server.start()
         try:
@@ -127,6 +130,8 @@ def opened(
             yield server
         finally:
             server.stop()
+    except OperatorsError as error:
+        raise ServerError(str(error)) from error
     finally:
         archive.stop()
 
@@ -186,7 +191,9 @@ def main() -> int:
                 raise BagError(f"--into is for a bag; {given.path} is a history already")
             else:
                 file, name = given.path, ""
-            server = ends.enter_context(opened(file, given.host, given.port, name, given.allowed_host))
+            server = ends.enter_context(
+                opened(file, given.host, given.port, name, given.allowed_host, given.open_look)
+            )
             print(f"{server.address}  (Ctrl-C ends it)", flush=True)
             wait_for_end(key=False)
     except (HistoryError, ServerError, BagError, HostNameError) as error:
@@ -213,6 +220,11 @@ def _arguments() -> argparse.Namespace:
     )
     parser.add_argument(
         "--allowed-host", action="append", default=[], metavar="NAME", help="further name of the page"
+    )
+    parser.add_argument(
+        "--open-look",
+        action="store_true",
+        help="with another host than this machine: everybody who reaches the page sees it without signing in",
     )
     parser.add_argument(
         "--into", type=Path, metavar="FOLDER", help="where the history of a bag is kept; else it is not kept"

@@ -15,6 +15,8 @@ from aiohttp import web
 
 from merlin_monitor.access.web_access import (
     HEADERS,
+    NO_LOOK,
+    NOBODY_LOOKS,
     READ_ONLY,
     TOKEN_HEADER,
     RequestRefused,
@@ -103,7 +105,14 @@ class WebServer:
         self.address = (
             f"{'https' if tls else 'http'}://{f'[{shown}]' if ':' in shown else shown}:{self.port}/"
         )
-        self._live = LiveFeed(state.tree, lambda: time.monotonic() - state.checked_at < OLD_CHECK)
+        self._live = LiveFeed(
+            state.tree, lambda: time.monotonic() - state.checked_at < OLD_CHECK, self._shown_to_visitors
+        )
+        # What a page is made of, and what has its own rules; all else is what the robot does.
+        self._for_visitors = (
+            *(self._index, self._serve_file, self._serve_panel),
+            *(self._serve_live, self._may_follow, self._serve_control),
+        )
         self._silent = silent_connections.SilentConnections()
         self._loop = asyncio.new_event_loop()
         self._started = threading.Event()
@@ -175,6 +184,8 @@ class WebServer:
             self._access.check_host(request.headers.get("Host"))
             if request.path == "/live" or request.method != "GET":
                 self._access.check_origin(request.headers.get("Origin"), request.headers.get("Host"))
+            if request.match_info.handler not in self._for_visitors and not self._may_look(request):
+                raise RequestRefused(NO_LOOK if self._access.has_operators else NOBODY_LOOKS)
             response = await handler(request)
         except RequestRefused as refused:
             response = web.Response(status=403, text=f"{refused}\n")
@@ -189,6 +200,16 @@ class WebServer:
         if not response.prepared:
             response.headers.update(HEADERS)
         return response
+
+    def _may_look(self, request: web.Request) -> bool:
+        return self._access.may_look(request.cookies)
+
+    def _shown_to_visitors(self) -> Dict[str, Any]:
+        """The state for one who may not look: what it takes to sign in, and to stop."""
+        known = ("robot", "open_stop", "stops")
+        meta = {name: self._state.tree.get("meta", name) for name in known}
+        signs_in = self._access.has_operators
+        return {"visitor": NO_LOOK if signs_in else NOBODY_LOOKS, "meta": {**meta, "control": signs_in}}
 
     # --- what is shown -------------------------------------------------------------------------------------
 
@@ -215,7 +236,7 @@ class WebServer:
             raise web.HTTPUpgradeRequired(text="This address takes WebSockets only.\n", headers=HEADERS)
         await response.prepare(request)
         assert request.transport is not None
-        await self._live.serve(response, request.transport.abort)
+        await self._live.serve(response, request.transport.abort, lambda: self._may_look(request))
         return response
 
     async def _may_follow(self, request: web.Request) -> web.StreamResponse:
@@ -245,8 +266,6 @@ class WebServer:
     # --- control -------------------------------------------------------------------------------------------
 
     async def _serve_control(self, request: web.Request) -> web.StreamResponse:
-        if self._control is None:
-            raise RequestRefused(READ_ONLY)
         what, address = request.match_info["what"], request.remote or "an unknown address"
         wrong = False
         try:
@@ -264,7 +283,12 @@ class WebServer:
                 raise ValueError("no object")
         except (ValueError, LookupError, RecursionError):
             return web.json_response({"error": "The request is not a JSON object."}, status=400)
+        if what == "who":
+            key = self._access.look_key(by)
+            return web.json_response({"done": by, **({"look": key} if key else {})})
         control = self._control
+        if control is None:
+            raise RequestRefused(READ_ONLY)
         try:
             done = self._loop.run_in_executor(None, lambda: control.carry_out(what, fields, by))
             if wrong:  # the robot stops at once; who tries tokens has to wait all the same
