@@ -19,12 +19,22 @@ function fill(element, attributes, children) {
   return element;
 }
 
-export const el = (tag, attributes, ...children) => fill(document.createElement(tag), attributes, children);
+export function el(tag, attributes, ...children) {
+  const element = document.createElement(tag);
+  if (tag === "button") element.type = tag; // none sends a form unless it says so
+  return fill(element, attributes, children);
+}
 export const svg = (tag, attributes, ...children) => fill(document.createElementNS(SVG, tag), attributes, children);
 
 export function setText(element, text) {
   const shown = text === undefined || text === null ? "" : String(text);
   if (element.textContent !== shown) element.textContent = shown;
+}
+
+// Shows a text, and nothing where there is none.
+export function tell(element, text) {
+  setText(element, text);
+  setHidden(element, !text);
 }
 
 export function setHidden(element, hidden) {

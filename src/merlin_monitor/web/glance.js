@@ -16,7 +16,7 @@ export function glance(store, control) {
   const words = el("span", {});
   cells.get("progress").append(words, bar);
   const problem = el("span", {});
-  const known = el("button", { id: "acknowledge", type: "button", class: "small", hidden: true, onclick: () => control.ask("acknowledge", { problem: known.dataset.key }) }, t("I know"));
+  const known = el("button", { id: "acknowledge", class: "small", hidden: true, onclick: () => control.ask("acknowledge", { problem: known.dataset.key }) }, t("I know"));
   cells.get("problem").append(problem, " ", known);
   // The worst one that no operator knows about yet.
   const drawProblem = (problems) => {
@@ -50,7 +50,7 @@ function put(cell, text, tone) {
 }
 
 function progressOf({ now = {}, plan = {} }) {
-  const mission = now.mission || {};
+  const mission = ((now.executor || {}).mission !== false && now.mission) || {}; // an operator's goal is no task of it
   const steps = stepsOf(plan);
   const active = Boolean(now.active);
   const done = steps.filter((step) => step.state === "succeeded").length;
@@ -75,8 +75,16 @@ function nextOf({ now = {}, plan = {}, queue = {} }) {
 
 function endOf({ now = {}, plan = {}, meta = {} }) {
   const times = now.active ? planTimes(plan, meta.time) : null;
-  if (!times || !times.open || !times.known) return "–";
-  const left = Math.max(0, times.end - meta.time);
-  const late = times.delay > 2 ? ` · ${t("{time} late", { time: secondsText(times.delay) })}` : "";
-  return `${t("in {time}", { time: secondsText(Math.round(left)) })} (${clockText(times.end + (meta.clock_set || 0))})${late}`;
+  const texts = [];
+  const left = (end) => secondsText(Math.round(Math.max(0, end - meta.time)));
+  const expected = times && times.open && times.known;
+  if (expected) texts.push(`${t("in {time}", { time: left(times.end) })} (${clockText(times.end + (meta.clock_set || 0))})`);
+  if (expected && times.delay > 2) texts.push(t("{time} late", { time: secondsText(times.delay) }));
+  const { task, tasks, since, pace } = now.mission || {};
+  if (pace) { // its present task takes as long as the others, or as the plan, unless that is an operator's
+    const own = (now.executor || {}).mission !== false;
+    const end = Math.max(since + pace, own && expected ? times.end : meta.time) + pace * (tasks - task);
+    texts.push(t("mission in about {time}", { time: left(end) }));
+  }
+  return texts.join(" · ") || "–";
 }

@@ -58,7 +58,7 @@ export class PlaceGoals {
     const goals = goalsOf(place, this.store.state);
     setText(this.title, t("Goals at {place}", { place: place.replace(/_/g, " ") }));
     const buttons = goals.map(({ name, goal, priority }) => el("button", {
-      type: "button", title: goal,
+      title: goal,
       onclick: () => { this.dialog.close(); this.control.ask("send", { goal, priority }); },
     }, name));
     this.list.replaceChildren(...(buttons.length ? buttons : [el("p", { class: "empty" }, t("No action makes anything true here."))]));

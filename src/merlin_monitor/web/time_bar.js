@@ -29,7 +29,7 @@ export class TimeBar {
   }
 
   build() {
-    const button = (id, text, title, call) => el("button", { id, type: "button", title, "aria-label": title, onclick: call }, text);
+    const button = (id, text, title, call) => el("button", { id, title, "aria-label": title, onclick: call }, text);
     this.range = el("input", { id: "time-range", type: "range", min: 0, max: 1, step: "any", "aria-label": t("Moment"), oninput: () => this.slide() });
     this.speed = el("select", { id: "time-speed", "aria-label": t("Speed"), onchange: () => { if (this.playing) this.play(); } }, SPEEDS.map((speed) => el("option", { value: speed }, `×${speed}`)));
     byId("time-bar").append(
@@ -44,7 +44,7 @@ export class TimeBar {
     );
     byId("past-banner").append(
       el("strong", {}), el("span", { class: "event-text" }), el("span", { class: "present" }),
-      el("button", { id: "time-live", type: "button", onclick: () => this.live() }, t("Back to live (l)")));
+      el("button", { id: "time-live", onclick: () => this.live() }, t("Back to live (l)")));
   }
 
   get archive() {

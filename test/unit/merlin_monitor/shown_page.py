@@ -20,7 +20,7 @@ from messages import dispatch, executor, fact, feedback, running, status, struct
 from nav_msgs.msg import OccupancyGrid
 from rosplan_dispatch_msgs.msg import CompletePlan
 from sensor_msgs.msg import Image
-from served import Served
+from served import TOKEN, Served
 from sound_play.msg import SoundRequest
 
 from merlin_monitor.panel_board import own_panels, script_of
@@ -94,7 +94,7 @@ def fill(served: Served, steps: int = 6) -> None:
         points = state.map.points(PLACES)
         state.now.places = set(points)
         state.plan.places(state.now.places)
-        state.now.mission(mission, 100.0, "mission")
+        state.now.mission(mission, 100.0, "/mission")
         state.now.executor(doing, 100.0)
         state.planned(*sequential_steps(plan), 100.0)
         state.plan.dispatched(plan.plan[0], 103.0)
@@ -114,6 +114,14 @@ def fill(served: Served, steps: int = 6) -> None:
     state.inbox.put(take)
     state.inbox.put(taken.set)
     assert taken.wait(LIMIT)  # what a test changes then is not changed back by this
+
+
+def signed_in(visit: Visit) -> None:
+    """Signs Ana in, and waits until the page shows her name."""
+    visit.page.click("#operator")
+    visit.page.fill("#token", TOKEN)
+    visit.page.keyboard.press("Enter")
+    visit.wait_text("#operator", "Ana")
 
 
 def look_again(served: Served) -> None:

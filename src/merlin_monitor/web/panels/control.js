@@ -1,9 +1,9 @@
 // Sends goals in PDDL, completed from the domain and the objects; plans them only; sets facts by hand.
-import { byId, el, has, keyed, setHidden } from "../dom.js";
+import { byId, el, has, keyed, setHidden, tell } from "../dom.js";
 import { complete } from "../completion.js";
 import { breakpointsOf } from "../holds.js";
 import { PlanPreview } from "../plan_preview.js";
-import { t } from "../texts.js";
+import { say, t } from "../texts.js";
 
 export function show(section, { store, control }) {
   const goal = el("input", {
@@ -16,9 +16,11 @@ export function show(section, { store, control }) {
   goalField.classList.add("grow");
   const form = el("form", { id: "goal-form", autocomplete: "off" },
     goalField, field(priority, t("Priority")), el("button", { type: "submit", class: "primary" }, t("Send goal")),
-    el("button", { type: "button", id: "plan-only", title: t("Shows a plan for it, and does nothing"), onclick: () => preview.ask(goal.value) }, t("Plan only")),
-    el("button", { type: "button", id: "set-facts", title: t("Makes it true in the knowledge; the robot does nothing for it"), onclick: () => setFacts() }, t("Set by hand")));
-  form.append(el("button", { type: "button", id: "hold-before", title: t("Holds the robot before this action or goal, * stands for any argument, or before a state, like NAVIGATE/DRIVE"), onclick: () => addBreakpoint() }, t("Hold before")));
+    el("button", { id: "plan-only", title: t("Shows a plan for it, and does nothing"), onclick: () => preview.ask(goal.value) }, t("Plan only")),
+    el("button", { id: "set-facts", title: t("Makes it true in the knowledge; the robot does nothing for it"), onclick: () => setFacts() }, t("Set by hand")));
+  form.append(el("button", { id: "hold-before", title: t("Holds the robot before this action or goal, * stands for any argument, or before a state, like NAVIGATE/DRIVE"), onclick: () => addBreakpoint() }, t("Hold before")));
+  const undo = el("button", { id: "undo", hidden: true, onclick: () => control.ask("change", { facts: undo.title }) });
+  form.append(undo);
   const preview = new PlanPreview(control);
   const points = el("div", { id: "breakpoints", class: "choices", role: "group", "aria-label": t("Breakpoints") });
   section.append(form, points, preview.box);
@@ -39,12 +41,16 @@ export function show(section, { store, control }) {
   const breakpoints = () => breakpointsOf(store.state);
   const addBreakpoint = () => send("breakpoints", { before: [...new Set([...breakpoints(), goal.value.trim()])] });
   for (const view of ["now", "machines"]) store.view(view, () => keyed(points, breakpoints(), (text) => text,
-    (text) => el("button", { type: "button", title: t("Takes this breakpoint away"), onclick: () => control.ask("breakpoints", { before: breakpoints().filter((each) => each !== text) }) }, `⏸ ${text} ×`),
+    (text) => el("button", { title: t("Takes this breakpoint away"), onclick: () => control.ask("breakpoints", { before: breakpoints().filter((each) => each !== text) }) }, `⏸ ${text} ×`),
     () => {}));
-  store.view("control", ({ goals = [] }) => keyed(offered, goals, (each) => each.name,
-    (each) => el("button", { type: "button", title: each.goal, onclick: () => control.ask("send", { goal: each.goal, priority: each.priority }) }, each.name),
-    () => {}));
-  store.view("meta", () => setHidden(section, !control.possible()));
+  store.view("control", ({ goals = [], undo: back }) => {
+    keyed(offered, goals, (each) => each.name,
+      (each) => el("button", { title: each.goal, onclick: () => control.ask("send", { goal: each.goal, priority: each.priority }) }, each.name),
+      () => {});
+    tell(undo, back && t("Set back: {what}", { what: say(back.words) }));
+    if (back) undo.title = back.facts;
+  });
+  store.view("meta", () => setHidden(section, !control.possible() || !control.token));
 }
 
 class Completion {

@@ -8,7 +8,7 @@ const PARTLY = t("Not all robots are held.");
 
 export function show(section, { store, control }) {
   const says = el("p", { id: "guard-says" });
-  const release = el("button", { id: "release", type: "button", hidden: true, class: "primary", onclick: () => control.ask("release") }, t("Release"));
+  const release = el("button", { id: "release", hidden: true, class: "primary", onclick: () => control.ask("release") }, t("Release"));
   section.setAttribute("role", "alert");
   const list = el("ul", { id: "guard-robots" });
   section.append(says, list, release);

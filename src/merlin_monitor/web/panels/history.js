@@ -33,7 +33,7 @@ export function show(section, { store }) {
 
   for (const kind of KINDS) {
     byId("history-kinds").append(el("button", {
-      type: "button", "aria-pressed": String(shown.has(kind)),
+      "aria-pressed": String(shown.has(kind)),
       onclick: (event) => {
         if (!shown.delete(kind)) shown.add(kind);
         event.target.setAttribute("aria-pressed", String(shown.has(kind)));

@@ -29,7 +29,7 @@ export function show(section, { store }) {
   const list = new VirtualList(byId("knowledge-list"), ROW, fillRow);
   const buttons = new Map();
   for (const [name, label] of KINDS) {
-    const button = el("button", { type: "button", "aria-pressed": String(name === kind), onclick: () => choose(name) }, label);
+    const button = el("button", { "aria-pressed": String(name === kind), onclick: () => choose(name) }, label);
     buttons.set(name, button);
     byId("kinds").append(button);
   }

@@ -31,7 +31,7 @@ export function show(section, { store, control }) {
   }
 
   function create(key) {
-    const title = el("button", { type: "button", class: "name", onclick: () => fold(key) });
+    const title = el("button", { class: "name", onclick: () => fold(key) });
     const graph = el("div", { class: "graph", tabindex: 0, role: "group" });
     views.set(key, new GraphView(graph, { onPick: (node) => pick(key, node) }));
     return el("article", { class: "machine" }, el("div", { class: "bar-of" }, title, el("span", { class: "where" })), graph);
@@ -114,8 +114,8 @@ export function show(section, { store, control }) {
     if (!box.firstChild) {
       box.append(
         el("div", { class: "bar-of" }, el("span", { class: "title" }),
-          el("button", { type: "button", class: "small hold", onclick: () => control.ask("breakpoints", { before: [...new Set([...breakpointsOf(store.state), stateName(containers()[picked].server, clicked.id)])] }) }),
-          el("button", { type: "button", class: "small", onclick: () => { picked = null; drawUserdata(); } }, t("Close"))),
+          el("button", { class: "small hold", onclick: () => control.ask("breakpoints", { before: [...new Set([...breakpointsOf(store.state), stateName(containers()[picked].server, clicked.id)])] }) }),
+          el("button", { class: "small", onclick: () => { picked = null; drawUserdata(); } }, t("Close"))),
         el("div", { class: "buttons leave", role: "group", "aria-label": t("Leave the state with") }),
         el("p", { class: "empty" }), el("dl", {}), el("ol", { class: "ran", "aria-label": t("Executed steps") }));
     }
@@ -128,7 +128,7 @@ export function show(section, { store, control }) {
     const choices = outcomes(container);
     setHidden(part(box, "leave"), choices.length === 0);
     keyed(part(box, "leave"), choices, (outcome) => outcome,
-      (outcome) => el("button", { type: "button", class: "small", onclick: () => leave(outcome) }),
+      (outcome) => el("button", { class: "small", onclick: () => leave(outcome) }),
       (button, outcome) => {
         setText(button, outcome === waits ? t("Confirm {outcome}", { outcome }) : t("Leave with {outcome}", { outcome }));
         button.title = outcome === waits ? t("The machine goes on with it") : t("Stops the state, and has the machine go on as if it had ended so");

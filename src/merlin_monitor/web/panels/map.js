@@ -27,7 +27,7 @@ export function show(section, { store, control }) {
   const robot = svg("g", { class: "map-robot" }, svg("circle", { r: 0.27 }), svg("path", { d: ROBOT }));
   const root = svg("svg", { role: "group", "aria-label": t("Map") }, image, trail, path, ways, seen, goal, points, people, robots, robot);
   const picture = el("div", { id: "map-picture", tabindex: 0, role: "group", "aria-label": t("Map") }, root);
-  const button = (text, label, action) => el("button", { type: "button", class: "small", title: label, "aria-label": label, onclick: action }, text);
+  const button = (text, label, action) => el("button", { class: "small", title: label, "aria-label": label, onclick: action }, text);
   section.append(
     el("p", { id: "map-why", class: "trouble", role: "status", hidden: true }),
     picture,

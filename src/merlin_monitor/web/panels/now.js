@@ -1,5 +1,5 @@
 // What the robot does now, and why.
-import { byId, el, keyed, secondsText, setHidden, setText } from "../dom.js";
+import { byId, el, keyed, secondsText, setHidden, setText, tell } from "../dom.js";
 import { glance } from "../glance.js";
 import { LEVELS, autonomyOf, isHeld, unconfirmed } from "../holds.js";
 import { say, t } from "../texts.js";
@@ -17,11 +17,11 @@ export function show(section, { store, control }) {
   );
   const buttons = byId("robot-control");
   const shownIcon = document.querySelector("link[rel=icon]");
-  const pause = el("button", { type: "button", id: "pause", onclick: () => control.ask(paused() ? "resume" : "pause") });
-  buttons.append(pause, el("button", { type: "button", id: "cancel-all", onclick: () => control.ask("cancel_all") }, t("Cancel all")));
+  const pause = el("button", { id: "pause", onclick: () => control.ask(paused() ? "resume" : "pause") });
+  buttons.append(pause, el("button", { id: "cancel-all", onclick: () => control.ask("cancel_all") }, t("Cancel all")));
   const held = el("span", { class: "buttons" },
-    el("button", { type: "button", id: "step", title: t("One action or state begins, and the next one is held"), onclick: () => control.ask("step") }, t("Step")),
-    el("button", { type: "button", id: "go-on", title: t("Goes on up to the next breakpoint"), onclick: () => control.ask("continue") }, t("Continue")));
+    el("button", { id: "step", title: t("One action or state begins, and the next one is held"), onclick: () => control.ask("step") }, t("Step")),
+    el("button", { id: "go-on", title: t("Goes on up to the next breakpoint"), onclick: () => control.ask("continue") }, t("Continue")));
   const confirm = el("span", { class: "buttons" });
   const level = el("select", { id: "autonomy", onchange: () => setAutonomy(level.value) },
     LEVELS.map((each) => el("option", { value: each }, t(each))));
@@ -37,7 +37,7 @@ export function show(section, { store, control }) {
     setHidden(buttons, !control.possible() || !(store.state.now || {}).executor);
     setHidden(held, !isHeld(store.state));
     keyed(confirm, unconfirmed(store.state), (each) => each.join(" "),
-      ([state, outcome, within]) => el("button", { type: "button", class: "primary", title: state, onclick: () => control.ask("leave", { state, within }) }, t("Confirm {outcome}", { outcome })),
+      ([state, outcome, within]) => el("button", { class: "primary", title: state, onclick: () => control.ask("leave", { state, within }) }, t("Confirm {outcome}", { outcome })),
       (button, each, index) => (index ? button.removeAttribute("id") : button.setAttribute("id", "confirm"))); // the key takes the first one
     setHidden(autonomy, !autonomyOf(store.state));
     showLevel();
@@ -61,9 +61,7 @@ export function show(section, { store, control }) {
     const last = now.last;
     const reason = last && last.reason && !["succeeded", "already true"].includes(last.outcome) ? `: ${last.reason}` : "";
     setText(byId("now-last"), last ? t("Before: {goals} {outcome} after {time}", { goals: say(last.words) || t("a request"), outcome: t(last.outcome), time: secondsText(last.seconds) }) + reason : "");
-    const trouble = (now.trouble_said || []).map(say);
-    setHidden(byId("now-trouble"), trouble.length === 0);
-    setText(byId("now-trouble"), trouble.join(" · "));
+    tell(byId("now-trouble"), (now.trouble_said || []).map(say).join(" · "));
     document.title = doing ? `${tone === "bad" ? "⚠ " : ""}${doing} – MERLIN` : "MERLIN";
     const icon = tone === "bad" ? "icon-bad.svg" : "icon.svg";
     if (shownIcon.getAttribute("href") !== icon) shownIcon.setAttribute("href", icon);

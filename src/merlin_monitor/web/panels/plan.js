@@ -1,5 +1,5 @@
 // The plan: its steps with state and time, the same as a graph, replans, and what the planner says.
-import { byId, clockText, el, GLYPHS, has, keyed, of, part, secondsText, setHidden, setText } from "../dom.js";
+import { byId, clockText, el, GLYPHS, has, keyed, of, part, secondsText, setHidden, setText, tell } from "../dom.js";
 import { Gantt } from "../gantt.js";
 import { GraphView } from "../graph.js";
 import { say, t } from "../texts.js";
@@ -68,8 +68,7 @@ export function show(section, { store }) {
     byId("plan-note").title = planner.planner || "";
     setText(byId("plan-note"), planner.state ? t(planner.state) + seconds : "");
     const trouble = TROUBLE.includes(planner.state);
-    setHidden(byId("planner-reason"), !trouble);
-    setText(byId("planner-reason"), trouble ? `${t(planner.state)}: ${planner.reason}` : "");
+    tell(byId("planner-reason"), trouble ? `${t(planner.state)}: ${planner.reason}` : "");
     setHidden(byId("planner-words"), !planner.output);
     setText(byId("planner-words").querySelector("pre"), planner.output || "");
   }

@@ -12,9 +12,8 @@ export function show(section, { store, control }) {
       requests.push({ request: executor.request, goals: executor.goals, words: executor.words, priority: executor.priority, running: true, note: `${t(executor.state)}, ${t("{done} of {count} steps done", { done: executor.done, count: executor.total })}` });
     }
     for (const waiting of queue.waiting || []) {
-      const words = waiting.interrupted ? [t("interrupted, resumed afterwards")] : [executor.waits ? `${t("waits")}: ${executor.waits}` : t("waits")];
-      if (waiting.on_interrupt === "drop") words.push(t("dropped when interrupted"));
-      requests.push({ ...waiting, note: `${words.join(", ")}; ${t("from {client}", { client: waiting.by })}` });
+      const words = [waiting.interrupted && t("interrupted"), say(waiting.waits) || t("waits"), waiting.on_interrupt === "drop" && t("dropped when interrupted"), t("asked for by {client}", { client: waiting.by })];
+      requests.push({ ...waiting, note: words.filter(Boolean).join(", ") });
     }
     const count = (queue.waiting || []).length;
     setText(byId("queue-note"), count ? t("{count} waiting", { count }) : "");
@@ -23,7 +22,7 @@ export function show(section, { store, control }) {
   };
 
   function create(item) {
-    const cancel = el("button", { class: "small cancel", type: "button", onclick: () => control.ask("cancel", { request: item.request }) }, t("Cancel"));
+    const cancel = el("button", { class: "small cancel", onclick: () => control.ask("cancel", { request: item.request }) }, t("Cancel"));
     return el("li", {},
       el("div", { class: "head" }, el("span", { class: "glyph", "aria-hidden": "true" }), el("span", { class: "title" }), el("span", { class: "end chip priority" }), cancel),
       el("div", { class: "more" }));

@@ -85,9 +85,13 @@ def test_goals_of_the_list_and_of_the_map_are_sent_with_a_token_only(served: Ser
     with chromium() as browser:
         visit = Visit(browser, served.url)
         page = visit.page
-        page.get_by_role("button", name="Ask elsewhere").click()
+        assert not page.is_visible("#offered-goals")
+        page.locator(".map-point text", has_text="kitchen").click()
+        page.locator("#place-list button", has_text="Ask elsewhere").click()
         page.fill("#token", TOKEN)
         page.keyboard.press("Enter")
+        said_and_forgotten(visit, "Sent as")
+        page.get_by_role("button", name="Ask elsewhere").click()
         said_and_forgotten(visit, "Sent as")
         page.get_by_role("button", name="Goals at bathroom").focus()
         page.keyboard.press("Enter")
@@ -105,6 +109,7 @@ def test_goals_of_the_list_and_of_the_map_are_sent_with_a_token_only(served: Ser
         visit.close()
     sent = [call[1:] for call in served.robot.calls]
     assert sent == [
+        ("(checked kitchen)", 0, "Ana"),
         ("(checked kitchen)", 0, "Ana"),
         ("(checked bathroom)", 3, "Ana"),
         ("(robot_at dorm_room)", 0, "Ana"),

@@ -1,6 +1,6 @@
 """The line that says what the robot does, and why."""
 
-from typing import Tuple
+from typing import List, Tuple
 
 import pytest
 import rospy
@@ -48,6 +48,39 @@ def test_a_request_of_somebody_else_is_not_the_missions() -> None:
             executor(ExecutorStatus.RUNNING, request=request, goals=["(checked hall)"], stage="PLAN"), 1.0
         )
         assert tree.get("now", "because") == f"for “hall checked”, asked for by {who}"
+
+
+def test_an_operators_goal_has_the_operators_name_and_is_no_task_of_the_mission() -> None:
+    tree, now, _, told = section()
+    mission = MissionStatus(mission="Round", state=MissionStatus.RUNNING, task=3, tasks=6)
+    now.mission(mission, 0.0, "/mission")
+    now.executor(executor(ExecutorStatus.RUNNING, request=REQUEST, goals=["(checked hall)"]), 1.0)
+    assert tree.get("now", "executor", "mission") is True
+    assert tree.get("now", "chain")[0][0] == "mission"
+    now.executor(
+        executor(ExecutorStatus.RUNNING, request="/page-1-13.0", goals=["(checked dorm)"], by="Ana"), 2.0
+    )
+    assert tree.get("now", "because") == "for “dorm checked”, asked for by Ana"
+    assert tree.get("now", "executor", "mission") is False
+    assert [level[0] for level in tree.get("now", "chain")] == ["goal"]
+    assert "“dorm checked” asked for by Ana" in told.texts
+    # Its node is the mission's, too: a mission that has a page in its own process.
+    now.executor(executor(ExecutorStatus.RUNNING, request=REQUEST, goals=["(checked a)"], by="Ana"), 3.0)
+    assert tree.get("now", "executor", "mission") is False
+    now.executor(executor(ExecutorStatus.IDLE), 4.0)
+    assert tree.get("now", "chain")[0][0] == "mission", "between two goals the mission is what goes on"
+
+
+def test_the_pace_of_a_mission_is_told_where_its_end_is_known() -> None:
+    tree, now, _, told = section()
+    for tasks, known in ((6, True), (0, False)):
+        for task, at in ((1, 10.0), (2, 30.0), (2, 31.0)):
+            now.mission(MissionStatus(mission="Round", state=1, task=task, tasks=tasks), at, "/mission")
+        shown = tree.get("now", "mission")
+        assert ((shown.get("pace"), shown.get("since")) == (20.0, 30.0)) is known
+    now.mission(MissionStatus(mission="Round", state=3, task=2, tasks=6), 50.0, "/mission")
+    assert "pace" not in tree.get("now", "mission"), "it has ended"
+    assert told.texts[:2] == ["Round running, task 1 of 6", "Round running, task 2 of 6"]
 
 
 def test_a_breakpoint_is_in_the_headline_and_the_history() -> None:
@@ -320,6 +353,30 @@ def test_the_queue_names_who_waits() -> None:
     now.queue(GoalQueue(requests=[queued]), 1.0)
     (waiting,) = tree.get("queue", "waiting")
     assert (waiting["by"], waiting["priority"], waiting["interrupted"]) == ("/mission", 5, True)
+    now.mission(MissionStatus(mission="Round", state=MissionStatus.RUNNING), 2.0, "/mission")
+    other = QueuedGoal(request="/page-1-1.0", goals=["(c)"], by="Ana")
+    now.queue(GoalQueue(requests=[queued, other]), 3.0)
+    assert [waiting["by"] for waiting in tree.get("queue", "waiting")] == ["Round", "Ana"]
+
+
+def test_a_request_that_waits_says_for_what() -> None:
+    tree, now, _, _ = section()
+    requests = [QueuedGoal(request=f"/c-{n}-1.0", goals=[f"({n})"]) for n in ("b", "c")]
+    now.queue(GoalQueue(requests=requests), 1.0)
+
+    def waits() -> List[str]:
+        return [in_english(waiting["waits"]) for waiting in tree.get("queue", "waiting")]
+
+    assert waits() == ["waits", "waits until “b” has ended"]
+    now.executor(executor(ExecutorStatus.RUNNING, request=REQUEST, goals=["(a)"]), 2.0)
+    assert waits() == ["waits until “a” has ended", "waits until “b” has ended"]
+    now.executor(executor(ExecutorStatus.RUNNING, request=REQUEST, goals=["(a)"], paused=True), 3.0)
+    assert waits()[0] == "waits until the robot is resumed"
+    held = "the base is held by Ana since 14:03:07"
+    now.executor(executor(ExecutorStatus.IDLE, paused=True, waits=held), 4.0)
+    assert waits()[0] == f"waits: {held}"
+    now.executor(executor(ExecutorStatus.IDLE, held="(b)"), 5.0)
+    assert waits()[0] == "waits at a breakpoint"
 
 
 @pytest.mark.parametrize(

@@ -93,7 +93,7 @@ def test_the_page_speaks_the_language_that_is_asked_for(served: Served) -> None:
         for query, locale in (("?lang=de", "en-US"), ("", "de-DE")):
             visit = Visit(browser, served.url + query, locale=locale)
             visit.wait_text("#now-doing", "fragt bei kitchen")
-            visit.wait_text("#now-because", "für „kitchen geprüft“, verlangt von /mission")
+            visit.wait_text("#now-because", "für „kitchen geprüft“, verlangt von Round")
             visit.wait_text("#glance-next", "fährt nach bathroom")
             visit.wait_text("#health-well summary", "12 sind in Ordnung")
             visit.wait_text("#stop", "Anhalten und festhalten")

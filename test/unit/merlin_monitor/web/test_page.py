@@ -5,13 +5,14 @@ from typing import Any, List
 import pytest
 import rospy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from merlin_msgs.msg import ExecutorStatus, GuardStatus, MachineHolds, StateOutcome
+from merlin_msgs.msg import ExecutorStatus, GuardStatus, MachineHolds, MissionStatus, StateOutcome
 from messages import executor, fact, status, structure
 from served import TOKEN, Served
-from shown_page import AXE, CHECK, fill, look_again
+from shown_page import AXE, CHECK, fill, look_again, signed_in
 from std_msgs.msg import Header
 
 from merlin_monitor.state.knowledge_section import Contents
+from merlin_monitor.text.phrase import goal_phrase
 
 pytestmark = pytest.mark.processes
 
@@ -104,6 +105,52 @@ def test_the_strip_says_state_problem_progress_next_and_end(visits: Any, served:
     page.wait_text("#glance-state", "Stopped and held")
 
 
+def test_how_long_until_the_mission_is_done(visits: Any, served: Served) -> None:
+    page = visits()
+    page.wait_text("#glance-end", "in 45 s (165.0 s)")
+    assert "mission" not in page.text("#glance-end"), "no task of it was seen from its beginning to its end"
+    fourth = MissionStatus(mission="Round", state=1, task=4, tasks=6, description="ask in the bathroom")
+    fifth = MissionStatus(mission="Round", state=1, task=5, tasks=6, description="ask in the hall")
+    for message, at in ((fourth, 90.0), (fifth, 119.0)):
+        served.state.inbox.put(served.state.now.mission, message, at, "/mission")
+    # The plan of the fifth ends in 45 s, and the sixth takes 29 s as the fourth did.
+    page.wait_text("#glance-end", "in 45 s (165.0 s) · mission in about 74 s")
+    of_ana = executor(ExecutorStatus.RUNNING, request="/page-1-1.0", goals=["(checked hall)"], by="Ana")
+    served.state.inbox.put(served.state.now.executor, of_ana, 121.0)
+    page.wait_text("#now-because", "asked for by Ana")
+    page.wait("() => !/task|Round/.test(document.getElementById('now').innerText)")
+
+
+def test_what_is_set_by_hand_is_asked_about_and_set_back(visits: Any, served: Served) -> None:
+    page = visits()
+    signed_in(page)
+    page.page.fill("#goal", "(robot_at kitchen)")
+    assert not page.page.is_visible("#undo")
+    served.robot.running = "asking at the kitchen"
+    page.page.click("#set-facts")
+    page.wait_text("#confirm-said", "asking at the kitchen runs")
+    assert served.robot.calls == []
+    page.page.click("#confirm-yes")
+    page.wait_text("#control-said", "The knowledge was changed")
+    assert served.robot.calls == [("change", "(robot_at kitchen)", "Ana")]
+    served.robot.running = ""
+    undo = {"facts": "(not (robot_at kitchen))", "words": goal_phrase("(not (robot_at kitchen))")}
+    served.state.tree.set("control", "undo", undo)
+    page.wait_text("#undo", "Set back: not robot at kitchen")
+    with page.page.expect_response("**/control/change"):
+        page.page.click("#undo")
+    assert served.robot.calls[-1] == ("change", "(not (robot_at kitchen))", "Ana")
+
+
+def test_a_plan_that_is_only_shown_says_in_words_where_it_begins(visits: Any) -> None:
+    page = visits()
+    signed_in(page)
+    page.page.fill("#goal", "(checked kitchen)")
+    page.page.click("#plan-only")
+    page.wait_text("#preview .title", "Not carried out: kitchen checked in 2 steps")
+    page.wait_text("#preview .left-out", "Begins when this has ended: driving to the hall")
+
+
 def test_an_operator_knows_about_a_problem_and_every_page_shows_that(visits: Any, served: Served) -> None:
     page, other = visits(), visits()
     page.wait_text("#glance-problem", "camera: state: camera reports (and 1 more)")
@@ -153,15 +200,16 @@ def test_keys_do_what_the_list_of_keys_says(visits: Any, served: Served) -> None
     keyboard.press("?")
     page.wait("() => document.getElementById('keys').open")
     keyboard.press("Escape")
-    keyboard.press("g")
-    assert page.page.evaluate("document.activeElement.id") == "goal"
-    keyboard.press("Escape")
     keyboard.press("p")
     page.wait("() => document.getElementById('sign-in').open")
     keyboard.type(TOKEN)
     keyboard.press("Enter")
     page.wait_text("#control-said", "Paused.")
     page.wait("() => document.activeElement.id !== 'token'")
+    page.page.wait_for_selector("#goal", state="visible")
+    keyboard.press("g")
+    assert page.page.evaluate("document.activeElement.id") == "goal"
+    keyboard.press("Escape")
     keyboard.press("Shift+S")
     page.wait_text("#control-said", "stopped until")
     keyboard.press("s")  # nothing is held, so that does nothing
@@ -324,10 +372,7 @@ def test_while_a_base_is_held_no_resume_is_offered_and_who_holds_it_is_asked_for
     visits: Any, served: Served
 ) -> None:
     page = visits(bypass_csp=True)
-    page.page.click("#operator")
-    page.page.fill("#token", TOKEN)
-    page.page.keyboard.press("Enter")
-    page.wait_text("#operator", "Ana")
+    signed_in(page)
     served.state.inbox.put(
         served.state.now.executor,
         executor(ExecutorStatus.IDLE, paused=True, waits="the base is held by Bob since 14:03:07"),

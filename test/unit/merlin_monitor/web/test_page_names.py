@@ -9,6 +9,7 @@ from merlin_msgs.msg import MachineHolds
 from messages import status, structure
 from nav_msgs.msg import OccupancyGrid
 from served import TOKEN, Served
+from shown_page import signed_in
 
 pytestmark = pytest.mark.processes
 
@@ -134,6 +135,7 @@ def test_names_of_javascript_are_names_as_others(visits: Any, served: Served) ->
     page.page.locator(".map-point", has_text="toString").click()
     assert page.texts("#place-list button") == ["toString toString"]
     page.page.keyboard.press("Escape")
+    signed_in(page)
     page.page.fill("#goal", "(toString ")
     page.wait("() => document.querySelectorAll('#goal-choices li').length === 4")
     page.page.fill("#goal", "(toString constructor) (valueOf ")

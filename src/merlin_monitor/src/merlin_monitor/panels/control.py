@@ -92,7 +92,7 @@ def _goal(entry: Any, where: str) -> OfferedGoal:
 class ControlPanel(Panel):
     """Goals that an operator sends."""
 
-    name, place = "control", 3
+    name, place, width = "control", 15, 7
 
     def __init__(self, state: MonitorModel, watch: GraphWatch) -> None:
         super().__init__(state, watch)

@@ -10,7 +10,7 @@ from merlin_monitor.state.monitor_model import MonitorModel
 class HealthPanel(Panel):
     """The parts, and which of them are silent."""
 
-    name, title, place, width = "health", "Health", 60, 4
+    name, title, place, width = "health", "Health", 38, 5
 
     def __init__(self, state: MonitorModel, watch: GraphWatch) -> None:
         super().__init__(state, watch)

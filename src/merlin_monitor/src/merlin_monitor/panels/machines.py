@@ -21,7 +21,7 @@ FOLLOW_PERIOD = 1.0  # s of wall time between two words to the nodes that may ho
 class MachinesPanel(Panel):
     """The machines of the servers below the monitor's namespace."""
 
-    name, title, place, width = "machines", "State machines", 50, 8
+    name, title, place, width = "machines", "State machines", 50, 12
 
     def __init__(self, state: MonitorModel, watch: GraphWatch) -> None:
         super().__init__(state, watch)

@@ -11,7 +11,7 @@ from merlin_monitor.state.monitor_model import MonitorModel
 class QueuePanel(Panel):
     """The requests of the Executor."""
 
-    name, title, place, width = "queue", "Queue", 15, 12
+    name, title, place, width = "queue", "Queue", 36, 7
 
     def __init__(self, state: MonitorModel, watch: GraphWatch) -> None:
         super().__init__(state, watch)

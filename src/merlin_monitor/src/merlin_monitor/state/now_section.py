@@ -9,6 +9,7 @@ from merlin_monitor.state.history_events import Reporter, sentence
 from merlin_monitor.state.machine_section import MachineSection, held_words, unconfirmed_words
 from merlin_monitor.state.plan_section import PlanSection
 from merlin_monitor.state.state_tree import StateTree
+from merlin_monitor.text.fact_text import action_text
 from merlin_monitor.text.phrase import (
     Phrase,
     action_phrase,
@@ -17,6 +18,7 @@ from merlin_monitor.text.phrase import (
     say,
     with_reason,
 )
+from merlin_monitor.truth.task_pace import TaskPace
 from merlin_monitor.truth.worst_truth import LIVE, Facts, lost_words, worst_truth
 
 NOW, QUEUE = "now", "queue"
@@ -106,10 +108,11 @@ class NowSection:
         self._plan_request = ""  # that the shown plan belongs to
         self._mission: Dict[str, Any] = {}
         self._mission_node = ""
+        self._pace = TaskPace()
         self._executor: Dict[str, Any] = {}
         self._request_began: Dict[str, Tuple[float, List[str]]] = {}
         self._ended: Dict[str, List[str]] = {}  # requests → goals: a cancel may come later
-        self._queued: Optional[Dict[str, Dict[str, Any]]] = None  # what waited last; None: not heard yet
+        self._queued: Optional[Dict[str, Dict[str, Any]]] = None  # what waits, in order; None: not heard yet
         self._kept: Mapping[str, Any] = {}  # the section of an earlier life
         self.places: Set[str] = set()
         tree.set(QUEUE, "waiting", [])
@@ -118,6 +121,7 @@ class NowSection:
     def remember(self, kept: Mapping[str, Any]) -> None:
         """Takes the section of an earlier life of the monitor: what is still so is not told again."""
         self._kept = kept
+        self._pace.take_up(kept.get("mission") or {})
 
     def mission(self, message: Any, at: float, node: str = "") -> None:
         """Takes a message with the fields of merlin_msgs/MissionStatus.
@@ -134,7 +138,8 @@ class NowSection:
             "tasks": message.tasks,
             "description": message.description,
         }
-        if before != self._mission:
+        self._pace.task(message.task, at)
+        if any(before.get(field) != value for field, value in self._mission.items()):
             task = self._task() if state == "running" else ""
             said = say("{mission} {state}", mission=message.mission, state=say(state))
             said = say("{what}, {more}", what=said, more=task) if task else said
@@ -143,7 +148,8 @@ class NowSection:
             if state in ENDED:
                 # The end of the mission says more than that of its last request.
                 self._tree.set(NOW, "last", None)
-        self._tree.set(NOW, "mission", self._mission)
+        pace = self._pace.shown() if message.tasks and state not in ENDED else {}
+        self._tree.set(NOW, "mission", {**self._mission, **pace})
         self.refresh()
 
     def executor(self, message: Any, at: float) -> None:
@@ -159,6 +165,7 @@ class NowSection:
             "goals": list(message.goals),
             "words": [goal_phrase(goal) for goal in message.goals],
             "priority": message.priority,
+            "by": getattr(message, "by", ""),  # a bag may be older
             "stage": message.stage,
             "done": message.steps_done,
             "total": message.steps_total,
@@ -166,7 +173,7 @@ class NowSection:
             "reason": message.reason,
             "paused": message.paused,
             "held": message.held,
-            "waits": getattr(message, "waits", ""),  # a bag may be older
+            "waits": getattr(message, "waits", ""),
             "breakpoints": list(message.breakpoints),
             "running": [
                 {
@@ -194,7 +201,6 @@ class NowSection:
             self._plan.replanned(message.reason, at)
         if message.held and message.held != before.get("held"):
             self._report(sentence("control", self._held(), at))
-        self._tree.set(NOW, "executor", self._executor)
         self.refresh()
 
     def result(self, message: Any, at: float) -> None:
@@ -252,7 +258,7 @@ class NowSection:
                 "on_interrupt": "drop" if request.on_interrupt else "resume",
                 "interrupted": request.interrupted,
                 "queued": request.queued.to_sec(),
-                "by": sender_of(request.request),
+                "by": getattr(request, "by", ""),
             }
             for request in message.requests
         ]
@@ -262,7 +268,7 @@ class NowSection:
             for identity, request in self._queued.items():
                 if request["interrupted"] and not before.get(identity, {}).get("interrupted"):
                     self._interrupted(request, [self._executor, *waiting, *before.values()], at)
-        self._tree.set(QUEUE, "waiting", waiting)
+        self._tell_queue()
 
     def _interrupted(self, request: Dict[str, Any], others: Iterable[Dict[str, Any]], at: float) -> None:
         """Reports which request replaced another; that one may run, wait, or have waited just now."""
@@ -278,12 +284,16 @@ class NowSection:
             "“{goals}” interrupted by the more urgent “{other}”, asked for by {client}",
             goals=goals,
             other=first["words"] or say("a request"),
-            client=self._named(sender_of(first["request"])),
+            client=self._asked_by(first),
         )
         self._report(sentence("goal", phrase, at))
 
     def refresh(self) -> None:
         """Says anew what the robot does, and why."""
+        if self._executor:
+            self._executor["mission"] = not self._executor["request"] or self._of_mission(self._executor)
+            self._tree.set(NOW, "executor", self._executor)
+        self._tell_queue()
         doing, because, step = self._sentence()
         guard = self._tree.get(GUARD) or {}
         lost = self._freshness.lost()
@@ -328,6 +338,24 @@ class NowSection:
             ("active", self._executor.get("state", "idle") != "idle"),
         ):
             self._tree.set(NOW, name, value)
+
+    def _tell_queue(self) -> None:
+        """Says of each request that waits what it waits for, and who asked for it."""
+        executor = self._executor
+        waits = say("waits")
+        if executor.get("waits"):
+            waits = say("{what}: {why}", what=waits, why=executor["waits"])
+        elif executor.get("held") and not executor["request"]:
+            waits = say("waits at a breakpoint")
+        elif executor.get("paused"):
+            waits = say("waits until the robot is resumed")
+        elif executor.get("request"):
+            waits = self._until(executor)
+        shown = []
+        for request in (self._queued or {}).values():
+            shown.append({**request, "waits": waits, "by": self._asked_by(request)})
+            waits = self._until(request)
+        self._tree.set(QUEUE, "waiting", shown)
 
     # --- words ---------------------------------------------------------------------------------------------
 
@@ -399,7 +427,7 @@ class NowSection:
         total = self._executor.get("total") or self._plan.count
         if not actions or not total:
             return ""
-        texts = [_text(action) for action in actions]
+        texts = [action_text(action) for action in actions]
         numbers = [number for number in map(self._plan.step, texts) if number]
         number: Optional[int] = numbers[0] if numbers else None
         if number is None:
@@ -407,14 +435,26 @@ class NowSection:
         return say("step {number} of {count}", number=str(number), count=str(total))
 
     def _who(self) -> str:
-        return self._named(sender_of(self._executor.get("request", "")))
+        return self._asked_by(self._executor)
+
+    def _asked_by(self, request: Mapping[str, Any]) -> str:
+        """The person on whose behalf a request was sent, or what its client is called."""
+        return request.get("by") or self._named(sender_of(request.get("request", "")))
+
+    def _of_mission(self, request: Mapping[str, Any]) -> bool:
+        return not request["by"] and self._is_mission(sender_of(request["request"]))
 
     def _named(self, sender: str) -> str:
+        return self._mission["name"] if self._is_mission(sender) else sender
+
+    def _is_mission(self, sender: str) -> bool:
         # Its end may be heard before what it asked for last: the topics are several.
         unsigned = not self._mission_node and self._mission.get("state") in LIVE
-        if self._mission and (self._mission_node == sender or unsigned):
-            return self._mission["name"]
-        return sender
+        return bool(self._mission) and (self._mission_node == sender or unsigned)
+
+    @staticmethod
+    def _until(request: Mapping[str, Any]) -> Phrase:
+        return say("waits until “{goals}” has ended", goals=request["words"] or say("a request"))
 
     def _task(self) -> Phrase:
         mission = self._mission
@@ -429,7 +469,7 @@ class NowSection:
         """The levels from mission to state: name of the level, its words, and the PDDL of them."""
         mission, executor = self._mission, self._executor
         chain: List[List[Phrase]] = []
-        if mission:
+        if mission and executor.get("mission", True):
             task = self._task()
             name = mission["name"]
             chain.append(["mission", say("{what}, {more}", what=name, more=task) if task else name])
@@ -438,7 +478,7 @@ class NowSection:
         actions = self._actions()
         if actions:
             words = [self._in_words(action) for action in actions]
-            chain.append(["action", words, ", ".join(map(_text, actions))])
+            chain.append(["action", words, ", ".join(map(action_text, actions))])
             leaf = self._machines.active_leaf(actions[0]["name"].replace("-", "_"))
             if leaf:
                 chain.append(["state", leaf])
@@ -446,7 +486,3 @@ class NowSection:
             stage = executor["stage"]
             chain.append(["stage", say(STAGES[stage]) if stage in STAGES else stage])
         return chain
-
-
-def _text(action: Dict[str, Any]) -> str:
-    return f"({' '.join([action['name'], *(value for _, value in action['parameters'])])})"

@@ -1,6 +1,6 @@
 """Knowledge items as PDDL text. Items are read by their fields, so any message with them will do."""
 
-from typing import Any, List
+from typing import Any, List, Mapping
 
 from merlin_monitor.text.plain_value import plain_text
 from merlin_planning.knowledge_text import to_pddl
@@ -31,3 +31,11 @@ def item_text(item: Any) -> str:
 def number_text(value: float) -> str:
     """A number without a tail of zeros."""
     return f"{value:.6g}"
+
+
+def action_text(action: Mapping[str, Any]) -> str:
+    """An action in PDDL.
+
+    :param action: its name and parameters, pairs of label and object, as the state has them.
+    """
+    return atom_text(action["name"], [value for _, value in action["parameters"]])

@@ -78,7 +78,6 @@ def _cancel(robot: "RobotControl", fields: Dict[str, Any], by: str) -> str:
 
 #: What carries out each request; it gets the robot, the fields and the operator.
 _REQUESTS: Dict[str, Callable[["RobotControl", Dict[str, Any], str], str]] = {
-    "who": lambda robot, fields, by: by,
     "check": _check,
     "send": _send,
     "cancel": _cancel,
@@ -87,7 +86,9 @@ _REQUESTS: Dict[str, Callable[["RobotControl", Dict[str, Any], str], str]] = {
     "resume": lambda robot, fields, by: robot.pause(False, by),
     "stop": lambda robot, fields, by: robot.stop(by, _name(fields, "press")),
     "release": lambda robot, fields, by: robot.release(by, str(fields.get("seen", ""))),
-    "change": lambda robot, fields, by: robot.planning.change(_text(fields, "facts"), by),
+    "change": lambda robot, fields, by: robot.planning.change(
+        _text(fields, "facts"), by, str(fields.get("seen", ""))
+    ),
     "breakpoints": lambda robot, fields, by: robot.planning.hold_before(_listed(fields, "before"), by),
     "step": lambda robot, fields, by: robot.planning.go_on(True, by),
     "continue": lambda robot, fields, by: robot.planning.go_on(False, by),

@@ -71,7 +71,7 @@ class RobotControl:
         """Sends a goal to the Executor; returns the id of the request."""
         if not self._client.executor_alive:
             raise ControlError("There is no Executor to send the goal to.")
-        request = self._client.send(goal, priority)
+        request = self._client.send(goal, priority, by=by)
         words, number = goal_phrase(goal), str(priority)
         sent = say("{client} sends “{goal}”, priority {number}", client=by, goal=words, number=number)
         self._report(by, sent, goal=goal)

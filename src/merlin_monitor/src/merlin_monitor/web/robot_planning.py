@@ -7,17 +7,20 @@ from merlin_msgs.msg import PlannerStatus
 from merlin_msgs.srv import PreviewPlan
 
 from merlin_monitor.state.monitor_model import MonitorModel
+from merlin_monitor.text.fact_text import action_text
 from merlin_monitor.text.phrase import (
     Phrase,
     action_phrase,
     goal_phrase,
+    in_english,
     say,
     with_reason,
 )
+from merlin_monitor.web.hand_changes import HandChanges
 from merlin_monitor.web.page_control import ControlError
 from merlin_pddl.breakpoints import BreakpointError
 from merlin_planning.knowledge_client import KnowledgeClient, KnowledgeError, parse_changes
-from merlin_planning.knowledge_text import PDDLSyntaxError, to_pddl
+from merlin_planning.knowledge_text import PDDLSyntaxError
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
 from merlin_sm.breakpoint_client import BreakpointClient, Stepped
 
@@ -51,7 +54,7 @@ class RobotPlanning:
         self._preview = ServiceProxy(f"{planner}/preview_plan", PreviewPlan, timeout=PREVIEW_ANSWERS)
 
     def plan(self, goal: str, without: Sequence[str], by: str) -> Dict[str, Any]:
-        """A plan for a goal from the present state; nothing is carried out.
+        """A plan for a goal from where what runs will have ended; nothing is carried out.
 
         :param without: actions that it has to do without, as PDDL text.
         :return: a sentence, ``done``, and the plan's steps with their times.
@@ -59,7 +62,8 @@ class RobotPlanning:
         if not self._preview.available():
             raise ControlError(f"No plan can be shown: nothing offers {self._preview.name}.")
         try:
-            answer = self._preview([goal], list(without))
+            running = self._running()
+            answer = self._preview([goal], list(without), list(running))
         except ServiceError as error:
             raise ControlError(f"No plan can be shown: {error}") from error
         status = answer.status
@@ -81,19 +85,44 @@ class RobotPlanning:
         said = f"a plan of {len(steps)} steps, {end:.1f} s" if steps else "the goal holds already"
         found = say("{count} steps, {time}, not carried out", count=str(len(steps)), time=f"{end:.1f} s")
         self._report(by, with_reason(looks, found if steps else say("the goal holds already")))
-        plan = {"goal": goal, "without": list(without), "steps": steps, "seconds": end}
+        plan = {
+            "goal": goal,
+            "words": goal_phrase(goal),
+            "without": list(without),
+            "after": list(running.values()),
+            "steps": steps,
+            "seconds": end,
+        }
         return {"done": f"Not carried out: {said}.", "plan": plan}
 
-    def change(self, facts: str, by: str) -> str:
-        """Makes facts true and false and sets values, in one transaction."""
+    def change(self, facts: str, by: str, seen: str) -> str:
+        """Makes facts true and false and sets values, in one transaction, and offers to set them back.
+
+        :param seen: the actions that the operator has seen it to contradict.
+        """
         try:
-            updates = parse_changes(facts)
-            texts = [to_pddl(update.item) for update in updates]
-            self._knowledge.update(updates)
+            changes = HandChanges(self._knowledge, parse_changes(facts))
+            if not changes.new:
+                return "All of it is so already: nothing was changed."
+            against = changes.contradicted(self._state.tree.get("now", "executor", "running") or [])
+            if against and against != seen:
+                words = in_english([self._words(text) for text in against.split("; ")])
+                raise ControlError(
+                    f"Nothing was changed yet: {words} runs, and needs or changes that.", against
+                )
+            self._knowledge.update(changes.new)
         except (PDDLSyntaxError, KnowledgeError, ServiceError) as error:
             raise ControlError(f"Nothing was changed: {error}") from error
         self._report(by, say("{client} changes the knowledge: {facts}", client=by, facts=goal_phrase(facts)))
-        return f"The knowledge was changed: {len(texts)} of facts and values."
+        back = changes.back
+        undo = {"facts": back, "words": goal_phrase(back)} if back else None
+        self._state.inbox.put(self._state.tree.set, "control", "undo", undo)
+        return f"The knowledge was changed: {len(changes.new)} of facts and values."
+
+    def _running(self) -> Dict[str, Phrase]:
+        """The actions that run, as PDDL text, and in words."""
+        running = self._state.tree.get("now", "executor", "running") or []
+        return {text: self._words(text) for text in map(action_text, running)}
 
     def hold_before(self, texts: Sequence[str], by: str) -> str:
         """Replaces the breakpoints."""
