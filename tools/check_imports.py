@@ -321,8 +321,8 @@ def long_files() -> Iterator[str]:
 
 
 def gone_modules() -> Iterator[str]:
-    """Modules of MERLIN and of bench that tools, benchmarks and tests import and that do not exist."""
-    for path in modules("bench", "test", "tools"):
+    """Modules of MERLIN and of bench that are imported and do not exist."""
+    for path in modules("src", EXTRAS, "bench", "test", "tools"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"), str(path))):
             if isinstance(node, ast.Import):
                 names = [alias.name for alias in node.names]

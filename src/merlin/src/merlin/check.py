@@ -26,8 +26,8 @@ from merlin_actions.machine_survey import fitted, survey
 from merlin_executor.mission.literal_goals import goal_faults
 from merlin_executor.mission.mission_host import load_mission
 from merlin_executor.mission.readiness import servers_of
-from merlin_monitor.listeners.goal_list import GoalListError, read_goals
 from merlin_monitor.panel_board import foreign_panel, script_of
+from merlin_monitor.panels.control import GoalListError, read_goals
 from merlin_pddl.checks.literals import literal_fault
 from merlin_pddl.checks.portability import declared_twice
 from merlin_pddl.checks.values import missing_values

@@ -9,7 +9,7 @@ from rosplan_knowledge_msgs.msg import DomainFormula
 from merlin_actions.core.application_check import ApplicationWorld
 from merlin_actions.merlin_action_sm import MerlinActionSM
 from merlin_actions.nodes import fsm_host
-from merlin_sm import knowledge_client
+from merlin_planning import knowledge_client
 from merlin_sm.state_factory import MerlinStateFactory
 from merlin_sm.states.function_state import FunctionState
 

@@ -7,7 +7,7 @@ import pytest
 
 from merlin_executor.mission import GoalDispatcher, MissionSM
 from merlin_executor.mission.readiness import NotReady, wait_for_robot
-from merlin_sm import knowledge_client
+from merlin_planning import knowledge_client
 
 DOMAIN = "(define (domain d) (:types room) (:predicates (clean ?r - room)) (:functions (battery)))"
 

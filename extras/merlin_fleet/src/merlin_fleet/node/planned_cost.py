@@ -6,8 +6,6 @@ import threading
 from pathlib import Path
 from typing import Callable, List, Optional, Protocol, Tuple
 
-from merlin_rosplan.planning.goal_problem import write_goal_problem
-
 from merlin_fleet.core.records import Goal
 from merlin_pddl.domain import Domain
 from merlin_pddl.plan_text import NO_DURATION, PlanTextError, parse_plan
@@ -15,6 +13,7 @@ from merlin_pddl.problem import Problem
 from merlin_pddl.text_reader import PddlError
 from merlin_rosplan.messages.knowledge_snapshot import KnowledgeBaseError
 from merlin_rosplan.planning.planner import PlannerSettings
+from merlin_rosplan.supervision.plan_preview import write_goal_problem
 from merlin_rosplan.supervision.scratch_folder import ScratchFolder
 from merlin_rosplan.supervision.supervised_planning import Planning
 

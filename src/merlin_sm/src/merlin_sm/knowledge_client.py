@@ -1,1 +1,0 @@
-from merlin_planning.knowledge_client import *  # noqa: D100, F403 - its path in applications of before
