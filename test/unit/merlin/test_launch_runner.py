@@ -79,11 +79,11 @@ class Run:
         return found
 
     def kill_wrapper(self) -> None:
-        """Kills the one that runs, as soon as it does."""
-        until = time.monotonic() + LIMIT
+        """Kills the one that runs, as soon as it does. A subshell of the script has the same command line."""
+        until, runner = time.monotonic() + LIMIT, self.runner()
         while time.monotonic() < until:
             for process, command in self.living().items():
-                if command.startswith("/bin/sh") and "/respawn" in command:
+                if command.startswith("/bin/sh") and "/respawn" in command and parent_of(process) == runner:
                     os.kill(process, signal.SIGKILL)
                     return
             time.sleep(0.05)
@@ -92,6 +92,13 @@ class Run:
     def runner(self) -> int:
         """The child that carries out the run."""
         return int(Path(f"/proc/{self.process.pid}/task/{self.process.pid}/children").read_text().split()[0])
+
+
+def parent_of(process: int) -> int:
+    """Process id of the parent; 0: the process has ended."""
+    with contextlib.suppress(OSError):
+        return int(Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[1])
+    return 0
 
 
 def run(tmp_path: Path, *words: str, **variables: str) -> Tuple[int, List[str], List[str]]:
