@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 # MERLIN: every target prepares what it needs (apt, venv, catkin build) and cleans up after itself.
 #   make demo RTF=5 SEED=7 MISSION=1 APPROACH=merlin
 

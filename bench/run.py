@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """Runs all benchmarks, each in its own process, writes results/bench.json and prints a table.
 
 Usage: bench/run.py [--docs] [topic ...]     for example: bench/run.py knowledge dispatch

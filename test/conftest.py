@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Lets pytest collect rostest suites: every ``*.test`` file runs under its own master.
 
 Those whose name ends in ``_long`` are marked as long.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Prints the unit tests that a change concerns: those of the changed modules and of all that imports them.
 
 `tools/affected_tests.py [REVISION]`: changed since the revision, by default since the branch left its

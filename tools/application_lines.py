@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Counts what an application's author writes, and keeps the table of docs/tutorial.md true.
 
 Usage: application_lines.py [--check]     --check only tells whether the table is up to date

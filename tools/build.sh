@@ -1,4 +1,5 @@
 #!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
 # Prepares the workspace from a bare machine: apt packages, virtual environment, catkin build.
 # Each step is skipped when it has nothing to do, so a second call costs seconds.
 #   build.sh [NEEDED]        a profile that the caller needs

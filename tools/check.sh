@@ -1,4 +1,5 @@
 #!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
 # Lint, and beside it the unit tests that a change concerns: tools/check.sh [--all] [--since REVISION]
 # A test marked as `processes` starts processes, and is left to make test. Ends non-zero when anything fails.
 set -u

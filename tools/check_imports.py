@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Checks the map of docs/architecture.md: which package and which sub-package may import which.
 
 Checked are all packages below src and extras: imports between packages and between the sub-packages of one,

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Checks that every test asserts something: one that only runs code passes when that code does nothing.
 
 An assertion is: ``assert``, ``raise AssertionError``, ``pytest.raises``, ``warns`` or ``fail``, a method that

@@ -1,4 +1,5 @@
 #!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
 # Makes a Debian package of the install space of a profile: make deb PROFILE=robot
 #   PROFILE=robot|simulation|all   with +fleet too (tools/packages.sh); all when none is given
 # It is for the Debian and the processor of this machine. Debian's packages are its dependencies; those of pip lie in it.

@@ -1,4 +1,5 @@
 #!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
 # Runs the README's commands in a bare root of a Debian release: make debian VERSION=13
 #   VERSION=13            or 12
 #   TARGET="build demo"   targets of make that are run one after the other; test: all tests, and PYTEST="FILE …": these

@@ -1,4 +1,5 @@
 #!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
 # Builds the documents and the API reference into results/docs/html; ends non-zero when a link leads nowhere. It reads
 # the sources and starts none of them, so neither ROS nor `make build` is needed.
 set -euo pipefail

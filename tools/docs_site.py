@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Lays out the documents and an API reference for mkdocs, and finds links that lead nowhere.
 
 Usage: docs_site.py FOLDER      writes FOLDER/mkdocs.yml and FOLDER/pages, of which `make docs` makes the site

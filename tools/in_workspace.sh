@@ -1,4 +1,5 @@
 #!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
 # Runs a command in the built workspace: virtual environment active, devel space sourced.
 set -e
 workspace=$(cd "$(dirname "$0")/.." && pwd)

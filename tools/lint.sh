@@ -1,4 +1,5 @@
 #!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
 # ruff, mypy, vermin (nothing newer than Python 3.8), the map of imports, tests that assert nothing, catkin_lint on all packages, roslaunch-check on all launch files.
 # Ends non-zero at any finding.
 #   --changed-launch-files [REVISION]   roslaunch-check only where a launch file or manifest has changed since

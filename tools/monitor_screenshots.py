@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """Takes the monitor's pictures of the documentation, over a running home mission: `make screenshots`.
 
 Usage: tools/in_workspace.sh python tools/monitor_screenshots.py [folder, default docs/images]

@@ -1,4 +1,5 @@
 #!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
 # Says what a profile needs. Profiles contain each other: robot, simulation (and the simulator), all (and fleet, tests, lint).
 # robot+fleet and simulation+fleet have the fleet, too.
 #   packages.sh FILE [PROFILE]       the lines of apt.txt or requirements*.txt that it needs; all: every one. A section is of

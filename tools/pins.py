@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Asks pip's resolver whether the pins of a profile can be had as wheels, for each Python and processor.
 
 Nothing is installed. The table goes to the screen, or into docs/platforms.md. Ends with 1 when that page has

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Runs tests again and again beside a load on the processors, and prints how often each failed.
 
 `make repeat TESTS=test/rostest/guard TIMES=20 LOAD=8`. In results/repeat is the report of each run, in

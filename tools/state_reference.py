@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Writes docs/states.md, the reference of the ready states, from their classes.
 
 Usage: state_reference.py [--check]     --check only tells whether the page is up to date

@@ -1,4 +1,5 @@
 #!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
 # A mission on simulated action servers where /opt/merlin is installed and nothing else of MERLIN: what a robot's computer
 # runs, without its robot. Ends with 0 when its goals hold. For an ordinary user; needs nothing of the checkout.
 set -euo pipefail

@@ -1,4 +1,5 @@
 #!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
 # A new application on simulated action servers, as docs/hello.md makes one: what a robot's computer runs, without its robot.
 # Ends with 0 when the goals of its mission hold. Runs in the workspace (tools/in_workspace.sh).
 set -euo pipefail

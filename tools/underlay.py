@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Decides which underlay packages this workspace builds.
 
 A group is left out (by an untracked CATKIN_IGNORE) when the machine already has all of its packages

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The fault campaign: `python bench/chaos --trials 20 --seed 1`. Exit code 0: nothing was violated."""
 
 import argparse

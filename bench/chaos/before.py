@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What goes wrong before the fault of a trial: nothing but an earlier trial can be its cause.
 
 A system that an earlier fault has left broken must not hide behind trials that "do not count".

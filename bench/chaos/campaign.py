@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Runs trials one after the other, on one running system while it is healthy, and writes what they showed."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Many goals on one system, with what its processes hold sampled: does anything grow?"""
 
 import csv

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The faults that a campaign can do."""
 
 from dataclasses import dataclass

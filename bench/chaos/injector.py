@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Does a fault, and takes it back when it is over."""
 
 import signal

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The moments of a request at which a fault strikes, recognised by events."""
 
 from enum import Enum

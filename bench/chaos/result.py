@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A trial that was carried out, with what it showed."""
 
 from dataclasses import dataclass, field

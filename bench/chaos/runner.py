@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Carries one trial out on a running system and judges it."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The results of a campaign: a row per trial as CSV, and a table of faults and moments."""
 
 import csv

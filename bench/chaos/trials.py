@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Trials: a fault at a moment of a request. Those of the known failures, and those drawn from a seed."""
 
 import fnmatch

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Waits of a trial: for events of its log, and for what the witness is asked to do; each with an end."""
 
 import time

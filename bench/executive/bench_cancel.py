@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Latency of cancels and interruptions through the whole robot, simulated at real-time factor 1."""
 
 from pathlib import Path

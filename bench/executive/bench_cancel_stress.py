@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Many quick cancels and interruptions over plain action servers: does anything break, leak or slow down?
 
 CYCLES=10000 makes the long version (make soak).

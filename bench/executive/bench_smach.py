@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the state machines cost: transitions, preemption, and what thousands of executions leave behind."""
 
 import os

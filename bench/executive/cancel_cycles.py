@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Random cancels and interruptions on a launched robot, as figures."""
 
 from pathlib import Path

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A fleet on one machine: `python bench/fleet --robots 3`. Exit code 0: nothing was lost or done twice."""
 
 import argparse

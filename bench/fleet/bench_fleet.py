@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A fleet of 200 robots and 5 000 goals over a real etcd, on one machine, without ROS."""
 
 import json

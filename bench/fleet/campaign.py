@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The fault campaign of a fleet: `python bench/fleet/campaign.py --trials 20`. Exit code 0: no violation.
 
 Robots and links are those of `make fleet`, with three hubs. Each trial sends two goals, does one fault at a

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Clocks of the robots that are apart, and run at different rates."""
 
 import os

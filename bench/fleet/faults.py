@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The faults of a fleet: what is done, to which robot or hub, and for how long."""
 
 import signal

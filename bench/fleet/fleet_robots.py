@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A process with many robots of a fleet: the real agents over a real hub, and bodies that only wait.
 
 They share one connection: what 200 clients of gRPC compute is done by 200 machines otherwise.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The hub of a campaign: three etcds that are one, any of which can be killed and come back."""
 
 import contextlib

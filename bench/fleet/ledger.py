@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which robot executes which goal, as seen beside the fleet; and what of it must not be."""
 
 import threading

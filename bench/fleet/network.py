@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A network namespace for the hub and one for each robot, and the links between them."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A robot of the demonstration: a whole MERLIN on simulated servers with a master of its own."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a fleet on one machine needs before its robots start."""
 
 import os

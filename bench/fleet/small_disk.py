@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A small disk of its own, which can be made full."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The demonstration: goals, a link that is cut and mended, a robot that is killed, and the verdict."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A fleet under faults: hubs, links, robots, and what is seen of them."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One trial: two goals, one fault at a random moment, and what must hold afterwards."""
 
 import random

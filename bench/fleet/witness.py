@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Process: prints what a robot's Executor executes, in lines of JSON. It knows nothing of the fleet.
 
 The command {"forget": true} makes every room unchecked again.

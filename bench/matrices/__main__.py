@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Prints a table of measurements, for example: `python bench/matrices navigation --seeds 3`."""
 
 import importlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How well spoken sentences are understood, and others rejected, over voices, as a table."""
 
 import argparse

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The matrix of meetings: how often several robots all get where they go, and in what time.
 
 See docs/several-robots-measurements.md.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Drives several simulated robots in one world, each with its own navigation, without ROS."""
 
 import dataclasses

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The situations that navigation is tried in: what changes in a world, what is driven, how it has to end."""
 
 import dataclasses

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The matrix of navigation cases: how often each ends as it should, over seeds. See docs/simulation.md."""
 
 import argparse

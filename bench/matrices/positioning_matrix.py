@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How well odometry and the particle filter know where a robot is, without ROS, as tables."""
 
 import argparse

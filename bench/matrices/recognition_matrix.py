@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The matrix of recognition: how often each class is seen over distances and angles, and how far off.
 
 See docs/simulation.md.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One look at known things in a bare room, without ROS: for the matrix of recognition and for tests."""
 
 import math

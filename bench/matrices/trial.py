@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Drives a simulated robot with the navigation of this package, without ROS and as fast as it computes.
 
 For tests, for figures, and for engineers who change worlds or navigation and want to see the effect.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What each figure may be at the most: a part of its name, and median and p99 (or one number)."""
 
 from typing import Dict

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The figures of a benchmark: median, p95 and p99 of repeated measurements."""
 
 import time

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A load on the processors beside which something is measured or tested."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How fast this machine runs Python just now.
 
 A shared machine runs the same code at different speeds within one day. Figures of two runs compare only by

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """ROS processes for benchmarks: a private master on a free port and nodes, all of them ended on exit."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A history of 100 000 events and of ten minutes in which much was shown: its size, and how soon any moment
 of it is in the page, in Chromium; and what it costs to make one of a bag.
 """

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From a change in ROS to the page that shows it, in Chromium, and what that costs: a machine of 200 states,
 10 000 facts, 100 changes a second. The history is recorded meanwhile.
 """

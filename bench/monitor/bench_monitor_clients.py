@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What pages that are open cost the monitor: its share of a core with none, one and 200 of them.
 
 The home's mission runs meanwhile. The clients are programs that read the live feed, in their own process.

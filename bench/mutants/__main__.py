@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Changes modules of the cores in small ways, one at a time, and counts which changes no unit test notices.
 
 Usage: python bench/mutants [--sample 4] [--seed 1] [--seconds 10] [--minutes 0] [module ...]

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Small changes of a module's text, drawn from a seed.
 
 The operators are cosmic-ray's, and one of ours. Its sessions are not used: they change the files in place,

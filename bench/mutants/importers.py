@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which tests without processes of ROS import a module of MERLIN."""
 
 import ast

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Mutants of several modules, one after the other, and the table of what became of them."""
 
 import argparse

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Unit tests over a package of which one module is changed. The change is made in a copy of the package."""
 
 import contextlib

@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
 """Benchmarks of the planning system: knowledge, planning, dispatch, engines."""

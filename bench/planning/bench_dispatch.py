@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What planning, parsing and dispatching cost an ordinary rospy client, over ROS, and how they grow."""
 
 import subprocess

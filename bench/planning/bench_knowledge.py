@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the knowledge base and the problem interface cost an ordinary rospy client, over ROS."""
 
 import tempfile

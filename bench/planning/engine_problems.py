@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Ten problems that ask different things of a planner."""
 
 from pathlib import Path

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """Prints the table of docs/planners.md: ten problems by engine.
 
 Usage: bench/planning/engines.py [--limit S] [--anytime S] [engine ...]     for example: … kairos symk

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How long `rosrun merlin run home.launch` takes from its first process to the first motion of the robot."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Memory of a whole `home.launch`, process by process, while its mission runs."""
 
 import time

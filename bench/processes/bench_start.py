@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How long a node of the planning system takes from the start of its process to its first answer."""
 
 import os

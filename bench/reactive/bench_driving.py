@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """Driving against the best possible, without ROS: a tour over all ways between the points of interest, and
 the drives of a mission, half of which are cut short and the robot sent elsewhere.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the velocity guard adds to the way of a command, and how fast it stops the base.
 
 The benchmark is navigation, its client and the base in one process; the guard is another.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Evenings in the restaurant in which one of two robots is killed: how they end, and what becomes of guests.
 
 HOW (host,all) names what is killed of ``robot_2``, MOMENT (order) when; see lose_robot.py. GUESTS (6),

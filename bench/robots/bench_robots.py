@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How fast one simulated world runs with one to four robots that drive, and what its processes cost.
 
 As fast as possible (factor 0), without planning: simulator, navigation of each robot, and a client that

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Ten robots in one plan: what the dispatcher needs from an end to the next start, and to stop all of them.
 
 Real hosts, guards, bridges and Executor; the bases are simulated servers. Latencies are taken in one

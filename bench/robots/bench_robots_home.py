@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The home with one robot and with two, on the same lists: total time, way, and the least possible time.
 
 The tasks of a list are sent two at a time, as one goal, and the next two when both are done. No task is

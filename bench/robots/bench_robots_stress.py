@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Random cancels while robots are killed, hang, are taken out and return: does the knowledge stay true?
 
 CYCLES=1000 makes the long version (make soak). What is done follows from SEED; a violation ends it, and

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """Kills one of several robots of an application that runs: its host, or all of its processes for good.
 
 Usage: bench/robots/lose_robot.py ROBOT [--how host|all] [--moment now|talk|set_off|order] [--wait SECONDS]

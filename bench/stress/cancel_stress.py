@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Sends goals, cancels and interrupts them at random moments, and checks what must hold when all is idle.
 
 Latencies are taken in this one process on the monotonic clock: from the call that cancels to the message that

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What must hold of a robot whose Executor is idle. Without ROS."""
 
 import math

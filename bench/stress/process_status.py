@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Threads and memory of a process, as the kernel's ``/proc/<pid>/status`` gives them. Without ROS."""
 
 from pathlib import Path

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Threads and memory of the nodes on a master."""
 
 import xmlrpc.client

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Records what the robots of one plan do, and finds contradictions in the knowledge. Without ROS.
 Not thread-safe."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Sends goals to several robots, cancels them and lets robots come and go, at random moments.
 
 When all is idle, what the robots were seen to do has to fit the knowledge; see :class:`.RobotsRecord`.

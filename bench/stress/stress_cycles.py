@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What stress tests draw and measure in each cycle, and how they fail. Without ROS."""
 
 import random

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 from catkin_pkg.python_setup import generate_distutils_setup
 from setuptools import find_packages, setup
 

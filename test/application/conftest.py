@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tests here import the modules beside them."""
 
 import sys

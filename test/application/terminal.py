@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A new shell, as a reader of the documents opens it."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The fault campaign, as its users start it.
 
 The whole of it is `make chaos`. Here: that it judges truthfully when nothing breaks, that it ends cleanly,

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The part of the suite that depends most on a machine passes in the environments that users have.
 
 It is marked ``everywhere``. ``make test`` runs it in two environments, in each of which much is unusual;

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """make fleet, as its users start it."""
 
 import os

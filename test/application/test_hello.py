@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """docs/hello.md, from its first command to its last: all of it is run, in one shell, as a reader would."""
 
 import re

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The home application as its users start it: `rosrun merlin run home.launch …`."""
 
 import csv

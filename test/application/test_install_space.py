@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The install space works without the sources' folders: launch files resolve, nodes start."""
 
 import os

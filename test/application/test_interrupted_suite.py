@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A suite that is interrupted leaves no node behind, though roslaunch gives each a session of its own."""
 
 import signal

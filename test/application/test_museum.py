@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """docs/museum.md, from its first command to its last: two robots that talk, without a look into the code."""
 
 import re

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What `rosrun merlin new` writes builds, runs and passes its test as it is, over devel and install."""
 
 import sys

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The restaurant as its users start it: short evenings, in which everything goes wrong that can."""
 
 import csv

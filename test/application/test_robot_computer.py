@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a robot's computer gets instead of a checkout, a Debian package or a container, runs a mission."""
 
 import json

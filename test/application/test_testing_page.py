@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """docs/testing.md, behaviour-trees.md, missions.md: their tests are written to files and run."""
 
 import os

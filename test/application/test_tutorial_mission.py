@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The mission and the launch file of docs/tutorial.md are short, and run as they are printed."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What has to happen with which plan: domains of a few lines, plans, and expectations.
 
 An expectation is ``0e<1s`` (the end of action 0 before the start of action 1), ``0e>5`` (after 5 s), ``0|1`` (the

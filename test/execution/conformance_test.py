@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """The conformance cases with nodes, judged by the effects that came true and by the knowledge at the end."""
 
 import random

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The world of :mod:`simulation` with nodes: planning system, action interfaces, and a clock that runs fast.
 
 The domains of all cases are one: an operator's name begins with the number of its case.

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """A part of the conformance cases with the nodes of a launch file, judged by their topics."""
 
 import itertools

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """PDDL 2.1 as the standard says it, small: what the tests of execution check with.
 
 Nothing here comes from the planning system: text in, states out. Typed and constant objects, literals,

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Random domains, and random plans that are valid in them."""
 
 import random

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Judges a timeline of actions by PDDL 2.1: was every condition true when it had to be?"""
 
 import itertools

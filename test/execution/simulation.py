@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A world for dispatches that keeps its own time: action interfaces and a knowledge base, in one thread.
 
 It writes down when the effects of which action came true, for the judge.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The conformance cases on both dispatchers: durations as planned, ten times slower, faster, random."""
 
 import random

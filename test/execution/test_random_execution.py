@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whatever the durations, an execution keeps to PDDL: random domains, plans and durations.
 
 A dispatch that succeeds was right: every condition was true when it had to be, and what holds at the end is

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A master and nodes of the test's own, as processes that can be killed and stopped."""
 
 import contextlib

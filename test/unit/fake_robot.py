@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The parts of a robot that a mission talks to, without ROS: knowledge, Executor, action servers, topics."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A machine whose states run until a test lets them end, and the outcomes that operators decide."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The map of docs/architecture.md names every package and sub-package, in the order of check_imports."""
 
 import importlib

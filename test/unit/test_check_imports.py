@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The check of imports finds what the architecture forbids, and nothing else."""
 
 import importlib.util

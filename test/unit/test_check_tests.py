@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The check of tests finds those that assert nothing, and no others."""
 
 import importlib.util

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The links of all documents lead somewhere, and the site has every page, folder and package."""
 
 import importlib.util

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Every command of the documents can be started: its package, file, executable, arguments and target exist.
 
 What a command does is for the tests of its package; this finds the ones that a rename has left behind.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Every message, service and action of the underlay has the wire type of the original package."""
 
 from pathlib import Path

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The mutation check: what it changes, which tests it runs, and that only a copy is changed."""
 
 import argparse

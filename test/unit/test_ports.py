@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A port that one process of tests was given is given to no other one before it is released."""
 
 import subprocess

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a run of many tests says about itself: an estimate, and each failure at once."""
 
 import time

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Chosen tests again and again, and how often each fails."""
 
 import signal

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Launch files that include ROSPlan's: every argument that those have is accepted and means what it meant."""
 
 import pytest

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """States, behaviours and a running tree for the tests of behaviour trees."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Judges what answers: the stop, the nodes at their ports, the page."""
 
 from typing import List

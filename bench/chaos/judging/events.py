@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What happened in a trial, in the order of time: events, and the log that collects them.
 
 Every process of the campaign stamps its events with the machine's monotonic clock, which is the same for all

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The events of a trial, looked up by kind, and what can be measured in them."""
 
 from typing import Dict, List, Optional, Sequence, Set, Tuple

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Judges what the knowledge base says in a trial: one true place, nothing lost, nothing left over."""
 
 from typing import List

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Judges a trial: takes its events in the order of time, and says what must not have happened.
 
 Each rule returns sentences that say what was seen and when, in s since the fault. No rule means no violation.

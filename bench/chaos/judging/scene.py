@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is the case now: folds the events into the present state of the robot."""
 
 from typing import Dict, FrozenSet, List, Optional

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which stroke belongs to which kind of fault, and why a fault cannot be done here."""
 
 from typing import Callable, Dict, Type

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Strokes on what a node holds of its machine: its ports, its descriptors, its threads."""
 
 import contextlib

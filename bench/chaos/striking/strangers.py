@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Strokes of what is not MERLIN's: forged messages, sensors that fall silent, an operator at the page."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What every stroke is."""
 
 from typing import TYPE_CHECKING, List

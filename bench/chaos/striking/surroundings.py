@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Strokes on what is around the nodes: the link, the clocks, the disk, a second node, one that dies again."""
 
 import signal

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the witness asks in a trial: does the stop answer, does every node."""
 
 import contextlib

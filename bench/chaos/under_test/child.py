@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A process of the campaign's own, spoken to in lines of JSON: commands go in, events come out."""
 
 import contextlib

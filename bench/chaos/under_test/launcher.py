@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Process: starts a launch file's nodes below a master that runs already, as roslaunch does.
 
 What differs from roslaunch: no node ends the others; nodes can be left out, or started at random times. It

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Process: the link between two network namespaces, in user space. It can be cut, lossy and slow.
 
 The kernel may have no netem, and a proxy per TCP connection would not know ROS's ports; so each namespace has

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Two network namespaces, one for the robot and one for its mind, and the link between them."""
 
 import contextlib

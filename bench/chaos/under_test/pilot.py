@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Process: the robot's client in a campaign. It sends requests, cancels them, and looks what the robot knows.
 
 Commands are lines of JSON with `do`: ready (servers), send (label, goals), cancel (label), prepare (add,

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How long the system under test had to wait for the machine, and not for its own mistakes.
 
 A starved machine makes every figure of a trial worse. The kernel counts for each thread how long it was ready

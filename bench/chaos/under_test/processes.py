@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Finds the processes of a system under test, and what they hold.
 
 Each of them carries a mark in its environment, so they are found without asking a node or the master, hung

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a foreign node does to the robot: clocks, stamps and messages that are not its own."""
 
 import threading

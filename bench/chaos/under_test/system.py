@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The system under test: master, robot, witnesses and client, all marked, all ended together."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Asks a node over connections of one's own, each with a limit: no library of ROS helps, and none can wait.
 
 The limit counts the ticks of the process that asks: what it did not run itself does not make a node late.

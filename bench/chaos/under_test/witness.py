@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Process: watches what the robot really does, on connections of its own, and reports events.
 
 Usage: witness.py [robot|mind|all]: the topics of one side of the link, or of both. Below a namespace

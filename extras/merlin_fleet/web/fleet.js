@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The robots of the fleet, when one was not heard of, and the goals with their owners.
 import { el, keyed, part, setHidden, setText } from "../dom.js";
 import { language, t } from "../texts.js";

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The headline of the fleet's page: how it is, and first of all whether that is known.
 import { byId, el, setHidden, setText } from "../dom.js";
 import { language, t } from "../texts.js";

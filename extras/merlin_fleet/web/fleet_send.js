@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Sends a goal to the fleet, for operators.
 import { el, keyed, setHidden } from "../dom.js";
 import { t } from "../texts.js";

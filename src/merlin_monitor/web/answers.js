@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Why an answer is none: in the monitor's own words, or by the number that something between has answered.
 import { t } from "./texts.js";
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Puts the panels together, as the monitor lists them, and lets the keyboard reach them.
 import { Control } from "./control.js";
 import { byId, clockText, el, setText, tell, useSimulatedTime } from "./dom.js";

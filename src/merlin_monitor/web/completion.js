@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Completes a goal in PDDL from the domain and the objects.
 import { of } from "./names.js";
 

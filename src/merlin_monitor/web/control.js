@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Asks the robot to do something, for operators: each request carries the token of one.
 import { reasonOf } from "./answers.js";
 import { byId, secondsText, setHidden, setText } from "./dom.js";

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Making and keeping elements. Texts are only ever set as text, so no name can become markup.
 
 export { has, of } from "./names.js";

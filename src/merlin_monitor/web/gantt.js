@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The plan in time: lanes of steps, as planned (outlined) and as it was and is (filled), with the present as a line.
 import { clockText, has, of, secondsText, svg } from "./dom.js";
 import { pannable } from "./pan.js";

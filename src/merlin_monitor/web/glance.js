@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The strip above all: state, worst problem, progress, next step, expected end.
 import { clockText, el, secondsText, setHidden, setText } from "./dom.js";
 import { planTimes, stepsOf } from "./plan_times.js";

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Draws what Graphviz has laid out, once per layout; afterwards only marks change.
 import { el, setText, svg } from "./dom.js";
 import { pannable } from "./pan.js";

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What operators hold: before actions, goals and states, and behind states.
 const machinesOf = (state) => Object.values((state.machines || {}).holds || {});
 

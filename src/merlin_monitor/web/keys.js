@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What the keyboard does, and the list of it.
 import { byId, el, of } from "./dom.js";
 import { t } from "./texts.js";

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Moving what is larger than its box: by dragging, and with + − and the arrows while it has the focus.
 import { has } from "./names.js";
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What was shown at a moment, as the history has it: segments that begin with a whole state. Nothing here touches the page.
 import { askFor } from "./answers.js";
 import { applyChange } from "./store.js";

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Facts, values and goals of PDDL in words, as text/phrase.py makes them, for lists too long to be sent as phrases.
 import { has } from "./names.js";
 import { say } from "./texts.js";

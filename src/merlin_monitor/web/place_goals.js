@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Goals for a point of interest: what the application offers for it, and what its operators can make true of it.
 import { isA } from "./completion.js";
 import { el, of, setText } from "./dom.js";

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // A plan that is shown and not carried out, and others: without a step of it.
 import { byId, el, part, secondsText, setHidden, setText } from "./dom.js";
 import { say, t } from "./texts.js";

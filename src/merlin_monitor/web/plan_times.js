@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // When the steps of a plan began and end, as planned and as it comes: s of ROS time.
 import { of } from "./names.js";
 

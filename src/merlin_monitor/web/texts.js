@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The page's texts in the reader's language: ?lang=de, else what the browser asks for. English is the key of each.
 import { has, of } from "./names.js";
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What may be said of what is shown: the monitor's rule decides (truth/worst_truth.py), unless it is not heard any more.
 import { say, t } from "./texts.js";
 

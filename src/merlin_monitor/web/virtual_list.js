@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // A list of any length of which only the rows in sight exist; on paper, the first ones.
 import { el } from "./dom.js";
 import { t } from "./texts.js";

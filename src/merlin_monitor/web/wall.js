@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The wall display: large, without what is operated or read at length. ?wall in the address keeps it.
 import { byId, setText } from "./dom.js";
 import { t } from "./texts.js";

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The tables with what they want, and the clients at the entrance, from what the robot knows.
 import { el, keyed, part, setHidden, setText } from "../dom.js";
 

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """A process for the tests of the runner: `fake_node.py WHAT [ARGUMENT]`, without ROS, so it starts at once.
 
 exit N      prints a line and ends with exit code N

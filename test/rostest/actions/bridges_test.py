@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """A bridge answers every dispatch exactly once, and leaves the knowledge true, whatever its machine does."""
 
 import copy

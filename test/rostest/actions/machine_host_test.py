@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """State machines whose code does what it must not: their goals are answered, and the next one works."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Sensing functions as a user writes them."""
 
 from std_srvs.srv import SetBoolRequest

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """The sensing interface updates the knowledge base from its topics and services."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Interfaces that answer a plan dispatcher as a test wants it, and what its tests have in common."""
 
 import tempfile

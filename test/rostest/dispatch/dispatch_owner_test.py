@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """A dispatch has an owner: what becomes of it when that one hangs or dies, and of actions not answered."""
 
 import signal

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """A plan dispatcher that ends, by a signal or killed: its actions stop, and its client gets the reason."""
 
 import contextlib

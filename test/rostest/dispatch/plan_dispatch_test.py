@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """What a plan dispatcher promises to action interfaces and to its callers, over ROS."""
 
 import threading

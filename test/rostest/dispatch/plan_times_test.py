@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """Times of a plan are ROS times: bounds, timed literals, durations, and a clock that jumps back."""
 
 import tempfile

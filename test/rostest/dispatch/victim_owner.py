@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """Has a dispatcher carry out its plan, until it is killed: victim_owner.py DISPATCHER [--plain]."""
 
 import sys

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """A hundred cancels and interruptions at random moments leave everything as it has to be; soak has 10 000."""
 
 import sys

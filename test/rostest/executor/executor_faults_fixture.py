@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the tests of faults around the Executor look through, and the processes that they start and kill."""
 
 import ctypes

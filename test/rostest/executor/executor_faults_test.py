@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """Processes around the Executor die, hang, or do not obey (docs/reliability.md).
 
 The robot stops, the answer is true, and the next goal works without help.

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """An Executor that was killed leaves goals behind: the next one removes them, and no others."""
 
 import os

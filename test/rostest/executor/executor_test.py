@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """The Executor over real nodes: goals in, robot moved, knowledge true, whatever happens in between."""
 
 import contextlib

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """A client that wants the kitchen checked until it is killed; with ``--go-on`` beyond that."""
 
 import sys

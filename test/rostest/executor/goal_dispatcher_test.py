@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """Missions as a plain node and as a state machine, over the Executor."""
 
 import threading

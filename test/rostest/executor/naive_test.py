@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """The naive arm: a cancel is read when the action has ended; its effects are true, the plan stops there."""
 
 import unittest

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """What rviz shows and sends: markers, and clicked places that become goals at the Executor."""
 
 import threading

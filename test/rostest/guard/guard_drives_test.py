@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """Drives that go wrong though nothing forbids them, and velocities that no base may get."""
 
 import threading

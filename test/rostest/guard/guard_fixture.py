@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the tests of the guard look through: what the base gets, what the guard says, a client that leases."""
 
 import subprocess

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """The guard's node: what reaches the base while goals, their owners and the guard itself come and go."""
 
 import os

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """A client of move_base that leases its goal: for tests that kill, hang and restart it.
 
 Reads commands from its input, one a line: `drive`, `suspend`, `resume`, `release`; answers each with a line.

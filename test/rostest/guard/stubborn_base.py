@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """A move_base on the original actionlib: it commands a velocity while a goal runs, and may ignore cancels.
 
 `move_base/stubborn` (std_srvs/SetBool): whether it does. `move_base/end` (std_srvs/Empty): ends its goals.

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """The knowledge base and the problem interface as ROSPlan's clients see them, in a robot's namespace."""
 
 import threading

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """A knowledge base that is killed, and one that is sent nonsense."""
 
 import contextlib

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """Clients that connect all at once, that say nothing, nonsense or too much."""
 
 import contextlib

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """Timed knowledge under a simulated clock: on time, whatever the clock does."""
 
 import unittest

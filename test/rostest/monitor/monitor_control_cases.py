@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The operator's side of the monitor's page, in Chromium: what hangs is said, and the robot obeys."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What tests of the monitor's page share: the browser, the topics to compare with, and a small mission."""
 
 import contextlib

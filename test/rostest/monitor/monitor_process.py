@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The monitor as a process that can be stopped and started again, and topics to compare it with."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The monitor's page in Chromium, beside the ROS topics it shows."""
 
 import os

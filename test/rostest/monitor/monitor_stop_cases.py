@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Stop and hold on the monitor's page, in Chromium: the robot, its Executor and its mission obey."""
 
 import os

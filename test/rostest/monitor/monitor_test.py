@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """The monitor's page in a real browser: what it shows, and what operators do with it."""
 
 import rospy

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """Two robots in one plan, at once, over a planning system that behaves as the original ROSPlan does."""
 
 import threading

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """The Executor and the actions over a planning system that behaves as the original ROSPlan does."""
 
 import unittest

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """A plan dispatcher with the manners of ROSPlan's own, as the interface pages state them.
 
 ``~manner`` simple: one action after the other; no interface gets a cancel; the flag of a stray cancel stays

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """The planner interface: every outcome reaches its caller with a reason, and a cancel kills the planner."""
 
 import itertools

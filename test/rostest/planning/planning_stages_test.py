@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """From goals to a finished plan through all stages, called one right after the other without a pause."""
 
 import threading

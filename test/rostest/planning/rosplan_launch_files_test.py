@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """ROSPlan's usual sequence of service calls, as a script of its users makes them."""
 
 import threading

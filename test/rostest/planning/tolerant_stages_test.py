@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """What ROSPlan takes for a success although there is nothing: only with ~strict:=false."""
 
 import tempfile

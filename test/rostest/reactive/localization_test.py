@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """The particle filter in place: it drives by its own belief, and finds back from a wrong one."""
 
 import math

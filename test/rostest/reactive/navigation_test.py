@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """move_base as its clients see it: goals, answers, cancels, plans."""
 
 import math

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """The node that docs/real-robot.md shows, as it stands there, between a detector and MERLIN."""
 
 import re

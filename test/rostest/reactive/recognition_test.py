@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """recognize as its clients use it: what stands where, cancels, and why there is no answer."""
 
 import threading

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """sound_play as its clients hear it: true lengths, cut-offs, errors."""
 
 import threading

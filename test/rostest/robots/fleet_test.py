@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """Two robots of a fleet over a real etcd: one is killed at work, and nothing is lost or done twice."""
 
 import os

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """Two robots in one plan (docs/several-robots.md): each runs its own actions, comes and goes by itself."""
 
 import os

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """A robot that was stopped where another one has to go is known to stand there, and is moved away."""
 
 import threading

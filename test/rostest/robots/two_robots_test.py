@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """Two robots in two namespaces on one master: one is cancelled, the other goes on."""
 
 import math

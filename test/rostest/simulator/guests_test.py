@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """Guests of a restaurant: the nearest answers, with the answers that the application set."""
 
 import threading

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """Two robots of one simulated world carry out one plan, each with its own sensors and its own guard."""
 
 import math

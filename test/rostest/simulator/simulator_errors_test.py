@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """Simulators that cannot start end with one line that says why, and a code that is not zero."""
 
 import subprocess

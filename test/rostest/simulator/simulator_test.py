@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """The simulator as its users see it: topics, frames, services, two robots."""
 
 import math

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """The services that change the simulated world, as an application that plays the guests uses them."""
 
 import math

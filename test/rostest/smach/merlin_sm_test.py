@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """State machines of MERLIN: what the robot knows, what the ready states do, and how they stop."""
 
 import threading

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """SimpleActionState: P9, P10, B1 to B5 and U7, against servers of every temper."""
 
 import gc

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """States, machines and a way to run them that the suites of smach_ros have in common."""
 
 import threading

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """Containers shown to viewers: I1 to I4 and B12."""
 
 import base64

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """States of smach_ros but SimpleActionState: P11, P12, B7 to B11, D10, D12 and U7."""
 
 import os

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """A process to be killed or interrupted while it serves an action or executes a state; prints the outcome."""
 
 import sys

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Many goals and results in one moment: none of them is lost on the way."""
 
 import threading

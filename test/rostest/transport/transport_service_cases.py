@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Services over real connections: servers that die, hang, refuse, and come back."""
 
 import os

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """merlin_sm's transport over real connections: actions, services, and servers that die."""
 
 import os

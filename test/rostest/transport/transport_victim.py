@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Processes that the tests of the transport kill and stop."""
 
 import subprocess

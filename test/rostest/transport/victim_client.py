@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """An action client that sends one goal to the action ``owned`` and wants it until it is killed; or none."""
 
 import sys

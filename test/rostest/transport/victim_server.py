@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """An action server, which waits for a cancel, and a service: for tests that kill their process."""
 
 import rospy

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Waits for action interfaces; until one is announced, it takes a latched dispatch for an old one."""
 
 import threading

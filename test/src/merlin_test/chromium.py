@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The distribution's Chromium, driven by playwright, for tests and benchmarks of the monitor's page."""
 
 import contextlib

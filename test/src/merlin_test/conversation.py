@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Waits until a robot, a simulated person and a test hear each other: what is said before is lost."""
 
 import time

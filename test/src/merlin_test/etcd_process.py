@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """An etcd of a test's own: on a free port of this machine, in a folder of its own."""
 
 import contextlib

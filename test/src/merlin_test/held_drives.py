@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Drives of the simulated base that last until the test is done with them."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Messages for the knowledge base, and its topics, as ROSPlan's clients write and read them."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Names the one of several cases that a test fails in; rosunit does not report unittest's own subTest."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where the executables of packages are, for tests that start many nodes."""
 
 import functools

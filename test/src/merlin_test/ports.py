@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Ports for servers that tests start, several processes of tests at once."""
 
 import contextlib

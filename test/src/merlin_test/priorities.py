@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whether this user may raise priorities: root of a container may not, a user with a limit for it may."""
 
 import subprocess

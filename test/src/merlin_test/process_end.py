@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Waits for the end of processes that are not children of the test."""
 
 import time

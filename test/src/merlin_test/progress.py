@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a run of many tests says while it runs: progress with an estimate, and each failure at once.
 
 A pytest plugin of the process that starts the workers. ``test/durations.txt`` says how long each file takes;

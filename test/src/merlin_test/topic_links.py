@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which publishers send to this node. rospy's own count says so before the connection is open."""
 
 import time

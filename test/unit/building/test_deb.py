@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a robot's computer installs: run-time packages only; a file that is no package is refused."""
 
 import os

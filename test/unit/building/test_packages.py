@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Packages: those of a profile, without those of another ROS 1; apt-get reaches the network."""
 
 import os

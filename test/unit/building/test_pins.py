@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which pins `make pins` asks for, and what it makes of the answers; pip is stood in for."""
 
 import sys

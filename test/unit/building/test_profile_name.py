@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A profile that does not exist is told before anything is installed."""
 
 import subprocess

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A system that an earlier trial has left broken: its next trial says so, and counts."""
 
 import time

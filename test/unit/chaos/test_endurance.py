@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Growth is seen, and noise is not taken for growth."""
 
 from chaos.endurance import leaks, report

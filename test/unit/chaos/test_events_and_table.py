@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The log that waits, and the tables."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a campaign of the fleet makes of its trials; it runs in namespaces, which needs root and minutes."""
 
 import random

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Clocks that the campaign of a fleet gives to its robots: all that reads one or waits sees the same time."""
 
 import json

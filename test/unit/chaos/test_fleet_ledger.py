@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The judge of make fleet: what it must find, and what is right."""
 
 import pytest

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The shaper of the link: loss and delay."""
 
 from chaos.under_test.link import Shaper

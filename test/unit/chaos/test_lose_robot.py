@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One of several robots is lost at a moment of what it does, and nothing of the others with it."""
 
 from pathlib import Path

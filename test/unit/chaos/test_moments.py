@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Moments are recognised by what happens."""
 
 import pytest

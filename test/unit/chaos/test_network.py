@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The link between two network namespaces: packets pass, are lost while it is cut, and pass again."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the machine takes from the system is counted, and what others wait is not."""
 
 from pathlib import Path

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Processes of a run are found by their mark, whatever became of them."""
 
 import os

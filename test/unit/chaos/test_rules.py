@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The witness's judgement: each violation that the campaign knows is seen, and a good robot is not blamed."""
 
 from typing import Any, Dict, List, Optional

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which trials are drawn, and that a seed gives the same ones again."""
 
 import io

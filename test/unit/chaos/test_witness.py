@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The witness's time goes on where the robot's is set back."""
 
 import pytest

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """An action interface without ROS, and what its dispatcher says and hears."""
 
 from queue import Empty

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The topics of a process without ROS: messages for what it subscribes, and what it publishes."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The commands that measure: what they count, and that they measure the right thing."""
 
 import math

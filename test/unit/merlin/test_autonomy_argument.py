@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """autonomy:= of the launch files that start state machines, and the commands of a terminal."""
 
 from pathlib import Path

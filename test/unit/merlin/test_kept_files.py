@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where a robot keeps its files for good."""
 
 from pathlib import Path

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """planning:=, dispatcher:=, planner_command:= and robots:= of the applications' launch files."""
 
 import re

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The runner with real processes: how a run ends, what it says, and that nothing of it is left."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The page of a run that has ended: when it is kept, and that a key or a signal ends it."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where the machine's name, or localhost, has no address, what runs on one machine runs on 127.0.0.1."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What `rosrun merlin new` writes and refuses, without building it."""
 
 import re

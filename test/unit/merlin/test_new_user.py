@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the trial of a second application missed: help, the last recording, a file of points near the test."""
 
 import sys

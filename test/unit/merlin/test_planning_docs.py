@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """docs/planners.md and docs/dispatch.md: their commands run, their names and numbers are the code's."""
 
 import re

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The launch-prefix that starts a crashed node again, and ends with one that could not begin."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A command finds the system that it means, and says so when there is none or more than one."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What `rosrun merlin send` says while a goal waits and runs."""
 
 import signal

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A wrong configuration ends the launch, with the reason; a node does not start for ever to say it."""
 
 import os

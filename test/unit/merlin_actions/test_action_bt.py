@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """An action that is a behaviour tree is checked, and ends, as one that is a machine."""
 
 from typing import Any

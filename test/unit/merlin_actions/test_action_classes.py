@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a launch file names as actions is made, or refused with what is wrong."""
 
 import pytest

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The server of a machine, when a goal ends in the moment in which it is preempted, or cannot be answered."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The clients of the robots of one plan: one for each robot, none for those that are forgotten."""
 
 from types import SimpleNamespace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """An action interface announces itself to each new subscriber at once."""
 
 from types import SimpleNamespace

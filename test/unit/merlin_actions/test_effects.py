@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Effects over ROSPlan's `update_array`: all of them or none, and what an interrupted action leaves."""
 
 from typing import List, Set

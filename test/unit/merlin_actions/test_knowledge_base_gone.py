@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """An action ends while its knowledge base is gone: its stop is answered at once, a success is not."""
 
 from typing import Any, Callable, List

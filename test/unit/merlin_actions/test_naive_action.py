@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A naive action carries out one execution after the other, whatever its dispatcher says meanwhile."""
 
 from types import SimpleNamespace

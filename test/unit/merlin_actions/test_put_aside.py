@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A latched dispatch that comes before its dispatcher's status is begun when the status says so, once."""
 
 from typing import Any, Callable, Iterator

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A robot leaves while its action ends: the answer names it, and comes once the knowledge says so.
 
 The next plan is made at the answer. It must not be given the robot once more.

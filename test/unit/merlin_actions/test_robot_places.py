@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """At which points of interest robots stand, from what they say of their drives."""
 
 from typing import Any, Callable, List

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A second host of a robot is refused, however late the connection to the first one opens."""
 
 from types import SimpleNamespace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the knowledge says of robots, and who hears of them: one robot that is wrong hides no other one."""
 
 import threading

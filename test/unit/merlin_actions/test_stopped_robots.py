@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A robot whose drive was stopped at a point of interest keeps that place, as far as the plan goes too."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Executions that have to stop or rest: whatever one of them does, and whatever comes first."""
 
 import threading

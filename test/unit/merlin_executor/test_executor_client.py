@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Requests of several threads, and one that cannot wait for a lost Executor."""
 
 import threading

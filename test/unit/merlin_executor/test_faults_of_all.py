@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A whole robot as processes: its master dies while it drives, and a second launch of it is started."""
 
 import time

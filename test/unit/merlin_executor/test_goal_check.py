@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Goals that come as items name their arguments by the declared keys, or by none of them."""
 
 import pytest

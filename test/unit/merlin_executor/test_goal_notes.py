@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Goals that are noted in a file: after a power cut it holds the old list or the new one."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A goal whose Executor is lost: it ends, or is sent again; and it always ends once."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The measured mission waits while the Executor works for another client, and knows for how long."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The experiment: which runs, their statistics, and a report whose numbers come from the tables."""
 
 import fcntl

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The mission over a robot that lives in simulated time without ROS."""
 
 import threading

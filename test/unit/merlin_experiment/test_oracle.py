@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The oracle against cases computed by hand, and against other means of finding a way."""
 
 import heapq

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Clients of these tests are patient: a hub on a busy machine may need long for an answer."""
 
 import functools

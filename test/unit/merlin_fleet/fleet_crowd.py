@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Many agents over a simulated store, which may see changes late; an execution takes no time."""
 
 import bisect

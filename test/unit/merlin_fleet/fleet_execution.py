@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is on its way in a small fleet, and what its robots do."""
 
 from typing import Dict, List, NamedTuple, Set, Tuple

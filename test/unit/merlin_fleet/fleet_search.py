@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Searches for stories that do harm to a small fleet."""
 
 from typing import Dict, List, Optional, Tuple

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Robots of a fleet, their links and their hub, small enough to try everything that can happen.
 
 The agents and the keys are the real ones. Time goes in rounds of 1 s by the hub's clock: leases pass, the hub

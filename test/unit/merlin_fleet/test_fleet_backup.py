@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A hub that loses what it knew, or a part of it: put back from a backup, or made anew with nothing."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Three hubs as the page has them: one of them is lost, and nothing of the fleet notices."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a robot that never comes back has left is removed, and nothing else, and only when it is gone."""
 
 from typing import Any, Iterator, List, Tuple

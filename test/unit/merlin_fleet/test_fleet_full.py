@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A hub that is full: what runs goes on, nothing is lost, and it is said what makes room."""
 
 import os

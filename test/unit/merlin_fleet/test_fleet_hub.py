@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The store of the protocol over a real etcd: its guarantees, and what it does when etcd hangs or dies."""
 
 import queue

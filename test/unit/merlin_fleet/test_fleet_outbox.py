@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What was reported to the outbox is there after the process was killed, and a full disk loses nothing."""
 
 import sqlite3

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is said of an open goal: which robots do not do it, and when none does."""
 
 from merlin_fleet.core import records

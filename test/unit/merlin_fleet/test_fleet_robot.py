@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Robots of a fleet over a real etcd: which one does what, and what happens when hub or robot stop."""
 
 import os

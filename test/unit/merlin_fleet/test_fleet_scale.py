@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Many robots and goals: what each of them computes and writes, and that the lists of a view are right."""
 
 import importlib.util

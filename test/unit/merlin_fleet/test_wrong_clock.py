@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A robot or a client over a real etcd whose clock is far from the hub's."""
 
 import re

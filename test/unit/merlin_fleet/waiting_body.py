@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Robots' bodies for tests: a goal runs until the test ends it, or has succeeded at once."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A guard whose clock and peers a test moves."""
 
 from merlin_guard.motion_permit import MotionPermit, Send

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the guard says of drives that it lets pass and that go wrong."""
 
 from merlin_guard.drive_watch import ONE_OCCURRENCE, DriveWatch

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The guard where nothing else of MERLIN is installed, as a process: it passes, holds, and ends."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The guard and goals whose client died before its first lease, or was restarted."""
 
 from merlin_guard.attention_clock import AttentionClock

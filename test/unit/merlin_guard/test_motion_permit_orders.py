@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The guard's decisions in random orders of events."""
 
 from hypothesis import settings

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Cancels of all goals up to a stamp, and clocks that are set."""
 
 import pytest

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How fast a velocity may be that reaches the base, and how fast it may grow."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A guest follows the robot along its trail, however long the evening is, and past tables near it."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where the players stand, sit and walk fits the world file."""
 
 import math

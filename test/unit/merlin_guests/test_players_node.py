@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The players' node: its parameters, its begin and its end."""
 
 import threading

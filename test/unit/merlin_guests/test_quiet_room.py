@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Guests call when it is quiet, and not into an answer that another person is about to give."""
 
 from merlin_guests.quiet_room import ANSWER_DUE, QUIET, QuietRoom

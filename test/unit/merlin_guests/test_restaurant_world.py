@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Players refuse a world in which they would not find their way about, and say what it lacks."""
 
 from pathlib import Path

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The evening's schedule: from the seed alone, with every disturbance that is asked for."""
 
 from random import Random

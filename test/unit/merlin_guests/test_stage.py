@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Guests and barman among several robots: each is heard by, and hears, the persons beside it."""
 
 from types import SimpleNamespace

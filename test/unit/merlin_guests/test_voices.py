@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which persons of the restaurant can hear and speak."""
 
 from pathlib import Path

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The mission of the home sends its list, and ends a marked task after some time."""
 
 import pytest

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Mission lists: what the paper says of them, for any seed."""
 
 import pytest

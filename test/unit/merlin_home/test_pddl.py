@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The home's domain and problem: valid, readable elsewhere, and true to the world file."""
 
 from pathlib import Path

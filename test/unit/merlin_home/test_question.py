@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The question of the missions is synthesised before the first task: what is asked is what was prepared."""
 
 from typing import Any, List

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Lets the tests of the monitor import `messages` and `served`, and serves the page."""
 
 import sys

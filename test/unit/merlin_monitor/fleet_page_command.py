@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`fleet page` as a process, for tests."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Short ways to the messages that the tests of the monitor use."""
 
 from typing import Any, List, Tuple

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A web server over a model, with a robot that notes what is asked of it."""
 
 import asyncio

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The page over a model that is filled by hand: a robot in the middle of a mission, without ROS."""
 
 import threading

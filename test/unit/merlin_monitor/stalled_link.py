@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A link between a page and its monitor that can stall: connections stay open, and nothing comes through."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Panels are found by themselves, and those of applications by their class paths."""
 
 import sys

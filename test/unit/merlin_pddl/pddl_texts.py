@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Domains and problems, right and spoilt, for the test that compares our reader with the planner's."""
 
 import random

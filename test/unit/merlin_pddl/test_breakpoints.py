@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Breakpoints: what is held before it begins, step and continue."""
 
 import pytest

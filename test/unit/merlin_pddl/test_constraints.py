@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Trajectory constraints: obeyed from the files to the plan, or refused where they would be lost."""
 
 import pytest

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A task without some of its actions: what is left out, and nothing else."""
 
 from pathlib import Path

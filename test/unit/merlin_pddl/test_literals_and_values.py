@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Facts and goals in Python are found and judged by a domain; numbers that are missing are named."""
 
 from pathlib import Path

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a problem says of its objects: of the types that are asked for, and declared once."""
 
 import pytest

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The text of a generated problem, byte for byte as ROSPlan's clients know it."""
 
 from merlin_pddl.domain_reader import parse_domain

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 import kairos
 
 from merlin_pddl.domain_reader import parse_domain

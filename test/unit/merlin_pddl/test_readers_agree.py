@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Our reader against the planner's: what one of the two reads the other reads, but for what is decided."""
 
 import random

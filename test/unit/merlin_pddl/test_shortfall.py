@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Why a task has no plan, and that nothing is called unreachable that a plan can reach."""
 
 import time

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A dispatcher, its topics, services and action server, as a client of it sees them; without a master."""
 
 import threading

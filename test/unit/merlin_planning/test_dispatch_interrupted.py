@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A dispatch while another client's plan is carried out: that plan is left alone, and the wait has an end."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which nodes own the plan of a dispatcher, by their leases."""
 
 from typing import List

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The book of a dispatch: what failed, what may still run, and how the dispatch ended."""
 
 from typing import List, Tuple

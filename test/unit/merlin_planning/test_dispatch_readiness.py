@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Before a dispatcher without status is called, its action interfaces and the plan have to be there."""
 
 import threading

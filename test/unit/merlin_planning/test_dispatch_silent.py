@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A dispatch whose dispatcher hangs: the wait for its end ends, also when no action answers any more."""
 
 import threading

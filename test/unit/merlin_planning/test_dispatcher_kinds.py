@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a client expects of ROSPlan's dispatchers, which publish no status, and of those of MERLIN."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The client of a knowledge base asks for the domain once in the life of that knowledge base."""
 
 from typing import Any, Dict, List, Optional

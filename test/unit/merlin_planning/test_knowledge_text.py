@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Goals and facts as PDDL text."""
 
 import pytest

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A plan that the parser has latched before this client began is not taken for the one it has parsed."""
 
 from types import SimpleNamespace

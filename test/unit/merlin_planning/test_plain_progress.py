@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The book of a dispatch whose dispatcher says nothing: what stands still, and what is another plan."""
 
 from typing import Set

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which robots count when a node names robots without end."""
 
 from unittest import mock

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Messages that cannot be used are separated from usable ones."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Distances on a grid are those of OpenCV, also where nothing is occupied."""
 
 import cv2

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Navigation against the simulated robot, without ROS."""
 
 import dataclasses

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Localisation by particles, against a laser computed from the map."""
 
 import math

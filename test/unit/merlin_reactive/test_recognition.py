@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Recognition without ROS: what stands where in rendered pictures, and in pictures of nothing."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Images of a real camera are rectified before things are looked for, or refused with the reason."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which robot goes first, where the other waits, and where it goes aside to."""
 
 import math

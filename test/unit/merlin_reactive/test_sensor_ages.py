@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Navigation stands while odometry, scan or transforms are too old, says which, and drives on after that."""
 
 import queue

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Understanding synthesised speech, and not understanding what no grammar allows."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The recogniser in a process of its own: understands the same, blocks no thread, survives its process."""
 
 import os

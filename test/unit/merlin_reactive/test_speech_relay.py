@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The action sound_play over a robot's own speech: an action of another server, or a topic."""
 
 import re

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Sounds: true lengths, rates, errors."""
 
 import threading

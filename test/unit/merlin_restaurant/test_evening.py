@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the mission decides from what is known: its whole machine runs, over a robot without ROS."""
 
 from typing import List

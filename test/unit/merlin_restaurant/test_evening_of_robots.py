@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The mission with several robots: one plan for all that waits."""
 
 import re

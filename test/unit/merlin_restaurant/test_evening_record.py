@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The record of an evening balances when truth and the robot's beliefs agree, and says where they do not."""
 
 import pytest

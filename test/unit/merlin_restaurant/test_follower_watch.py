@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A robot that guides a client notices that the client is gone, also without lidar."""
 
 import math

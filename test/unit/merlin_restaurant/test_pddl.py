@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The restaurant's domain and problem: valid, solvable stage by stage, and true to the world file."""
 
 from pathlib import Path

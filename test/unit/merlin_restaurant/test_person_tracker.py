@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tracking the person that follows: simulated scans of a person, a wall and other people."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How the mission's node ends: with the exit codes of its README, and a sentence instead of a traceback."""
 
 import functools

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What each robot of an evening did, from its actions and its odometry."""
 
 import csv

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The restaurant's domain for several robots: plans use both, and a guest keeps one waiter."""
 
 from pathlib import Path

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A guest whom a robot hides for a moment keeps the order; one who has left does not."""
 
 from types import SimpleNamespace

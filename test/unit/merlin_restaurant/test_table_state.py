@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the robot makes of what it sees and hears."""
 
 import pytest

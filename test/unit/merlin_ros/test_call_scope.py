@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Service calls that a cancel ends: in the thread that is cancelled, and in no other one."""
 
 import signal

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """An executable that gets a signal while it starts ends without a traceback, at whatever moment."""
 
 import os

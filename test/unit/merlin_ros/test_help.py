@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Every command of rosrun says with --help what it is, without a master, and ends with 0."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A node that starts lean has what every other has, once it asks for it."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A node that cannot begin says why, leaves its namesakes alone, and ends by a signal."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Parameters that are no numbers, or of another size, are named with what they may be."""
 
 import pytest

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A publisher's connection: sends in the publishing thread, never waits, drops only what rospy would."""
 
 import socket

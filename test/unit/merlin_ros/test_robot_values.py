@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a launch file says for all robots, or for each."""
 
 from typing import Any

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """An alarm rings again after a callback that failed, and in time when the clock jumps back."""
 
 import queue

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whether an action server counts as alive in the moments after its process has died, and come back."""
 
 import socket

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A watcher's own time, in virtual time."""
 
 import pytest

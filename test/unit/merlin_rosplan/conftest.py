@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A knowledge store with a clock of the test's own, and the way to the modules beside the tests."""
 
 import sys

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A world that a test controls, and dispatches in it."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A knowledge base whose journal of executions is tried, and short words for it."""
 
 from merlin_pddl.domain_reader import parse_domain

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A knowledge store of a small domain, with a clock of the test's own."""
 
 from merlin_pddl.domain_reader import parse_domain

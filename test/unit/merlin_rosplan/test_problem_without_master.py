@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The problem is written while there is no master, where it was written before."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The assistant turns PDDL text into one transaction, and what it reads into PDDL text."""
 
 from typing import Any, List, Tuple

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Outcomes above the autonomy level wait until operators confirm them or force others; a cancel wins."""
 
 import pytest

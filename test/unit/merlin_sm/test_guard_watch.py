@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whether a drive may begin, as far as the guard is concerned."""
 
 import threading

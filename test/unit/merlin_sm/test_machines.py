@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """MerlinSM, MerlinState and the while-machine: no preempt is lost, and each end has its reason."""
 
 import enum

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """docs/states.md is what the state classes say, of every registered state and of each argument."""
 
 import importlib.util

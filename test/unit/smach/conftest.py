@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """States that the tests of smach are made of.
 
 They use the documented API only, so that the tests of runs and preemption can be pointed at another SMACH.

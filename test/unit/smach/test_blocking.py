@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Defects B6, B7 and B11: whatever children do, a container ends and says why."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Defects D1 to D9 and D11: definitions are checked before they run, and share nothing with others."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What containers do as documented: transitions, outcomes, callbacks, structure, pickling."""
 
 import pickle

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Each difference from SMACH in the tables of the READMEs has a test that is named after it."""
 
 import re

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What users write: small programs and the output that SMACH's documentation promises them.
 
 ``idioms/*.txt`` holds the programs. Each runs by itself, with the classes below.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The Iterator, and defect D8: it goes through all items, again in each run, and hides no error."""
 
 import pytest

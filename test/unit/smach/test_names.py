@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Labels and outcomes that are not texts: what errors, logs and wrong definitions say of them."""
 
 import enum

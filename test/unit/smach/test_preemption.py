@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Defects P1 to P8: preempt requests are neither lost nor do they outlive the run they were made in."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Random nested machines under preempt requests at random moments: they end, and leave no flag behind."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Defects U1 to U6 and U8: userdata is safe between threads, honest about its keys, and belongs to a run."""
 
 import copy

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """When an action server counts as connected: never by the links of a process that has ended."""
 
 import socket

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The server of a container answers each goal, whatever users' code leaves in the result or raises."""
 
 import enum

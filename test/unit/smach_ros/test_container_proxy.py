@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What viewers get of containers whose labels and outcomes are not texts, and of an Iterator."""
 
 import enum

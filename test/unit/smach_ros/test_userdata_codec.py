@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Defect I3: userdata that comes by a topic is data, never code."""
 
 import base64

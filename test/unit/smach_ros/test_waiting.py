@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Deadlines of the robot's world run by its clock, whatever that does."""
 
 import threading

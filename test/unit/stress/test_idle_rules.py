@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The stress test sees a robot that is not as an idle one has to be."""
 
 import pytest

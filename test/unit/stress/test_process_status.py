@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Threads and memory of a process, read from the kernel's status file."""
 
 import os

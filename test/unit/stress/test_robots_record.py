@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What robots were seen to do, against what the knowledge says; and what a stress test does is its seed's."""
 
 import random

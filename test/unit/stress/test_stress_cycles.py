@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the stress of several robots draws, and how it reads the knowledge."""
 
 import random

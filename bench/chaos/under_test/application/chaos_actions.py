@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The actions of the campaign's domain: three that behave, three that do not, and one of plain actionlib."""
 
 from typing import Any

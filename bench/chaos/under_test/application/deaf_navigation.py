@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A move_base that drives in a circle and ignores every cancel. Takes navigation's place and its remaps."""
 
 import sys

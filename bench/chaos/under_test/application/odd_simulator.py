@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The simulator, whose clock can be set back as by a restarted simulation, and whose sensors can fall silent.
 
 It takes merlin_sim's place. Only the time jumps; the world stays as it is, so that the knowledge of it stays

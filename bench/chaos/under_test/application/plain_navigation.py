@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A move_base of plain actionlib that drives open loop: it knows no lease. Takes navigation's place.
 
 It drives in a small circle until it is preempted, so that what is known of the robot's place stays true.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A planner that finds a plan of 100 MB."""
 
 import sys

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A planner that starts a process in a session of its own, and waits for it forever."""
 
 import subprocess

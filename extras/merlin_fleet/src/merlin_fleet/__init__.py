@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Goals of a fleet: which robot executes which, over an etcd that all robots reach."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Certificates of a lab: an authority of its own, the hub, the administrator, each robot and each client.
 
 Made by `openssl`. A file that exists is never written over.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Certificates of one side of the connection to the hub, and what is wrong with them."""
 
 import http.client

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What etcd's messages say, and how it is asked: the protocol's words and those of gRPC."""
 
 from typing import Any, Union

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What waits for a robot's deciding thread: events in their order, and changes of keys in batches."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """FleetClient: sends goals to a fleet and takes them back, from any machine, without ROS."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A goal that was sent to a fleet, as its sender sees it."""
 
 import getpass

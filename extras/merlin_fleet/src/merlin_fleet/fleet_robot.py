@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A robot of a fleet, without ROS: runs the agent over a hub and a body.
 
 One thread decides and never waits for anything else; calls to the hub, renewals of the lease, its time and

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a page shows of a fleet: that of a robot, and that of the fleet."""
 
 from typing import Any, Dict, List

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a robot that never comes back has left in the store, and how the lab removes it.
 
 A robot's keys are its own while it lives: it renews, ends and removes them. When it is gone forever, an

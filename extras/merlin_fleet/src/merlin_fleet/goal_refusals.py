@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whether a goal can be sent: what a client refuses before the hub has it."""
 
 import re

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The store of a fleet in etcd: transactions, leases, and the changes of all keys without a gap.
 
 One channel carries calls and watch. A call that is not answered in time ends the channel, so a watch over a

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The stream of changes of a fleet's keys, and its listeners."""
 
 import threading

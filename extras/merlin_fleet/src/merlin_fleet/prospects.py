@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The prospects of an open goal: why robots do not bid for it, and whether any may take it."""
 
 from typing import Dict

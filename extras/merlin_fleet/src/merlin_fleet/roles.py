@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Users and roles of a fleet in etcd: each robot writes its own keys only, each client goals and cancels.
 
 A user's name is that of its certificate; it has no password that is known.

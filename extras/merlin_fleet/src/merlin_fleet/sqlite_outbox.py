@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The outbox in a file: what was reported to it survives a power cut."""
 
 import sqlite3

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The command `rosrun merlin breakpoints`: holds before actions, goals and states, and continues them."""
 
 import argparse

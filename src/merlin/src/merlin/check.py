@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The command `rosrun merlin check`: whether the parts of an application fit, before anything is started."""
 
 import os

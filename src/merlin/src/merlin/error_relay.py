@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Passes on what the nodes of a run write to standard error, until the run ends.
 
 A node that is stopped while it still starts dies with a traceback that says nothing to a user; a warning in

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a launch file starts and sets, read without starting it."""
 
 from pathlib import Path

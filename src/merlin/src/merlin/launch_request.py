@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the user asked to run: a launch file, its arguments, and the port of the master.
 
 Everything that can be wrong with a command line is found here, before any process is started.

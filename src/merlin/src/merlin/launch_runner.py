@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Runs an application: `rosrun merlin run <launch file> name:=value …`.
 
 Everything of the launch file is started below a ROS master of its own. The run ends when the node named

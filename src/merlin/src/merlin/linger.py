@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The page of a run that has ended, kept for a look at it: `linger:=` of `rosrun merlin run`."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Lets a system on one machine run when the machine's names cannot be resolved: it uses 127.0.0.1.
 
 In containers, `/etc/hosts` may lack the machine's own name or `localhost`. ROS puts both into addresses.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A ROS master inside this process, on a port that another process cannot take in between.
 
 Finding a free port first and starting `rosmaster` on it afterwards is a race that two runs started

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The commands `rosrun merlin leave` and `rosrun merlin autonomy`: what is decided about machines."""
 
 import argparse

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The command `rosrun merlin reload`: takes edited actions in, while the rest of the system continues."""
 
 import os
@@ -36,7 +37,7 @@ def main() -> int:
     sys.argv[1:] = []  # the arguments are not those of a node
     init_node("merlin_reload", anonymous=True)
     try:
-        return max([_reload(service) for service in services])
+        return max(_reload(service) for service in services)
     finally:
         rospy.signal_shutdown("reloaded")
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The runs of `rosrun merlin run` on this machine, and which of their masters a command means.
 
 Each run has a master of its own. It leaves a note in ROS's folder as long as it lives, so that `rosrun merlin

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The command `rosrun merlin send`: sends goals to the Executor, and shows what becomes of them."""
 
 import argparse

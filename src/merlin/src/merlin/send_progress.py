@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What `rosrun merlin send` prints while its goals wait and run."""
 
 import threading

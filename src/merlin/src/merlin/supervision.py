@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Starts a run again that was killed, and makes sure that no process is left behind.
 
 The run itself is a child of this process, which does nothing but wait for it: what kills the run, as the

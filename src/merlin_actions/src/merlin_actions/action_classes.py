@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The action classes of an application, as its launch file names them."""
 
 from typing import List, Sequence

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """ActionInterface: between a plan dispatcher and the code that runs one operator, as in ROSPlan.
 
 The life of an execution: bind the parameters, answer *enabled*, apply the start effects, run, then apply the

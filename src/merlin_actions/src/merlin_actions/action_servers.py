@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The action servers of one operator: in this namespace, or each robot's in its own."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What an action interface says of an execution, as ROSPlan's message."""
 
 from typing import Optional

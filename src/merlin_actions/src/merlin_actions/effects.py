@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Applies the effects of actions to the knowledge base, and undoes those of an interrupted action."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Settles what an earlier process of this node has begun and left open in the knowledge base."""
 
 from typing import List, NamedTuple

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What an action's machine needs: userdata, points of interest and action servers."""
 
 from typing import Any, Dict, Iterator, List, Mapping, Sequence, Tuple

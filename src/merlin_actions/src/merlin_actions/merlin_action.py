@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """MerlinAction: the bridge between a plan dispatcher and an action's state machine (paper, section 3.2.3)."""
 
 import threading

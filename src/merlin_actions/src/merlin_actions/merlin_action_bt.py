@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """MerlinActionBT: the base class of actions that are behaviour trees (py_trees)."""
 
 from typing import Mapping, Optional, Sequence

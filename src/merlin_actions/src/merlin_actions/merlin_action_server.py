@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Serves a state machine as the action ``actions/<name>``."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """MerlinActionSM: the base class of MERLIN's actions, each a state machine (paper, section 3.2.3)."""
 
 from typing import Any, Callable, Dict, List, Sequence, Type

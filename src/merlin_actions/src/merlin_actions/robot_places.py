@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where the robots of one plan were last, also those that are gone."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A robot says that it lives: the host of its state machines does, for all bridges of the planning system."""
 
 import re

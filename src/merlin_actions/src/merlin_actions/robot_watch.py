@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The robots of a planning system, as the bridges see them, and what the knowledge says of them."""
 
 import itertools

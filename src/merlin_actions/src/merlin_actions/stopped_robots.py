@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Robots that were stopped on a drive: at which point of interest they stand, and keep others from standing.
 
 A robot that was stopped is between two points, as its action declares with ``if_interrupted``, and may stand

@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
 """The Executor, its client and the Goal Dispatcher."""

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """MerlinExecutorClient: sends goals to the Executor and takes them back (paper, section 3.2.2)."""
 
 import threading

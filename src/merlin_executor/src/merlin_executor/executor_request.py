@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A request that was sent to the Executor; it is sent again where its client asks so."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Checks goals against the domain and the present world, before anything is planned."""
 
 from typing import Collection, Dict, List, Mapping, Optional, Sequence

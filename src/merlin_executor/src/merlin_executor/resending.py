@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a mission does when the Executor is lost while its goal runs: send it again, or end. Pure.
 
 A goal says what shall hold, so sending it again is harmless: what holds already ends at once. One that an

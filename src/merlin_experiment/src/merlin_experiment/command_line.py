@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The command `rosrun merlin_experiment experiment`, behind `make experiment`."""
 
 import argparse

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The guard's own time: it does not count what the guard itself missed."""
 
 from typing import Optional

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The velocities on their way through the guard: within the limits of the base, and watched."""
 
 from typing import Tuple

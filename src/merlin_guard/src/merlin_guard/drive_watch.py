@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is wrong with a drive that the guard lets pass. Knows nothing of ROS and starts no thread."""
 
 from typing import Dict, Optional, Sequence, Tuple

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Reads the id of an action's goal message without knowing the action's type."""
 
 import struct

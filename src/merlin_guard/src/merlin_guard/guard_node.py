@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The node ``merlin_guard``: velocities pass to the base only while an owned motion goal is active."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The guard's private parameters, checked when they are read."""
 
 import math

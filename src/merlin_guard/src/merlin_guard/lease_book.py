@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which goals of a motion server have a living owner, from the leases of their clients.
 
 The guard has a book of its own beside :mod:`merlin_ros.actions.lease`, on purpose. It watches the servers to

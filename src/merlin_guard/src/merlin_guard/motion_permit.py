@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whether the base may move: events in, decisions out. Knows nothing of ROS and starts no thread."""
 
 from enum import Enum

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the guard knows about one motion server: its goals, their cancels and leases, its silence."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the master knows about the guard's surroundings: other guards, other publishers, motion servers."""
 
 import contextlib

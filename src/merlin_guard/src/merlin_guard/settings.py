@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What can be set on the guard."""
 
 from typing import NamedTuple

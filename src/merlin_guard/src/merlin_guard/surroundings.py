@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whether the guard is wired as it should: the one way to the base, and motion servers that exist."""
 
 import threading

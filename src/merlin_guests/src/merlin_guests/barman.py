@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The barman: prepares what the robot orders, sometimes wrongly, and loads it; and clears tables."""
 
 import re

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One guest: comes, follows the robot, orders, eats and leaves."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What stands where in the simulated restaurant, as its players know it."""
 
 import itertools

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where people stand, sit and walk in the simulated restaurant, from its world file."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Node `players`: guests and barman of the simulated restaurant, which follow a seeded schedule."""
 
 import sys

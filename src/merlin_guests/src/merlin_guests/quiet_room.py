@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Decides when it is quiet enough to call across the room."""
 
 QUIET = 6.0  # s without speech

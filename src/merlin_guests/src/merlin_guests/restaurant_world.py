@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The world file of a restaurant that the players know their way about."""
 
 from typing import List

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """When each guest comes, what it orders, and what goes wrong: from the seed alone."""
 
 from dataclasses import dataclass

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One robot as guests and barman perceive it: its poses, and when nobody speaks near it."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What guests and barman can do in the simulated world, and what they notice there."""
 
 import math

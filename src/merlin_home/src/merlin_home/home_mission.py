@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The mission of the home: the robot asks at each point of interest whether a service is needed."""
 
 import rospy

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The task lists of the paper's missions.
 
 A mission is a list of points of interest whose neighbours differ; half of its tasks are marked, which

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The question of the action `ask`."""
 
 #: Always the same, so that its length (about 5 s) adds no spread to the results.

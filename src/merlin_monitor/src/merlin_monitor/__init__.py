@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
 """One page that shows what the robot knows, plans and does."""

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Finds the panels, and lets them follow what they show; for the page's node and the terminal view."""
 
 import importlib

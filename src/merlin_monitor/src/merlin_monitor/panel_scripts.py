@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where the scripts of panels are: files of packages, without ROS."""
 
 import re

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Sends goals in PDDL, completed from the domain and the objects; plans them only; sets facts by hand.
 import { byId, el, has, keyed, setHidden, tell } from "../dom.js";
 import { complete } from "../completion.js";

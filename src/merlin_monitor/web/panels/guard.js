@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What the velocity guards say while a base may not drive, or does not drive as it should.
 import { el, has, keyed, setHidden, setText } from "../dom.js";
 import { say, t } from "../texts.js";

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What happened: bars of goals and actions over time, and events, newest first, back to the first one kept.
 import { byId, clockText, el, keyed, of, setHidden, setText, svg } from "../dom.js";
 import { askFor } from "../answers.js";

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Objects, facts, values and goals: searchable, of any number; what changed lights up.
 import { byId, clockText, el, has, keyed, of, part, setText } from "../dom.js";
 import { VirtualList } from "../virtual_list.js";

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Every state machine: nested, active states marked, the last outcome of each state, userdata on click.
 import { byId, clockText, el, keyed, of, part, setHidden, setText } from "../dom.js";
 import { GraphView } from "../graph.js";

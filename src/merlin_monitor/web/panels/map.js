@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Robots on the map, with their ways, their trails, what is seen, points of interest and people. Metres; y grows upwards,
 // so it is negated.
 import { byId, el, has, keyed, setHidden, setText, svg } from "../dom.js";

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What the robot does now, and why.
 import { byId, el, keyed, secondsText, setHidden, setText, tell } from "../dom.js";
 import { glance } from "../glance.js";

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The plan: its steps with state and time, the same as a graph, replans, and what the planner says.
 import { byId, clockText, el, GLYPHS, has, keyed, of, part, secondsText, setHidden, setText, tell } from "../dom.js";
 import { Gantt } from "../gantt.js";

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The goals that are served and that wait.
 import { byId, el, keyed, part, setHidden, setText } from "../dom.js";
 import { say, t } from "../texts.js";

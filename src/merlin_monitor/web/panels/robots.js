@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Which robot of the plan does what, and why one takes no actions.
 import { el, keyed, part, setHidden, setText } from "../dom.js";
 import { say, t } from "../texts.js";

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The last things that were said, heard and seen, with the picture of the last look.
 import { clockText, el, keyed, of, part, setHidden, setText } from "../dom.js";
 import { say, t } from "../texts.js";

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Breakpoints of actions, requests or states that begin one after the other: hold, step and continue.
 
 Pure. The dispatcher has one for its actions, the Executor one for its requests.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Reads the trajectory constraints of PDDL 3: what has to hold on the way, not only at its end."""
 
 from typing import Dict, List, Optional

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The planning domain: what can exist, what can be true, what can be done."""
 
 from dataclasses import dataclass, field

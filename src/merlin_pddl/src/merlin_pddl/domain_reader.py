@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Reads a PDDL domain (the parts of PDDL 2.1 to 3.1 that a knowledge base needs) into a :class:`Domain`."""
 
 import hashlib

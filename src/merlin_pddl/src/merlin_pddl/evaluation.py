@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whether a condition holds, and what a numeric expression is worth, in a state of the world."""
 
 import itertools

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Conditions, numeric expressions and effects of PDDL as values.
 
 Terms are strings: a variable starts with a question mark, anything else is an object.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Reads typed lists, conditions and numeric expressions, checking every name against the domain."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a knowledge base holds: instances, facts, function values, timed items, goals, a metric.
 
 PDDL knows no upper case, so everything is found by a lower-case key; the spelling it came with is kept.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Plans as text, as ROSPlan passes them on: ``<time>: (<action> <arguments>)  [<duration>]`` per action."""
 
 import re

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A planning problem: what exists, what holds at the start, what is wanted."""
 
 from dataclasses import dataclass, field

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Reads a PDDL problem against its domain."""
 
 from pathlib import Path

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Writes a problem as PDDL, without losing anything that the knowledge base holds."""
 
 from typing import Dict, Iterable, List, Tuple, TypeVar

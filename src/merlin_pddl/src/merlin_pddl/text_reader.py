@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Reads PDDL text into nested lists of words that know where they stand.
 
 PDDL knows no upper case: words are lower-cased here, as ROSPlan's lexer does.

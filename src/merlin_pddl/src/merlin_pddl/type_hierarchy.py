@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The types of a domain and which of them are kinds of which."""
 
 from typing import Dict, Iterable, Iterator, List, Set, Tuple

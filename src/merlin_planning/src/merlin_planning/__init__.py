@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
 """Clients of a planning system with the interfaces of ROSPlan: ours, or ROSPlan itself."""

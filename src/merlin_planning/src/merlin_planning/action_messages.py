@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Dispatched actions, their answers and that of the dispatcher, to and from ROSPlan's messages."""
 
 from typing import Dict, Optional, Tuple

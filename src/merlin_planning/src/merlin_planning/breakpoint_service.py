@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The service over which breakpoints are set, and over which what is held continues."""
 
 from typing import Callable, List, Protocol, Sequence

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Dispatches a plan, follows its actions, and cancels it, over our dispatchers and ROSPlan's own."""
 
 import threading

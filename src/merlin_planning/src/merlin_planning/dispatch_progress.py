@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is known of one dispatch from its messages: the dispatched actions and their answers.
 
 Pure: messages go in as plain values. :mod:`merlin_planning.dispatch_client` is the ROS side of it.

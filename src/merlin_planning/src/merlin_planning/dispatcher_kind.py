@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What differs between dispatchers: ours publish a status, ROSPlan's own (:mod:`.over_rosplan`) do not."""
 
 from abc import ABC, abstractmethod

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The executions that are open in a knowledge base, and their end when what carried them out is gone."""
 
 from typing import List

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Access to a ROSPlan knowledge base, ours or the original. One client per knowledge base and process."""
 
 import threading

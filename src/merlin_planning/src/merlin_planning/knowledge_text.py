@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """PDDL text of facts and goals, to knowledge items and back.
 
 Literals, numeric comparisons and conjunctions, as goals and action effects need them. Whole domains and

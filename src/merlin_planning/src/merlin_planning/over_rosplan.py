@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A dispatcher of the original ROSPlan, which publishes no status: what its client knows and does itself.
 
 ROSPlan hands a plan over by a topic and starts it by a service, and nothing keeps the two in order: a plan of

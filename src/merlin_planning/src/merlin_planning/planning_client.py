@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Drives the stages of a planning system with ROSPlan's interfaces: problem, plan, parse.
 
 Every stage hands its product to the next one by a latched topic. A stage counts as done when its product was

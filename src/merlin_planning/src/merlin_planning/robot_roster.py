@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which robots of ``<kb>/robots`` count: any node can publish there, and name robots without end.
 
 A node that names too many robots costs itself robots, and no other node. Without ROS.

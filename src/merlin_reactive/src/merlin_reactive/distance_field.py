@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How far each cell of a grid is from the nearest occupied one."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Occupancy grids: values as in nav_msgs/OccupancyGrid, and the geometry of cells."""
 
 from dataclasses import dataclass

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Points and poses in the plane, in a right-handed frame (REP 103): metres, radians."""
 
 import math

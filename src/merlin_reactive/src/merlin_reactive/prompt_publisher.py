@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Publishers whose messages leave at once, whatever the subscriber asked for.
 
 In ROS 1 the subscriber decides about Nagle's algorithm, and most do not ask for it to be off: a small message

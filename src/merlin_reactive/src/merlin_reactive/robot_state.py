@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What navigation knows about its robot, from odom, scan and tf, with a wait for news."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Waits for ROS time without polling, and ends a wait at once when its stop event is set."""
 
 import threading

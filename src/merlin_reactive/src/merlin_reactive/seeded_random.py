@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Random numbers as a function of seed, name and simulated time, never of the order of calls.
 
 Two runs with the same seed draw the same numbers at the same simulated time: other draws in between,

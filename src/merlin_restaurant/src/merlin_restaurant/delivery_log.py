@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the robot does, believes and says, for log, timeline and record. It changes nothing."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The mission: the three stages of the challenge, and guests who call."""
 
 from collections import Counter

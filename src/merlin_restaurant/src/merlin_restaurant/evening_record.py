@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The record of an evening: what happened to each guest, what the robot did, and whether both agree."""
 
 from collections import Counter

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is left of an evening: the table per guest, its file, and the timeline."""
 
 import csv

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Watches by lidar whether the guided person still follows, and a state that waits for the person."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the restaurant serves, and how guests and barman speak of it."""
 
 import re

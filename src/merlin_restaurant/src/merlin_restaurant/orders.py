@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the robot knows of an order: facts (wants ?t ?i)."""
 
 from typing import List, Sequence

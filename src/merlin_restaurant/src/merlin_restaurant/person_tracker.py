@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tracks the person who follows the robot, with its lidar."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The evening in the restaurant as a node: the mission with its live log, its record and its timeline.
 
 Exit code: 0 when the books balance, 1 when they do not, 2 when the evening could not begin or continue or its

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What each robot of an evening did: a row per robot, from the actions that have ended and the odometry."""
 
 import csv

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A look at a table that does not forget an order because a robot stood between camera and guest."""
 
 from typing import Any, Optional

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which state a table is in, from what the camera saw there."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The monitor's panel of the restaurant: tables with what they want, and the clients at the entrance."""
 
 from merlin_monitor.listeners.panel import Panel

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is known of clients at the entrance: facts (waiting ?c)."""
 
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant

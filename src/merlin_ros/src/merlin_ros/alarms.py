@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The time of a watcher, which does not count what the watcher itself missed, and calls that come by it.
 
 A process that is stopped, or starved of its processor, sees everything else silent for just as long. So a

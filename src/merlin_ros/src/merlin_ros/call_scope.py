@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Ends the service calls of a thread from another one: what waits for a hung node can be cancelled.
 
 Without ROS. :class:`merlin_ros.service_proxy.ServiceProxy` obeys it.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Classes by their names, as launch files and command lines give them: ``package.module:Class``."""
 
 import importlib

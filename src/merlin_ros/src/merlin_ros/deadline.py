@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Deadlines on software: they run on the monotonic clock and stand still while the simulator is paused.
 
 A paused simulator stops ``/clock``: servers that time themselves by ROS time fall silent and look dead. So

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Import this first in an executable: SIGINT and SIGTERM then end it quietly while it still imports the rest.
 
 Python would show where in the imports it was interrupted. Nothing has begun then that needs an orderly end;

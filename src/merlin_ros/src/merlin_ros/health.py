@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The health of a node's parts on ``/diagnostics`` (diagnostic_msgs), once per second of wall time.
 
 Wall time, so that a paused simulator does not look like a dead node.

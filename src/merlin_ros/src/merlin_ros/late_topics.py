@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Subscribing while the robot works: rospy waits forever for a master that is lost, and so does its process.
 
 What a node subscribes at its start needs none of this: it does not begin without a master.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Starts a node without what it does not use: in half the time, and up to 20 MB smaller.
 
 Importing one message imports every message of its package and of the packages those mention, `genpy`

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Begins a node and ends it: in order, at any moment of its life, with an exit code that says how it went."""
 
 import contextlib

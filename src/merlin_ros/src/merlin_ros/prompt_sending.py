@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Sends what is published from the publishing thread, as far as the connection takes it at once.
 
 rospy hands each message to a thread of its own for each connection: two changes of thread, and in Python a

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Publishing: whether there are subscribers, while the node goes down, and what cannot be written."""
 
 import io

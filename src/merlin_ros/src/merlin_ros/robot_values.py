@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Several robots: names that are agreed, and what a launch file says for all or for each. Without ROS."""
 
 from typing import Any, List, Sequence

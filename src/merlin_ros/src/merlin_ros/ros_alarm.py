@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """An alarm at a ROS time: woken by the clock that ROS uses, wall or simulated, also when it jumps back."""
 
 import threading

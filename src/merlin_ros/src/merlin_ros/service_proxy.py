@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The service proxy of MERLIN: persistent, shared between threads, aware of a server that restarted."""
 
 import ast

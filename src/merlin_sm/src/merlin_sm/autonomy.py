@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Autonomy levels: up to which one a robot decides by itself, and which one an outcome requires.
 
 Pure. An outcome that requires more than the present level is not taken before an operator confirms it.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Sets the breakpoints of Executor, dispatcher and machines, and continues what they hold."""
 
 from typing import Any, Dict, List, NamedTuple, Sequence, Tuple

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whether the velocity guard lets a drive begin: no guard, no new drive."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Shows a machine to smach_viewer under a path that is unique on the master."""
 
 import rospy

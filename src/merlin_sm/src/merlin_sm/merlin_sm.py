@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """MerlinSM: a SMACH state machine that knows the planning system (paper, Figure 2)."""
 
 from typing import Any, List, Mapping, Optional, Sequence

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """MerlinROSPlanAssistant: what the robot knows, for state machines (paper, section 3.2.1)."""
 
 from typing import Iterable, List, Optional, Sequence, Tuple, Union

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """MerlinStateFactory: makes states by name (paper, section 3.2.1)."""
 
 import contextlib

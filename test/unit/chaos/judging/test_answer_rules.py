@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is judged of stops, of nodes at their ports, of the page and of several robots."""
 
 from typing import Any, List

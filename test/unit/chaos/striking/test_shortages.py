@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a node holds is taken from it, and given back."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What dies again and again does so as often as the fault says, each time when it is back."""
 
 import subprocess

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The witness's own way to ask a service: bounded, in its own ticks, and true about what came."""
 
 import socket

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A process's clock on the wall can be set, and its monotonic clock goes on."""
 
 import os

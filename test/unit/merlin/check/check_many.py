@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Checks one folder after the other in this process; prints exit code and output of each as a JSON list."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`rosrun merlin check`: what is said of the applications that come with MERLIN, and of a wrong one."""
 
 import os

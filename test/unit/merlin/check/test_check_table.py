@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The table of docs/check.md: each mistake is made in a copy of the guide; `check` says it once."""
 
 import json

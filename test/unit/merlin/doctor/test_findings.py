@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the doctor says of each fault; of a robot that is well, nothing."""
 
 from typing import Any, Iterable, List

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """No recording is lost when another one begins in its folder."""
 
 import shlex

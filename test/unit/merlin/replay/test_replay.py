@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Recordings: what is played for them, and bags that cannot be shown."""
 
 import re

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`rosrun merlin unit`: what it writes is what was asked for, and systemd takes it."""
 
 import shlex

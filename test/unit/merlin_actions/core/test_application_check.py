@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Mistakes of an application are found before the robot moves, and each is one sentence."""
 
 import enum

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """An application's modules are read anew as a whole, or stay as they were."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which facts about available robots are written, also when the knowledge base refuses or hangs meanwhile."""
 
 from typing import List, Tuple

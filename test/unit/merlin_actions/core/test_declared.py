@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What an action declares for its interruption: literals apart from numbers, variables bound."""
 
 import pytest

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The changes of an action that is carried out, stopped or never begun, where the bridge applies them."""
 
 from typing import List, Sequence, Set

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One dispatched action: which execution a cancel stops, and that no cancel is lost whenever it arrives."""
 
 from typing import List, Union

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a host answers for a run, and what a bridge makes of it."""
 
 from types import SimpleNamespace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which robots take actions: known from their hosts' messages and silence."""
 
 import pytest

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What was written for one robot is that of one of several, where the domain says so."""
 
 from typing import List

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The host refuses machines that do not fit the domain before any of them serves."""
 
 from pathlib import Path

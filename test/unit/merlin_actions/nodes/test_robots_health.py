@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which robot does what, on /diagnostics."""
 
 from types import SimpleNamespace

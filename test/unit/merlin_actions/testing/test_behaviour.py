@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Simulated servers behave as their shares and their seed say."""
 
 from collections import Counter

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a test writes down is what a simulated server answers; what does not fit is refused."""
 
 import pytest

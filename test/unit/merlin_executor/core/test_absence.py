@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A part that is lost again and again has one deadline."""
 
 from hypothesis import given

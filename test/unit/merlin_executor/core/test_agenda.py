@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The agenda: whatever happens in whatever order, each request gets one answer and never do two run."""
 
 from typing import Dict, List, Optional

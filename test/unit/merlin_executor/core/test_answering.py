@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The results that a client gets, and the status that the Executor publishes."""
 
 import pytest

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A wait for several parts of the robot ends with the last of them, and names those that stay away."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The course of a request: what each end of a stage means for it."""
 
 from typing import List, Tuple

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The engine: clients of many threads, and still each request ends once and one runs at a time."""
 
 import random

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A mission's constructor gets what its node's parameters say, or one sentence says what is wrong."""
 
 from pathlib import Path

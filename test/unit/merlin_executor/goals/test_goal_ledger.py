@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The ledger of goals: in whatever order, what may be in the knowledge base is named and removed."""
 
 from typing import List, Set

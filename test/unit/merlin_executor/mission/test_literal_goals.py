@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A goal that stands in a mission and that the domain does not know is named before the mission begins."""
 
 from pathlib import Path

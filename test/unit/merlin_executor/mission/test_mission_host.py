@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A mission is run by its name, with its parameters, and every end has its exit code."""
 
 import textwrap

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``merlin/mission`` while a mission is paused, and at the end of a mission that has just begun."""
 
 from typing import Any, Callable, Dict, List, Tuple

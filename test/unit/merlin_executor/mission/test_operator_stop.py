@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A mission survives an operator who stops the robot or cancels its goals, as it has declared."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A mission waits for the robots of its plan, names those that are missing, and can be interrupted."""
 
 import signal

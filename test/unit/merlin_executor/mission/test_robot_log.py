@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The screen of any mission says what the robot does, and why something failed."""
 
 from typing import Any, Dict, List

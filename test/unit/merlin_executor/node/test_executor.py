@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The Executor answers every request once, whatever its stages do; over stages of the test's."""
 
 import threading

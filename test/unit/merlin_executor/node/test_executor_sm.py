@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The Executor's machine over a planning system that hangs, loses goals, and comes back."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the Executor asks of the velocity guards when it cancels, without ROS."""
 
 import threading

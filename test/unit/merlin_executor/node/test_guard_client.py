@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The guards are told to brake at once, also while another robot is being met."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """An Executor notes its goals where its successor finds them, and copes with damaged notes."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Notes of goals on the parameter server: the last word counts, and a call to the master delays no goal."""
 
 import threading

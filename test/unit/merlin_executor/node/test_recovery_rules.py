@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Remains are settled, actions that did not stop are reported, and two executors are noticed."""
 
 from typing import Dict, List, Sequence

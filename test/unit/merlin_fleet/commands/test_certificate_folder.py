@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The folder of a lab's certificates: what is made, what is never made again, and which names are refused."""
 
 from pathlib import Path

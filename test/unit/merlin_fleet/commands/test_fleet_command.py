@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Clients and the command over a real etcd: goals sent, listed, followed, cancelled, and done by robots."""
 
 import re

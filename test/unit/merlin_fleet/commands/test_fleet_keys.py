@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Certificates and roles over a real etcd: what a robot can write, how wrong certificates are refused."""
 
 import queue

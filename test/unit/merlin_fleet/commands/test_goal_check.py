@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a client refuses to send, whoever asks for it."""
 
 import re

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The fleet's page says at its start whether it can be operated."""
 
 from pathlib import Path

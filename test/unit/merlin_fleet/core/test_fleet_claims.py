@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Claims that vanish before their time: by an operator's command, or one with a copied certificate."""
 
 from typing import Tuple

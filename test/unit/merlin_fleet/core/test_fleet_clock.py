@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A robot whose clock is far from the hub's leaves deadlines alone, and says so."""
 
 import fleet_world as model

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How far a robot is behind what the store tells, and that it then writes nothing that comes too late."""
 
 import importlib.util

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """All that can happen to a small fleet with few faults, and much that can happen to it with more."""
 
 from typing import Optional, Tuple

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the keys hold: read back as written, and refused where this version cannot know them."""
 
 import pytest

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Goals that have ended are removed when they are old: which goals, by which robot, and goals under way."""
 
 import pickle

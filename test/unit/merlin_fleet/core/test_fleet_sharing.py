@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Facts that robots share: one writer each, and a robot that says when it plans with old ones."""
 
 from typing import List, Optional

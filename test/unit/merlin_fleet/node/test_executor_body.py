@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The body of a robot: goals of the fleet at its Executor, their end, their stop, and why it does not bid."""
 
 import threading

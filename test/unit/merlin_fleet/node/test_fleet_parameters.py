@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The parameters of a robot's node, and its battery."""
 
 from typing import Any, Dict, Tuple

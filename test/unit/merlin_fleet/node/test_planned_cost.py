@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What goals cost: planned by the robot's own planner from the present state, behind its queue."""
 
 import itertools

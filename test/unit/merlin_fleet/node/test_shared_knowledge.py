@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The knowledge base of a robot and the facts that its fleet shares."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Operators and their tokens: the file, its changes, the command that writes it, and wrong tokens."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Encryption with a certificate of the user: https works, http is refused, and what is wrong is said."""
 
 import asyncio

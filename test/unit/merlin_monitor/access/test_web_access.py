@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which requests the page accepts: hosts, origins, tokens, and what is wrong with a request."""
 
 import asyncio

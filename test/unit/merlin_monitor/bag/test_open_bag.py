@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A bag opens as a folder of results does: any moment of it, at its own times, and nothing of a master."""
 
 import json

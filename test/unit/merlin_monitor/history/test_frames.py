@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What was shown comes back: any changes, any moment; bounded, and readable after any end."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Durations are right when the computer's clock is set while something runs."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is on the first screen, with one robot and with two: nothing has to be looked for."""
 
 from typing import Any, Dict

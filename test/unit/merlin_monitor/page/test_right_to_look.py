@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """On an address that others reach, what the robot does is sent to operators only, whatever is asked for."""
 
 import asyncio

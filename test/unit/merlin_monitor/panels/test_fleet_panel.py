@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The panel of the fleet: what it shows of a real hub, and how the page draws it."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The goals that an application offers: read at the start, refused with the entry and the reason."""
 
 import re

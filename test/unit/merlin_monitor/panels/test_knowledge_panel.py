@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The monitor follows a knowledge base without missing a change, and goes on looking after a failure."""
 
 import queue

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The panel of the state machines: nodes that use one name of a server, as they come and go. Without ROS."""
 
 import threading

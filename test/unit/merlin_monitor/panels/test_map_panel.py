@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The panel of the map: names of robots and frames come with messages, and may be anything."""
 
 import threading

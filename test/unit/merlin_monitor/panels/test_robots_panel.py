@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The robots of one plan: which of them does what, in the state, in lanes, on the map and in the terminal."""
 
 from typing import Any, Iterator, Tuple

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """rviz: markers of the state, the point that a click means, the configuration, and the start without rviz."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is shown is marked when its source is gone or hangs."""
 
 from typing import Tuple

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the page says of the velocity guard."""
 
 from merlin_msgs.msg import GuardStatus

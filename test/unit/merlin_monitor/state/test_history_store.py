@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The history survives restarts, stays bounded, and answers page by page."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the robot knows, from published changes, and read again."""
 
 from typing import Any, Dict, List, Tuple

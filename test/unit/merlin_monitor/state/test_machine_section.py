@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """State machines as introspection shows them."""
 
 import base64

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The map's picture, the people on it, and silent parts."""
 
 import math

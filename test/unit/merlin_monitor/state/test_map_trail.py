@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The map: where the robot was, what it sees beside the map, and why it stands."""
 
 from typing import Any, List, Tuple

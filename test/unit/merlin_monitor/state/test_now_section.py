@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The line that says what the robot does, and why."""
 
 from typing import List, Tuple

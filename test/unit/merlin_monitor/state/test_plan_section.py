@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The plan: its steps follow what is dispatched and answered, whatever the order of the messages."""
 
 from itertools import permutations

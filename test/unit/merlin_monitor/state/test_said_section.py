@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What was said, heard and seen, and the picture of the last look."""
 
 import zlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A monitor that is started again in the middle of a plan knows what was done, and goes on with the run."""
 
 from pathlib import Path

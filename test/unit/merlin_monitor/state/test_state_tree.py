@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The tree that is shown: a reader that follows its changes, at any pace, gets the same state."""
 
 import json

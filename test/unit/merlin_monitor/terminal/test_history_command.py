@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What happened is read afterwards, as text and as JSON, also while the monitor still writes."""
 
 import contextlib

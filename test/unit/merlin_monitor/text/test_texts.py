@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Texts are data: every text of the page and of the monitor's sentences has its German one."""
 
 import json

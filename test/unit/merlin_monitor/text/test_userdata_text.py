@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Userdata is shown without anything being run."""
 
 import base64

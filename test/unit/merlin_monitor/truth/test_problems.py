@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is wrong, the worst first; what an operator knows about stays known until it is over."""
 
 from typing import Any, Dict, List

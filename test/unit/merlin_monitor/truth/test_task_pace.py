@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How long the tasks of a mission take: of those that were seen from their beginning to their end."""
 
 from merlin_monitor.truth.task_pace import TaskPace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The headline says the worst of what is true: a table of situations."""
 
 from typing import Any, Dict, Tuple

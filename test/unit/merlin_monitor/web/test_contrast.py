@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The colours of the page: text can be read, and lines can be seen (WCAG 2.1, 1.4.3 and 1.4.11)."""
 
 import re

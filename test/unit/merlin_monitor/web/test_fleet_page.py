@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The page of a fleet: what it shows, which operator may do what, and how the browser shows a lost hub."""
 
 import re

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is set by hand: only what is new, with what it contradicts, and how it is set back."""
 
 from typing import Any, List, Sequence

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A folder that cannot be opened is one line that says why; a recording brings no foreign scripts."""
 
 import sys

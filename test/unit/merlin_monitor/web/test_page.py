@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The page in Chromium: at a glance, by keyboard, on every size, and without barriers."""
 
 from typing import Any, List

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A page that hears nothing says so, whatever keeps its connection open; it comes back by itself."""
 
 from typing import Any, Iterator, List

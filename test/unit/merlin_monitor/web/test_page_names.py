@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The page assumes nothing about names: of states, machines, robots, things; nor about where a map lies."""
 
 import math

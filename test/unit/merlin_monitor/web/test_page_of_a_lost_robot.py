@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What an open page says when the master is replaced, navigation is killed, and a mission hangs."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Stop and Release of the page reach the guard of each robot, also of one that joins; with real guards."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the page asks when it shows the past: strange questions are refused, and the map of then is found."""
 
 import json

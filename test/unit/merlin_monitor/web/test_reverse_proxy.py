@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The page behind nginx, below a path: as docs/reverse-proxy.md has it, and without its lines, one by one."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a monitor tells the guards of its robots, when it was restarted while a stop stands."""
 
 from typing import Any, Dict, List, Tuple

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The page goes back to any moment of the history, and never takes it for the present: in Chromium."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The web server as browsers and others reach it: what is served, and how changes arrive."""
 
 import asyncio

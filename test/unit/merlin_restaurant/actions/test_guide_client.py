@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Guiding a client: what the robot sees of the client decides where the guidance goes, and it ends."""
 
 from typing import Any, List

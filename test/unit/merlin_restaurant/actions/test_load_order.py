@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Loading an order: the barman is asked again until nothing of it stays on the bar, but not for ever."""
 
 from typing import Any, List

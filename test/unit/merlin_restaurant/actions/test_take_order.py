@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Taking an order: what the guest says decides where the conversation goes, and it ends."""
 
 from typing import Any, List

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Several robots note each client who waits, and one robot that there is one."""
 
 from typing import Any, List

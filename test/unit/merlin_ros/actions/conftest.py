@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Lets the tests of the transport import `ownership_model`."""
 
 import sys

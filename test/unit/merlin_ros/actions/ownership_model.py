@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A model of the ownership protocol of docs/reliability.md, small enough to try everything that can happen.
 
 A chain of processes: the first wants actions, each one carries out what the one before sent by sending it

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the model of the ownership protocol is made of: its rules, books of leases, processes and the world.
 
 The books are the real ones (`merlin_ros.actions.lease.LeaseBook`), kept by their contents.

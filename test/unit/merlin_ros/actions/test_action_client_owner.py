@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A goal that is sent while the goal on whose behalf it is sent is given up, and one that cannot be sent."""
 
 from typing import Any, Iterator, List

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Cancels that come before their goals, or of all up to a stamp while the clock jumps back; floods."""
 
 from typing import Any, Callable, Dict, Iterator, List

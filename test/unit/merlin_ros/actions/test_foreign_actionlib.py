@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A plain server of actionlib serves a node whose clock is set back, and one that also has a plain client."""
 
 import sys

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a client stamps its goals with when its clock is set back, and which goals an earlier life left."""
 
 from typing import Any

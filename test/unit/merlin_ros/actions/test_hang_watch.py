@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A process that has hung reads everything before it begins something."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The book of leases: what a server believes of the owners of its goals."""
 
 from hypothesis import given

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a holder of leases publishes: one message for each change, and one for each period."""
 
 from typing import Callable, Collection, Iterator, List

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A watch of leases goes on whatever is done with a change; so does a client whatever is done with an end."""
 
 from queue import Queue

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Suspended goals of a process: which ones, and what is said about each change."""
 
 from typing import List

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Everything that can happen to the ownership protocol with few faults, on a model (`ownership_model`)."""
 
 from typing import Dict, List, NamedTuple, Optional, Tuple

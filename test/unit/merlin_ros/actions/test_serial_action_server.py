@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A server of one goal at a time whose code fails when it is told to cancel."""
 
 import threading

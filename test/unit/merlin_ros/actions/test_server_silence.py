@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """When a client gives its server up: in virtual time, by the client's own ticks."""
 
 from typing import Dict, List

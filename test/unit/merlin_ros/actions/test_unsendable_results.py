@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """An action server whose code ends goals with what cannot be sent: each client gets its answer."""
 
 from typing import Any

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Services of one part of a node are announced together, by whatever master there is."""
 
 import logging

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A node stays connected to a publisher that lives, however its connections break."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A master that is slow, one that hangs, and one that hangs again while a node registers."""
 
 import queue

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Nodes notice that their master is lost, say so, and work together again when one is back."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """When the master counts as lost, and what is due when it is back."""
 
 from typing import List, Optional, Tuple, Union

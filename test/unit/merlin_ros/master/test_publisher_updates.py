@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A publisher that comes while this node subscribes is connected to, whichever list is looked at first."""
 
 import threading

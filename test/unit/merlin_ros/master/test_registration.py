@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a new master gets back, though a part of it cannot be sent or a node does not answer."""
 
 import xmlrpc.client

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a service does behind its answer."""
 
 from typing import Any, List

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Connections that say nothing, or half of it, keep nobody out, and end."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A process that nobody can reach any more notices it, and ends when it can be started again."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Requests that cannot be written, or not be read; a service proxy that is closed."""
 
 import socket

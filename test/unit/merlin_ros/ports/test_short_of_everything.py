@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A node that is short of descriptors or threads, or beset by silent clients, serves again, or ends."""
 
 import contextlib

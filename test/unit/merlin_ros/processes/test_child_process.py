@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A child process answers its starter, ends with it, and leaves nothing when it cannot be started."""
 
 import errno

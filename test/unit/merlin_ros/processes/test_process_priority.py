@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A process yields to others or goes before them, with all of its threads, where the system allows it."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """All processes below a process are found, and a child may end with the thread that started it."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which peers live: words and passing time in, what is believed of them out."""
 
 import math

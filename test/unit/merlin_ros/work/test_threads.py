@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Threads of a process: what they raise is logged with their name, and calls in a row keep their order."""
 
 import threading

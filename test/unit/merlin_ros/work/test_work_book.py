@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The book of a server's work: each piece ends once, no more runs than may, and nothing waits for ever."""
 
 from typing import List, Tuple

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The dispatch logic against a world that the test controls."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A dispatch that is held before an action, steps, goes on, and is cancelled meanwhile."""
 
 import pytest

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Dispatches under whatever may arrive in whatever order, and readers under whatever text."""
 
 import random

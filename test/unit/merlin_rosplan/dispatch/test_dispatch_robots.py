@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A robot leaves while a plan is dispatched: the others finish what they do, and nothing else starts."""
 
 import pytest

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A plan of several robots, whatever happens in whatever order: in one thread, with a clock of its own."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What dispatchers look at of an operator, from the domain itself and from ROSPlan's messages."""
 
 import pytest

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The plan graph and its schedule."""
 
 import random

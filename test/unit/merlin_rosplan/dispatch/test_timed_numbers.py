@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From when on a condition on numbers holds that change at given times."""
 
 from typing import Dict, Optional

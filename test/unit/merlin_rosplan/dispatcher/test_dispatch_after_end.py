@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Between two plans: a client that gets the end of one can start the next at once, and cancel it."""
 
 import threading

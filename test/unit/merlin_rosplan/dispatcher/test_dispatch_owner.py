@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The owner of a dispatch changes while the dispatcher looks away; and what nothing foresaw is answered."""
 
 import threading

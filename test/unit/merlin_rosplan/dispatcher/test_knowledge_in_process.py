@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a dispatcher asks and hears of a knowledge base in its own process."""
 
 from types import SimpleNamespace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What parser and dispatcher ask of a knowledge base in another process."""
 
 from types import SimpleNamespace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Arguments that are named by the declared keys count by their names, whatever their order."""
 
 import pytest

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The README's numeric `if_interrupted`: a drive that is stopped costs what was really driven."""
 
 import re

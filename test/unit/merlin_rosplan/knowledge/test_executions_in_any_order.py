@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The journal of executions against a model: phases of several tokens in any order, crashes anywhere."""
 
 import shutil

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Numbers of an interrupted execution: what was really done is charged."""
 
 import shutil

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whatever comes in, the answer is a result or a refusal that says why; the state is whole afterwards."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 import pytest
 from knowledge_world import DOMAIN, add, remove, texts
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A journal that fails, and threads that read and write at once."""
 
 import threading

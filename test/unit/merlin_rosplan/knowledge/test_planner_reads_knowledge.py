@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a strict knowledge base accepts, the planner can read: no client stops the planning of the others."""
 
 import random

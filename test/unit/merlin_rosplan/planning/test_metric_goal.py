@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Metrics that kairos does not follow: a better plan is asked for as a goal."""
 
 import pytest

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Detours of a plan are left out, as long as it stays valid."""
 
 from pathlib import Path

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Planning with kairos and with external commands, real processes included."""
 
 import os

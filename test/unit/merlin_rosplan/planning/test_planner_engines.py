@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which engines a command names, and two of them at a time."""
 
 import stat

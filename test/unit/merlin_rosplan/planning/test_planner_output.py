@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What planners print. The samples follow each planner's form; the plans in them are our own."""
 
 import pytest

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Plans that are only shown: for other goals than those of the knowledge base, from its state."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A planner ends with everything it has started, within its limits, and a cancel never waits for it."""
 
 import itertools

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Folders of nodes that were killed do not pile up, and no other folder is touched."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a component asks the master for while it starts, and what others see of it then."""
 
 from typing import Any

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Service calls between components of one process."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What was sensed reaches the knowledge base, whatever else it refuses and however long it is away."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The physics behind the robot: limits, odometry, contact, sensors, repeatability."""
 
 import dataclasses

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What an application does to a running world: placing, walking, carrying, and what is refused."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How far simulated time goes on while pictures are made."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A sentence is answered once, in whatever order its parts come."""
 
 import itertools

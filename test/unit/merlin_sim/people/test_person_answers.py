@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What simulated people answer, and which of them hears the robot."""
 
 import math

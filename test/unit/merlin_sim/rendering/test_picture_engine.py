@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is drawn: shapes where their corners are, meshes, large pictures, one scene after the other."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Pictures from the process that makes them: those of this process, whatever has become of that one."""
 
 import dataclasses

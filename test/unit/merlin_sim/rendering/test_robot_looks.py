@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a robot looks like: the visual shapes of its description, where its links are."""
 
 import math

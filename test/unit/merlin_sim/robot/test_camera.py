@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The camera: what stands somewhere appears where its geometry says, and looks like its class."""
 
 import colorsys

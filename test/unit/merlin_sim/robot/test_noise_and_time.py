@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Noise that depends on nothing but seed, name and time; and the pace of time itself."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Random floor plans: every room can be reached, equal seeds give equal plans."""
 
 import pytest

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Two things cannot stand in the same place."""
 
 import math

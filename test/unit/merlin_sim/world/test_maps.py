@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Maps of worlds, and the plans that are made on them."""
 
 import itertools

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The command draw_world."""
 
 import cv2

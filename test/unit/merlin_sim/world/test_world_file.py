@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Reading world files, and what is said about bad ones."""
 
 import copy

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Objects of world files: where they stand, and what is said about impossible ones."""
 
 import math

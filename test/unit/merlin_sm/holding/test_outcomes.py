@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Operators force the outcomes with which states are left; a cancel wins."""
 
 import enum

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Machines are held before states: breakpoints, step, continue, preempt, and the end without a console."""
 
 import threading

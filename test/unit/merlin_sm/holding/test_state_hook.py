@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """SMACH machines that are held before their states."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """States that call a service or wait for a topic: every wait has an end, and the end says why."""
 
 import threading

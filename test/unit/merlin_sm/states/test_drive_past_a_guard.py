@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Drives of plain actionlib servers, as a real guard and the states of MERLIN see them."""
 
 from typing import Any

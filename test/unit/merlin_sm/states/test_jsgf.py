@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Grammars that cannot be used are named when their state is made; those that can are left alone."""
 
 import pytest

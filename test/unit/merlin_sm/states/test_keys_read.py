@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A state whose function reads userdata that it does not list is refused when it is made."""
 
 from typing import Any, Callable

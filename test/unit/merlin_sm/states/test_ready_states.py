@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Ready states that need no robot: functions, dialogues and states that watch each other."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """States that use action servers: which goal they send, and what each end of it means for the machine."""
 
 import contextlib

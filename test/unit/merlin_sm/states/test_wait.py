@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The state that waits: it ends with its time, or at once when it is preempted, whatever the clock does."""
 
 import threading

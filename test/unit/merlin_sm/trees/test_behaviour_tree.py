@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A behaviour tree as a state: what it ends with, what it interrupts, and when it is ticked."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The command `rosrun merlin_fleet fleet`: sends, lists, cancels and follows goals, without ROS."""
 
 import argparse

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`rosrun merlin_fleet fleet forget`: removes what a robot has left that never comes back."""
 
 import argparse

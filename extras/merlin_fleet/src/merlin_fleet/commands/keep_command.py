@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`rosrun merlin_fleet fleet keep`: removes ended goals where robots lack the rights for it."""
 
 import argparse

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The command `rosrun merlin_fleet keys`: a lab's certificates, and the rights that etcd gives to them."""
 
 import argparse

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`rosrun merlin_fleet fleet page`: serves the fleet's page until Ctrl-C."""
 
 import argparse

@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
 """The protocol of the fleet: events in, decisions out. Without ROS and without network."""

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which robot takes an open goal: that of the cheapest bid; the next one when it does not claim."""
 
 import bisect

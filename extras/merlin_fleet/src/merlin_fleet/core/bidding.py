@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Bids for open goals, and the end of open goals whose deadline has passed."""
 
 from typing import TYPE_CHECKING, Dict, List, Optional, Tuple

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A robot's part in the removal of ended goals: one robot removes them, each its own records of them."""
 
 from collections import deque

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The robot's clock against the hub's: a robot whose clock is wrong leaves deadlines alone."""
 
 import time

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What happens to an agent, and what it decides."""
 
 from typing import NamedTuple, Optional, Tuple, Union

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How far a robot is behind the store's changes: measured by its own writes, and what follows from it.
 
 The answer to a transaction and its change leave the store together. So the time between them is what the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The goals that a robot owns: taken, begun, stopped by its own clock, ended, given up."""
 
 from enum import Enum

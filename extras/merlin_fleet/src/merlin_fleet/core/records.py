@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the keys of a fleet hold: JSON objects, each with one writer or written once."""
 
 import functools

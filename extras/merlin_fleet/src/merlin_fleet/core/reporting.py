@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Results on their way to the store: kept until it has them, applied only when the goal is still owned."""
 
 from typing import TYPE_CHECKING, Dict, List, Optional, Tuple

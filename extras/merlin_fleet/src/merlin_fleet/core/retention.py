@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How long goals that have ended are kept, and how they are removed from the store.
 
 An end is final: while the goal's key exists, a goal that has ended stays so, and so does one that was

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The lease of a robot, by the robot's own clock: until when what it owns may run."""
 
 from typing import NamedTuple

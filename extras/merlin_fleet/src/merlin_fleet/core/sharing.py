@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Facts that robots share: each predicate has one robot that writes it; the others know how old it is."""
 
 from typing import TYPE_CHECKING, Dict, List, Optional, Tuple

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The keys of a fleet as one robot or client sees them."""
 
 import bisect

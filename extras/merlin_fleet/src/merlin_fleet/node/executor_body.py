@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The body of a robot in a fleet: its own Executor does the goals, its own planner estimates their cost."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Node: this robot's part in a fleet."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The monitor's panel of the fleet: robots, goals, owners, leases, links."""
 
 import threading

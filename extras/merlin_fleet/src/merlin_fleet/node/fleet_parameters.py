@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The private parameters of a robot's node in a fleet, checked when they are read."""
 
 from pathlib import Path

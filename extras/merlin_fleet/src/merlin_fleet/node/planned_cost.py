@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The cost of goals for a robot: its own planner plans them from the present state of its knowledge."""
 
 import hashlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The robot's knowledge base and the facts that the fleet shares: reads own ones, takes those of others."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the fleet's page shows, kept by a thread of its own from the hub's changes."""
 
 import sys

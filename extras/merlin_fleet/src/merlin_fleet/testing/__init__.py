@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
 """A simulated store, for tests without a hub."""

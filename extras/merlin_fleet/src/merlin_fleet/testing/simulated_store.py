@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A store in memory with the semantics of etcd: revisions, leases, transactions, changes in order."""
 
 from typing import Dict, List, Tuple, Union

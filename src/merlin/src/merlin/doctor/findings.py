@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the doctor finds in what was gathered. Without ROS, network or files."""
 
 from typing import Dict, Iterator, List, NamedTuple, Optional, Sequence, Tuple

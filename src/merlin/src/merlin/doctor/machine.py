@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What this computer has, for the doctor."""
 
 import importlib.util

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What runs below a master, for the doctor."""
 
 import threading

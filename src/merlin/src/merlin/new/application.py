@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is written of a new application: its actions, places, goals and PDDL. Without ROS."""
 
 from dataclasses import dataclass, field

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which names a new package, an operator and its parameters may have, and why not."""
 
 import importlib.util

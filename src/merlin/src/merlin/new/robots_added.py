@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Adds robots to a domain and a problem that were written for one robot. Without ROS."""
 
 import re

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The command `rosrun merlin replay`: shows the page as it was while a bag was recorded."""
 
 import argparse

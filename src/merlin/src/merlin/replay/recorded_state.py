@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Node: publishes on latched topics what a recording needs besides: the first knowledge, and parameters.
 
 It begins together with ``rosbag record``; see ``record.launch``.

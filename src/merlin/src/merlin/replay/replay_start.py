@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Node: lets ``rosbag play``, which waits, begin once the page and rviz are connected to it."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The text of systemd units: one that keeps a ROS command alive in a sourced workspace."""
 
 import shlex

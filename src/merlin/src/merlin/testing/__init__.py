@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
 """pytest fixtures: one action or one mission against simulated servers that a test scripts."""

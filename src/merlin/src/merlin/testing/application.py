@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """An application below a test: everything of its launch file but robot and mission."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Fixtures of pytest. ``pytest_plugins = ["merlin.testing.fixtures"]`` in conftest.py brings them in."""
 
 import logging

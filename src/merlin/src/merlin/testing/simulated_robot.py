@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A robot for tests: simulated servers that a test scripts, below actions, or below a whole application."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The action (drive ?from ?to), or (drive ?r ?from ?to) of several robots: navigate by another name."""
 
 from merlin_actions.actions.navigate import Navigate

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The action (navigate ?from ?to): drive from one place to another."""
 
 from merlin_actions.merlin_action_sm import MerlinActionSM

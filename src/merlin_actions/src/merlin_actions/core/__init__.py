@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
 """What action interfaces and hosts decide. Without ROS."""

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Compares an application's parts with each other before the robot moves. Imports no ROS.
 
 Each mistake is one sentence: where it is, what is wrong, what to do.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The modules of an application, imported anew while objects of the old ones live on. Pure."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which facts about available robots have to be written. Without ROS. Not thread-safe."""
 
 from typing import Dict, Iterable, Set

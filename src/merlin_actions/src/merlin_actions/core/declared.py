@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What an action declares for its run and its interruption: literals and numeric effects. Pure."""
 
 import re

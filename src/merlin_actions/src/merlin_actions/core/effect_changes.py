@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What executions of one operator change in the knowledge, and what undoes it: events in, changes out.
 
 For a knowledge base that cannot apply the effects of an action by itself.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How an execution ends: its effects on the knowledge base, and the answer to the dispatcher."""
 
 from enum import Enum

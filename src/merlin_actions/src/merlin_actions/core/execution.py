@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One dispatched action, from its dispatch to its answer."""
 
 import itertools

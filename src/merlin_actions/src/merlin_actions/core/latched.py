@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which dispatches may be older than an action interface, and those put aside for it. Without ROS."""
 
 from typing import Any, Dict, FrozenSet, Iterable, List, Mapping, Optional, Tuple

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the end of a machine's goal says: at the host, which runs it, and at the bridge, which has sent it."""
 
 from enum import Enum

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Names of actions: PDDL operators, ROS names, class names."""
 
 import re

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which robots take actions: words of their hosts and passing time in, changes out.
 
 A host says every 0.25 s that it lives. One robot has one host: where two say that they are the same robot,

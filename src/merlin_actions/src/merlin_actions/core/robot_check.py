@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whether an application fits its robots. Without ROS; one sentence for each mistake."""
 
 from typing import Dict, Iterator, List, Sequence

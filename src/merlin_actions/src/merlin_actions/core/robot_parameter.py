@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which parameter of an operator names the robot that runs it."""
 
 import re

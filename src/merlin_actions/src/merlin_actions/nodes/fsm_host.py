@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Node: the state machines of an application's actions in one process."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The naive integration that the paper compares MERLIN with: ROSPlan's way of handling messages in sequence.
 
 The state machine runs directly inside the action interface, in the thread that reads the dispatch topic. A

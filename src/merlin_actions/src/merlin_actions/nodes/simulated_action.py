@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Node: ROSPlan's simulated action, which waits and succeeds with a given probability."""
 
 import math

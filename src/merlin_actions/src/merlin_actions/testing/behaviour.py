@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a simulated server does with its goals, drawn from a seed."""
 
 import random

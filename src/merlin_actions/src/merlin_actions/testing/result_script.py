@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a test writes down for a simulated server, as the fields of its results, goal by goal."""
 
 from typing import Any, Callable, Dict, List, Mapping, Sequence

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Results that a test writes down: what a simulated server answers, goal by goal."""
 
 from typing import Any, Mapping

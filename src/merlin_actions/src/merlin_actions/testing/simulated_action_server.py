@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """An action server of any type that behaves as its parameters say."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A ``move_base`` without a robot: it commands velocities and nothing moves. For tests only.
 
 ``~hold`` (std_srvs/SetBool): whether the next drive lasts until it is cancelled. One that is held now ends.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The health of the Executor: the last reason, and whether its software needs attention. Pure."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The agenda of the Executor: which request runs, which wait, which stop. Events in, decisions out.
 
 Pure and not thread-safe. Every request that was received gets exactly one :class:`AgendaAnswer`; at most one

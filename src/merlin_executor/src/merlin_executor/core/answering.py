@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How a client is answered: actionlib's verb for a verdict, the verdict on what cannot be read. Pure."""
 
 from enum import Enum

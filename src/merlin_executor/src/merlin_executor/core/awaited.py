@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is waited for: names that are to be announced before something begins, a part that is gone."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Who holds a base since when, of what its guard says; ROS time as a clock shows it. Without ROS."""
 
 import time

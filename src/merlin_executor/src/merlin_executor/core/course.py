@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The course of one request through the stages of planning, and the verdict on it. Pure."""
 
 from typing import Dict, List, NamedTuple, Sequence, Tuple

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Runs requests by their agenda: one worker, events from any thread, one answer for each. Without ROS.
 
 An unexpected exception in a run ends that request with the reason. What fails while something is published,

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The constructor arguments of a mission, from the private parameters of its node. Without ROS."""
 
 import inspect

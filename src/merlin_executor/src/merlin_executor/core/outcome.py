@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How a request can end, and what made it stop. Pure: the numbers are those of merlin_msgs/Execute."""
 
 from enum import Enum, IntEnum

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whether a plan that failed is replaced by another one. Pure."""
 
 from typing import Dict, List, NamedTuple, Optional, Sequence, Tuple

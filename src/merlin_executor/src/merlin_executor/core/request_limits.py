@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How large a request may be, and how many may wait: one client must not keep the Executor from the others.
 
 Pure.

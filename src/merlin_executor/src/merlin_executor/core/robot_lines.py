@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a robot does, says, hears and sees, one line each: what was received goes in, lines come out."""
 
 import threading

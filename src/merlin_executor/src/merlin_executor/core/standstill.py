@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The verdict on a stop: what has not ended, whether the base stands, what the guard did. Pure."""
 
 from typing import NamedTuple, Sequence

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which goals of a knowledge base are this Executor's, and which lease names them. Pure.
 
 A lease is ``<unique word> (and <goal> …)``: so a knowledge base knows what it is about without asking.

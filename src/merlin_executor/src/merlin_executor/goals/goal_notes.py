@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A file that notes goals, for the next process of this node. Without ROS."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What missions are made of (paper, section 3.2.2). These names are the API of applications."""
 
 from merlin_executor.executor_client import DROP, RESUME, outcome_name

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The Goal Dispatcher, the mission layer's component: as a plain node or as a state machine (paper, 3.2.2).
 
 .. code-block:: python

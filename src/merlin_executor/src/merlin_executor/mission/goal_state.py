@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A state that sends goals to the Executor: what a mission's machine is made of (paper, Figure 3)."""
 
 from typing import Any, Callable, Optional, Sequence, Union

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whether the Executor waits for the release of a base; missions wait, too."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whether the domain knows the goals that stand literally in a mission."""
 
 from typing import Callable, List

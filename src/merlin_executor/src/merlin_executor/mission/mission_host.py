@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Node `mission`: runs the mission that is named ``package.module:Class``.
 
 Exit code: 0 when the mission succeeded, 1 when it failed, 2 when it could not begin, continue or keep its

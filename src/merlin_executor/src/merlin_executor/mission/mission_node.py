@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """MissionNode: the part of a mission that makes it a node: parameters, waits, exit code."""
 
 import sys

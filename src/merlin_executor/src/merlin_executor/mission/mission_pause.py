@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Pauses and resumes a mission: the services ``merlin/mission/pause`` and ``merlin/mission/resume``."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where a mission is: its task, and whether it is paused. Pure; the numbers are those of MissionStatus."""
 
 from enum import IntEnum

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Publishes what a mission does on ``merlin/mission``."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Waits until all parts of the robot that a mission needs are up."""
 
 import threading

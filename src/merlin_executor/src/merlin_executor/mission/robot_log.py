@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the robot does, says, hears and sees, one line each, for a mission's screen. It changes nothing."""
 
 from typing import Callable, List, Sequence, Tuple

@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
 """The Executor as a node: carries the decisions of `core` out over ROS."""

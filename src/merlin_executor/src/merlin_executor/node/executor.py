@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The Executor: serves ``merlin/execute``, one request after the other, the most urgent first.
 
 What runs, waits and stops is decided in :mod:`merlin_executor.core.agenda`; here decisions become messages.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The Executor's state machine: a state for every component of the planning system (paper, section 3.2.2).
 
 The state factory makes its states (paper, section 3.2.1). They carry out; what a failure or a stop means is

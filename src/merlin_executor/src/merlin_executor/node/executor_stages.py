@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The Executor's own stages: at rest, goals in, dispatched, again, goals out. The state factory makes them.
 
 They carry out; what their ends mean is decided in :mod:`merlin_executor.core.course` and

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The Executor's view of the velocity guards: whether bases stand, or are held; braking and halting them."""
 
 import threading

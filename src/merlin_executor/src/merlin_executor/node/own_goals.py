@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The goals that an Executor has put into the knowledge base, noted where its successor finds them."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Brings the planning system to rest before anything is planned: no dispatch runs, no execution is open."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A goal of ``merlin/execute``, and the answer to it."""
 
 from typing import List

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The robot of a mission as ROS shows it: the Executor, the knowledge base, the clock."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Node `fault_injector`: kills a node of the robot in the middle of a mission, as a crash would.
 
 Waits until a task of the mission runs, and a little longer; then sends SIGKILL to the process of a node. What

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the simulator knows for certain, for the metrics only: where the robot is, and the map."""
 
 import math

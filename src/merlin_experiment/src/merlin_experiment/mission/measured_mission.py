@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The Goal Dispatcher of the home: sends the tasks of a mission one after the other, and keeps the times.
 
 Without ROS: what the mission needs of the robot is :class:`MissionRobot`.

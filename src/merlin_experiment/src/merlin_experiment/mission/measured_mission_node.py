@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Node `mission`: runs one of the paper's missions and writes its results.
 
 Exit code: 0 when every task ended as the list says, 1 when one did not, 2 when the mission could not begin or

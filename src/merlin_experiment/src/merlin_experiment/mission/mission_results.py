@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is made of a mission when it is over: the oracle's figures, the tables, the plot."""
 
 from pathlib import Path

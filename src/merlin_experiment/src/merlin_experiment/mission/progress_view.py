@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a mission shows while it runs: one line per task, rewritten in place on a terminal, and a table."""
 
 import sys

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How fast the simulation runs during a mission.
 
 Thinking takes wall time, so a simulation at factor 5 makes it look five times as long. Under the `adaptive`

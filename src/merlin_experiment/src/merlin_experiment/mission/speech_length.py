@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How long the question of the paper's tasks is."""
 
 from merlin_home.question import QUESTION

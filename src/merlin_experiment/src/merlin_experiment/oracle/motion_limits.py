@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How fast a robot may move, and what that makes of a straight line and of a turn.
 
 Both are the same problem: the shortest time from rest to rest over a way `s` under a limit of the speed

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The best that a robot could do: the yardstick of the experiment.
 
 For one task, from the pose and motion in which it was sent: turn to the direction of the shortest path while

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The obstacles of a place as exact shapes: what the oracle's robot must not touch.
 
 A shape is a convex polygon grown by a radius: a box is four corners, an upright cylinder one corner and its

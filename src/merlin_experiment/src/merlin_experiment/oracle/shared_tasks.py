@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The least time in which several robots can do tasks that they may share as they like: a lower bound.
 
 Each robot does its tasks one after the other, along shortest paths and at the limits of the oracle; robots

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Shortest paths of a disc among exact shapes.
 
 The shapes grow by the disc's radius, so the disc becomes a point. A shortest path is then made of straight

@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is known about a run: records of its tasks, the true trajectory, and the files of both."""

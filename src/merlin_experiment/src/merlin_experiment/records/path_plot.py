@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Draws the way of the robot over the map."""
 
 from pathlib import Path

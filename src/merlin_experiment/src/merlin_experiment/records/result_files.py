@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Writes the results of runs: runs.csv and tasks.csv, one row per run and per task."""
 
 import csv

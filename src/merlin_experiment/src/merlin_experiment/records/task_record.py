@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is known about a task and a run after it: the rows of tasks.csv and runs.csv."""
 
 from dataclasses import dataclass, field

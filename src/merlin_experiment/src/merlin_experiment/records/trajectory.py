@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where the robot really was, for the metrics: positions over time, distances, standstills."""
 
 import bisect

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What software ran, for the records."""
 
 import platform

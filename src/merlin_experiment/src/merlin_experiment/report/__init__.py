@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
 """From tables of runs to the report: statistics, figures, text."""

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From rows of runs and tasks to the figures of the report."""
 
 from collections import defaultdict

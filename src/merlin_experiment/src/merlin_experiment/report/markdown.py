@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Text of the report: tables and numbers."""
 
 from typing import Iterable, List, Optional, Sequence

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the paper reports: its Table 1, and the text on Mission 3."""
 
 from typing import Dict, NamedTuple, Tuple

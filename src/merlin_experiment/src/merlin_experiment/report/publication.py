@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Copies a report with its figures and its table of runs into the documentation."""
 
 import shutil

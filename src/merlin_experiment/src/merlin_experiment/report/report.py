@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Writes report.md: every number in it comes from the tables beside it."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The figures of the main runs, and the lines of the report that show them."""
 
 from pathlib import Path

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Sections of the report on other settings: factor 1, cancel times, shares, early cancels, worlds."""
 
 from pathlib import Path

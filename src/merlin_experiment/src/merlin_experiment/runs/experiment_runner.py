@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Carries the runs out, one after the other; what is done already is not done again."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Generated worlds of the experiment, each with the planning problem that belongs to it."""
 
 from pathlib import Path

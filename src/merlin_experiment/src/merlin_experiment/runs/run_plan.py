@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which runs the experiment is made of."""
 
 from dataclasses import dataclass

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The action (ask ?p): ask whether a service is needed."""
 
 from merlin_actions.merlin_action_sm import MerlinActionSM

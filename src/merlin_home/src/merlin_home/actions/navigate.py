@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The action (navigate ?r ?from ?to) of several robots, each of which has its place to itself."""
 
 from merlin_actions.actions import navigate

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Operators of the robot: names and tokens, from a file that only its owner reads."""
 
 import argparse

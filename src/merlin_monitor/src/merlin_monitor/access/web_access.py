@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Access to the page: Host, Origin, token, and the headers that bind the browser."""
 
 import asyncio

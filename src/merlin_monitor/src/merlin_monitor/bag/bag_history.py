@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Makes a history of a bag: where the file is, the progress, and the clean-up."""
 
 import contextlib

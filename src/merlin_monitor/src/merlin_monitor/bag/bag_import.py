@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Makes a history of a bag: its messages go through the panels, as a robot's do, at their own times."""
 
 import concurrent.futures

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The ROS system in a bag: its topics, parameters and times stand where those of a robot stand otherwise."""
 
 from functools import partial

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How a recording is called, and what it has beside the topics of the robot, below its namespace."""
 
 #: Its file, in the folder of the results.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A bag that ``record:=true`` has written: what is in it, and the bag that is played for it."""
 
 import contextlib

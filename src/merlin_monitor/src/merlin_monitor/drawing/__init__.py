@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
 """State machines and plans as graphs, laid out by Graphviz."""

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Geometry of graphs by Graphviz, for which no caller waits. The texts stay here: it sees sizes only."""
 
 import json

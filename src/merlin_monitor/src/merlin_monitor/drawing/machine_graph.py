@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is drawn of state machines and plans, as graphs without geometry."""
 
 from collections import Counter

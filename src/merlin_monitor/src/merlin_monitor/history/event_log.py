@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The events in the file of the history. The caller owns the connection."""
 
 import json

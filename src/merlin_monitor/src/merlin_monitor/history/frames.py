@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What was shown, in the file of the history. The caller owns the connection.
 
 A run is a row of segments. The first frame of a segment is the whole state, each further one holds what

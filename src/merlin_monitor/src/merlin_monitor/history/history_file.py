@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The SQLite file of the history: its tables, and how it is opened and checked."""
 
 import sqlite3

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Answers questions about a history, in the one thread that owns its file."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The pictures that the state names by their versions: those of now, which the history keeps too."""
 
 import hashlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Notices topics and services that appear and vanish. The master sends no events, so the watch polls it."""
 
 import threading

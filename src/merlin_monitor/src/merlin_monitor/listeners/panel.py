@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a panel is: the base class of those in ``merlin_monitor.panels`` and of those of applications."""
 
 from typing import Any, Callable, ClassVar, Dict, Mapping, Optional, Union

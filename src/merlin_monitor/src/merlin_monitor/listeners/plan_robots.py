@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The robots of one plan whose topics a panel follows, each below its name."""
 
 import re

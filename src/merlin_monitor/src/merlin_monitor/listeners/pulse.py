@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Checks what changes without an event: the time, a silent node, a small motion of the robot."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The ROS system that panels follow; where a recording is opened, that of its bag stands for it."""
 
 import time

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The panel of the control: for operators only, it sends goals; the application may offer some by name."""
 
 from pathlib import Path

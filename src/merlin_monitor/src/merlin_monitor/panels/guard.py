@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The panel of the velocity guards: whether the bases may drive."""
 
 from typing import Any, Dict

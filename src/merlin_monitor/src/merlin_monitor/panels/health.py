@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The panel of the health: every part that reports on ``/diagnostics``."""
 
 from diagnostic_msgs.msg import DiagnosticArray

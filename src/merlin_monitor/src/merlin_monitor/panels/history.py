@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The panel of the history: its events come from all other panels."""
 
 from merlin_monitor.listeners.panel import Panel

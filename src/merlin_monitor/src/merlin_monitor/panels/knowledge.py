@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The panel of the knowledge base. It is followed: everything by its services, then its changes.
 
 Ours publishes every change on ``changes``. ROSPlan's says on ``status/update`` that an array was applied, and

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The panel of the state machines: every SMACH introspection server there is, ours or the original's."""
 
 from functools import partial

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The panel of the map: robots on it, their paths, points of interest and people."""
 
 from typing import Any, Dict, List, Optional, Tuple

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The panel of the present: what the mission and the Executor do, as the headline."""
 
 from typing import Dict

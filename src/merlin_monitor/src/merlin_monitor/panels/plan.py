@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The panel of the plan: plans, the planner, the dispatcher, and what the actions answer."""
 
 from typing import Any, Callable, Dict, List

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The panel of the queue: the goals that run and wait."""
 
 from merlin_msgs.msg import GoalQueue

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The panel of the robots of one plan: which of them does what, and why one takes no actions."""
 
 from typing import Any, Dict, List

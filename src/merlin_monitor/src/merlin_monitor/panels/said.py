@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The panel of what the robots said, heard and saw."""
 
 from typing import Any, Callable, Dict, List, Tuple

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Goals for points of interest that are clicked in rviz."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The monitor's state as markers: points of interest, people, the goal of the drive, and the plan as text."""
 
 import math

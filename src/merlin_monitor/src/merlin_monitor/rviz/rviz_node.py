@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Node: what rviz shows of MERLIN, and goals for points of interest that are clicked there."""
 
 from typing import Dict, List

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whether what a section shows is still fed: which sources are gone or hang, and since when."""
 
 from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Tuple

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The section of the velocity guard: whether the base may drive, and whether the guard itself is heard."""
 
 from typing import Any, Dict

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The section of the health: what every part reports on /diagnostics, and which part is silent."""
 
 from typing import Any, Collection, Dict, List, Tuple

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is worth remembering: the events of the history."""
 
 from typing import Any, Callable, Dict, NamedTuple

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The history of the present run: its events and what the page showed, in a file that outlives the node."""
 
 import concurrent.futures

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One thread that owns the model: messages of all topics are taken in one after the other."""
 
 import queue

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The section of what the robot knows: objects, facts, numeric values, goals, and their last changes."""
 
 from collections import deque

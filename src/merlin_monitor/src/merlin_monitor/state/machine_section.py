@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The section of the state machines: every container of every introspection server, and where it is."""
 
 import re

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The section of the map: the map's picture, the robot, its path, points of interest and people on it."""
 
 import math

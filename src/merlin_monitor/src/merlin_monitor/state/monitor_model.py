@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Everything that is shown, without ROS: the tree and the sections that keep it."""
 
 import concurrent.futures

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The sections of the present: the line that says what the robot does and why, and the queue of goals."""
 
 import re

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Steps of a plan and what must precede what, from either form of plan message."""
 
 from typing import Any, Dict, List, NamedTuple, Set, Tuple

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The section of the plan: its steps with state and time, replans, the planner and the dispatcher."""
 
 from typing import Any, Dict, List, Mapping, Optional, Set, Tuple

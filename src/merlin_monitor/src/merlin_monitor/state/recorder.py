@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Records what is shown: takes the changes of the state in frames, and packs them, in one thread."""
 
 import json

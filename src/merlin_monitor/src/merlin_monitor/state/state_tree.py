@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The state that is shown: a tree of plain values, and feeds of what changed in it.
 
 A change is a path and its new value, or a path alone for what is gone. A reader that is slower than the state

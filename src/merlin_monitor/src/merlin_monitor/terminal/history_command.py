@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``rosrun merlin history``: what happened, read from the file that the monitor keeps. No node, no master."""
 
 import argparse

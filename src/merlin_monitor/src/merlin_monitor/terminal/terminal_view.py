@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The state as lines of a terminal. Names from ROS cannot move the cursor: only printable signs are shown."""
 
 import unicodedata

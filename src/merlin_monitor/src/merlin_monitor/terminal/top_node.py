@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``rosrun merlin_monitor top``: the state in a terminal. q quits; without a terminal it prints once."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Knowledge items as PDDL text. Items are read by their fields, so any message with them will do."""
 
 from typing import Any, List, Mapping

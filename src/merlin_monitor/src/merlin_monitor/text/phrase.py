@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Sentences as data: a text with blanks and what fills them, so that each reader gets them in his language.
 
 The English text is the key of the page's tables (``web/texts.<language>.json``). A phrase is a text that is

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Values as a page can take them: whatever arrives over ROS becomes JSON of bounded size."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Userdata of a state machine as text, read from its pickle without making a single object of it.
 
 A pickle is a program: unpickling runs what it names. Here the standard library's unpickler gets a stub for

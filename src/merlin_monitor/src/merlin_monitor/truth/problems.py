@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is wrong with a robot, the worst first, and which of it an operator knows about."""
 
 from typing import Any, Callable, Dict, Iterable, List, Mapping, NamedTuple

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How long the tasks of a mission take, so that its end can be expected."""
 
 import statistics

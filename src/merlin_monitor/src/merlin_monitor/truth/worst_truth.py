@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The one rule of the headline: of what was said last, who still lives and what holds the base, the worst."""
 
 from typing import Any, Mapping, NamedTuple, Tuple

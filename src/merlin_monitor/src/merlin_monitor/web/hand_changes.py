@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What an operator changes in the knowledge by hand: what it contradicts, and how it is set back."""
 
 from typing import Any, Dict, Iterable, List, Mapping, Optional, Sequence, Set, Tuple

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Brings changes of the state to every open page: at once when it is quiet, in frames when much happens.
 
 One frame is encoded once for all pages. A page that reads slowly has at most one text on its way and one set

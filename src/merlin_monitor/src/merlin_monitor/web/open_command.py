@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``rosrun merlin_monitor open``: the page of a run that has ended, or of a bag. No node, no master."""
 
 import argparse

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Control of the robot from the page: goals, cancels, pausing, stop. Each request is checked first."""
 
 from typing import TYPE_CHECKING, Any, Callable, Dict, List, Protocol

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the page asks of the history: events, and of the past runs, marks and segments of what was shown."""
 
 import asyncio

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Control of the robot over ROS: the Executor's public client, its services, and the guards themselves.
 
 A stop needs neither Executor nor planner nor state machine.

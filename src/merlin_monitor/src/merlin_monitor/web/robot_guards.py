@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The velocity guards of all robots below the monitor's namespace: stops, releases, and which of them hold.
 
 A guard gets a stop on a topic whose connection is there already, and its own status says whether it obeyed.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What operators ask of planning system and machines: plans, facts, breakpoints, outcomes of states."""
 
 from typing import Any, Callable, Dict, List, Sequence, Tuple

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Closes connections without requests, so that one client cannot hold many of them open."""
 
 import asyncio

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The web server: the page, its live feed, the map's picture, the history and the control of the robot."""
 
 import asyncio

@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
 """What can be reached in a task, and a task without some of its actions."""

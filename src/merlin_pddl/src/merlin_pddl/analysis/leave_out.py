@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A planning task without some of its ground actions, as PDDL that every planner with negation reads.
 
 Each operator concerned gets a predicate that says what is left out, and the condition that it does not hold.

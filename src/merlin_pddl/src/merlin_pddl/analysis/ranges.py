@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a number can become: a range with both ends, and the arithmetic of ranges."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which facts and numbers the actions of a task can reach when nothing is ever lost."""
 
 import math

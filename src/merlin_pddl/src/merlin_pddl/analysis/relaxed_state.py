@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What can hold at all when nothing is ever lost: facts that come true stay, numbers become ranges.
 
 Whatever a plan can reach can be reached here too; what cannot be reached here has no plan.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Why a task has no plan: which condition no action can reach, and by how much it is missed."""
 
 import itertools

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Checks PDDL and plans with kairos, in this process: no planner sees bad input, no dispatcher a bad plan."""
 
 import functools

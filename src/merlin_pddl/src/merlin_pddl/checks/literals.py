@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Facts and goals that stand literally in Python: where they are, and whether a domain knows them."""
 
 import ast

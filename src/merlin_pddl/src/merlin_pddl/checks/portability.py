@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What other parsers do not read although it is valid here: keywords as names, and an empty goal."""
 
 from typing import Dict, Iterator, List

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``rosrun merlin_rosplan validate domain.pddl [problem.pddl] [goal]``: checks PDDL, without ROS.
 
 Says with file, line and column what is wrong, and, when a goal is stated, whether a plan exists. Our own

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which numbers the actions of a problem need that have no value, so that they never run."""
 
 import time

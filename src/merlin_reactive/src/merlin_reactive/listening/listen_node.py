@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The node ``listen``: understands one utterance at a time."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Understands speech: pocketsphinx with a JSGF grammar, and the courage to say that it did not understand."""
 
 import functools

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The speech recogniser in a process of its own.
 
 The decoder keeps Python's interpreter lock for as long as it decodes, a second for two seconds of speech.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The node ``localization``: a particle filter behind the topics of amcl."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Monte Carlo localisation: where on the map the scans and the odometry of a robot make sense.
 
 After Thrun, Burgard and Fox, *Probabilistic Robotics* (2005): a likelihood field for the laser, odometry

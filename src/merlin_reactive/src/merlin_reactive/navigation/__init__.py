@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
 """Plans paths, follows them and answers `move_base`."""

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How a robot gives way: it waits before the other's way, or goes aside until that is free."""
 
 import math

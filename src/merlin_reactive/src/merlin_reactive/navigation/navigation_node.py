@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The node ``navigation``: the ``move_base`` action and what belongs to it."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Brings a robot to a pose: plans, follows, waits for what is in the way, goes round it, or says why not.
 
 Knows no ROS: the node feeds poses and scans in and sends the velocities that come out.

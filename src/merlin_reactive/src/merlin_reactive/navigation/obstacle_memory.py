@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the laser saw that is not on the map, until it is seen to be gone or forgotten."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Drives along a path: fast where it is straight, round corners without stopping, braking late."""
 
 import math

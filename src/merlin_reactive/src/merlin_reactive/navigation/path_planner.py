@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Shortest safe paths for a disc on an occupancy grid."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where a robot goes that stands in the way of others: the nearest place at which they can pass."""
 
 from typing import Optional, Sequence

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which of several robots goes first where their ways meet. Knows no ROS.
 
 The rule: a robot whose name comes first in the alphabet goes first. The others wait before its way, or go

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The last word before the wheels: no command may drive the disc into what the laser sees."""
 
 import math

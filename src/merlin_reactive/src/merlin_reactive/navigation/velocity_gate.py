@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The only way from navigation to the wheels: once closed for a goal, it blocks all commands of that goal."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Publishes where this robot drives, and receives where others do."""
 
 from typing import Optional

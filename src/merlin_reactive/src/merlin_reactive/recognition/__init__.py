@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
 """Recognition of objects, people and tags in a camera image."""

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where a camera was when it took a picture, from tf."""
 
 import threading

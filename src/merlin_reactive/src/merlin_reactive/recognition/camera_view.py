@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Geometry of one picture: from the map to pixels and back."""
 
 from dataclasses import dataclass

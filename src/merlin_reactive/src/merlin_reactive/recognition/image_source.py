@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where a recogniser's pictures come from: the simulator's camera on request, or a camera's topics."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The classes of things that can be recognised: how big each is and what it looks like.
 
 Both sides read this table: the renderer paints things after it, the detector looks for them. A real robot's

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Recognises the object classes in a picture by colour, shape and size.
 
 A patch of a class's colour is compared with what a thing of that class would look like: standing on each of

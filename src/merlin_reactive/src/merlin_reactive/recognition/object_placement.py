@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where a thing of known size stands, from its outline in a picture."""
 
 import math

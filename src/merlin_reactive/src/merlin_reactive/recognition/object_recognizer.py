@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Recognition without ROS: from a picture and where it was taken to what stands where."""
 
 from typing import Callable, List, Optional, Protocol, Sequence

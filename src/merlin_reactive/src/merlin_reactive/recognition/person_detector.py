@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Recognises people by their clothes, their width and their head."""
 
 import math

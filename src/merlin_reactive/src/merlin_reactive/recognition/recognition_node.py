@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The node ``recognition``: finds which objects and persons stand where in one camera image."""
 
 import time

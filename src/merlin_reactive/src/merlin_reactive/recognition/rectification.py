@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Camera images as a camera without distortion would have taken them."""
 
 from typing import Tuple

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Finds ArUco tags in a picture, and their poses."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The ArUco tags that are recognised."""
 
 from typing import TYPE_CHECKING

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The node ``soundplay_node``: speech and sounds through the interface of sound_play."""
 
 import math

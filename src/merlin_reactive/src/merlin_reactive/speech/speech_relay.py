@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The node ``speech_relay``: the action ``sound_play`` over the robot's own speech, an action or a topic."""
 
 import functools

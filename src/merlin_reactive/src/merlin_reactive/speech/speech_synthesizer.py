@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Turns text and files into sound: 16-bit mono samples of one rate."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The action (check_entrance): look whether a new client waits at the entrance."""
 
 from typing import Any, Sequence

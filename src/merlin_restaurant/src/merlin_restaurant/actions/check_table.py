@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The action (check_table ?t): look at a table and say in which state it is."""
 
 from typing import Any

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The action (deliver_order ?t): hand over an order and hear that it is right."""
 
 from typing import Any

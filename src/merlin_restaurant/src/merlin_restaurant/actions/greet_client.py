@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The action (greet_client ?c): welcome a new client."""
 
 from typing import Any

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The action (guide_client ?c ?t): bring a client to a table, at the client's pace."""
 
 from typing import Any, Optional

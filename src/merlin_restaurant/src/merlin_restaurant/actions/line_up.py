@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The action (line_up ?r ?p): the rest of a drive that was stopped beside its end."""
 
 from merlin_actions.merlin_action_sm import MerlinActionSM

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The action (load_order ?t): have an order put on the robot's tray."""
 
 from typing import Any

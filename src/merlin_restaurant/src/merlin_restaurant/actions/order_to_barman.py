@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The action (order_to_barman ?t): have an order prepared, and see that it is right (paper, Figure 7)."""
 
 from typing import Any, List, Optional

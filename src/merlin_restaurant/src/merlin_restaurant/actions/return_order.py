@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The action (return_order ?t): bring back an order whose guests have left."""
 
 from merlin_actions.merlin_action_sm import MerlinActionSM

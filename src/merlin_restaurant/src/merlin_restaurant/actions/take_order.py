@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The action (take_order ?t): ask the guests of a table what they would like."""
 
 from typing import Any, Optional

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The action (take_over ?r ?gone ?t): a robot serves a guest whose waiter has left."""
 
 from merlin_actions.merlin_action_sm import MerlinActionSM

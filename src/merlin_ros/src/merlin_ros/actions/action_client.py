@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The action client of MERLIN: actionlib's protocol, event-driven, and aware of a server that died.
 
 An action server that is killed never answers: its connections close and its status falls silent. This client

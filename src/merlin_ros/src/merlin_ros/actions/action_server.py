@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The action server of MERLIN: actionlib's protocol, event-driven.
 
 Differences from the stock server that clients can rely on: connections without Nagle's delay; status on wall

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A goal as the process that sent it sees it."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whether this process has just hung: a cancel may wait behind the message that it reads first."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The book of leases: which goals of a server have a living owner (docs/reliability.md, "Ownership").
 
 Pure: renewals and passing time go in, changes of state come out. :class:`.lease_watch.LeaseWatch` is

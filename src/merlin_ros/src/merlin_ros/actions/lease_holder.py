@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The client's side of a lease: says that this process lives and which goals it still wants."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The server's side of a lease: notices that the owner of a goal is silent, gone, or back."""
 
 import threading

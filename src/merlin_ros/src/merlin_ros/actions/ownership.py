@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Served goals whose owner is silent: their state is passed on to the goals sent on their behalf.
 
 A server suspends the goals of a silent client here; the leases that this process publishes say so at once

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """To which nodes a topic is connected.
 
 rospy's own count is too high for a while when one has died: it tries to open the connection again, waits for

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """In which order stamped messages were sent, though the clocks that stamp them may be set. Without ROS."""
 
 from typing import Optional

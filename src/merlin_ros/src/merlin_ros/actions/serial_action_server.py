@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """An action server that runs one goal at a time: a newer goal preempts the older one."""
 
 import threading

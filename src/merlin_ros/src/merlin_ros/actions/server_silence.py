@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which goals of a client its server no longer answers. Pure: the client's own time and statuses go in.
 
 Silence counts in the client's own ticks (:mod:`merlin_ros.alarms`). Messages of one connection come in

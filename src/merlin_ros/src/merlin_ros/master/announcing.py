@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Announces the services of one part of a node with one call of the master."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Nodes that do not register again by themselves, such as those of roscpp and plain rospy: one node of MERLIN
 registers them.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Keeps a node registered with its master, and reports when the master is lost and when it is back."""
 
 import contextlib

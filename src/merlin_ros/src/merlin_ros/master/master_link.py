@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Calls to the master, and to other nodes' XML-RPC servers, that end: one that hangs costs seconds.
 
 rospy and rosgraph wait for the answer of a hung master for as long as it hangs, and rospy makes every other

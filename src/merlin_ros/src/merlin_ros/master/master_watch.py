@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whether the master lives, is the one that this node registered with, and knows it: without ROS.
 
 A master that is dead refuses a question: that is counted in questions. One that hangs takes it and does not

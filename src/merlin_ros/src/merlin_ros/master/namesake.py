@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whether another node of a name lives: starting a second one would make the master end the first."""
 
 import socket

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Keeps this node connected to each publisher of what it subscribes: rospy loses one for good in three cases.
 
 - The master's answer to a subscription, and its word of a publisher that came just after it, reach rospy in

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Registering a node once more: at a master that was started anew, or hung while something was asked."""
 
 import threading

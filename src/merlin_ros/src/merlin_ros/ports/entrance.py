@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Takes the connections of a listening socket, and hands on those that have said what they want. Without ROS.
 
 A connection that says nothing, as of a port scan or of a computer that lost its power, holds a descriptor

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A node's look at itself: whether its ports answer, its timer runs, and whether it has lost a thread.
 
 Others see such a node live. It ends, so that what started it starts it again.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Services that answer every request, or close its connection.
 
 rospy forgets a connection whose request it cannot decode: the client waits forever.

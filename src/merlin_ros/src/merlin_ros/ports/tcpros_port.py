@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The port of a node's topics and services, with an entrance that no client blocks.
 
 rospy reads the greetings of connections one after the other, in the thread that takes them. It waits for

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The XML-RPC server of a node, a master or a launch, with an entrance that no client blocks."""
 
 import re

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A child process that works for this one: its start, values in both directions, its end."""
 
 import contextlib

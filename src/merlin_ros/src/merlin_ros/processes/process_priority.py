@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The priority of a process: which one goes first where processors are scarce.
 
 Call them before the first thread begins: Linux keeps a nice value for each thread, and a new thread takes its

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Everything a process has started: found, measured and ended, sessions of its own included."""
 
 import contextlib

@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
 """What all work that runs for a client shares, without ROS."""

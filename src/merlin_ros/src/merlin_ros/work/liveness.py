@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which peers live, judged by what they say and by their silence. Pure: words and passing time go in.
 
 A peer is whatever a watcher listens to: the owner of goals, the host of a robot, an action interface. Each

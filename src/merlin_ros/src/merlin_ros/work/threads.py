@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The threads of a process: each is started here. Without ROS.
 
 What a thread dies of is a matter of `threading.excepthook`, which names it; what it survives is logged here.

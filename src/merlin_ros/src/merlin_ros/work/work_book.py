@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which work runs, which waits, and which has to stop: events in, decisions out.
 
 The book of every server that runs something for a client: the executions of an operator, the goals of a state

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Conditions that do not hold yet, and may come true by themselves: the action that needs them waits."""
 
 from typing import Any, Collection, Dict, Iterator, List, Set

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Dispatching one plan: starts what the schedule allows, watches what runs, stops at the first failure.
 
 One thread runs a dispatch and decides; all other threads only put events into its queue. So nothing polls,

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a dispatch reports and needs: states, report, the events that it reacts to, and its environment."""
 
 import abc

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a plan graph allows to start next; actions run in parallel."""
 
 from typing import Dict, List, Optional, Set

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """An action that was dispatched and has not ended: what is known of it, and what is watched."""
 
 from dataclasses import dataclass, field

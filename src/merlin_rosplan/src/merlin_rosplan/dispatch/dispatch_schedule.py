@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a plan allows to start next; here in the order of a list."""
 
 import abc

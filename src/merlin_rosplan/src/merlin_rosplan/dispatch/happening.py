@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the start or the end of an action needs and changes: a happening of PDDL 2.1."""
 
 from typing import FrozenSet, NamedTuple, Sequence

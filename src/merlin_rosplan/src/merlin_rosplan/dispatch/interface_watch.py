@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which action interfaces are alive, from the announcements that each makes every second."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What parser and dispatcher look at of an operator: its conditions and effects, sorted by time."""
 
 from dataclasses import dataclass, field

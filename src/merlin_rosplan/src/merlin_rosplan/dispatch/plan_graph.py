@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The plan graph ("Esterel plan"): a simple temporal network of action starts and ends.
 
 Numbers, names and bounds are those of ROSPlan's Esterel parser: node 0 is the start of the plan, action k has

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the earlier happenings of a plan needed and changed: which of them a later one has to follow."""
 
 from typing import List, Optional, Set

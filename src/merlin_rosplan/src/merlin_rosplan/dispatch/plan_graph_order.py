@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The order of a plan's happenings: by time, and among those of one time by what they need of each other."""
 
 import heapq

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What to wait for so that a plan's ends come in their order, though a dispatcher only controls starts.
 
 An order into an end, "u before the end of B", is kept by waiting at the start of B:

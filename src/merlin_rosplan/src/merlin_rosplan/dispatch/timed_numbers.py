@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Conditions on function values that change by themselves at given times."""
 
 from typing import Iterable, List, Mapping, Optional, Union

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The owner of the running dispatch; a silent owner suspends the dispatch, one that is gone loses it.
 
 The action server watches the owner of a goal of ``dispatch_plan_action``. A caller of the service has no id

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Settles what actions have left open in the knowledge base whose interfaces have died without an answer."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The world as a dispatch sees it: topics to publish on, a knowledge base, interfaces to listen for."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """ROSPlan's two plan dispatchers: simple and Esterel."""
 
 from typing import Dict, Optional, Type

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What both plan dispatchers of ROSPlan share, over the core in :mod:`merlin_rosplan.dispatch.dispatch`."""
 
 import dataclasses

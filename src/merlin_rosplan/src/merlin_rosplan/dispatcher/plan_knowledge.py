@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What parser and dispatcher ask and hear of any ROSPlan knowledge base; one of this process without ROS."""
 
 import functools

@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
 """The knowledge base's state and its changes; no ROS."""

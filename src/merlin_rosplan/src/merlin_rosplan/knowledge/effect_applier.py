@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What an operator does to the knowledge: numeric, conditional, quantified, continuous effects.
 
 Also what it needs at its end, which is asked in the transaction that applies the end effects.

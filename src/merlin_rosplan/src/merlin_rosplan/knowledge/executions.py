@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The journal of executions: what began, what it changed, and how it is closed, each in one transaction.
 
 An execution of an operator is named by its token. START opens it and notes with the knowledge what is needed

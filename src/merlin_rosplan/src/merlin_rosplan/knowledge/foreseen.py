@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The state that is expected when actions that run now have ended."""
 
 from typing import Sequence

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What an interrupted execution has used up: numbers that its class declares, and its continuous effects.
 
 Both count the time that has really passed, at most the planned duration.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a strict knowledge base refuses, with the reason; what it accepts gets the domain's spelling."""
 
 import math

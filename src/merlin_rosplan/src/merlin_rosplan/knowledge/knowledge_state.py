@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The content of a knowledge base, without locks: tables, and the questions asked of them."""
 
 from typing import Any, Callable, Dict, List, Optional, Tuple, Union

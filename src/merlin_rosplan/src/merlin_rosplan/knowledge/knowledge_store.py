@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The knowledge of a robot in memory: thread-safe, atomic, versioned, and written to a journal.
 
 One lock guards the state; every public method takes it for as long as it needs the tables and no longer.

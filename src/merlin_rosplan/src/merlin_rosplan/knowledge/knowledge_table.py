@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Ordered tables with undo, and the index that finds facts by name and by argument without scanning.
 
 An index is made when something is first asked of it, and kept up from then on: after a restart a knowledge

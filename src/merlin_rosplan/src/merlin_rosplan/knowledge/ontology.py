@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Types, objects and facts from an OWL ontology.
 
 Classes become types, individuals objects, and the chosen object properties predicates. What follows from

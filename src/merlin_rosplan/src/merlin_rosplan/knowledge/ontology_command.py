@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``rosrun merlin_rosplan ontology``: a domain and a problem with what an OWL ontology says."""
 
 import argparse

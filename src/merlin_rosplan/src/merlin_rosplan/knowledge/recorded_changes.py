@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Changes to facts and values that can be taken back later, from notes that fit into a journal.
 
 What others did meanwhile stays: a fact is only put back as it was before, and a value that was changed by a

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What sensors say about the world: results of sensing functions as facts, and which of them are news."""
 
 import itertools

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Changes to a knowledge state that happen together or not at all."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The domain in ROSPlan's messages."""
 
 from typing import Any, Dict, List, Sequence, Tuple

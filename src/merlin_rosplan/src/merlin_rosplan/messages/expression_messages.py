@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Numeric expressions and comparisons between PDDL values and ROSPlan's messages (prefix notation)."""
 
 from typing import Callable, Dict, List, Mapping, Sequence, Tuple, Union

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Knowledge items between ROSPlan's messages and the store."""
 
 from typing import Callable, List, Mapping, Tuple, Union

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Reads a whole knowledge base over ROS: ours, or ROSPlan's own."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Draws the plan graph for its subscribers, beside the dispatch and never in its way."""
 
 import threading

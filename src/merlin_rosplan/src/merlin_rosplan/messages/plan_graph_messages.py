@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Plan graphs as EsterelPlan messages and as DOT text."""
 
 from typing import Callable, Dict, List, Sequence, Tuple

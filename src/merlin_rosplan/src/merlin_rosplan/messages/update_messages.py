@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What an update of ROSPlan's messages does to the knowledge."""
 
 from rosplan_knowledge_msgs.msg import KnowledgeItem

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Long lists of knowledge items on the wire, without the cost of generated code.
 
 The generated classes need some 25 µs for one item in each direction: seconds for a large knowledge base, in

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Goals that belong to a living client: the knowledge base removes them when that dies or hangs.
 
 The client holds a lease on ``<kb>/goals/lease`` while its goals are stored. The id of the lease is a unique

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The knowledge base: ROSPlan's services and topics over the store."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """ROSPlan's parsing interface: plan text in, a list of actions or a plan graph out."""
 
 import threading

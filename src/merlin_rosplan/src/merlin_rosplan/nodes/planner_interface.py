@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """ROSPlan's planner interface: PDDL problem in, plan out."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """All components of the planning system in one process, each with the names it has as a node of its own."""
 
 import importlib

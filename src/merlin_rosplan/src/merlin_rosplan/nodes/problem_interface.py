@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The problem interface: asks the knowledge base for everything and publishes it as a PDDL problem."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """ROSPlan's sensing interface: updates facts and function values from topics and services."""
 
 import importlib.util

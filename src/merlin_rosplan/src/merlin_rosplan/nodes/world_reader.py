@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Reads a knowledge base as a whole: directly where it lives in this process, else over ROS."""
 
 from typing import Optional, Tuple

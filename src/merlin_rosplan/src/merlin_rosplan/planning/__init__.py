@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
 """Planners: engines, commands, their output; no ROS."""

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A problem that only better plans solve: for a planner whose search does not follow the metric."""
 
 import re

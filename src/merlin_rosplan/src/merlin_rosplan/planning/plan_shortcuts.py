@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Shortcuts in a plan: two consecutive actions of one operator are replaced by one, or by none.
 
 A search that looks for a plan at all, not for a short one, lets robots that wait drive there and back.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What all engines have in common: a task in, an attempt out, and a stop that any thread may call."""
 
 from dataclasses import dataclass, field

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The command line of an external planner: ``timeout 10 /opt/popf/popf -n DOMAIN PROBLEM``."""
 
 import os

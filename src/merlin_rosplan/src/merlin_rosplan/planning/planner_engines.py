@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which engines a ``planner_command`` names: kairos, one command, or two engines joined by ``+``."""
 
 from typing import List, NamedTuple, Optional

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """An external planner behind a command line as an engine."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The output of a planner: how much it may write, and how much is kept."""
 
 import contextlib

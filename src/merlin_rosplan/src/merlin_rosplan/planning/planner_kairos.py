@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """kairos as an engine, in the process that plans."""
 
 import functools

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What planners print: POPF, OPTIC, FF, Metric-FF, LPG, Fast Downward, TFD, SMTPlan, Tamer and others.
 
 A planner is recognised by what it prints and not by its name, so a wrapper script around one works too.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Planners with a name of their own: ``planner_command: fast-downward`` instead of a whole command line.
 
 A planner is looked for on PATH, then among the Python packages of the engines of unified-planning: in this

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A planner as a child process, in a group of its own, with files for its output."""
 
 import contextlib

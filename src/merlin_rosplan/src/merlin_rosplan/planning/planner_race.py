@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One or two engines on one task at a time; the best plan that validates wins."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Rows of a knowledge base as JSON values, for the state file."""
 
 import dataclasses

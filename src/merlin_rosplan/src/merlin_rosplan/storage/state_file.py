@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Keeps a knowledge base in an SQLite file, so that a killed process finds everything again.
 
 What was acknowledged survives the process, whatever kills it: it is in the write-ahead log before the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Plans that are shown and not carried out, beside what the robot plans itself."""
 
 import dataclasses

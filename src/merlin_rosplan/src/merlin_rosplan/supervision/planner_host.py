@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The node's end of a supervising process (:mod:`merlin_rosplan.supervision.planner_supervisor`)."""
 
 import contextlib

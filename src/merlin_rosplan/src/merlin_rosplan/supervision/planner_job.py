@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One planning from files to an outcome, as the supervising process has it done in a child.
 
 Reading, checking, planning and validating all happen here, so that none of it keeps a node busy.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The supervising process: runs one planning at a time and ends whatever a planning has started.
 
 It is a child of a node (:class:`.planner_host.PlannerHost`) and serves it until the socket closes, which it

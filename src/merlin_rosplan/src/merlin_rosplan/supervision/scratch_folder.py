@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A folder for a node's files that does not outlive it for long, however it ends."""
 
 import contextlib

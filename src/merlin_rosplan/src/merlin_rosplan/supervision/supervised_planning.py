@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A planning as a node sees it: started, cancelled from any thread, and with a result."""
 
 import os

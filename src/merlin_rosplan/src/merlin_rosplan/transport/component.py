@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A part of the planning system: ROSPlan's node, as an object that can share a process with the others.
 
 ROSPlan gives each part a node of its own and keeps its services, topics and parameters in that node's
@@ -11,7 +12,6 @@ import threading
 from typing import Any, Callable, ClassVar, Dict, List, Optional, Type
 
 import rospy
-import rospy.names
 
 from merlin_ros.health import Health, HealthReporter
 from merlin_ros.master.announcing import announced_together

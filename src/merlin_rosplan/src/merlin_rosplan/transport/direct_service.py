@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Service calls between components of one process, without sockets.
 
 A call through the loopback costs half a millisecond and two changes of thread; the dispatcher makes one for

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Handing a message to the next component at once, besides publishing it.
 
 ROSPlan passes problem, plan text and plan along by latched topics: a stage that is called right after the one

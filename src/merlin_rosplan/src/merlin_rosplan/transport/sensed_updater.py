@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Writes what was sensed into a knowledge base: at once, in batches, with retries."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """PyBullet without a window, quiet, and robots for it."""
 
 from tempfile import NamedTemporaryFile

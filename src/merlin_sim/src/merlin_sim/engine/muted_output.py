@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Keeps what a C++ library prints away from the terminal."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The physical world: PyBullet without a window, filled from a world file."""
 
 import itertools

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where everything in a simulated world is now; only this class moves it.
 
 The physics engine pushes what has a mass; this follows, and takes along what stands on it or on a robot.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A world with robots in it, step by step. Knows no ROS and no wall time."""
 
 import math

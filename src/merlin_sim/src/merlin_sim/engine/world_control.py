@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What an application may do to a simulated world while it runs: place things, let people walk.
 
 Between two physics steps and without chance: the same calls at the same simulated times make the same world.

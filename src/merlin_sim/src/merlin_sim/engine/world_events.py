@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a world file says will happen: doors that open and close, furniture that is moved.
 
 Everything happens at moments of simulated time; only a door waits, as it does not close on a robot.

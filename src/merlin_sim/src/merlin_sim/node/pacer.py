@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Keeps simulated time in step with wall time, at a factor that can change, with pauses."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Pictures that are being made while simulated time continues, and how far it may continue meanwhile."""
 
 import threading

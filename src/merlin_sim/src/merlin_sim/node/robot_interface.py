@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The ROS side of one simulated robot: commands in; odometry, transforms and sensors out."""
 
 import math

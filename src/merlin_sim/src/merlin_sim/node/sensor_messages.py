@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The simulator's map and pictures as ROS messages."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The node /merlin_sim: a world, its robots and its time."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The ROS side of what an application does to the simulated world: ``~place``, ``~walk`` and ``~people``."""
 
 import threading

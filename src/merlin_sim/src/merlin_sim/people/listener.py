@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Persons that hear a robot, and where they are."""
 
 import math

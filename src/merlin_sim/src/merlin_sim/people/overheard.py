@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which person heard which sentence of the robot. Without ROS.
 
 The text, the sound, the begin and the end of a sentence come over connections of their own: on a busy machine

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The node ``person_voice``: persons that hear the robot speak and answer with a voice, not with text."""
 
 import math

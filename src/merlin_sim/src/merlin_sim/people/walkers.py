@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The people of a world: where each is, and how they walk."""
 
 import enum

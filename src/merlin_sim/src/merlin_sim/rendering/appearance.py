@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What things look like to the camera: the one place that gives a body its shapes and colours.
 
 Nothing here draws: :mod:`merlin_sim.rendering.picture_engine` does.

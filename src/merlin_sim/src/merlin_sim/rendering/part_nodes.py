@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The parts of bodies as nodes of Panda3D's scenes, around the origin."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Draws shots: Panda3D's software renderer, which needs neither a display nor a driver."""
 
 from typing import List, Optional, Sequence

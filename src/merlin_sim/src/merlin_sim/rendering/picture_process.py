@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The process that makes pictures: ``main`` serves one simulator until that one ends, however it ends.
 
 It has no connections of ROS. Shots (:class:`.shot.Shot`) come over a socket; their pixels go into memory that

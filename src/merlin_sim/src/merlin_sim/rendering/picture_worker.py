@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The simulator's end of the process that makes pictures (:mod:`merlin_sim.rendering.picture_process`)."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Pictures that are made while the simulation continues, in the order in which they are asked for."""
 
 import threading

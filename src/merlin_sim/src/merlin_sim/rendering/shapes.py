@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The triangles of simple shapes of size 1, around their middle."""
 
 import math

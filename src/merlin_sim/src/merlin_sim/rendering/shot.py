@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A picture that is to be made: everything that it shows, as it is at one moment."""
 
 from dataclasses import dataclass

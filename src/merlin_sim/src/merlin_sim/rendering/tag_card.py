@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A card with an ArUco tag: which of its fields are black."""
 
 import numpy as np

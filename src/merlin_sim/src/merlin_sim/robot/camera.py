@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A colour camera without distortion: its geometry and its noise."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The base controller of a differential drive: limits and ramps, and odometry from the wheels."""
 
 import math

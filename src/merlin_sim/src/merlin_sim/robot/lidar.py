@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The planar laser of a simulated robot."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where rays in the plane end: exact, vectorised, over the outlines of boxes and cylinders.
 
 The physics engine could do this too, at ten times the cost for a scene of boxes.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Noise that wanders, as a function of seed, name and simulated time."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where the robot believes to be: truth with stated noise."""
 
 from dataclasses import dataclass

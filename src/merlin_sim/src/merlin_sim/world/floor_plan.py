@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Generates random floor plans: rooms, doors, furniture, a point of interest in each room."""
 
 import argparse

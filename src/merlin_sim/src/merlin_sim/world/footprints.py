@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whether two things would be in the same place."""
 
 from typing import List, Sequence

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How far the points of interest of a world are from each other, as values of a PDDL problem."""
 
 import argparse

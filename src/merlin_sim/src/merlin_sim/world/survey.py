@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The map of a world as a survey would draw it: what map_server would publish."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Draws worlds as pictures: the plan, and over it the paths that robots took."""
 
 import argparse

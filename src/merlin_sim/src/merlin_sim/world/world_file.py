@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Reads world files and says clearly what is wrong with one."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The model of a simulated world: what stands where, on paper.
 
 Everything is in the map frame (REP 105): metres, radians, x to the right and y upwards on the drawing.

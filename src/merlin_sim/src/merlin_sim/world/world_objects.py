@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The recognisable objects of a world file: where each stands, and whether it can stand there."""
 
 from typing import Any, Dict, Iterator, List, Optional, Tuple

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where in a world something can stand at first."""
 
 from typing import Optional

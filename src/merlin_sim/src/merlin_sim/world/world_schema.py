@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The JSON schema of world files; docs/simulation.md explains the fields to people."""
 
 from typing import Any, Dict

@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
 """Holds state machines before states, as operators ask for it."""

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What operators decide about the machines of this node, over ROS."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """With which outcomes the states of one process are left: their own, or what an operator decides.
 
 Pure. An operator may leave a state with one of its registered outcomes: a running one is preempted, and once

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What operators have said about a state of a machine: where its run is, and how they ask it to end."""
 
 import threading

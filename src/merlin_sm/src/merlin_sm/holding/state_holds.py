@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where the machines of one process are held: before states (breakpoints), and behind them (autonomy levels).
 
 Pure. The process owns its breakpoints and its level. A hold before a state ends with a step or a continue,

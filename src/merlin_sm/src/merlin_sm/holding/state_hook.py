@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Puts the operators of a process before and behind the states of a machine."""
 
 from typing import Any, List, Sequence

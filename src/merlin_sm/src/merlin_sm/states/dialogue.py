@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A question and its answer, asked again when the answer was not understood."""
 
 from typing import Any, Optional, Sequence, cast

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A state that is a function: what a machine decides or remembers between two states that act."""
 
 from typing import Any, Callable, Optional, Sequence

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whether a JSGF grammar can be used, and the words in it. Pure."""
 
 import re

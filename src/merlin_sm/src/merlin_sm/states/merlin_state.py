@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """MerlinState: a SMACH state that wakes at once when it is preempted, and says why it failed."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Navigation: drive to a point of interest or to a pose through move_base."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """States for the stages of the planning system (paper, section 3.2.2: a state for every component)."""
 
 from typing import Any, Callable, List, Optional, Sequence

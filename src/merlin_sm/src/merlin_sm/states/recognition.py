@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Object recognition: one look through the camera."""
 
 from typing import Any, NamedTuple, Sequence, Tuple

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Speech out and in: sound_play and the listen action."""
 
 from typing import Any, Optional, Sequence

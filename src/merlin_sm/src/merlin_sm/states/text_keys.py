@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The userdata that a text with ``{key}`` names, and that a function reads. Pure."""
 
 import dis

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Two states at once: one acts, the other watches and may end it."""
 
 from typing import Any, Dict, Mapping, Optional, Sequence

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A behaviour tree as a state: ticked when something has happened, and preempted at once."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A state as a behaviour of a tree."""
 
 from typing import Callable, List, Mapping, Optional, Sequence

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A behaviour tree as containers, for everything that looks at machines: viewers, the page, the check."""
 
 from typing import Any, Dict, Iterator, List, Optional, Sequence, Tuple

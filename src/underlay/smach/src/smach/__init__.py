@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Hierarchical state machines in pure Python, API of SMACH.
 
 The package needs neither ROS nor any other library. The README describes the names.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Callbacks that declare their outcomes and userdata keys."""
 
 import functools

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The container that executes all its children at the same time."""
 
 from typing import Any, Callable, Dict, Iterable, List, Mapping, Optional, Sequence

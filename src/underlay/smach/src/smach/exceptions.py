@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What SMACH raises. Each error is logged when it is made, so it is seen even where it is caught."""
 
 import smach

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The container that executes its child once per item of a list."""
 
 from typing import Any, Callable, Dict, Iterable, List, Mapping, Optional, Sequence, Union

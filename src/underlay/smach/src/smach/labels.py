@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Labels, outcomes and keys: texts, members of enumerations, numbers."""
 
 from typing import Any, Dict, Hashable, Mapping, Optional

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Logging and the shutdown check: functions of the package that an embedding framework replaces."""
 
 import threading

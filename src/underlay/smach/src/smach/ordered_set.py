@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A set that keeps the order in which its members came: structure messages are the same everywhere."""
 
 from typing import Any, Dict, Hashable, Iterable, Iterator, MutableSet, Optional, Tuple

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A read-only view of an object: what a state gets for an input key that is not one of its output keys."""
 
 import copy

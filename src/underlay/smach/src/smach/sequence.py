@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A state machine whose states follow one another in the order they were added."""
 
 from typing import Any, Iterable, Mapping, Optional

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The base of all states."""
 
 from typing import Any, Callable, Iterable, List, Mapping, Optional, Tuple

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The container that executes one child after the other."""
 
 from typing import Any, Dict, Iterable, List, Mapping, Optional, Sequence

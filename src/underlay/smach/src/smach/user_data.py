@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Userdata: what the states of a container share."""
 
 import contextlib

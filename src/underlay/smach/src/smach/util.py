@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Names that SMACH programs import from here."""
 
 from smach.cb_interface import CBInterface, cb_interface, has_smach_interface

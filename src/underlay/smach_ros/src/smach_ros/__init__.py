@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """SMACH for ROS: states that call actions and services and watch topics, and the introspection of containers.
 
 Importing this package makes smach log through rospy and end at the shutdown of ROS.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The client side of an action, event-driven: goals, cancels, and servers that die.
 
 actionlib's own client waits by polling, cannot tell a dead server and lets the kernel delay small packets.

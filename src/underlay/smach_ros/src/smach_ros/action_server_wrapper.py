@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A container offered as an action server."""
 
 import copy

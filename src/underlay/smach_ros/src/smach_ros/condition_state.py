@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The state that waits until a condition holds."""
 
 from typing import Any, Callable, Iterable, Optional

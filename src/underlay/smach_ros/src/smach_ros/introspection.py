@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Introspection: containers shown to, and set up from, other processes such as smach_viewer.
 
 The topics of a server carry all its containers, so latching, which keeps one message, cannot serve a late

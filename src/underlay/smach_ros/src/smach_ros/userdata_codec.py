@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Userdata in introspection messages: a protocol-2 pickle of the dict, base64, as smach_viewer expects it.
 
 Reading builds plain values and ROS messages only. A pickle may name any function and have it called; any

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The preempt handler: a shutdown of ROS preempts a container before it ends the process."""
 
 import time

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Waiting for events until a point in ROS time: what lasts in the robot's world stops with its clock."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the states that wait for something have in common: a preempt ends the wait at once."""
 
 import threading

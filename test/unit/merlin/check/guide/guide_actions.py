@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The action of the guide."""
 
 from std_srvs.srv import Trigger

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The mission of the guide."""
 
 from merlin_executor.mission import GoalDispatcher

@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
 """How containers are built, run and preempted; SMACH programs use the modules beside this package."""

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One run of a Concurrence: a thread per child, and the end of all of them."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The containers that are being built: ``with container:`` and the static ``add`` methods meet here.
 
 Each thread builds its own containers, so the stack belongs to the thread and needs no lock.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How a container passes preempt requests to the children it executes.
 
 A request sets the container's flag and reaches every child being executed, without holding the container's

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which run a preempt request belongs to.
 
 A request counts for the run in which it is made: a request to an idle state or container is forgotten
