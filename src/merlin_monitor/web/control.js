@@ -153,7 +153,7 @@ export class Control {
   // The answer, null when it was not done; what was said about it is shown. Without a token, the operator is asked for it first.
   async ask(what, fields = {}) {
     if (what === "release") this.pressed = "";
-    if (!this.token) {
+    if (!this.token && !(what === "stop" && (this.store.live.meta || {}).open_stop)) {
       this.signIn(what === "stop" ? t("The robot is NOT stopped yet: a token is needed.") : "");
       return new Promise((answer) => { this.waiting = [what, fields, answer]; });
     }

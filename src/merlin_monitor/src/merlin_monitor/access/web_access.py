@@ -31,7 +31,7 @@ _NAME = re.compile(r"[A-Za-z0-9_]([A-Za-z0-9_.-]{0,250}[A-Za-z0-9_])?\Z")
 
 
 class HostNameError(ValueError):
-    """A name that no host can have; the text says which."""
+    """A name that no host can have, or that nobody could look from; the text says which."""
 
 
 class RequestRefused(Exception):
@@ -50,6 +50,20 @@ NOBODY_LOOKS = (
     "Nobody may look yet: this page is open to other computers, and has no operators. "
     "Make one: rosrun merlin_monitor operator <name>, or let everybody look: open_look:=true"
 )
+OPEN_LOOK = ("open_look:=true", "--open-look")  # as an argument of a launch file, and as an option
+
+
+def check_lookers(host: str, operators: bool, open_look: bool) -> None:
+    """Checks that the page will be shown to a person at all.
+
+    :param operators: whether there may be operators.
+    :raises HostNameError: when nobody could ever look.
+    """
+    if not operators and not open_look and not is_loopback(host):
+        raise HostNameError(
+            f"nobody could look at the page: host:={host} opens it to other computers, and operators:=none "
+            "lets nobody sign in; give operators:=FILE, or open_look:=true to show all of it to everybody"
+        )
 
 
 class WebAccess:
@@ -125,6 +139,13 @@ class WebAccess:
     def has_operators(self) -> bool:
         """Whether anybody can sign in now."""
         return bool(self._operators.names)
+
+    @property
+    def no_look(self) -> str:
+        """Why nothing is shown to those who have not signed in."""
+        if self.has_operators:
+            return NO_LOOK
+        return NOBODY_LOOKS.replace(*OPEN_LOOK) if self._setting.startswith("--") else NOBODY_LOOKS
 
     def may_look(self, cookies: Mapping[str, str]) -> bool:
         """Whether what the robot does is shown to the one with these cookies."""

@@ -10,7 +10,7 @@ import rospkg
 import rospy
 
 from merlin_monitor.access.tls import ServerTls, TlsError, read_tls
-from merlin_monitor.access.web_access import HostNameError, WebAccess, is_loopback
+from merlin_monitor.access.web_access import HostNameError, WebAccess, check_lookers
 from merlin_monitor.listeners.ros_system import RosSystem
 from merlin_monitor.panel_board import PanelBoard
 from merlin_monitor.panels.control import open_stop_of_node, operators_of_node, path_of_node
@@ -49,11 +49,7 @@ def _start() -> None:
     panels = PanelBoard(state, _class_paths("~panels"), offered=True)
     operators = operators_of_node(RosSystem())
     open_look = bool(rospy.get_param("~open_look", False))
-    if operators is None and not open_look and not is_loopback(host):
-        raise ParameterError(
-            f"nobody could look at the page: host:={host} opens it to other computers, and operators:=none "
-            "lets nobody sign in; give operators:=FILE, or open_look:=true to show all of it to everybody"
-        )
+    check_lookers(host, operators is not None, open_look)
     # Operators may come later; the files of a monitor that never has any stay unwritten.
     control = Control(RobotControl(state)) if operators is not None else None
     names = str(rospy.get_param("~allowed_hosts", "")).replace(",", " ").split()

@@ -16,8 +16,6 @@ from aiohttp import web
 
 from merlin_monitor.access.web_access import (
     HEADERS,
-    NO_LOOK,
-    NOBODY_LOOKS,
     READ_ONLY,
     TOKEN_HEADER,
     RequestRefused,
@@ -186,7 +184,7 @@ class WebServer:
             if request.path == "/live" or request.method != "GET":
                 self._access.check_origin(request.headers.get("Origin"), request.headers.get("Host"))
             if request.match_info.handler not in self._for_visitors and not self._may_look(request):
-                raise RequestRefused(NO_LOOK if self._access.has_operators else NOBODY_LOOKS)
+                raise RequestRefused(self._access.no_look)
             response = await handler(request)
         except RequestRefused as refused:
             response = web.Response(status=403, text=f"{refused}\n")
@@ -209,8 +207,7 @@ class WebServer:
         """The state for one who may not look: what it takes to sign in, and to stop."""
         known = ("robot", "open_stop", "stops")
         meta = {name: self._state.tree.get("meta", name) for name in known}
-        signs_in = self._access.has_operators
-        return {"visitor": NO_LOOK if signs_in else NOBODY_LOOKS, "meta": {**meta, "control": signs_in}}
+        return {"visitor": self._access.no_look, "meta": {**meta, "control": self._access.has_operators}}
 
     # --- what is shown -------------------------------------------------------------------------------------
 
