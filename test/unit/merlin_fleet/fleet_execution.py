@@ -54,6 +54,7 @@ class Robot:
         self.reported: List[tuple] = []  # what its outbox was given
         self.fleet_id = ""
         self.learned: List[ev.Learn] = []
+        self.halts: List[str] = []  # who has stopped it
         self.said: List[Tuple[float, str]] = []
         self.agent: Agent = self._begin()
 

@@ -292,6 +292,9 @@ class World:
                 before = robot.running.get(decision.goal.id)
                 assert before is None or before.stopping, "begun twice"
                 robot.running[decision.goal.id] = Execution(self.takes)
+            elif isinstance(decision, ev.Obey):
+                robot.halts.append(decision.halt.by)
+                robot.inbox.append(ev.Obeyed(decision.halt.revision))
             elif isinstance(decision, ev.Learn):
                 robot.learned.append(decision)
             elif isinstance(decision, ev.Say):

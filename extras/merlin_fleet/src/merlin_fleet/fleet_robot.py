@@ -6,16 +6,17 @@ costs have a thread each. So a hub that hangs cannot delay the stop of what the 
 """
 
 import contextlib
+import functools
 import queue
 import threading
 import time
 import traceback
-from typing import Callable, List, NamedTuple, Optional, Protocol, Tuple
+from typing import Callable, List, NamedTuple, Optional, Protocol, Tuple, Union
 
 from merlin_fleet.certified import HubError
 from merlin_fleet.core import events as ev
 from merlin_fleet.core.agent import Agent
-from merlin_fleet.core.records import Goal
+from merlin_fleet.core.records import Goal, Halt, Schema, Status
 from merlin_fleet.core.store import Change, Snapshot
 from merlin_fleet.core.view import FleetView
 from merlin_fleet.etcd_messages import HubFails, HubFull, HubRefuses, LeaseUnknown
@@ -71,6 +72,8 @@ class FleetRobot(Listener):
     :param note_fleet: keeps the fleet's id, when the robot has joined; returns why that failed.
     :param learn: takes all facts of a predicate that another robot writes; returns at once.
     :param on_status: gets the robot's status in the fleet after each change; from the deciding thread.
+    :param on_halt: stops the robot and holds its base, and returns at once; calls the function when that has
+        come true or failed, and :meth:`tell` has got a status that says so.
     :param on_failed: is called with the error when the deciding thread has failed; what ran is being stopped.
     """
 
@@ -84,6 +87,7 @@ class FleetRobot(Listener):
         on_status: Callable[[FleetStatus], None] = lambda status: None,
         learn: Callable[[str, Tuple[str, ...]], None] = lambda predicate, facts: None,
         on_failed: Callable[[str], None] = lambda error: None,
+        on_halt: Callable[[Halt, Callable[[], None]], None] = lambda halt, obeyed: None,
     ) -> None:
         self._agent = agent
         self._hub = hub
@@ -93,6 +97,7 @@ class FleetRobot(Listener):
         self._on_status = on_status
         self._learn = learn
         self._on_failed = on_failed
+        self._on_halt = on_halt
         self._status = FleetStatus()
         self._noted = agent.fleet_id
         self._events = EventInbox(agent.rules.gather_changes)
@@ -139,6 +144,10 @@ class FleetRobot(Listener):
     def know(self, predicate: str, facts: Optional[Tuple[str, ...]], version: int) -> None:
         """The knowledge base has these facts of a predicate that this robot writes; None: no answer."""
         self._events.put(ev.Known(predicate, facts, version))
+
+    def tell(self, kind: str, record: Union[Schema, Status]) -> None:
+        """The robot says this of itself, until it says something else of this kind."""
+        self._events.put(ev.Tell(kind, record))
 
     # --- changes of the hub
 
@@ -241,6 +250,9 @@ class FleetRobot(Listener):
                 self._costs.put(decision)
             elif isinstance(decision, ev.AskTime):
                 self._times.put(decision)
+            elif isinstance(decision, ev.Obey):
+                halt = decision.halt
+                self._on_halt(halt, functools.partial(self._events.put, ev.Obeyed(halt.revision)))
             elif isinstance(decision, ev.Learn):
                 self._learn(decision.predicate, decision.facts)
             elif isinstance(decision, ev.Say):

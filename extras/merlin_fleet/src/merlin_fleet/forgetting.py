@@ -60,7 +60,8 @@ class Leavings(NamedTuple):
         for parts in _parts_of(MARK_PARTS):
             puts = tuple(Put(key(records.TAKEN, part, FORGOTTEN), self.robot) for part in parts)
             found.append(Txn((away,), puts, tuple(key(records.TAKEN, part, self.robot) for part in parts)))
-        found.append(Txn((away,), (), (key(records.ROBOTS, self.robot),)))
+        said = (records.HALTS, records.SCHEMAS, records.STATUS, records.ROBOTS)
+        found.append(Txn((away,), (), tuple(key(kind, self.robot) for kind in said)))
         return found
 
 

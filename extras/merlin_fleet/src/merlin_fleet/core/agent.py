@@ -19,7 +19,7 @@ from merlin_fleet.core.records import Claim, Keys, Profile
 from merlin_fleet.core.reporting import Outbox, Reporting
 from merlin_fleet.core.retention import Retention
 from merlin_fleet.core.robot_lease import LeaseTimes, RobotLease
-from merlin_fleet.core.sharing import Sharing
+from merlin_fleet.core.sharing import OBEYED, TELL, Sharing, Telling
 from merlin_fleet.core.store import Compare, Put, Txn, TxnResult, Unwritten
 from merlin_fleet.core.view import FleetView
 
@@ -112,6 +112,7 @@ class Agent:
         self.bidding = Bidding(self)
         self.sharing = Sharing(self)
         self.cleaning = Cleaning(self)
+        self.telling = Telling(self)
         self.clock = ClockCheck(self)
 
     # --- what the parts use
@@ -161,6 +162,7 @@ class Agent:
         self.decided = []
         self._take(event)
         self._join()
+        self.telling.decide()
         self.clock.decide()
         self.possession.decide()
         self.reporting.decide()
@@ -194,6 +196,8 @@ class Agent:
             self._answered(event.tag, event.result)
         elif isinstance(event, ev.Refused) and event.tag.startswith(f"{REMOVE} "):
             self.cleaning.refused(event.reason)
+        elif isinstance(event, ev.Refused) and event.tag.split(" ")[0] in (TELL, OBEYED):
+            self.telling.refused(event.reason)
         elif isinstance(event, ev.Refused):
             self.denied = (
                 f"{event.reason}; is it that of the robot '{self.robot.name}', made for the fleet "
@@ -212,6 +216,10 @@ class Agent:
             self.possession.ended(event)
         elif isinstance(event, ev.Known):
             self.sharing.known(event)
+        elif isinstance(event, ev.Tell):
+            self.telling.tell(event)
+        elif isinstance(event, ev.Obeyed):
+            self.telling.obeyed(event)
         elif isinstance(event, ev.Timed):
             self.clock.timed(event)
         elif isinstance(event, ev.Leaving):
@@ -226,6 +234,7 @@ class Agent:
             self.decided.append(ev.Say(REPLACED))
         self.connected, self._heard_at = True, None
         self.possession.read_anew()
+        self.telling.read_anew()
         self.lag.forget()
         self.clock.ask_anew()
 
@@ -263,6 +272,8 @@ class Agent:
             self.reporting.answered(tag, result)
         elif kind in (REMOVE, FORGET):
             self.cleaning.answered(tag)
+        elif kind == TELL:
+            self.telling.answered(tag.split(" ")[1], result is not None and result.done)
 
     # --- joining
 

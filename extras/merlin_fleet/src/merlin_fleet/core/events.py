@@ -3,7 +3,7 @@
 
 from typing import NamedTuple, Optional, Tuple, Union
 
-from merlin_fleet.core.records import Goal
+from merlin_fleet.core.records import Goal, Halt, Schema, Status
 from merlin_fleet.core.store import Change, Snapshot, Txn, TxnResult
 from merlin_fleet.core.view import FleetView
 
@@ -100,6 +100,20 @@ class Known(NamedTuple):
     version: int
 
 
+class Tell(NamedTuple):
+    """The robot says this of itself, until it says something else."""
+
+    kind: str
+    """Of the key: SCHEMAS or STATUS."""
+    record: Union[Schema, Status]
+
+
+class Obeyed(NamedTuple):
+    """The answer to Obey: the robot's status says how it went."""
+
+    revision: int
+
+
 class Timed(NamedTuple):
     """The answer to AskTime."""
 
@@ -126,6 +140,8 @@ Event = Union[
     Costed,
     Ended,
     Known,
+    Tell,
+    Obeyed,
     Timed,
     Leaving,
     None,
@@ -174,6 +190,12 @@ class StopExecution(NamedTuple):
     reason: str
 
 
+class Obey(NamedTuple):
+    """Stop the robot, and hold its base."""
+
+    halt: Halt
+
+
 class Learn(NamedTuple):
     """Take these for all facts of a predicate that another robot writes."""
 
@@ -187,4 +209,4 @@ class Say(NamedTuple):
     text: str
 
 
-Decision = Union[AskLease, Transact, AskCost, AskTime, Begin, StopExecution, Learn, Say]
+Decision = Union[AskLease, Transact, AskCost, AskTime, Begin, StopExecution, Obey, Learn, Say]

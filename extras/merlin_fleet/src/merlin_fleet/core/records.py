@@ -12,12 +12,14 @@ from typing import Any, Callable, Dict, List, NamedTuple, Optional, Tuple
 PROTOCOL = 4
 #: Texts of a kind that are kept parsed: with many robots in a process the slowest one is that far behind.
 ONCE = 4096
+#: Characters of a record: the hub sends 500 at once, which have to fit into a message (`hub.LARGEST`).
+LONGEST_RECORD = 100_000
 #: Characters of a reason: etcd takes 1.5 MB at once.
 LONGEST_REASON = 2000
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}\Z")
 
 #: Kinds of keys. Each key has one kind of writer (`Keys.of_robot`, `Keys.of_clients`); ABOUT is one key.
-ABOUT, GOALS, CLAIMS, CANCELS, ENDS, FAILURES, LIVES, BIDS, ROBOTS, LATE, TAKEN, FACTS = (
+ABOUT, GOALS, CLAIMS, CANCELS, ENDS, FAILURES, LIVES, BIDS, ROBOTS, LATE, TAKEN, FACTS, HALTS = (
     "about",
     "goals",
     "claims",
@@ -30,7 +32,10 @@ ABOUT, GOALS, CLAIMS, CANCELS, ENDS, FAILURES, LIVES, BIDS, ROBOTS, LATE, TAKEN,
     "late",
     "taken",
     "facts",
+    "halts",
 )
+#: What a robot says of itself. Only clients follow these.
+SCHEMAS, STATUS = "schemas", "status"
 #: Marks are apart by goals, so that claims of different goals seldom meet. Each is a right of each robot.
 MARK_PARTS = tuple(f"{part:02x}" for part in range(256))
 
@@ -71,13 +76,13 @@ class Keys:
         below = [self.key(kind, robot, "") for kind in (CLAIMS, ENDS, FAILURES, LATE, FACTS)]
         return [
             *below,
-            *(self.key(kind, robot) for kind in (LIVES, BIDS, ROBOTS)),
+            *(self.key(kind, robot) for kind in (LIVES, BIDS, ROBOTS, HALTS, SCHEMAS, STATUS)),
             *(self.key(TAKEN, part, robot) for part in MARK_PARTS),
         ]
 
     def of_clients(self) -> List[str]:
         """With what the keys begin that clients write."""
-        return [self.key(GOALS, ""), self.key(CANCELS, "")]
+        return [self.key(kind, "") for kind in (GOALS, CANCELS, HALTS)]
 
     def marks(self, goal: str) -> str:
         """With what the marks of a goal begin: one for each robot that ever claimed a goal of its part.
@@ -171,6 +176,51 @@ class Profile(NamedTuple):
     """s since 1970, by the robot's clock, when it wrote this."""
 
 
+class Halt(NamedTuple):
+    """A client asks that a robot stops, and holds its base. The robot removes it when it has done so."""
+
+    by: str
+    at: float
+    """s since 1970, by the client's clock."""
+    revision: int = 0
+    """At which it was written."""
+
+
+class Schema(NamedTuple):
+    """What a goal for a robot can be about."""
+
+    domain: str
+    """PDDL: types, constants, predicates and functions of its domain."""
+    objects: Tuple[str, ...] = ()
+    """Each with its type: `kitchen poi`."""
+
+
+class Status(NamedTuple):
+    """What a robot does, as it says itself."""
+
+    doing: Tuple[str, ...] = ()
+    """Actions that run: `navigate from=hall to=kitchen`."""
+    goals: Tuple[str, ...] = ()
+    """Of the request that runs, PDDL."""
+    stage: str = ""
+    """Of the Executor; empty: it has nothing to do."""
+    trouble: str = ""
+    """Why nothing more is known."""
+    place: str = ""
+    """Point of interest at which it is; empty: none."""
+    x: Optional[float] = None
+    """m in the frame of its map; None: not known."""
+    y: Optional[float] = None
+    hold: str = ""
+    """How its base is held, as a sentence; empty: its guard does not say so."""
+    stop: int = 0
+    """Revision of the last `Halt` that this process has carried out."""
+    page: str = ""
+    """Address of its own page; empty: none that others reach."""
+    at: float = 0.0
+    """s since 1970, by the robot's clock."""
+
+
 class Facts(NamedTuple):
     """All facts of a predicate, as the robot knows them that writes it."""
 
@@ -243,7 +293,7 @@ def _object(text: str) -> Dict[str, Any]:
 def decode(kind: Any, text: str) -> Any:
     """A record from JSON.
 
-    :param kind: Goal, Claim, Report, Profile or Facts.
+    :param kind: Goal, Claim, Report, Profile, Facts, Halt, Schema or Status.
     :raises RecordError: for what is not one.
     """
     found = _object(text)

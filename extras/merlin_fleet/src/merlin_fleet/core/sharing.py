@@ -1,17 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Facts that robots share: each predicate has one robot that writes it; the others know how old it is."""
+"""What a robot says: facts of the predicates that it writes, what it does, and that it has obeyed a stop."""
 
 from typing import TYPE_CHECKING, Dict, List, Optional, Tuple
 
 from merlin_fleet.core import events as ev
 from merlin_fleet.core import records
-from merlin_fleet.core.records import Facts
-from merlin_fleet.core.store import Put, Txn
+from merlin_fleet.core.records import LONGEST_RECORD, Facts
+from merlin_fleet.core.store import Compare, Put, Txn
 
 if TYPE_CHECKING:
     from merlin_fleet.core.agent import Agent
 
 MOST_FACTS = 2000  # of a predicate: etcd takes at most 1.5 MB
+TELL, OBEYED = "tell", "obeyed"
 GRACE = 5.0  # s for the first contact with the hub and the writer
 
 
@@ -109,3 +110,67 @@ class Sharing:
             limit = agent.rules.fact_limit
             self._stale[predicate] = text = f"'{predicate}' of {writer} may be older than {limit:g} s"
             agent.decided.append(ev.Say(f"it plans with old facts: {text}"))
+
+
+class Telling:
+    """Writes the last record of each kind; passes on a stop, and removes it when it was carried out.
+
+    A stop needs no lease and no life: whatever process is the robot, it stops.
+    """
+
+    def __init__(self, agent: "Agent") -> None:
+        self._agent = agent
+        self._said: Dict[str, str] = {}
+        self._sent: Dict[str, str] = {}
+        self._written: Dict[str, str] = {}
+        self._asked = 0
+        """Revision of the last stop that was passed on."""
+        self._obeyed = 0
+        """Revision of the last one that was carried out."""
+
+    def tell(self, event: ev.Tell) -> None:
+        """The robot says something of itself."""
+        text = records.encode(event.record)
+        if len(text) > LONGEST_RECORD:
+            self._agent.say(
+                f"the fleet does not get the {event.kind} of this robot: {len(text)} characters are more "
+                f"than {LONGEST_RECORD}"
+            )
+            return
+        self._said[event.kind] = text
+
+    def obeyed(self, event: ev.Obeyed) -> None:
+        """A stop was carried out."""
+        self._obeyed = max(self._obeyed, event.revision)
+
+    def read_anew(self) -> None:
+        """All keys were read: another store may have none of this."""
+        self._written, self._asked, self._obeyed = {}, 0, 0
+
+    def refused(self, reason: str) -> None:
+        """The hub does not allow it: its rights are those of an older version."""
+        self._agent.say(f"the fleet does not get what this robot says of itself: {reason}; run `keys allow`")
+
+    def answered(self, kind: str, done: bool) -> None:
+        """A transaction that writes a record of a kind has ended."""
+        if done:
+            self._written[kind] = self._sent[kind]
+
+    def decide(self) -> None:
+        """Passes on a stop; writes what is new."""
+        agent = self._agent
+        if not agent.usable:
+            return
+        name = agent.robot.name
+        halt = agent.view.halts.get(name)
+        if halt is not None and halt.revision == self._obeyed:
+            key = agent.keys.key(records.HALTS, name)
+            agent.transact(OBEYED, Txn((Compare(key, halt.revision),), (), (key,)))
+        elif halt is not None and halt.revision != self._asked:
+            self._asked = halt.revision
+            agent.decided.append(ev.Obey(halt))
+        for kind, text in self._said.items() if agent.joined else ():
+            if text != self._written.get(kind):
+                put = Put(agent.keys.key(kind, name), text)
+                if agent.transact(f"{TELL} {kind}", Txn((agent.mine(),), (put,))):
+                    self._sent[kind] = text

@@ -7,7 +7,18 @@ from typing import Any, Dict, Iterable, List, NamedTuple, Optional, Set, Tuple
 
 from merlin_fleet.core import records
 from merlin_fleet.core.auction import Offers, order, unsuited
-from merlin_fleet.core.records import Claim, Facts, Goal, Keys, Profile, RecordError, Report
+from merlin_fleet.core.records import (
+    Claim,
+    Facts,
+    Goal,
+    Halt,
+    Keys,
+    Profile,
+    RecordError,
+    Report,
+    Schema,
+    Status,
+)
 from merlin_fleet.core.store import Change, Item, Snapshot
 
 #: Parts of the keys that do not have two.
@@ -28,6 +39,8 @@ GOAL_AT = {
     records.ENDS: 2,
     records.FAILURES: 2,
 }
+#: Kinds of records of which a robot has one each, and the view a field → their class.
+OF_ROBOTS = {records.ROBOTS: Profile, records.SCHEMAS: Schema, records.STATUS: Status}
 #: The life of a claim that cannot be read.
 UNREAD = "?"
 
@@ -83,6 +96,10 @@ class FleetView:
         """Robot → the life that is joined, with its revision as epoch."""
         self.offers = Offers()
         self.robots: Dict[str, Profile] = {}
+        self.schemas: Dict[str, Schema] = {}
+        self.status: Dict[str, Status] = {}
+        self.halts: Dict[str, Halt] = {}
+        """Robot → the stop that it has not carried out yet."""
         self.late: Dict[str, Report] = {}
         self.facts: Dict[Tuple[str, str], Facts] = {}
         """Robot and predicate → what the robot says of it."""
@@ -254,8 +271,10 @@ class FleetView:
             self.failures.setdefault(names[1], {})[names[2]] = _report_of(item, name)
         elif kind == records.BIDS:
             self.offers.put(name, records.decode_bids_once(item.value))
-        elif kind == records.ROBOTS:
-            self.robots[name] = records.decode(Profile, item.value)
+        elif kind in OF_ROBOTS:
+            getattr(self, kind)[name] = records.decode(OF_ROBOTS[kind], item.value)
+        elif kind == records.HALTS:
+            self.halts[name] = records.decode(Halt, item.value)._replace(revision=item.modified)
         elif kind == records.LATE:
             self.late["/".join(names)] = _report_of(item, name)
         elif kind == records.FACTS:
@@ -309,7 +328,7 @@ class FleetView:
                 self.lives.pop(name, None)
             if self.offers.of(name) is not None:
                 self.offers.remove(name)
-        elif kind in (records.GOALS, records.ROBOTS):
+        elif kind in (records.GOALS, records.HALTS, *OF_ROBOTS):
             getattr(self, kind).pop(name, None)
             if kind == records.GOALS:
                 self.written.pop(name, None)
