@@ -8,9 +8,9 @@ from typing import Iterator, Tuple
 import pytest
 
 from merlin_fleet.core.records import Goal
-from merlin_fleet.node.planned_cost import CannotPlan, PlannedCost, domain_identity, length
+from merlin_fleet.node.planned_cost import CannotPlan, PlannedCost, domain_identity, length, vocabulary
 from merlin_pddl.domain import Domain
-from merlin_pddl.domain_reader import read_domain
+from merlin_pddl.domain_reader import parse_domain, read_domain
 from merlin_pddl.problem import Problem
 from merlin_pddl.problem_reader import read_problem
 from merlin_rosplan.planning.planner import PlannerSettings
@@ -98,3 +98,15 @@ def test_the_identity_of_a_domain() -> None:
     assert same.startswith("home@")
     assert same == domain_identity("home", "(DEFINE (domain home)\n\n(:types a ))")
     assert same != domain_identity("home", "(define (domain home) (:types b))")
+
+
+def test_what_goals_can_be_about_is_the_domain_without_its_actions() -> None:
+    path = HOME / "domain.pddl"
+    known, found = read_domain(path), parse_domain(vocabulary(path.read_text(encoding="utf-8")))
+    assert (found.predicates, found.functions, found.constants) == (
+        known.predicates,
+        known.functions,
+        known.constants,
+    )
+    assert list(found.types) == list(known.types)
+    assert found.operators == {}

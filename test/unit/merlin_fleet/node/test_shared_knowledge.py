@@ -11,8 +11,8 @@ from merlin_msgs.msg import KnowledgeChanges
 from rosplan_knowledge_msgs.msg import KnowledgeItem
 
 from merlin_fleet.node import shared_knowledge
-from merlin_fleet.node.shared_knowledge import SharedKnowledge
-from merlin_planning.knowledge_client import ADD, KnowledgeError, Update, fact
+from merlin_fleet.node.shared_knowledge import OBJECTS, SharedKnowledge
+from merlin_planning.knowledge_client import ADD, KnowledgeError, Update, fact, instance
 from merlin_ros.service_proxy import ServiceError
 
 LIMIT = 60.0  # s for anything that has to happen
@@ -27,6 +27,8 @@ class Lab:
         self.changed = threading.Condition()  # guards the fields below
         self.state: Dict[str, Set[str]] = {"door_open": {"ward"}, "delivered": {"box_1 ward"}}
         self.known: List[Tuple[Any, ...]] = []
+        self.objects_known: List[Tuple[Any, ...]] = []
+        self.kinds = {"Ward": "room"}
         self.said: List[str] = []
         self.updates = 0
         self.silent = False
@@ -44,7 +46,7 @@ class Lab:
 
     def _know(self, *known: Any) -> None:
         with self.changed:
-            self.known.append(known)
+            (self.objects_known if known[0] == OBJECTS else self.known).append(known)
             self.changed.notify_all()
 
     def until(self, holds: Any) -> None:
@@ -60,6 +62,12 @@ class Lab:
             self.receive(KnowledgeChanges(version=self.version, added=[fact(predicate, "x")]))
 
     # --- as a knowledge base has it
+
+    def objects(self) -> Dict[str, str]:
+        with self.changed:
+            if self.silent:
+                raise ServiceError("it does not answer")
+            return dict(self.kinds)
 
     def propositions(self, predicate: str = "") -> List[KnowledgeItem]:
         with self.changed:
@@ -153,3 +161,13 @@ def test_a_silent_knowledge_base_gets_them_later(lab: Lab) -> None:
         lab.changed.wait(0.2)
         lab.silent = False
     lab.until(lambda: lab.state["delivered"] == {"box_2 ward"})
+
+
+def test_objects_are_read_at_the_begin_and_when_one_comes(lab: Lab) -> None:
+    """An original knowledge base publishes no changes: there they are read once."""
+    lab.until(lambda: any(known[1] == ("ward room",) for known in lab.objects_known))
+    with lab.changed:
+        lab.kinds["cup_1"] = "cup"
+    lab.connections.append(object())
+    lab.receive(KnowledgeChanges(version=6, added=[instance("cup", "cup_1")]))
+    lab.until(lambda: lab.objects_known[-1][1] == ("cup_1 cup", "ward room"))

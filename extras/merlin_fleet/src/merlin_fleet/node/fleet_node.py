@@ -16,14 +16,16 @@ from merlin_executor.executor_client import CANCEL, MerlinExecutorClient
 from merlin_executor.node.guard_client import GuardClient
 from merlin_fleet.certified import HubError
 from merlin_fleet.core.agent import Agent, Rules
-from merlin_fleet.core.records import Profile
+from merlin_fleet.core.records import SCHEMAS, Profile, Schema
 from merlin_fleet.fleet_robot import FleetRobot, FleetStatus
 from merlin_fleet.hub import EtcdHub
 from merlin_fleet.node.executor_body import NO_EXECUTOR, ExecutorBody
 from merlin_fleet.node.fleet_parameters import FleetParameters, read_parameters
-from merlin_fleet.node.planned_cost import PlannedCost, domain_identity
-from merlin_fleet.node.shared_knowledge import SharedKnowledge
+from merlin_fleet.node.planned_cost import PlannedCost, domain_identity, vocabulary
+from merlin_fleet.node.robot_report import RobotReport
+from merlin_fleet.node.shared_knowledge import OBJECTS, SharedKnowledge
 from merlin_fleet.sqlite_outbox import OutboxError, SqliteOutbox
+from merlin_pddl.text_reader import PddlError
 from merlin_planning.knowledge_client import DEFAULT_KNOWLEDGE_BASE, knowledge_client
 from merlin_ros.health import ERROR, OK, WARN, Health, HealthReporter
 from merlin_ros.node import run_node
@@ -99,7 +101,7 @@ class FleetNode:
         # The Executor checks the goals itself, as it does for every client.
         self._client = MerlinExecutorClient(knowledge_base=None, on_client_lost=CANCEL)
         busy = Occupation(self._client.name).busy
-        domain, self._costs = _planned_cost(knowledge_base, parameters, busy)
+        domain, self._vocabulary, self._costs = _planned_cost(knowledge_base, parameters, busy)
         battery = Battery(parameters.battery, parameters.battery_least)
         body = ExecutorBody(
             self._client,
@@ -127,7 +129,13 @@ class FleetNode:
         hub = EtcdHub(agent.keys.root, parameters.endpoints, parameters.tls, end=agent.keys.robots_end)
         own = [name for name, writer in parameters.facts.items() if writer == parameters.robot]
         self._knowledge = SharedKnowledge(
-            knowledge_client(knowledge_base), own, lambda *known: self._robot.know(*known), rospy.logwarn
+            knowledge_client(knowledge_base), own, lambda *known: self._know(*known), rospy.logwarn
+        )
+        self._report = RobotReport(
+            self._client.name,
+            lambda: self._client.executor_alive,
+            parameters.page,
+            lambda *said: self._robot.tell(*said),
         )
         self._robot = FleetRobot(
             agent,
@@ -138,6 +146,7 @@ class FleetNode:
             on_status=self._take,
             learn=self._knowledge.learn,
             on_failed=_end,
+            on_halt=self._report.halt,
         )
 
     def start(self) -> None:
@@ -145,8 +154,8 @@ class FleetNode:
         rospy.on_shutdown(self._close)
         HealthReporter({"fleet": self.health}).start()
         self._robot.start()
-        if self._parameters.facts:
-            self._knowledge.start()
+        self._knowledge.start()
+        self._report.start()
 
     def health(self) -> Health:
         """How the robot stands in its fleet."""
@@ -172,6 +181,12 @@ class FleetNode:
             return Health(WARN, f"it plans with old facts: {'; '.join(status.stale)}", values)
         return Health(OK, "joined", values)
 
+    def _know(self, predicate: str, facts: Optional[Tuple[str, ...]], version: int) -> None:
+        if predicate != OBJECTS:
+            self._robot.know(predicate, facts, version)
+        elif facts is not None and self._vocabulary:
+            self._robot.tell(SCHEMAS, Schema(self._vocabulary, facts))
+
     def _take(self, status: FleetStatus) -> None:
         before, self._status = self._status, status
         if status.joined and not before.joined:
@@ -180,6 +195,7 @@ class FleetNode:
     def _close(self) -> None:
         self._costs.close()
         self._knowledge.close()
+        self._report.close()
         self._robot.close(CLOSE_LIMIT)
 
 
@@ -191,8 +207,8 @@ def _end(error: str) -> None:
 
 def _planned_cost(
     knowledge_base: str, parameters: FleetParameters, busy: Callable[[], bool]
-) -> Tuple[str, PlannedCost]:
-    """The domain's identity, and what plans in it."""
+) -> Tuple[str, str, PlannedCost]:
+    """The domain's identity, what goals can be about, and what plans in it."""
     wait = parameters.start_wait
     if not knowledge_client(knowledge_base).wait(wait):
         raise NotThere(f"the knowledge base {knowledge_base} does not run after {wait:g} s; is it launched?")
@@ -200,12 +216,15 @@ def _planned_cost(
     snapshots = KnowledgeSnapshots(knowledge_base)
     try:
         name = snapshots.domain().name
-        identity = domain_identity(name, Path(path).read_text(encoding="utf-8", errors="replace"))
-    except (KnowledgeBaseError, OSError) as error:
+        text = Path(path).read_text(encoding="utf-8", errors="replace")
+        identity, known = domain_identity(name, text), vocabulary(text)
+    except (KnowledgeBaseError, OSError, PddlError) as error:
         raise NotThere(f"the domain of {knowledge_base} cannot be read: {error}") from None
     settings = PlannerSettings(command=parameters.planner_command, time_limit=parameters.planning_time)
-    return identity, PlannedCost(
-        snapshots, path, settings, parameters.action_duration, parameters.goal_duration, busy
+    return (
+        identity,
+        known,
+        PlannedCost(snapshots, path, settings, parameters.action_duration, parameters.goal_duration, busy),
     )
 
 

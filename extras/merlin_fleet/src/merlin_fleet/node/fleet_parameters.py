@@ -44,6 +44,8 @@ class FleetParameters(NamedTuple):
     """s: a shared fact that may be older is not planned with in silence."""
     keep: Retention
     """How long goals that have ended are kept."""
+    page: str
+    """Address of the robot's own page for those who look at the fleet; empty: that of the monitor."""
     start_wait: float
     """s for the planning system to be there at start."""
 
@@ -88,6 +90,7 @@ def read_parameters() -> FleetParameters:
             number("~keep_hours", Retention().hours, 0.0),
             round(number("~keep_goals", Retention().goals, 0.0)),
         ),
+        page=_text("~page", ""),
         start_wait=number("~planning_system_wait", 30.0, 0.0),
     )
 

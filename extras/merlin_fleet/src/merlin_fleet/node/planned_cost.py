@@ -9,14 +9,17 @@ from typing import Callable, List, Optional, Protocol, Tuple
 
 from merlin_fleet.core.records import Goal
 from merlin_pddl.domain import Domain
+from merlin_pddl.domain_reader import open_definition
 from merlin_pddl.plan_text import NO_DURATION, PlanTextError, parse_plan
 from merlin_pddl.problem import Problem
-from merlin_pddl.text_reader import PddlError
+from merlin_pddl.text_reader import PddlError, read_expression
 from merlin_rosplan.messages.knowledge_snapshot import KnowledgeBaseError
 from merlin_rosplan.planning.planner import PlannerSettings
 from merlin_rosplan.supervision.plan_preview import write_goal_problem
 from merlin_rosplan.supervision.scratch_folder import ScratchFolder
 from merlin_rosplan.supervision.supervised_planning import Planning
+
+VOCABULARY = (":types", ":constants", ":predicates", ":functions")
 
 
 class SnapshotSource(Protocol):
@@ -131,6 +134,16 @@ def length(plan: str, action_duration: float) -> float:
         raise CannotPlan(f"the plan cannot be read: {error}") from None
     timed = [step.time + step.duration for step in steps if step.duration > NO_DURATION]
     return max(timed, default=0.0) + action_duration * (len(steps) - len(timed))
+
+
+def vocabulary(text: str) -> str:
+    """What of a domain's text a goal can be about: its types, constants, predicates and functions.
+
+    :raises PddlError: when it is not a domain.
+    """
+    name, sections = open_definition(read_expression(text, "domain"), "domain")
+    kept = [section.text() for section in sections if section.head in VOCABULARY]
+    return f"(define (domain {name}) {' '.join(kept)})"
 
 
 def domain_identity(name: str, text: str) -> str:

@@ -13,6 +13,7 @@ from rosplan_knowledge_msgs.msg import KnowledgeItem
 from merlin_planning.knowledge_client import ADD, REMOVE, KnowledgeError, Update, fact
 from merlin_ros.service_proxy import ServiceError
 
+OBJECTS = ""  # stands for a predicate: each object with its type
 LOOK = 2.0  # s between two looks whether the knowledge base is still the same, and attempts after a failure
 
 #: Predicate, its facts (None: they cannot be read), version of the knowledge base.
@@ -24,6 +25,9 @@ class KnowledgeSource(Protocol):
 
     name: str
 
+    def objects(self) -> Dict[str, str]:
+        """The type of each object."""
+
     def propositions(self, predicate: str = "") -> List[KnowledgeItem]:
         """Facts of a predicate."""
 
@@ -33,6 +37,8 @@ class KnowledgeSource(Protocol):
 
 class SharedKnowledge:
     """Follows a knowledge base's changes, whose versions have no gap: after one, all is read again.
+
+    Its objects are read as the facts of the predicate `OBJECTS`.
 
     :param knowledge: ours; the original knowledge base does not publish its changes.
     :param own: predicates that this robot writes.
@@ -44,7 +50,7 @@ class SharedKnowledge:
         self, knowledge: KnowledgeSource, own: Sequence[str], know: Know, say: Callable[[str], None]
     ) -> None:
         self._knowledge = knowledge
-        self._own = frozenset(own)
+        self._own = frozenset((*own, OBJECTS))
         self._know = know
         self._say = say
         self._changed = threading.Condition()  # guards the fields below
@@ -94,7 +100,7 @@ class SharedKnowledge:
                 self._changed.notify()
 
     def _work(self) -> None:
-        again: Tuple[Set[str], Set[str]] = (set(), set())  # what failed
+        again: Tuple[Set[str], Set[str]] = ({OBJECTS}, set())  # what failed; an original publishes no changes
         looked_at = time.monotonic()
         while not rospy.is_shutdown():
             with self._changed:
@@ -123,13 +129,15 @@ class SharedKnowledge:
     def _told(self, predicate: str, version: int) -> bool:
         """Reads and delivers the facts of a predicate; whether they could be read."""
         facts = None
-        if self._connections:  # else its changes do not come
+        if self._connections or predicate == OBJECTS:  # else its changes do not come
             with contextlib.suppress(ServiceError):
                 facts = tuple(sorted(self._facts(predicate)))
         self._know(predicate, facts, version)
         return facts is not None
 
     def _facts(self, predicate: str) -> Set[str]:
+        if predicate == OBJECTS:
+            return {f"{name.lower()} {kind.lower()}" for name, kind in self._knowledge.objects().items()}
         return {
             " ".join(pair.value for pair in item.values) for item in self._knowledge.propositions(predicate)
         }
