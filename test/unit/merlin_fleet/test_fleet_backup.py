@@ -125,7 +125,7 @@ def test_a_backup_is_found_without_a_new_token_and_at_a_later_revision(
     try:
         robot.start()
         assert client.execute("(done a)", LIMIT).outcome == "SUCCEEDED"
-        known = client.send("(done b)", robot="bob")
+        known = client.send("(done b)", needs=("wings",))
         assert client.wait(lambda: known.news, LIMIT)
         etcd.save(tmp_path / "hub.snapshot")
         gone = client.send("(done c)")
@@ -160,7 +160,7 @@ def test_the_lines_of_the_page_put_a_hub_back(etcd: EtcdProcess, tmp_path: Path)
         run(save)
         robot.start()
         assert first.wait(LIMIT) and client.execute("(done b)", LIMIT).outcome == "SUCCEEDED"
-        last = client.send("(done c)", robot="bob")
+        last = client.send("(done c)", needs=("wings",))
         etcd.kill()
         run(restore)
         (folder,) = (tmp_path / ".ros" / "merlin").iterdir()

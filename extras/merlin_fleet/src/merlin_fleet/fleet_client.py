@@ -12,14 +12,14 @@ from merlin_fleet.certified import HubError, Tls
 from merlin_fleet.core import records
 from merlin_fleet.core.clock import CLOCK_MARGIN, difference
 from merlin_fleet.core.possession import CANCELLED
-from merlin_fleet.core.records import Goal, Keys, RecordError, Report
+from merlin_fleet.core.records import Goal, Halt, Keys, RecordError, Report, Status
 from merlin_fleet.core.retention import Keeper, removal
 from merlin_fleet.core.store import Change, Compare, Put, Snapshot, Txn, TxnResult
 from merlin_fleet.core.view import FleetGoalState, FleetView
 from merlin_fleet.etcd_messages import HubRefuses
 from merlin_fleet.fleet_request import FleetRequest, GoalNews, own_name
 from merlin_fleet.forgetting import Leavings, leavings
-from merlin_fleet.goal_refusals import check_goal
+from merlin_fleet.goal_refusals import check_goal, refused, unsuited_all
 from merlin_fleet.hub import DEFAULT_ENDPOINT, EtcdHub
 from merlin_fleet.hub_watch import Listener
 from merlin_fleet.prospects import hopeless, remarks
@@ -29,6 +29,7 @@ DEFAULT_FLEET = "fleet"
 ACHIEVED = ("SUCCEEDED", "ALREADY_TRUE")
 LIMIT = 10.0  # s for the hub to take a goal or a cancel
 PULSE = 0.7  # s between two checks that the hub answers; it has 2 s for an answer
+STOPS = 2.0  # s for a robot to confirm a stop; the page waits 3 s
 PAUSE = 0.3  # s between attempts
 OVER = (FleetGoalState.ENDED, FleetGoalState.CANCELLED)
 
@@ -116,8 +117,9 @@ class FleetClient(Listener):
         :param sender: the sender, beside this machine and its user.
         :param more: `robot`, `groups`, `needs`, `domain`, `finish` and `tries` of
             :class:`merlin_fleet.core.records.Goal`.
-        :raises FleetError: for what is not a goal, for a deadline by a clock that is far from the hub's, and
-            when the hub did not take it.
+        :raises FleetError: for what is not a goal, for a robot that there is not, for a goal that no robot's
+            domain and objects allow, for a deadline by a clock that is far from the hub's, and when the hub
+            did not take it.
         """
         texts = (goals,) if isinstance(goals, str) else tuple(goals)
         if deadline is not None:
@@ -136,16 +138,68 @@ class FleetClient(Listener):
             check_goal(goal)
         except ValueError as error:
             raise FleetError(str(error)) from None
+        end = self._reach(time.monotonic() + LIMIT)
+        self.check(goal)
         request = FleetRequest(self, goal.id)
         with self._changed:
             self._requests.append((request, on_done))
         try:
-            request.taken(self._write(self._keys.key(records.GOALS, goal.id), records.encode(goal)))
+            key = self._keys.key(records.GOALS, goal.id)
+            request.taken(
+                self._write(key, records.encode(goal), "another goal of this id is there already", end)
+            )
         except FleetError:
             with self._changed:
                 self._requests = [each for each in self._requests if each[0] is not request]
             raise
         return request
+
+    def check(self, goal: Goal) -> None:
+        """Checks that a robot of the fleet knows what a goal is about.
+
+        :raises FleetError: when there is no such robot, or each that may take the goal refuses it.
+        """
+        with self._changed:
+            robots, schemas = dict(self._view.robots), dict(self._view.schemas)
+        reason = refused(goal, robots, schemas)
+        if reason:
+            raise FleetError(reason)
+
+    def prospect(self, goal: Goal) -> str:
+        """A sentence for the sender of a goal that no robot can take at present; empty: one can."""
+        with self._changed:
+            return unsuited_all(goal, self._view.robots)
+
+    def stop(self, robot: str, sender: str = "") -> Tuple[bool, str]:
+        """Has a robot stop, and hold its base until it is released there; waits for its answer.
+
+        :param sender: the person who asks for it, beside this machine and its user.
+        :return: whether the robot has confirmed that its guard holds the base; how it is held, or why that is
+            not known. A robot that is not reached stops when it is.
+        :raises FleetError: when there is no such robot, or the hub did not take it.
+        """
+        with self._changed:
+            if robot not in self._view.robots:
+                raise FleetError("there is no such robot in the fleet")
+        text = records.encode(Halt(self._named(sender), time.time()))
+        try:
+            revision = self._hub.transact(
+                Txn(puts=(Put(self._keys.key(records.HALTS, robot), text),))
+            ).revision
+        except HubError as error:
+            raise FleetError(f"the hub has not confirmed it: {error}") from None
+        answered = self.wait(lambda: self.status(robot)[0].stop >= revision, STOPS)
+        hold = self.status(robot)[0].hold
+        if answered:
+            return bool(hold), hold or "its guard has not confirmed it"
+        with self._changed:
+            joined = robot in self._view.lives
+        return False, "it has not answered yet" if joined else "it is not joined, and stops when it is back"
+
+    def status(self, robot: str) -> Tuple[Status, Optional[Halt]]:
+        """What a robot says of itself, and the stop that it has not carried out yet."""
+        with self._changed:
+            return self._view.status.get(robot, Status()), self._view.halts.get(robot)
 
     def execute(
         self, goals: Union[str, Sequence[str]], timeout: Optional[float] = None, **options: Any
@@ -201,7 +255,10 @@ class FleetClient(Listener):
         if news is not None and (news.state in OVER or news.state is FleetGoalState.CANCELLING):
             return
         self._write(
-            self._keys.key(records.CANCELS, goal), records.encode_cancel(self._named(sender), time.time()), ""
+            self._keys.key(records.CANCELS, goal),
+            records.encode_cancel(self._named(sender), time.time()),
+            "",
+            time.monotonic() + LIMIT,
         )
 
     def remove_ended(self, keeper: Keeper) -> int:
@@ -314,19 +371,27 @@ class FleetClient(Listener):
             return GoalNews(goal, state, claim.robot if claim else "", {}, report)
         return GoalNews(goal, state, "", remarks(view, goal), report, hopeless(view, goal))
 
-    def _write(self, key: str, text: str, taken: str = "another goal of this id is there already") -> int:
+    def _reach(self, end: float) -> float:
+        """Waits until the hub answers, at most until a moment; returns that.
+
+        :raises FleetError: when it does not, or cannot be used.
+        """
+        if not self.wait_for_hub(max(0.0, end - time.monotonic())):
+            if self._unusable:
+                raise FleetError(self._unusable)
+            raise FleetError(f"the hub did not take it within {LIMIT:g} s: {self.missing}")
+        return end
+
+    def _write(self, key: str, text: str, taken: str, end: float) -> int:
         """Writes a key once; an attempt whose answer was lost may have done it.
 
         :param taken: what is wrong when the key has another text; empty: nothing.
+        :param end: s of ``time.monotonic`` from which on it is not tried again.
         :return: a revision at which the key existed.
         """
         txn = Txn((Compare(key, 0),), (Put(key, text),), (), (key,))
-        end = time.monotonic() + LIMIT
         while True:
-            if not self.wait_for_hub(max(0.0, end - time.monotonic())):
-                if self._unusable:
-                    raise FleetError(self._unusable)
-                raise FleetError(f"the hub did not take it within {LIMIT:g} s: {self.missing}")
+            self._reach(end)
             try:
                 answer: TxnResult = self._hub.transact(txn)
             except HubRefuses as error:
