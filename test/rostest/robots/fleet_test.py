@@ -18,7 +18,9 @@ from merlin_msgs.msg import ExecuteActionResult, KnowledgeChanges
 import rostest
 from merlin_executor.executor_client import MerlinExecutorClient, outcome_name
 from merlin_executor.goal_check import GoalError
-from merlin_fleet.fleet_client import ACHIEVED, FleetClient
+from merlin_fleet import fleet_client
+from merlin_fleet.core.records import Goal
+from merlin_fleet.fleet_client import ACHIEVED, FleetClient, FleetError
 from merlin_planning.knowledge_client import REMOVE, Update, fact, knowledge_client
 from merlin_test.etcd_process import EtcdProcess
 from merlin_test.topic_links import wait_for_publishers
@@ -154,16 +156,25 @@ class Fleet(unittest.TestCase):
         self.etcd.start()
         self.until(lambda: self.health["r2/merlin_fleet: fleet"] == "joined", "r2 joins")
         self.assertIn(self.client.execute(f"(checked {POINTS[1]})", LIMIT).outcome, ACHIEVED)
-        # Goals from the fleet pass the checks of local ones.
+        # Goals from the fleet pass the checks of local ones, before the fleet has them.
         for text, unknown in (("(checked garage)", "garage"), ("(painted kitchen)", "painted")):
-            wrong = self.client.send(text)
-            told = self.client.wait(lambda: wrong.news and wrong.news.hopeless, LIMIT)  # noqa: B023
-            self.assertTrue(told, wrong.news)
-            self.assertIn(unknown, wrong.news.refusals["r2"])
+            self.assertTrue(self.client.wait(lambda: self.refused(text), LIMIT), text)  # noqa: B023
+            with self.assertRaisesRegex(FleetError, f"^r2: .*{unknown}"):
+                self.client.send(text)
             with self.assertRaises(GoalError):
                 local.send(text)
-            wrong.cancel()
-            self.assertTrue(wrong.wait(LIMIT))
+        # It stops when it is asked to; no guard runs here that could hold it.
+        fleet_client.STOPS = LIMIT
+        self.assertEqual(self.client.stop("r2"), (False, "its guard has not confirmed it"))
+        self.assertTrue(self.client.wait(lambda: self.client.status("r2")[1] is None, LIMIT))
+        self.assertEqual(self.client.status("r2")[0].trouble, "")
+
+    def refused(self, text):
+        try:
+            self.client.check(Goal("", (text,), 0.0))
+        except FleetError:
+            return True
+        return False
 
 
 if __name__ == "__main__":

@@ -1,11 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a page shows of a fleet: that of a robot, and that of the fleet."""
 
-from typing import Any, Dict, List
+import re
+from typing import Any, Dict, List, Optional
 
+from merlin_fleet.core.records import Halt, Status
 from merlin_fleet.core.view import FleetGoalState
 from merlin_fleet.fleet_client import FleetClient
 from merlin_fleet.fleet_request import GoalNews
+from merlin_monitor.state.now_section import STAGES
+from merlin_monitor.text.phrase import Phrase, action_phrase, goal_phrase, say
 
 MOST = 40  # goals that are shown: those that continue first, then the last ones that have ended
 
@@ -26,9 +30,10 @@ def shown(client: FleetClient, most: int = MOST) -> Dict[str, Any]:
     robots = {
         robot.name: {
             "joined": joined,
-            "heard": robot.heard,
+            "heard": client.status(robot.name)[0].at or robot.heard,  # what is shown is as old as that
             "is": [*robot.groups, *robot.capabilities],
             "has": owned.get(robot.name, []),
+            **_said(*client.status(robot.name)),
         }
         for robot, joined in client.robots()
     }
@@ -71,3 +76,24 @@ def _goal(news: GoalNews) -> Dict[str, Any]:
 
 def _ended(news: GoalNews) -> float:
     return news.report.at if news.report is not None else 0.0
+
+
+def _said(status: Status, halt: Optional[Halt]) -> Dict[str, Any]:
+    """What a robot says of itself. The text of a record may be anything: a link leads to a page only."""
+    doing = [_action(text) for text in status.doing]
+    stage = [say(STAGES.get(status.stage, "working"))] if status.stage else [say("waits")]
+    known = status.x is not None and status.y is not None
+    return {
+        "does": status.trouble or (doing or stage if status.at else ""),
+        "for": [goal_phrase(goal) for goal in status.goals],
+        "place": status.place.replace("_", " "),
+        "at": [round(status.x or 0.0, 1), round(status.y or 0.0, 1)] if known else None,
+        "hold": status.hold,
+        "stop": halt.at if halt is not None else None,
+        "page": status.page if re.match(r"https?://[^/@]+(/|\Z)", status.page) else "",
+    }
+
+
+def _action(text: str) -> Phrase:
+    name, *pairs = text.split() or [""]
+    return action_phrase(name, [(key, value) for key, _, value in (pair.partition("=") for pair in pairs)])

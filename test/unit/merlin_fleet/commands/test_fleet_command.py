@@ -14,7 +14,7 @@ import pytest
 from merlin_fleet.commands.fleet_command import _parser, main, words
 from merlin_fleet.core.agent import Agent, Rules
 from merlin_fleet.core.auction import AuctionTimes
-from merlin_fleet.core.records import Facts, Goal, Keys, Profile, encode
+from merlin_fleet.core.records import SCHEMAS, Facts, Goal, Keys, Profile, Schema, encode
 from merlin_fleet.core.reporting import Outbox
 from merlin_fleet.core.robot_lease import LeaseTimes
 from merlin_fleet.core.store import Put, Txn
@@ -180,6 +180,8 @@ def test_a_goal_of_another_domain_is_refused_and_the_reason_is_shown(lab: Lab) -
 
 
 def test_the_command_sends_lists_follows_and_cancels(lab: Lab, capsys: pytest.CaptureFixture) -> None:
+    robot = Profile("r1", ("a",), ("arm",))
+    lab.client._hub.transact(Txn((), (Put(Keys(lab.fleet).key("robots", "r1"), encode(robot)),)))
     options = ("--deadline", "600", "--value", "2.5", "--robot", "r1", "--group", "a", "--needs", "arm")
     assert lab.run("send", "(done a)", *options) == 0
     goal_id = capsys.readouterr().out.strip()
@@ -191,7 +193,7 @@ def test_the_command_sends_lists_follows_and_cancels(lab: Lab, capsys: pytest.Ca
     assert (goal.value, goal.robot, goal.groups, goal.needs) == (2.5, "r1", ("a",), ("arm",))
     assert goal.deadline == pytest.approx(goal.sent + 600.0)
     assert lab.run("list") == 0
-    assert capsys.readouterr().out == f"{goal_id}  open, no robot is joined  (done a)\n"
+    assert capsys.readouterr().out.splitlines()[0] == f"{goal_id}  open, no robot is joined  (done a)"
     assert lab.run("cancel", goal_id) == 0
     assert lab.run("follow", goal_id) == 1
     assert capsys.readouterr().out == "CANCELLED: no robot has it\n"
@@ -199,7 +201,7 @@ def test_the_command_sends_lists_follows_and_cancels(lab: Lab, capsys: pytest.Ca
     assert "has ended already: CANCELLED" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("wanted", [("--robot", "r2"), ("--needs", "wings"), ("--group", "night")])
+@pytest.mark.parametrize("wanted", [("--needs", "wings"), ("--group", "night")])
 def test_a_goal_that_no_robot_can_take_is_reported(
     lab: Lab, capsys: pytest.CaptureFixture, wanted: Tuple[str, str]
 ) -> None:
@@ -211,6 +213,26 @@ def test_a_goal_that_no_robot_can_take_is_reported(
     assert capsys.readouterr().err.endswith("it waits for one; the robots of this fleet: r1\n")
     assert lab.run("send", "(done a)") == 0
     assert capsys.readouterr().err == ""
+
+
+def test_a_goal_that_no_robot_knows_is_not_sent(lab: Lab, capsys: pytest.CaptureFixture) -> None:
+    lab.robot("r1")
+    lab.robots[0].tell(SCHEMAS, Schema("(define (domain d) (:predicates (done ?x)))", ("a object",)))
+    assert lab.client.wait(lambda: refused(lab.client, "(flies a)"), LIMIT)
+    assert lab.run("send", "(flies a)") == 2
+    said = capsys.readouterr()
+    assert said.err == "fleet send: r1: (flies a): unknown predicate 'flies'; there is done\n"
+    assert (said.out, lab.client.goals()) == ("", [])
+    assert lab.run("send", "(done a)", "--follow") == 0
+
+
+def refused(client: FleetClient, text: str) -> bool:
+    """Whether the client knows that no robot of the fleet can mean a goal."""
+    try:
+        client.check(Goal("", (text,), 0.0))
+    except FleetError:
+        return True
+    return False
 
 
 def test_follow_ends_with_the_goal(lab: Lab, capsys: pytest.CaptureFixture) -> None:
@@ -240,6 +262,10 @@ def test_ctrl_c_ends_follow_and_not_the_goal(lab: Lab, monkeypatch: pytest.Monke
         (("send", "(done a)", "--group", ""), "fleet send: the group '' is not a name: no robot can have it"),
         (("send", "(done a)", "--needs", "a,b"), "fleet send: the capability 'a,b' is not a name"),
         (("send", "(done a)", "--domain", "ho me"), "fleet send: the domain 'ho me' is not a name"),
+        (
+            ("send", "(done a)", "--robot", "r2"),
+            "fleet send: there is no robot 'r2' in the fleet; there is none",
+        ),
         (("list", "--hub", "127.0.0.1:99999"), "fleet list: '127.0.0.1:99999' is not the address of a hub"),
         (("list", "--hub", "127.0.0.1:0"), "fleet list: '127.0.0.1:0' is not the address of a hub"),
         (

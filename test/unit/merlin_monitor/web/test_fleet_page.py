@@ -2,12 +2,10 @@
 """The page of a fleet: what it shows, which operator may do what, and how the browser shows a lost hub."""
 
 import re
-import socket
 import threading
 import time
-import urllib.request
 from pathlib import Path
-from typing import Any, Callable, Iterator, List, Tuple
+from typing import Any, Callable, Iterator, List, Optional
 
 import pytest
 from fleet_page_command import LIMIT, Command
@@ -16,9 +14,8 @@ from shown_page import Visit, chromium
 
 from merlin_fleet import fleet_client
 from merlin_fleet.certified import HubError
-from merlin_fleet.commands.fleet_command import main
 from merlin_fleet.core import records
-from merlin_fleet.core.records import Claim, Goal, Keys, Profile, Report
+from merlin_fleet.core.records import Claim, Goal, Keys, Profile, Report, Schema, Status
 from merlin_fleet.core.store import Put, Txn, TxnResult
 from merlin_fleet.fleet_client import FleetClient
 from merlin_fleet.fleet_shown import shown
@@ -30,12 +27,22 @@ from merlin_fleet.testing.simulated_store import SimulatedStore
 from merlin_monitor.access.operators import Operators, write_operators
 from merlin_monitor.access.web_access import WebAccess
 from merlin_monitor.panel_scripts import script_file
+from merlin_monitor.text.phrase import in_english
 from merlin_monitor.web.page_control import ControlError
 from merlin_monitor.web.web_server import WebServer
-from merlin_test.etcd_process import DIRECT, EtcdProcess
+from merlin_test.etcd_process import EtcdProcess
 
 pytestmark = pytest.mark.processes
 KEYS, EVIL = Keys("lab"), "<img src=x onerror=\"document.title='owned'\">"
+
+SCHEMA = Schema("(define (domain lab) (:predicates (done ?x)))", ("a object", "b object"))
+#: A robot says each 10 s that it is there; the times are so late that it gets not old in a test.
+DRIVES = Status(
+    *(("navigate from=hall to=kitchen",), ("(checked kitchen)",), "DISPATCH_PLAN"),
+    *("", "hall", 1.0, 2.5),
+    page="http://bob.lab:8080/",
+    at=4e9,
+)
 
 
 class SimulatedHub:
@@ -44,6 +51,8 @@ class SimulatedHub:
     def __init__(self) -> None:
         self.store = SimulatedStore()
         self.lost = ""
+        self.obeys: Optional[str] = None
+        """How robots say that they are held, when they were stopped; None: they do not answer."""
         self._listener = Listener()
 
     def follow(self, listener: Listener) -> None:
@@ -58,6 +67,10 @@ class SimulatedHub:
         known = len(self.store.changes)
         answer = self.store.transact(txn)
         self._listener.on_changed(tuple(self.store.changes[known:]))
+        kind, *names = KEYS.parts(txn.puts[0].key) if txn.puts else ("",)
+        if kind == records.HALTS and self.obeys is not None:
+            self.put(records.STATUS, *names, record=Status(hold=self.obeys, stop=answer.revision, at=6.0))
+            self.transact(Txn(deletes=(txn.puts[0].key,)))
         return answer
 
     def put(self, kind: str, *names: str, record: Any) -> None:
@@ -80,7 +93,7 @@ class SimulatedHub:
 class Lab:
     """A page and its server over a simulated hub."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, open_stop: bool) -> None:
         self.hub = SimulatedHub()
         self.client = FleetClient("lab")
         path = folder / "operators.yaml"
@@ -88,7 +101,7 @@ class Lab:
         operators = Operators(path)
         self.page = FleetPage(self.client, operators)
         self.control = FleetControl(self.client)
-        access = WebAccess("127.0.0.1", (), operators)
+        access = WebAccess("127.0.0.1", (), operators, open_stop)
         scripts = {panel["name"]: script_file(panel["script"]) for panel in PANELS}
         self.server = WebServer(self.page, WEB, access, self.control, scripts=scripts)
 
@@ -118,7 +131,7 @@ class Lab:
 
 
 @pytest.fixture
-def lab(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Lab]:
+def lab(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> Iterator[Lab]:
     hubs: List[SimulatedHub] = []
 
     def hub(*_: Any, **__: Any) -> SimulatedHub:
@@ -126,7 +139,7 @@ def lab(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Lab]:
         return hubs[-1]
 
     monkeypatch.setattr(fleet_client, "EtcdHub", hub)
-    made = Lab(tmp_path)
+    made = Lab(tmp_path, getattr(request, "param", True))
     made.hub = hubs[0]
     yield made
     made.stop()
@@ -164,6 +177,103 @@ def test_it_shows_robots_goals_and_owners_and_follows_them(lab: Lab) -> None:
     assert {goal["why"] for goal in lab.page.tree.get("fleet", "goals") if not goal["over"]} == {
         "no robot is joined"
     }
+
+
+def test_it_shows_what_a_robot_says_of_itself(lab: Lab) -> None:
+    fill(lab.hub)
+    doing, goals = ("navigate from=hall to=dorm_room",), ("(checked dorm_room)",)
+    said = Status(
+        doing, goals, "DISPATCH_PLAN", "", "dorm_room", 1.0, 2.0, page="http://ann.lab:8080/", at=9.0
+    )
+    lab.hub.put(records.STATUS, "ann", record=said)
+    lab.start()
+    ann, bob = (lab.until(bool, "fleet", "robots")[name] for name in ("ann", "bob"))
+    assert ([in_english(each) for each in ann["does"]], in_english(ann["for"])) == (
+        ["navigating to dorm room"],
+        "dorm room checked",
+    )
+    assert (ann["place"], ann["at"], ann["page"], ann["heard"]) == (
+        "dorm room",
+        [1.0, 2.0],
+        "http://ann.lab:8080/",
+        9.0,
+    )
+    assert (bob["does"], bob["at"], bob["page"], bob["heard"]) == ("", None, "", 4.0), "it has said nothing"
+    for stage, words in (("PLAN", "planning"), ("", "waits")):
+        lab.hub.put(records.STATUS, "ann", record=Status(stage=stage, at=10.0))
+        robots = lab.until(
+            lambda robots: not robots["ann"]["for"] and robots["ann"]["does"], "fleet", "robots"
+        )
+        lab.until(lambda it, said=words: in_english(it["ann"]["does"]) == said, "fleet", "robots")
+        assert robots["ann"]["place"] == ""
+
+
+def test_what_a_robot_does_is_as_old_as_its_last_word_of_it(lab: Lab) -> None:
+    fill(lab.hub)
+    lab.hub.put(records.STATUS, "ann", record=Status(stage="PLAN", at=3.0))  # joined since then: heard at 5.0
+    assert shown(lab.client)["robots"]["ann"]["heard"] == 3.0
+
+
+@pytest.mark.parametrize(
+    "page", ["javascript:alert(1)", "http://ann.lab@evil.example/", "https://", "//evil"]
+)
+def test_a_link_leads_to_a_page(lab: Lab, page: str) -> None:
+    fill(lab.hub)
+    lab.hub.put(records.STATUS, "ann", record=Status(page=page, at=9.0))
+    assert shown(lab.client)["robots"]["ann"]["page"] == ""
+
+
+def test_a_goal_that_no_robot_knows_is_refused_at_once(lab: Lab) -> None:
+    fill(lab.hub)
+    known = len(lab.client.goals())
+    for robot in ("ann", "bob"):
+        lab.hub.put(records.SCHEMAS, robot, record=SCHEMA)
+    for fields, words in (
+        ({"goal": "(flies a)"}, "ann, bob: (flies a): unknown predicate 'flies'; there is done"),
+        ({"goal": "(done a)", "robot": "eve"}, "there is no robot 'eve' in the fleet; there is ann, bob"),
+    ):
+        with pytest.raises(ControlError, match=re.escape(words)):
+            lab.control.carry_out("send", fields, "Ana")
+    assert len(lab.client.goals()) == known
+    said = lab.control.carry_out("send", {"goal": "(done a)", "needs": "wings"}, "Ana")["done"]
+    assert said.endswith(
+        "But no robot can take it, and it waits for one; the robots of this fleet: ann, bob."
+    )
+    assert lab.control.carry_out("send", {"goal": "(done a)"}, "Ana")["done"].startswith("Sent as ")
+
+
+def test_a_stop_is_confirmed_by_the_robot(lab: Lab, monkeypatch: pytest.MonkeyPatch) -> None:
+    fill(lab.hub)
+    lab.hub.obeys = "the base is held by Ana since 14:03:07"
+    said = lab.control.carry_out("stop", {"robot": "ann"}, "Ana")
+    assert said == {"done": "ann stands: the base is held by Ana since 14:03:07."}
+    assert lab.client.status("ann")[1] is None
+    lab.hub.obeys = ""
+    with pytest.raises(ControlError, match="ann: the stop is NOT confirmed: its guard has not confirmed it"):
+        lab.control.carry_out("stop", {"robot": "ann"}, "Ana")
+    lab.hub.obeys = None
+    monkeypatch.setattr(fleet_client, "STOPS", 0.01)
+    for robot, words in (("ann", "it has not answered yet"), ("bob", "it is not joined, and stops when")):
+        with pytest.raises(ControlError, match=f"{robot}: the stop is NOT confirmed: {words}"):
+            lab.control.carry_out("stop", {"robot": robot}, "Ana")
+        assert lab.client.status(robot)[1] is not None, "it stops when it hears of it"
+        assert shown(lab.client)["robots"][robot]["stop"] > 0.0
+    with pytest.raises(ControlError, match=r"there is no such robot in the fleet\. Use the button"):
+        lab.control.carry_out("stop", {"robot": "eve"}, "Ana")
+    lab.hub.lose("etcd does not answer in time")
+    with pytest.raises(ControlError, match=r"NOT confirmed: the hub has not .*\. Use the button"):
+        lab.control.carry_out("stop", {"robot": "ann"}, "Ana")
+
+
+@pytest.mark.parametrize(("lab", "status"), [(True, 200), (False, 403)], indirect=["lab"])
+def test_everybody_stops_a_robot_unless_it_is_for_operators(lab: Lab, status: int) -> None:
+    fill(lab.hub)
+    lab.hub.obeys = "the base is held"
+    lab.start()
+    answer = ask(lab.server.address, "control/stop", "POST", {}, {"robot": "ann"})
+    assert answer.status == status, answer.said
+    stopped = [change for change in lab.hub.store.changes if "/halts/" in change.key and change.value]
+    assert ["a visitor at 127.0.0.1" in str(each.value) for each in stopped] == [True] * (status == 200)
 
 
 def test_what_is_shown_without_the_hub_is_grey_since_it_was_heard_of(lab: Lab) -> None:
@@ -252,7 +362,8 @@ def test_nothing_is_done_for_others(lab: Lab) -> None:
         ("send", {"goal": "(done a)", "robot": "a/b"}, "is not a word of letters"),
         ("send", {"goal": "(done a)", "needs": "a" * 201}, "at most 200 characters"),
         ("cancel", {"request": "nothing"}, "there is no goal 'nothing'"),
-        ("stop", {}, "There is nothing called 'stop'"),
+        ("stop", {"robot": 7}, "robot is a text"),
+        ("release", {}, "There is nothing called 'release'"),
     ],
 )
 def test_what_makes_no_sense_is_refused(lab: Lab, what: str, fields: Any, words: str) -> None:
@@ -266,67 +377,6 @@ def test_a_goal_without_the_hub_is_refused_with_the_reason(lab: Lab, monkeypatch
     lab.hub.lose("etcd does not answer in time")
     with pytest.raises(ControlError, match=r"did not take it .*: etcd does not answer in time"):
         lab.control.carry_out("send", {"goal": "(done a)"}, "Ana")
-
-
-# --- the command ------------------------------------------------------------------------------------
-
-
-@pytest.fixture(scope="module")
-def etcd() -> Iterator[EtcdProcess]:
-    made = EtcdProcess()
-    yield made
-    made.close()
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (("--port", "port"), "port is not a port: 0 to 65535"),
-        (("--port", "70000"), "70000 is not a port: 0 to 65535"),
-        (("--host", "203.0.113.1"), "cannot listen on 203.0.113.1"),
-        (("--page-key", "/nowhere.key"), "a key is given, but no certificate"),
-        (("--page-key", "/nowhere.key", "--page-certificate", "/nowhere.pem"), "/nowhere.pem cannot be read"),
-    ],
-)
-def test_mistakes_are_one_clear_line(
-    etcd: EtcdProcess, capsys: pytest.CaptureFixture, arguments: Tuple[str, ...], words: str
-) -> None:
-    try:
-        code: Any = main(["page", "--hub", etcd.endpoint, "--operators", "none", *arguments])
-    except SystemExit as end:  # argparse's own
-        code = end.code
-    assert code == 2
-    said = capsys.readouterr()
-    assert words in said.err.splitlines()[-1]
-    assert not said.out
-
-
-def test_operators_whom_all_can_read_are_refused(
-    etcd: EtcdProcess, capsys: pytest.CaptureFixture, tmp_path: Path
-) -> None:
-    file = tmp_path / "operators.yaml"
-    file.write_text("ana: 'a text that is long'\n")
-    file.chmod(0o644)
-    assert main(["page", "--hub", etcd.endpoint, "--operators", str(file)]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith("fleet page: the operators' file") and "chmod 600" in line
-
-
-def test_it_serves_without_a_master_until_ctrl_c(etcd: EtcdProcess) -> None:
-    with socket.socket() as other:
-        other.bind(("127.0.0.1", 0))
-        other.listen()
-        port = other.getsockname()[1]
-        command = Command(etcd.endpoint, "--operators", "none", "--port", str(port))
-        assert command.address.startswith("http://127.0.0.1:")
-        with DIRECT.open(command.address + "state.json", timeout=LIMIT) as answer:
-            assert b'"fleet":"lab"' in answer.read()
-        request = urllib.request.Request(command.address + "control/send", b"{}", method="POST")
-        with pytest.raises(urllib.error.HTTPError, match="403"):
-            DIRECT.open(request, timeout=LIMIT)
-        code, said = command.end()
-    assert code == 0
-    assert f"port {port} is taken, using " in said
 
 
 # --- in the browser ---------------------------------------------------------------------------------
@@ -346,6 +396,10 @@ def test_the_page_in_a_browser(tmp_path: Path) -> None:
     try:
         puts = {
             KEYS.key(records.ROBOTS, "ann"): Profile("ann", (EVIL,), heard=5.0),
+            KEYS.key(records.ROBOTS, "bob"): Profile("bob", heard=DRIVES.at),
+            KEYS.key(records.LIVES, "bob"): Claim("bob", "x"),
+            KEYS.key(records.SCHEMAS, "bob"): SCHEMA,
+            KEYS.key(records.STATUS, "bob"): DRIVES,
             KEYS.key(records.GOALS, "g1"): Goal("g1", (f"(done {EVIL})",), 1.0),
             KEYS.key(records.ENDS, "ann", "g1"): Report("g1", "ann", 3, "FAILED", EVIL, 2.0),
         }
@@ -353,8 +407,25 @@ def test_the_page_in_a_browser(tmp_path: Path) -> None:
         command = Command(own.endpoint, "--operators", str(operators), "--port", "0")
         with chromium() as browser:
             page = Visit(browser, f"{command.address}?lang=en")
-            text_is(page, "#now-line", "0 of 1 robots joined")
+            text_is(page, "#now-line", "1 of 2 robots joined")
             text_is(page, "#now-trouble", "ann: not seen since")
+            ann, bob = (page.page.locator("#fleet-robots li", has_text=name) for name in ("ann", "bob"))
+            assert "stale" in (ann.get_attribute("class") or "")
+            assert "stale" not in (bob.get_attribute("class") or "")
+            assert "What it does is not known" in ann.inner_text()
+            assert "navigating to kitchen, for kitchen checked – at hall (1, 2.5) m" in bob.inner_text()
+            assert bob.locator(".page").get_attribute("href") == DRIVES.page
+            assert not ann.locator(".page").is_visible()
+            bob.locator(".stop").click()  # without a token
+            text_is(page, "#control-said", "bob: the stop is NOT confirmed: it has not answered yet")
+            text_is(page, "#fleet-robots .stopping", "NOT confirmed")
+            stands = DRIVES._replace(hold="the base is held by Ana", stop=2**31)
+            key, halts = (KEYS.key(kind, "bob") for kind in (records.STATUS, records.HALTS))
+            hub.transact(Txn((), (Put(key, records.encode(stands)),), (halts,)))
+            text_is(page, "#fleet-robots .does", "the base is held by Ana")
+            bob.locator(".stopping").wait_for(state="hidden")
+            bob.locator(".stop").click()
+            text_is(page, "#control-said", "bob stands: the base is held by Ana")
             text_is(page, "#fleet-goals .more", EVIL)
             assert not page.page.locator("main img").count() and "owned" not in page.page.title()
             page.page.click("#operator")
@@ -362,6 +433,10 @@ def test_the_page_in_a_browser(tmp_path: Path) -> None:
             page.page.click("#sign-in button[type=submit]")
             text_is(page, "#operator", "Ana")
             assert not page.page.is_visible("#stop")
+            page.page.fill("#goal", "(flies b)")
+            page.page.fill("#for-robot", "bob")
+            page.page.click("#goal-form button[type=submit]")
+            text_is(page, "#control-said", "bob: (flies b): unknown predicate 'flies'; there is done")
             page.page.fill("#goal", "(done b)")
             page.page.fill("#for-robot", "ann")
             page.page.click("#goal-form button[type=submit]")
@@ -375,7 +450,7 @@ def test_the_page_in_a_browser(tmp_path: Path) -> None:
             page.wait("() => document.getElementById('fleet').hasAttribute('data-silent')")
             text_is(page, "#fleet .silent", "no news since")
             own.start()
-            text_is(page, "#now-line", "0 of 1 robots joined")
+            text_is(page, "#now-line", "1 of 2 robots joined")
             page.wait("() => !document.getElementById('fleet').hasAttribute('data-silent')")
             assert page.complaints == []
             page.close()
@@ -384,18 +459,4 @@ def test_the_page_in_a_browser(tmp_path: Path) -> None:
         if command is not None and command.process.poll() is None:
             command.process.kill()
         hub.close()
-        own.close()
-
-
-def test_a_hub_that_hangs_is_noticed() -> None:
-    own = EtcdProcess()
-    client = FleetClient("lab", [own.endpoint])
-    try:
-        assert client.wait_for_hub(LIMIT)
-        own.hang()
-        assert client.wait(lambda: client.missing == "etcd does not answer in time", LIMIT), client.missing
-        own.resume()
-        assert client.wait_for_hub(LIMIT)
-    finally:
-        client.close()
         own.close()

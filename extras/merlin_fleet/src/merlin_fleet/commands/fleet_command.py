@@ -10,7 +10,6 @@ from typing import List, Optional
 
 from merlin_fleet.certified import Tls
 from merlin_fleet.commands import forget_command, keep_command
-from merlin_fleet.core.auction import unsuited
 from merlin_fleet.core.clock import moment
 from merlin_fleet.core.records import Goal, Report
 from merlin_fleet.fleet_client import ACHIEVED, DEFAULT_FLEET, OVER, FleetClient, FleetError
@@ -112,6 +111,16 @@ def _add_page(page: argparse.ArgumentParser) -> None:
     page.add_argument(
         "--allowed-host", action="append", default=[], metavar="NAME", help="further name of the page"
     )
+    page.add_argument(
+        "--open-look",
+        action="store_true",
+        help="with another host than this machine: everybody who reaches the page sees it without signing in",
+    )
+    page.add_argument(
+        "--operators-stop",
+        action="store_true",
+        help="only operators stop robots; else everybody who reaches the page",
+    )
     for name in ("certificate", "key"):
         page.add_argument(f"--page-{name}", type=_file, metavar="FILE", help="for a page by https")
     page.set_defaults(do=_page)
@@ -169,13 +178,9 @@ def _send(client: FleetClient, given: argparse.Namespace) -> int:
         given.goal, value=given.value, deadline=given.deadline, finish=given.finish, **wanted
     )
     print(request.id, flush=True)
-    robots = [robot for robot, _ in client.robots()]
-    if all(unsuited(Goal("", tuple(given.goal), 0.0, "", **wanted), robot) for robot in robots):
-        known = ", ".join(sorted(robot.name for robot in robots)) or "none"
-        print(
-            f"fleet send: no robot can take it, and it waits for one; the robots of this fleet: {known}",
-            file=sys.stderr,
-        )
+    prospect = client.prospect(Goal("", tuple(given.goal), 0.0, "", **wanted))
+    if prospect:
+        print(f"fleet send: {prospect}", file=sys.stderr)
     return follow(client, request) if given.follow else 0
 
 

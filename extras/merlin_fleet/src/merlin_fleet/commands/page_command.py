@@ -13,7 +13,7 @@ from merlin_fleet.page.fleet_control import FleetControl
 from merlin_fleet.page.fleet_page import PANELS, FleetPage
 from merlin_monitor.access.operators import Operators, OperatorsError
 from merlin_monitor.access.tls import TlsError, read_tls
-from merlin_monitor.access.web_access import WebAccess
+from merlin_monitor.access.web_access import OPEN_LOOK, WebAccess, check_lookers
 from merlin_monitor.panel_scripts import script_file
 from merlin_monitor.web.open_command import wait_for_end
 from merlin_monitor.web.web_server import ServerError, WebServer
@@ -29,20 +29,30 @@ def serve(client: FleetClient, given: argparse.Namespace) -> int:
     except (ServerError, OperatorsError, TlsError, ValueError) as error:
         # The monitor names arguments of its launch file; those of this command are options.
         text = re.sub(r"\b(certificate|key):=", r"page-\1:=", str(error))
+        text = text.replace(*OPEN_LOOK)
         raise FleetError(re.sub(r"\b([a-z-]+):=", r"--\1 ", text)) from error
     return 0
 
 
 def _serve(client: FleetClient, given: argparse.Namespace) -> None:
+    check_lookers(given.host, given.operators is not None, given.open_look)
     operators = Operators(given.operators)
+    open_stop = not given.operators_stop
     tls = read_tls(given.page_certificate, given.page_key)
     if tls is not None and tls.warning:
         print(f"fleet page: {tls.warning}", file=sys.stderr)
-    page = FleetPage(client, operators)
+    page = FleetPage(client, operators, open_stop)
     server = WebServer(
         page,
         Path(rospkg.RosPack().get_path("merlin_monitor")) / "web",
-        WebAccess(given.host, given.allowed_host, operators, setting="--allowed-host "),
+        WebAccess(
+            given.host,
+            given.allowed_host,
+            operators,
+            open_stop,
+            setting="--allowed-host ",
+            open_look=given.open_look,
+        ),
         FleetControl(client),
         given.host,
         given.port,

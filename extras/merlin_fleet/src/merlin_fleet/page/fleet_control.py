@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What operators ask of a fleet on its page: goals sent and cancelled."""
+"""What is asked of a fleet on its page: goals sent and cancelled, robots stopped."""
 
 import math
 import sys
@@ -23,8 +23,8 @@ class FleetControl:
     def carry_out(self, what: str, fields: Dict[str, Any], by: str) -> Dict[str, Any]:
         """Carries out a request; returns a sentence, ``done``.
 
-        :param what: who, send or cancel.
-        :param fields: of a goal: goal, robot, groups, needs, value, deadline, finish; its id: request.
+        :param what: who, send, cancel or stop.
+        :param fields: of a goal: goal, robot, groups, needs, value, deadline, finish; its id: request; robot.
         :param by: the operator.
         :raises ControlError: it cannot be done.
         """
@@ -35,9 +35,11 @@ class FleetControl:
                 return {"done": self._send(fields, by)}
             if what == "cancel":
                 return {"done": self._cancel(fields, by)}
+            if what == "stop":
+                return {"done": self._stop(_text(fields, "robot"), by)}
         except FleetError as error:
             raise ControlError(str(error)) from error
-        raise ControlError(f"There is nothing called {what!r}; there is who, send, cancel.")
+        raise ControlError(f"There is nothing called {what!r}; there is who, send, cancel, stop.")
 
     def _send(self, fields: Dict[str, Any], by: str) -> str:
         goal = _text(fields, "goal", LONGEST_GOAL)
@@ -57,7 +59,9 @@ class FleetControl:
             finish=fields.get("finish") is True,
         )
         print(f"fleet page: {by} sends {goal} as {request.id}", file=sys.stderr, flush=True)
-        return f"Sent as {request.id}."
+        news = request.news
+        prospect = self._client.prospect(news.goal) if news is not None else ""
+        return f"Sent as {request.id}." + (f" But {prospect}." if prospect else "")
 
     def _cancel(self, fields: Dict[str, Any], by: str) -> str:
         goal = _text(fields, "request")
@@ -67,6 +71,17 @@ class FleetControl:
         self._client.cancel(goal, by)
         print(f"fleet page: {by} cancels {goal}", file=sys.stderr, flush=True)
         return "The cancel was sent."
+
+    def _stop(self, robot: str, by: str) -> str:
+        # A visitor without the right to look may stop, so a refusal names no robots.
+        try:
+            stands, words = self._client.stop(robot, by)
+        except FleetError as error:
+            stands, words = False, str(error)
+        print(f"fleet page: {by} stops {robot}: {words}", file=sys.stderr, flush=True)
+        if not stands:
+            raise ControlError(f"{robot}: the stop is NOT confirmed: {words}. Use the button on the robot.")
+        return f"{robot} stands: {words}."
 
 
 def _text(fields: Dict[str, Any], name: str, longest: int = LONGEST_NAME) -> str:

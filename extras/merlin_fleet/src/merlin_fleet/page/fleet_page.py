@@ -34,11 +34,12 @@ class FleetPage:
 
     :param client: of the fleet; what it calls after each change is replaced.
     :param operators: may send and cancel goals.
+    :param open_stop: whether everybody who reaches the page may stop robots.
     """
 
     history = None  # the fleet's past is in the hub
 
-    def __init__(self, client: FleetClient, operators: Operators) -> None:
+    def __init__(self, client: FleetClient, operators: Operators, open_stop: bool = True) -> None:
         self._client = client
         self._operators = operators
         self.tree = StateTree()
@@ -53,11 +54,12 @@ class FleetPage:
             ("robot", client.fleet),
             ("simulated", False),
             ("started", time.time()),
-            ("stops", False),  # there is nothing here that holds a robot's base
+            ("stops", False),  # there is no button for all robots: each has its own
+            ("open_stop", open_stop),
             ("panels", PANELS),
         ):
             self.tree.set("meta", field, value)
-        self.tree.set("fleet", "cancels", True)
+        self.tree.set("fleet", "controls", True)
 
     def start(self) -> None:
         """Shows what is known, and follows it from now on."""
