@@ -43,6 +43,7 @@ class Robot:
         monkeypatch.setattr(robot_report, "RobotGuards", lambda: self)
         monkeypatch.setattr(robot_report, "bounded_master", lambda: self)
         monkeypatch.setattr(robot_report, "LOOK", 0.02)
+        monkeypatch.setattr(robot_report, "FRESH", LIMIT)
         self.namespace = "/"
         self.report = RobotReport("merlin/execute", lambda: self.alive, "", self._take)
         self.report.start()
@@ -145,6 +146,16 @@ def test_a_stop_is_said_to_be_obeyed_with_what_the_guard_says(robot: Robot, answ
     assert robot.order == ["stop by Ana", "cancel"]
     assert robot.until(lambda said: said.stop == 17).hold == hold
     assert obeyed[0][0] == 17
+    assert robot.report.hold() == hold, "it takes no goals meanwhile"
+
+
+def test_a_guard_that_says_nothing_more_confirms_nothing(
+    robot: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    robot.say("merlin/guard", GuardStatus(state=GuardStatus.STOPPED, reason="stopped by Ana"))
+    robot.until(lambda said: bool(said.hold))
+    monkeypatch.setattr(robot_report, "FRESH", 0.0)
+    robot.until(lambda said: not said.hold)
 
 
 @pytest.mark.parametrize(

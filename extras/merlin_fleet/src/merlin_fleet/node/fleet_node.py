@@ -109,7 +109,7 @@ class FleetNode:
             GuardClient(knowledge_base).halt,
             parameters.lease.stop_time,
             parameters.priority,
-            battery.unfit,
+            lambda: battery.unfit() or self._report.hold(),
         )
         profile = Profile(parameters.robot, parameters.groups, parameters.capabilities, domain)
         outbox = SqliteOutbox(parameters.outbox)

@@ -85,6 +85,14 @@ class RobotReport:
         """
         threading.Thread(target=self._halt, args=(halt, obeyed), name="fleet halt", daemon=True).start()
 
+    def hold(self) -> str:
+        """How the base is held, as a sentence; empty: its guard does not say so now."""
+        with self._changed:
+            guard, silence = self._guard, time.monotonic() - self._guard_at
+            if guard is None or guard.state != GuardStatus.STOPPED or silence > FRESH:
+                return ""
+            return _short(hold_words("", guard.reason, guard.since.to_sec()))
+
     def _halt(self, halt: Halt, obeyed: Callable[[], None]) -> None:
         self._guards.stop(halt.by)
         self._cancels.publish(GoalID())  # without name and time: all goals
@@ -132,10 +140,6 @@ class RobotReport:
         alive = self._alive()
         with self._changed:
             executor = self._executor or ExecutorStatus()
-            guard, hold = self._guard, ""
-            fresh = time.monotonic() - self._guard_at < FRESH
-            if guard is not None and fresh and guard.state == GuardStatus.STOPPED:
-                hold = _short(hold_words("", guard.reason, guard.since.to_sec()))
             return Status(
                 doing=tuple(_short(_action(each)) for each in executor.running[:MOST]) if alive else (),
                 goals=tuple(map(_short, executor.goals[:MOST])) if alive else (),
@@ -144,7 +148,7 @@ class RobotReport:
                 place=place,
                 x=x,
                 y=y,
-                hold=hold,
+                hold=self.hold(),
                 stop=self._stop,
                 page=self._page or self._monitor,
             )
