@@ -17,7 +17,7 @@ from merlin_ros.actions.hang_watch import HUNG, HangWatch
 from merlin_sm.states import action_state, navigation
 from merlin_sm.states.action_state import ActionState
 from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, SUCCEEDED, GivenUp
-from merlin_sm.states.navigation import NavigationState
+from merlin_sm.states.navigation import POINTS_PARAM, NavigationState
 from merlin_sm.states.recognition import RecognizeState
 from merlin_sm.states.speech import MISUNDERSTOOD, ListenState, SpeakState
 from smach import UserData
@@ -104,7 +104,7 @@ def server(monkeypatch: pytest.MonkeyPatch) -> Server:
         why_unmoved=lambda mark, server: "",
     )
     monkeypatch.setattr(action_state, "shared_guard_watch", lambda: guard)
-    monkeypatch.setattr(navigation, "get_param", lambda name, default: POINTS)
+    monkeypatch.setattr(navigation, "get_param", lambda name, default: name == POINTS_PARAM and POINTS)
     made.guard = guard
     return made
 

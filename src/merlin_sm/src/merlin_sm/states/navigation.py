@@ -2,17 +2,22 @@
 """Navigation: drive to a point of interest or to a pose through move_base."""
 
 import math
-from typing import Any, List, Tuple
+from typing import Any, Callable, List, Tuple
 
 import rospy
 from geometry_msgs.msg import PoseStamped
 from move_base_msgs.msg import MoveBaseAction, MoveBaseGoal
+from std_srvs.srv import Empty
 
 from merlin_ros.master.master_link import get_param
+from merlin_ros.service_proxy import ServiceProxy
 from merlin_sm.states.action_state import ActionState
-from merlin_sm.states.merlin_state import GivenUp
+from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, GivenUp
+from merlin_sm.states.ros_calls import call_apart
 
 POINTS_PARAM = "world/points_of_interest"
+CLEAR_PARAM = "merlin/clear_costmaps"
+CLEAR_LIMIT = 1.0  # s of running time by which a service that hangs delays a drive
 
 
 def point_of_interest(name: str) -> PoseStamped:
@@ -61,7 +66,9 @@ def _numbers(name: str, point: Any) -> Tuple[float, float, float]:
 class NavigationState(ActionState):
     """Drives to ``userdata.target``: the name of a point of interest, or a PoseStamped.
 
-    It drives as :class:`ActionState` says, also while no velocity guard has named its action.
+    It drives as :class:`ActionState` says, also while no velocity guard has named its action. When its last
+    drive failed, it calls ``clear_costmaps`` of the action first, where there is one (std_srvs/Empty; 1 s at
+    most), unless the parameter ``merlin/clear_costmaps`` is false.
 
     :param target: drives there instead; userdata is not read then.
     :param action: name of the move_base action.
@@ -79,6 +86,21 @@ class NavigationState(ActionState):
             **options,
         )
         self.target = target
+        self._costmaps = ServiceProxy(f"{self._client.name}/clear_costmaps", Empty)
+
+    def run(self, userdata: Any) -> str:
+        """Clears the costmaps after a drive that failed, then drives."""
+        if self.outcome == ABORTED:
+            ends = call_apart(self, self._costmaps.name, self._clear, CLEAR_LIMIT)
+            if not self.preempt_requested() and ends != [None]:
+                why = ends[0] if ends else f"{self._costmaps.name} did not answer within {CLEAR_LIMIT:g} s"
+                rospy.logwarn(f"{why}; the drive begins with the costmaps as they are")
+        return PREEMPTED if self.preempt_requested() else super().run(userdata)
+
+    def _clear(self, ended: Callable[[], bool]) -> None:
+        if get_param(CLEAR_PARAM, True) and self._costmaps.wait(0.0) and not ended():
+            self._costmaps()
+            rospy.loginfo(f"called {self._costmaps.name}, because the last drive failed")
 
 
 def _goal(target: Any) -> MoveBaseGoal:

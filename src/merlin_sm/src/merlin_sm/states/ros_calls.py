@@ -16,6 +16,40 @@ from merlin_sm.states.merlin_state import PREEMPTED, SUCCEEDED, MerlinState
 from merlin_sm.states.text_keys import check_keys
 
 
+def call_apart(
+    state: MerlinState, name: str, calls: Callable[[Callable[[], bool]], Any], limit: Optional[float] = None
+) -> List[Any]:
+    """Runs what calls services in a thread of its own; a preempt of the state, or the limit, ends it.
+
+    :param name: of what is called, for the thread.
+    :param calls: a function of another one, which says whether the wait has ended.
+    :param limit: s of running time; None: as long as it takes.
+    :return: what `calls` returned or raised; empty when the wait ended before.
+    """
+    ended = threading.Event()
+    scope = CallScope()
+    answers: List[Any] = []
+
+    def run() -> None:
+        with scope:
+            try:
+                answers.append(calls(ended.is_set))
+            except Exception as error:  # besides a ServiceError: a request of another type
+                answers.append(error)
+        ended.set()
+
+    def end() -> None:
+        ended.set()
+        scope.end()
+
+    start_thread(f"call of {name}", run)
+    state.interruptible(end)
+    if not Deadline(limit).wait_event(ended):
+        end()
+    state.interruptible(None)
+    return answers
+
+
 class ServiceCallState(MerlinState):
     """Calls a service.
 
@@ -55,30 +89,15 @@ class ServiceCallState(MerlinState):
     def run(self, userdata: Any) -> str:
         """Calls the service; a preempt ends the wait, and no request is sent after it."""
         request = self._request(userdata) if callable(self._request) else self._request
-        ended = threading.Event()
-        calls = CallScope()
-        answers: List[Any] = []
 
-        def call() -> None:
-            try:
-                if not self._proxy.wait(self._wait):
-                    raise ServiceError(f"no service {self._proxy.name} within {self._wait:g} s")
-                if ended.is_set():  # preempted: what it was to ask for is no longer wanted
-                    return
-                with calls:
-                    answers.append(self._proxy() if request is None else self._proxy(request))
-            except Exception as error:  # besides a ServiceError: a request of another type
-                answers.append(error)
-            ended.set()
+        def call(ended: Callable[[], bool]) -> Any:
+            if not self._proxy.wait(self._wait):
+                raise ServiceError(f"no service {self._proxy.name} within {self._wait:g} s")
+            if ended():  # preempted: what it was to ask for is no longer wanted
+                raise ServiceError(f"{self._proxy.name} was not called")
+            return self._proxy() if request is None else self._proxy(request)
 
-        def preempt() -> None:
-            calls.end()
-            ended.set()
-
-        start_thread(f"call of {self._proxy.name}", call)
-        self.interruptible(preempt)
-        Deadline(None).wait_event(ended)
-        self.interruptible(None)
+        answers = call_apart(self, self._proxy.name, call)
         if not answers or (self.preempt_requested() and isinstance(answers[0], ServiceError)):
             return PREEMPTED
         if isinstance(answers[0], ServiceError):
