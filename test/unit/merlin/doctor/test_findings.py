@@ -64,6 +64,8 @@ def test_of_a_robot_that_is_well_nothing_is_said() -> None:
         ({"address": "ROS_IP=10.0.0.9", "address_is_own": False}, "ROS_IP=10.0.0.9 is no address of this"),
         ({"master": ""}, "ROS_MASTER_URI is not http://host:port"),
         ({"master_is_elsewhere": True}, "set ROS_IP"),
+        # A line in /etc/hosts here is of no use to the other computer.
+        ({"master_is_elsewhere": True, "host": "ann", "host_resolves": False}, "set ROS_IP"),
     ],
 )
 def test_a_computer(fault: Any, said: str) -> None:
@@ -91,6 +93,10 @@ def test_a_planner_of_the_users_own_does_without_kairos() -> None:
     ("fault", "said"),
     [
         ({"silent": {"/camera": "refused"}}, "/camera does not answer (refused)"),
+        (
+            {"silent": {"/eye": "unknown", "/arm": "unknown"}, "misnamed": {"/eye": "ann", "/arm": "ann"}},
+            "/arm, /eye cannot be reached from here at 'ann', so nothing of it arrives; set ROS_IP on its",
+        ),
         ({"simulated_time": True}, "nothing publishes /clock"),
         ({"publishers": {"/clock": ["/sim"]}}, "/sim publishes /clock, /use_sim_time is false"),
         (

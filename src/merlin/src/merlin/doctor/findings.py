@@ -52,6 +52,8 @@ class Graph(NamedTuple):
     types: Dict[str, str] = {}
     silent: Dict[str, str] = {}
     """Nodes that do not answer, and why."""
+    misnamed: Dict[str, str] = {}
+    """Which of them gave a host that has no address here, or this one although they are elsewhere."""
     simulated_time: bool = False
     planner_command: bool = False
     """Whether a planning system has a planner of its own."""
@@ -105,7 +107,7 @@ def judge_machine(machine: Machine, planner_command: bool = False) -> Iterator[F
         elif free < LEAST_FREE:
             yield Finding(f"only {free} MB are free for {folder}; remove old logs: rosclean purge")
     name = machine.host
-    if not machine.host_resolves and not machine.address:
+    if not machine.host_resolves and not machine.address and not machine.master_is_elsewhere:
         yield Finding(f"the name '{name}' has no address; write '127.0.1.1 {name}' into /etc/hosts")
     if not machine.address_is_own:
         yield Finding(
@@ -129,7 +131,12 @@ def judge_machine(machine: Machine, planner_command: bool = False) -> Iterator[F
 def judge_graph(graph: Graph) -> Iterator[Finding]:
     """What is wrong with the nodes of a system and how they are connected."""
     for node, why in sorted(graph.silent.items()):
-        yield Finding(f"{node} does not answer ({why}); end its process, or remove it: rosnode cleanup")
+        if node not in graph.misnamed:
+            yield Finding(f"{node} does not answer ({why}); end its process, or remove it: rosnode cleanup")
+    for host in sorted(set(graph.misnamed.values())):
+        names = ", ".join(sorted(node for node, its in graph.misnamed.items() if its == host))
+        what = f"{names} cannot be reached from here at '{host}', so nothing of it arrives"
+        yield Finding(f"{what}; set ROS_IP on its computer, start it anew; of dead ones: rosnode cleanup")
     clocks = graph.who(CLOCK)
     if graph.simulated_time and not clocks:
         yield Finding(

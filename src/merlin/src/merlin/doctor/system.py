@@ -8,9 +8,11 @@ import rospy
 from actionlib_msgs.msg import GoalStatusArray
 from diagnostic_msgs.msg import DiagnosticArray
 from merlin_msgs.msg import GuardStatus
+from rosgraph.network import parse_http_host_and_port
 from tf2_msgs.msg import TFMessage
 
 from merlin.doctor.findings import GUARD_TYPE, STATUS_TYPE, Graph, Heard
+from merlin.local_names import is_own, resolves
 from merlin_ros.master.master_link import ERRORS, bounded_master, bounded_proxy
 
 CALLER = "/merlin_doctor"
@@ -28,27 +30,33 @@ def look_at_graph() -> Graph:
     publishers, subscribers, services = master.getSystemState()
     names = {node for kind in (publishers, subscribers, services) for _, nodes in kind for node in nodes}
     silent: Dict[str, str] = {}
+    hosts: Dict[str, str] = {}
     asked = [
-        threading.Thread(target=_ask, args=(name, silent), name=f"ask {name}", daemon=True)
+        threading.Thread(target=_ask, args=(name, silent, hosts), name=f"ask {name}", daemon=True)
         for name in sorted(names)
     ]
     for thread in asked:
         thread.start()
     for thread in asked:
         thread.join()  # each question ends by itself
+    elsewhere = not is_own(parse_http_host_and_port(master.master_uri)[0])
+    misnamed = {
+        node: host for node, host in hosts.items() if not resolves(host) or (elsewhere and is_own(host))
+    }
     commands = [name for name in master.getParamNames() if name.endswith("/planner_command")]
     return Graph(
         dict(publishers),
         dict(subscribers),
         dict(master.getTopicTypes()),
         silent,
+        misnamed,
         master.hasParam("/use_sim_time") and bool(master.getParam("/use_sim_time")),
         any(master.getParam(name) for name in commands),
     )
 
 
-def _ask(node: str, silent: Dict[str, str]) -> None:
-    """Asks a node for a sign of life; notes why there is none. A node that has ended meanwhile is none."""
+def _ask(node: str, silent: Dict[str, str], hosts: Dict[str, str]) -> None:
+    """Asks a node for a sign of life; notes why there is none, and its host. One that has ended is none."""
     try:
         uri = bounded_master(ANSWER).lookupNode(node)
     except ERRORS:
@@ -57,6 +65,7 @@ def _ask(node: str, silent: Dict[str, str]) -> None:
         bounded_proxy(uri, ANSWER).getPid(CALLER)
     except ERRORS as error:
         silent[node] = f"{uri}: {getattr(error, 'strerror', None) or error}"
+        hosts[node] = parse_http_host_and_port(uri)[0]
 
 
 class Listener:
