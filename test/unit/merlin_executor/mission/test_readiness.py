@@ -2,7 +2,7 @@
 """A mission waits for the robots of its plan, names those that are missing, and can be interrupted."""
 
 import signal
-from typing import Any
+from typing import Any, List
 
 import pytest
 
@@ -100,3 +100,27 @@ def test_plain_names_of_servers_are_those_of_each_robot() -> None:
     servers = ("move_base", "calls/listen")
     assert servers_of(servers, []) == ["move_base", "calls/listen"]
     assert servers_of(servers, ["ria", "tom"]) == ["ria/move_base", "tom/move_base", "calls/listen"]
+
+
+# Waits for the server of an action, which a remapping may name anew; it is that server itself.
+SERVER_WAITER = """
+import sys
+import rospy
+from actionlib_msgs.msg import GoalStatusArray
+from merlin_executor.mission.readiness import missing_servers
+from merlin_ros.node import init_node
+
+init_node("mission")
+server = rospy.Publisher("/base/drive/status", GoalStatusArray, latch=True, queue_size=1)
+server.publish(GoalStatusArray())
+print("missing", missing_servers(["move_base"], float(sys.argv[1])), flush=True)
+"""
+
+
+@pytest.mark.parametrize(
+    ("limit", "words", "missing"), [("60", ["move_base:=/base/drive"], []), ("0.2", [], ["move_base"])]
+)
+def test_a_server_is_waited_for_under_the_name_that_a_launch_file_gives_it(
+    master: Any, limit: str, words: List[str], missing: List[str]
+) -> None:
+    assert master.node(SERVER_WAITER, limit, *words).expect("missing") == f"missing {missing}"

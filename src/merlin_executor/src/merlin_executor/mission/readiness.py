@@ -130,7 +130,10 @@ def missing_servers(names: Sequence[str], timeout: float) -> List[str]:
     :return: the servers that published no status, in the given order.
     """
     awaited = Awaited(names)
-    topics = [(f"{name}/status", GoalStatusArray, lambda _, name=name: awaited.heard(name)) for name in names]
+    topics = [  # an action is remapped by its own name, which is not that of its topics
+        (f"{rospy.resolve_name(name)}/status", GoalStatusArray, lambda _, name=name: awaited.heard(name))
+        for name in names
+    ]
     return _wait("the action server", awaited, topics, timeout)
 
 
