@@ -10,10 +10,11 @@ from pathlib import Path
 from typing import Iterator, List, Tuple
 
 import pytest
-import roslaunch.arg_dump
 import roslaunch.rlutil
 import roslib.packages
 import rospkg
+
+from merlin.launch_request import known_arguments
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted(
@@ -90,6 +91,6 @@ def check_benchmark(page: str, path: str, *arguments: str) -> None:
 
 
 def check_launch(page: str, file: str, words: List[str]) -> None:
-    declared = roslaunch.arg_dump.get_args([file])
+    declared = known_arguments(Path(file))
     given = {word.partition(":=")[0] for word in words if ":=" in word} - {"port", "linger"}
     assert given <= set(declared), f"{page}: {Path(file).name} has no argument {given - set(declared)}"

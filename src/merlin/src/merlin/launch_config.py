@@ -19,6 +19,7 @@ SERVED = {
     ("merlin_reactive", "navigation"): "move_base",
     ("merlin_actions", "simulated_base"): "move_base",
     ("merlin_reactive", "speech"): "sound_play",
+    ("merlin_reactive", "speech_relay"): "sound_play",
     ("merlin_reactive", "listen"): "listen",
     ("merlin_reactive", "recognition"): "recognize",
 }
@@ -48,11 +49,7 @@ class LaunchConfig:
             config = roslaunch.config.load_config_default(
                 [(str(request.launch_file), request.words())], None, verbose=False
             )
-        except rospkg.ResourceNotFound as error:
-            raise LaunchError(
-                f"there is no package '{error.args[0]}'; build it, or correct $(find …)"
-            ) from error
-        except Exception as error:  # RLException, and whatever an expression $(eval …) raises
+        except Exception as error:  # of roslaunch, a missing package, or what an expression $(eval …) raises
             raise LaunchError(one_line(error)) from error
         self.nodes: List[Node] = list(config.nodes)
         self._params: Dict[str, Any] = {key: param.value for key, param in config.params.items()}

@@ -5,10 +5,11 @@ Everything that can be wrong with a command line is found here, before any proce
 """
 
 import difflib
+import re
 import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Dict, Iterable, List, Optional
+from typing import Dict, Iterable, List, Mapping, Optional
 
 import roslaunch.arg_dump
 import roslib.packages
@@ -78,7 +79,7 @@ class LaunchRequest:
                 + ", ".join(application_names())
             )
         launch_file = find_launch_file(files[0]) if len(files) == 1 else file_of_package(*files)
-        declared = known_arguments(launch_file)
+        declared = known_arguments(launch_file, pairs)
         port = None
         if PORT_ARGUMENT in pairs and PORT_ARGUMENT not in declared:
             port = _port(pairs.pop(PORT_ARGUMENT))
@@ -148,11 +149,12 @@ def declared_arguments(launch_file: Path) -> Dict[str, Optional[str]]:
     return {name: default for name, (_doc, default) in found.items()}
 
 
-def known_arguments(launch_file: Path) -> Dict[str, Optional[str]]:
+def known_arguments(launch_file: Path, given: Mapping[str, str] = {}) -> Dict[str, Optional[str]]:
     """Arguments that a launch file takes: its own, and those that it passes on without naming them.
 
     roslaunch gives all arguments of the command line to a file that is included with ``pass_all_args``.
 
+    :param given: values of arguments, which may decide on the files that are included.
     :raises LaunchError: when the file cannot be read as a launch file.
     """
     known: Dict[str, Optional[str]] = {}
@@ -163,26 +165,34 @@ def known_arguments(launch_file: Path) -> Dict[str, Optional[str]]:
         for name, default in declared_arguments(file).items():
             # What an included file requires is given by the one that includes it; else roslaunch says so.
             known.setdefault(name, default if file == launch_file else default or "")
-        waiting += [included for included in _passed_on(file) if included not in seen]
+        values = {name: value for name, value in {**known, **given}.items() if value is not None}
+        waiting += [included for included in _passed_on(file, values) if included not in seen]
     return known
 
 
-def _passed_on(launch_file: Path) -> Iterable[Path]:
-    """The files that a launch file includes with all its arguments."""
-    context = {"arg": {}, "filename": str(launch_file)}
+def _passed_on(launch_file: Path, values: Mapping[str, str]) -> Iterable[Path]:
+    """The files that a launch file with these arguments includes with all of them."""
+    context = {"arg": dict(values), "filename": str(launch_file)}
     for tag in ElementTree.parse(str(launch_file)).iter("include"):
         if tag.get("pass_all_args", "").lower() not in ("true", "1"):
             continue
         try:
             included = Path(resolve_args(tag.get("file", ""), context))
         except (SubstitutionException, ArgException, rospkg.ResourceNotFound):
-            continue  # which file it is depends on an argument, or roslaunch says what is wrong
+            continue  # it is not included, or roslaunch says what is wrong
         if included.is_file():
             yield included
 
 
 def one_line(error: object) -> str:
-    """The first paragraph of an error's text on one line, and the tag that roslaunch names after it."""
+    """The first paragraph of an error's text on one line, and the tag that roslaunch names after it.
+
+    Of a package that is missing, what the argument `built` of the launch file says.
+    """
+    if isinstance(error, rospkg.ResourceNotFound):
+        place, _, package = str(error.args[0]).partition("\nROS path ")[0].rpartition(": ")
+        built = re.search(r'<arg name="built"[^>]* doc="([^"]*)"', place)
+        return f"there is no package '{package}'; {built[1] if built else 'build it, or correct $(find …)'}"
     paragraphs = str(error).strip().split("\n\n")
     tags = [text[len("Arg xml is ") :] for text in paragraphs[1:] if text.startswith("Arg xml is ")]
     return " ".join(" ".join([paragraphs[0], *tags]).split()) or type(error).__name__

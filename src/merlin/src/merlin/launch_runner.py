@@ -121,11 +121,8 @@ class _Parent(roslaunch.parent.ROSLaunchParent, ProcessListener):
             self.config = roslaunch.config.load_config_default(
                 self.roslaunch_files, self.port, loader=_Loader(), verbose=False
             )
-        except rospkg.ResourceNotFound as error:
-            raise LaunchError(
-                f"there is no package '{error.args[0]}'; build it, or correct $(find …)"
-            ) from error
-        except (ValueError, SubstitutionException) as error:  # roslaunch does not wrap all of them
+        except (ValueError, SubstitutionException, rospkg.ResourceNotFound) as error:
+            # roslaunch does not wrap all of them
             raise LaunchError(one_line(error)) from error
         check_files(self.parameters())
         check_scripts(self.config.nodes, self.parameters())
