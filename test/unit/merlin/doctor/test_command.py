@@ -7,6 +7,12 @@ from typing import Any, Dict
 
 import pytest
 
+from merlin.doctor import command
+from merlin.doctor.findings import Machine
+from merlin.launch_request import LaunchError
+from merlin.running import NothingRuns
+from merlin_test.ports import free_ports, release
+
 pytestmark = pytest.mark.processes
 
 #: A node of which the doctor has something to say, and one that was killed.
@@ -38,6 +44,45 @@ kept = [
 print("ready", flush=True)
 rospy.spin()
 """
+#: Each of two such nodes is a guard, serves the same action, gives the time, and moves the same frame.
+GUARD = """
+import sys
+import rospy
+from actionlib_msgs.msg import GoalStatusArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import TransformStamped, Twist
+from merlin_msgs.msg import GuardStatus
+from rosgraph_msgs.msg import Clock
+from tf2_msgs.msg import TFMessage
+rospy.init_node(sys.argv[1])
+def send(topic, kind, message):
+    publisher = rospy.Publisher(topic, kind, queue_size=1, latch=True)
+    publisher.publish(message)
+    return publisher
+old = GoalStatusArray()
+old.header.stamp = rospy.Time.now() - rospy.Duration(100)
+arm = TransformStamped(child_frame_id="arm")
+arm.header.frame_id, arm.header.stamp = sys.argv[1], rospy.Time.now()
+kept = [
+    rospy.Subscriber("cmd_vel_in", Twist),
+    send("cmd_vel", Twist, Twist()),
+    send("merlin/guard", GuardStatus, GuardStatus(warning="set base_timeout")),
+    send("dock/status", GoalStatusArray, old),
+    send("clock", Clock, Clock()),
+    send("tf", TFMessage, TFMessage([arm])),
+    send("diagnostics", DiagnosticArray, DiagnosticArray(None, [DiagnosticStatus(1, "leg", "old", "", [])])),
+]
+print("ready", flush=True)
+rospy.spin()
+"""
+JOYSTICK = """
+import rospy
+from geometry_msgs.msg import Twist
+rospy.init_node("joystick")
+kept = rospy.Publisher("cmd_vel", Twist, queue_size=1)
+print("ready", flush=True)
+rospy.spin()
+"""
 DEAD = "import rospy; rospy.init_node('dead'); print('ready', flush=True); rospy.spin()"
 
 
@@ -64,6 +109,79 @@ def test_faults_of_nodes_are_told(master: Any) -> None:
         "arm: hot",
     ):
         assert said in done.stdout
+
+
+def test_what_is_there_twice_or_in_the_wrong_place_is_told(master: Any) -> None:
+    for started in (master.node(GUARD, "one"), master.node(GUARD, "two"), master.node(JOYSTICK)):
+        started.expect("ready")
+    done = doctor(master.env)
+    assert done.returncode == 2 and not done.stderr, done
+    for said in (
+        "wrong: /one, /two all guard /cmd_vel",
+        "wrong: /joystick publishes on /cmd_vel, past the guard",
+        "wrong: no base listens to /cmd_vel of /one",
+        "wrong: nothing sends on /cmd_vel_in, which the guard reads",
+        "wrong: /one, /two all serve the action /dock",
+        "wrong: /one publishes /clock, /use_sim_time is false",
+        "wrong: /one, /two all publish /clock",
+        "wrong: tf: arm has the parents one, two",
+        "s behind the clock here",
+        "note: /merlin/guard: set base_timeout",
+        "note: leg: old",
+    ):
+        assert said in done.stdout
+
+
+def test_simulated_time_without_a_clock_is_told(master: Any) -> None:
+    master.spawn("rosparam", "set", "/use_sim_time", "true").ended()
+    master.node(DEAD).expect("ready")
+    done = doctor(master.env)
+    assert done.returncode == 2 and not done.stderr, done
+    assert "wrong: /use_sim_time is true and nothing publishes /clock" in done.stdout
+
+
+def test_what_the_shell_sets_wrongly_is_told(master: Any) -> None:
+    master.kill()
+    done = doctor({**master.env, "ROS_IP": "192.0.2.7", "ROS_HOME": "/proc/nowhere"})
+    assert done.returncode == 2 and "Traceback" not in done.stderr, done  # rospack says of it, too
+    assert "wrong: ROS_IP=192.0.2.7 is no address of this computer" in done.stdout
+    assert "wrong: /proc/nowhere cannot be written" in done.stdout
+
+
+def choice(monkeypatch: pytest.MonkeyPatch, made: Any) -> None:
+    """Which system is looked at, on a computer that is well."""
+
+    def choose(*_: Any) -> Any:
+        if isinstance(made, Exception):
+            raise made
+        return made
+
+    monkeypatch.setattr(command, "choose", choose)
+    monkeypatch.setattr(command, "look_at_machine", Machine)
+    monkeypatch.setattr("sys.argv", ["doctor"])
+    monkeypatch.setenv("ROS_MASTER_URI", "http://localhost:11311")
+
+
+def test_of_several_systems_one_has_to_be_chosen(monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
+    choice(monkeypatch, LaunchError("several systems have nodes; choose one: …"))
+    assert command.main() == 2
+    assert "wrong: several systems have nodes; choose one: …\n1 wrong" in capsys.readouterr().out
+
+
+def test_a_master_that_ends_meanwhile_is_told(monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
+    (port,) = free_ports(1)
+    choice(monkeypatch, (f"http://127.0.0.1:{port}", ["/base"]))
+    try:
+        assert command.main() == 2
+    finally:
+        release([port])
+    assert f"wrong: the master at http://127.0.0.1:{port} answers no longer" in capsys.readouterr().out
+
+
+def test_of_a_computer_that_is_well_nothing_is_wrong(monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
+    choice(monkeypatch, NothingRuns(""))
+    assert command.main() == 0
+    assert capsys.readouterr().out.endswith("looked at\nnothing is wrong\n")
 
 
 def test_a_node_that_hangs_is_told_and_holds_nothing_up(master: Any) -> None:
