@@ -155,7 +155,7 @@ def test_bad_input_is_one_line_and_leaves_nothing(
     [
         ("<include file='/nowhere.launch'/>", "/nowhere.launch"),
         ("<include file='$(find nowhere)/x.launch'/>", "no package 'nowhere'"),
-        ("<arg name='a' value='$(find nowhere)' doc='make it'/>", 'doc="make it"'),
+        ("<arg name='a' value='$(find nowhere)' doc='make it'/>", "no package 'nowhere'; make it"),
         ("<param if='maybe' name='a' value='1'/>", "maybe"),
         ("<param name='a'", "XML"),
     ],

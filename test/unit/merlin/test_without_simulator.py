@@ -37,7 +37,7 @@ WORKS: Sequence[Sequence[str]] = [
     ["include/robot.launch", *OF_ROBOT],
     ["robots/tiago.launch", *OF_ROBOT],
     ["include/robot.launch", *OF_ROBOT, "robots:=ann,bob"],
-    ["include/application.launch", "on:=robot"],
+    ["include/application.launch", "on:=robot", f"world_file:={POINTS}"],
     ["include/application.launch", "on:=servers"],
     ["include/application.launch", "on:=servers", "robots:=ann,bob"],
     ["include/navigation.launch", "description:=false"],
@@ -56,6 +56,7 @@ SAYS: Dict[str, str] = {
     "include/home_robot.launch": f"{BUILD}; or simulated:=false",
     "include/navigation.launch": f"{BUILD}; or description:=false",
     "include/application.launch": f"{BUILD}; or on:=robot, or on:=servers",
+    "include/application.launch on:=robot": "give world_file:=",
 }
 
 

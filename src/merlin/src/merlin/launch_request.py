@@ -187,12 +187,12 @@ def _passed_on(launch_file: Path, values: Mapping[str, str]) -> Iterable[Path]:
 def one_line(error: object) -> str:
     """The first paragraph of an error's text on one line, and the tag that roslaunch names after it.
 
-    Of a package that is missing, what the argument `built` of the launch file says.
+    Of a package that is missing, what the argument says that needs it and which no user can set.
     """
     if isinstance(error, rospkg.ResourceNotFound):
         place, _, package = str(error.args[0]).partition("\nROS path ")[0].rpartition(": ")
-        built = re.search(r'<arg name="built"[^>]* doc="([^"]*)"', place)
-        return f"there is no package '{package}'; {built[1] if built else 'build it, or correct $(find …)'}"
+        advice = re.search(r'<arg (?=[^>]* value=)[^>]* doc="([^"]*)"', place)
+        return f"there is no package '{package}'; {advice[1] if advice else 'build it, or correct $(find …)'}"
     paragraphs = str(error).strip().split("\n\n")
     tags = [text[len("Arg xml is ") :] for text in paragraphs[1:] if text.startswith("Arg xml is ")]
     return " ".join(" ".join([paragraphs[0], *tags]).split()) or type(error).__name__
