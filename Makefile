@@ -40,7 +40,7 @@ help:
 	@echo "make lint   ruff, mypy, vermin, the map of imports, tests that assert nothing, catkin_lint, roslaunch-check"
 	@echo "make docs   the documents and an API reference as a site in results/docs/html, links checked"
 	@echo "make screenshots  the monitor's pictures in docs/images, over a running mission"
-	@echo "make debian  build and demo in a bare root of another Debian (VERSION=12|13 TARGET='build demo test' PROFILE= PYTEST='FILE …' AS=root|user)"
+	@echo "make debian  build and demo in a bare root of another Debian (VERSION=11|12|13 TARGET='build demo test' PROFILE= PYTEST='FILE …' AS=root|user)"
 	@echo "make deb    a Debian package of the install space, in results/deb (PROFILE=robot|simulation|all)"
 	@echo "make build  only what the others need (PROFILE=robot|simulation|all; robot+fleet, simulation+fleet)"
 
