@@ -10,7 +10,6 @@ import uuid
 from typing import Any, Callable, Dict, Iterator, List, Optional, Tuple
 
 import pytest
-from etcd3 import etcdrpc
 
 from merlin_fleet.core import records
 from merlin_fleet.core.agent import Agent, Rules
@@ -20,6 +19,7 @@ from merlin_fleet.core.reporting import Outbox
 from merlin_fleet.core.robot_lease import LeaseTimes
 from merlin_fleet.core.store import Change, Compare, Put, Snapshot, Txn
 from merlin_fleet.core.view import FleetView
+from merlin_fleet.etcd_messages import message
 from merlin_fleet.fleet_robot import FleetRobot
 from merlin_fleet.hub import EtcdHub
 from merlin_fleet.hub_watch import Listener
@@ -129,7 +129,7 @@ class Lab:
         :return: False: it has ended itself.
         """
         key = KEYS.key(records.CLAIMS, robot, goal).encode()
-        for claim in self.hub.ask("KV", "Range", etcdrpc.RangeRequest(key=key)).kvs:
+        for claim in self.hub.ask("KV/Range", message("RangeRequest", key=key)).kvs:
             command = ["etcdctl", "--endpoints", self.etcd.endpoint, "lease", "revoke", f"{claim.lease:x}"]
             env = dict(os.environ, ETCDCTL_API="3")
             return subprocess.run(command, env=env, check=False, capture_output=True).returncode == 0
