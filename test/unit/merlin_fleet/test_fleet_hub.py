@@ -280,6 +280,19 @@ def test_what_was_written_and_not_delivered_yet_is_missed_in_a_backup(
     assert [item.key for item in snapshot.items] == [ROOT + "a"]
 
 
+def test_a_lease_is_renewed_on_a_machine_without_further_threads(
+    shared: EtcdProcess, hubs: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    hub = hubs(shared)
+    lease, ttl = hub.grant(60.0)
+
+    def none_left(thread: threading.Thread) -> None:
+        raise RuntimeError("can't start new thread")
+
+    monkeypatch.setattr(threading.Thread, "start", none_left)
+    assert hub.renew(lease) == ttl
+
+
 class Removed(grpc.RpcError):
     """An error of gRPC's own."""
 

@@ -285,26 +285,6 @@ def test_a_robot_whose_cost_cannot_be_told_says_why(lab: Lab) -> None:
     assert "TypeError" in bid.reason
 
 
-def test_a_machine_without_further_threads_does_not_keep_the_robot_out_forever(
-    lab: Lab, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    asked, start = threading.Event(), threading.Thread.start
-
-    def none_left(thread: threading.Thread) -> None:
-        if threading.current_thread().name == "fleet lease":
-            asked.set()
-            raise RuntimeError("can't start new thread")
-        start(thread)
-
-    lab.robot("r1", 5.0, SHORT)
-    lab.watcher.until(lambda view: view.lives)
-    with monkeypatch.context() as context:
-        context.setattr(threading.Thread, "start", none_left)
-        assert asked.wait(LIMIT)
-        lab.watcher.until(lambda view: not view.lives)
-    lab.watcher.until(lambda view: view.lives)
-
-
 def test_a_robot_without_its_hub_begins_and_joins_later(lab: Lab) -> None:
     lab.etcd.kill()
     lab.robot("r1", 1.0)
