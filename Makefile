@@ -19,7 +19,7 @@ LINGER ?= auto
 IN := tools/in_workspace.sh
 RUN := $(IN) rosrun merlin run
 
-.PHONY: help build demo experiment restaurant fleet fleet-chaos try check test repeat lint docs bench chaos chaos-table mutants pins soak screenshots debian deb clean
+.PHONY: help build imports demo experiment restaurant fleet fleet-chaos try check test repeat lint docs bench chaos chaos-table mutants pins soak screenshots debian deb clean
 
 help:
 	@echo "make demo   Mission 1 of the paper in the simulated apartment (RTF= SEED= MISSION= APPROACH= CANCEL_AFTER= RECORD= LINGER=)"
@@ -40,13 +40,14 @@ help:
 	@echo "make lint   ruff, mypy, vermin, the map of imports, tests that assert nothing, catkin_lint, roslaunch-check"
 	@echo "make docs   the documents and an API reference as a site in results/docs/html, links checked"
 	@echo "make screenshots  the monitor's pictures in docs/images, over a running mission"
-	@echo "make debian  build and demo in a bare root of another Debian (VERSION=12|13 TARGET='build demo test' PROFILE= PYTEST='FILE …' AS=root|user)"
+	@echo "make debian  build and demo in a bare root of another Debian (VERSION=11|12|13 TARGET='build demo test' PROFILE= PYTEST='FILE …' AS=root|user)"
 	@echo "make deb    a Debian package of the install space, in results/deb (PROFILE=robot|simulation|all)"
+	@echo "make imports  import every module that is built (PROFILE=), with the Python of this system"
 	@echo "make build  only what the others need (PROFILE=robot|simulation|all; robot+fleet, simulation+fleet)"
 
 # The profile that a target needs; PROFILE=, which make passes on, may ask for more.
 NEEDS = $(if $(filter-out build,$(MAKECMDGOALS)),all)
-deb: NEEDS = $(PROFILE)
+deb imports: NEEDS = $(PROFILE)
 demo experiment restaurant: NEEDS = simulation
 try: NEEDS = robot
 build:
@@ -75,6 +76,9 @@ fleet: build
 
 try: build
 	@$(IN) tools/try_robot.sh
+
+imports: build
+	@$(IN) python tools/import_all.py
 
 # In docs/fleet-measurements.md: the table of faults.
 fleet-chaos: build

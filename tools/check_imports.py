@@ -144,6 +144,7 @@ ROS = re.compile(r"(ros\w+|actionlib|smach\w*|tf2_ros|diagnostic_updater|bondpy|
 KEYS = {
     "aiohttp": "python3-aiohttp",
     "cv2": "python3-opencv",
+    "google": "python3-protobuf",
     "grpc": "python3-grpcio",
     "jinja2": "python3-jinja2",
     "jsonschema": "python3-jsonschema",
@@ -166,8 +167,6 @@ FROM_PIP = {
     "pybullet_utils",
     "rdflib",
 }
-#: Comes from apt.txt: rosdep has no key for it.
-FROM_APT = {"etcd3"}
 
 
 class Import(NamedTuple):
@@ -288,7 +287,7 @@ def missing_in_manifest(root: Path, imports: List[Import]) -> Iterator[str]:
     """Imported packages that the manifest does not name."""
     manifest = (root / "package.xml").read_text(encoding="utf-8")
     named = set(re.findall(r"<(?:exec_|run_)?depend[^>]*>([^<]+)<", manifest))
-    named |= {root.name, *FROM_PIP, *FROM_APT}
+    named |= {root.name, *FROM_PIP}
     told: Set[str] = set()
     for found in imports:
         name = found.package

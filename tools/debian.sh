@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
 # Runs the README's commands in a bare root of a Debian release: make debian VERSION=13
-#   VERSION=13            or 12
+#   VERSION=13            12 or 11
 #   TARGET="build demo"   targets of make that are run one after the other; test: all tests, and PYTEST="FILE …": these
 #   DEB=FILE              a package that make deb has made, which is installed instead, tried and removed again
 #   PROFILE=robot         of the build: robot, simulation, all, robot+fleet …; each target asks for what it needs
@@ -17,9 +17,10 @@ fail() { echo "debian: $*" >&2; exit 1; }
 say() { echo "debian: $*"; }
 
 case ${VERSION:-13} in
+11) release=bullseye ;;
 12) release=bookworm ;;
 13) release=trixie ;;
-*) fail "VERSION=$VERSION is not 12 or 13" ;;
+*) fail "VERSION=$VERSION is not 11, 12 or 13" ;;
 esac
 case ${AS:-root} in
 root) home=/root packages=git,make,ca-certificates ;;

@@ -10,12 +10,10 @@ import time
 from pathlib import Path
 from typing import List, Sequence
 
-import etcd3.etcdrpc as rpc
-
 from merlin_fleet.certificates import ADMINISTRATOR, ROBOT, Folder, user
 from merlin_fleet.core.records import LIVES, Keys
 from merlin_fleet.core.store import Put, Txn
-from merlin_fleet.etcd_messages import HubFull, LeaseUnknown
+from merlin_fleet.etcd_messages import DEACTIVATE, HubFull, LeaseUnknown, message
 from merlin_fleet.hub import EtcdHub
 from merlin_test.etcd_process import DIRECT
 from merlin_test.ports import free_ports
@@ -72,19 +70,19 @@ class Hubs:
         """Does what the lines of the page do (docs/fleet.md, "When the hub is full")."""
         with contextlib.closing(self._administrator(self.ports)) as hub:
             revision = hub.transact(Txn()).revision
-            hub.ask("KV", "Compact", rpc.CompactionRequest(revision=revision, physical=True))
+            hub.ask("KV/Compact", message("CompactionRequest", revision=revision, physical=True))
             for port in self.ports:
                 with contextlib.closing(self._administrator([port])) as one:
-                    one.ask("Maintenance", "Defragment", rpc.DefragmentRequest())
-            for alarm in hub.ask("Maintenance", "Alarm", rpc.AlarmRequest()).alarms:
-                off = rpc.AlarmRequest(action="DEACTIVATE", memberID=alarm.memberID, alarm=alarm.alarm)
-                hub.ask("Maintenance", "Alarm", off)
+                    one.ask("Maintenance/Defragment", message("DefragmentRequest"))
+            for alarm in hub.ask("Maintenance/Alarm", message("AlarmRequest")).alarms:
+                off = message("AlarmRequest", action=DEACTIVATE, memberID=alarm.memberID, alarm=alarm.alarm)
+                hub.ask("Maintenance/Alarm", off)
 
     def revoke(self, keys: Keys, robot: str) -> None:
         """Ends the lease of a robot that is joined, with a copy of the robot's own certificate."""
-        life = rpc.RangeRequest(key=keys.key(LIVES, robot).encode())
+        life = message("RangeRequest", key=keys.key(LIVES, robot).encode())
         with contextlib.closing(self._as(user(ROBOT, robot), self.ports)) as hub:
-            for found in hub.ask("KV", "Range", life).kvs:
+            for found in hub.ask("KV/Range", life).kvs:
                 with contextlib.suppress(LeaseUnknown):  # it has just ended itself
                     hub.revoke(found.lease)
 

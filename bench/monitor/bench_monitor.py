@@ -12,6 +12,7 @@ from typing import Any, Dict, List, Tuple
 
 import rospy
 from measuring.figures import figure
+from measuring.process_tree import processor
 from measuring.ros_process import RosMaster
 from planning.bench_knowledge import ADD, DOMAIN, KB, REMOVE, Shelves, fact, instance
 
@@ -114,18 +115,6 @@ def latencies_ms(told: List[Tuple[str, float]], seen: List[List[Any]]) -> Tuple[
     return samples, len(told) - len(shown)
 
 
-def cpu_seconds(pids: List[int]) -> float:
-    """CPU time that processes have used, those that ended meanwhile left out."""
-    ticks = 0
-    for pid in pids:
-        try:
-            fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
-        except OSError:
-            continue
-        ticks += int(fields[11]) + int(fields[12])
-    return ticks / os.sysconf("SC_CLK_TCK")
-
-
 def browser_pids() -> List[int]:
     """Processes of the browser that this one has started."""
     parents, browsers = {}, []
@@ -201,14 +190,14 @@ def measure() -> Dict[str, Any]:
             visit.page.evaluate(_WATCH)
             skipped = len(facts), len(states)
             pids = browser_pids()
-            cpu = cpu_seconds([monitor.pid]), cpu_seconds(pids)
+            cpu = sum(processor([monitor.pid]).values()), sum(processor(pids).values())
             kept = kept_bytes(history)
             begin = time.monotonic()
             time.sleep(DURATION)
             wall = time.monotonic() - begin
             kept = kept_bytes(history) - kept
-            monitor_share = 100.0 * (cpu_seconds([monitor.pid]) - cpu[0]) / wall
-            browser_share = 100.0 * (cpu_seconds(pids) - cpu[1]) / wall
+            monitor_share = 100.0 * (sum(processor([monitor.pid]).values()) - cpu[0]) / wall
+            browser_share = 100.0 * (sum(processor(pids).values()) - cpu[1]) / wall
             changes = len(facts) - skipped[0] + len(states) - skipped[1]
             stop.set()
             for thread in threads:

@@ -15,11 +15,10 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import aiohttp
 import rospy
+from measuring.process_tree import descendants, name, processor
 from measuring.ros_process import RosMaster
 from merlin_msgs.msg import MissionStatus
-from processes.bench_memory import LAUNCH, LIMIT, descendants, name
-
-from monitor.bench_monitor import cpu_seconds
+from processes.bench_memory import LAUNCH, LIMIT
 
 ADDRESS = "/merlin_monitor/address"
 CLIENTS = (0, 1, 200)
@@ -58,10 +57,10 @@ def share(monitor: int, address: str, clients: int) -> List[float]:
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         process.stdout.readline()
-        used, begin = cpu_seconds([monitor]), time.monotonic()
+        used, begin = sum(processor([monitor]).values()), time.monotonic()
         words = process.stdout.readline().split()
         wall = time.monotonic() - begin
-        used = cpu_seconds([monitor]) - used
+        used = sum(processor([monitor]).values()) - used
     if not words or int(words[1]) != clients:
         raise RuntimeError(f"of {clients} clients these stayed: {words[1:]}")
     return [100.0 * used / wall, int(words[0]) / wall]

@@ -6,7 +6,6 @@ drives every robot from point to point. Half of the time each camera takes a pic
 """
 
 import json
-import os
 import subprocess
 import sys
 import threading
@@ -17,10 +16,10 @@ from typing import Any, Dict, List
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import rospy
+from measuring.process_tree import descendants, processor
 from measuring.ros_process import RosMaster
 from merlin_msgs.srv import CaptureImage
 from move_base_msgs.msg import MoveBaseAction, MoveBaseGoal
-from processes.bench_memory import descendants, name
 
 from merlin_reactive.pose import Pose
 from merlin_reactive.ros_messages import stamped
@@ -32,7 +31,6 @@ LAUNCH = Path(__file__).resolve().parent / "robots.launch"
 COUNTS = (1, 2, 3, 4)
 SECONDS = 10.0  # of wall time that each measurement takes
 START = 90.0  # s of wall time for the nodes to be up
-TICK = 1.0 / os.sysconf("SC_CLK_TCK")
 PICTURES = "merlin_sim_pictures"  # the process that makes them
 MEASURED = ("merlin_sim", PICTURES, "navigation")
 
@@ -75,19 +73,6 @@ class Tourist:
                 self._send()
 
 
-def cpu_seconds(root: int) -> Dict[str, float]:
-    """Processor time of the processes below one, by executable, s."""
-    found: Dict[str, float] = {}
-    for pid in descendants(root):
-        try:
-            fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
-            key = name(pid)
-        except OSError:  # it has ended
-            continue
-        found[key] = found.get(key, 0.0) + (int(fields[11]) + int(fields[12])) * TICK
-    return found
-
-
 def one_count(count: int) -> Dict[str, Any]:
     """The figures with so many robots."""
     robots = [f"r{number + 1}" for number in range(count)]
@@ -122,9 +107,9 @@ def _look(cameras: List[ServiceProxy]) -> None:
 
 
 def _measured(pid: int, wait: Any) -> Dict[str, Any]:
-    before, simulated, began = cpu_seconds(pid), rospy.get_time(), time.monotonic()
+    before, simulated, began = processor(descendants(pid)), rospy.get_time(), time.monotonic()
     wait()
-    after, passed, took = cpu_seconds(pid), rospy.get_time() - simulated, time.monotonic() - began
+    after, passed, took = processor(descendants(pid)), rospy.get_time() - simulated, time.monotonic() - began
     used = {key: round((after[key] - before.get(key, 0.0)) / passed, 4) for key in after}
     return {
         "factor": round(passed / took, 2),

@@ -10,7 +10,6 @@ import uuid
 from pathlib import Path
 from typing import Iterator
 
-import etcd3.etcdrpc as rpc
 import pytest
 from waiting_body import WaitingBody
 
@@ -21,7 +20,7 @@ from merlin_fleet.core.records import Keys, Profile
 from merlin_fleet.core.reporting import Outbox
 from merlin_fleet.core.robot_lease import LeaseTimes
 from merlin_fleet.core.store import Put, Txn
-from merlin_fleet.etcd_messages import HubFull
+from merlin_fleet.etcd_messages import DEACTIVATE, HubFull, message
 from merlin_fleet.fleet_client import FleetClient, FleetError
 from merlin_fleet.fleet_robot import FleetRobot, FleetStatus
 from merlin_fleet.hub import EtcdHub
@@ -33,6 +32,7 @@ PAGE = (Path(__file__).resolve().parents[3] / "docs" / "fleet.md").read_text(enc
 KEYS = Keys("lab")
 LIMIT = 60.0  # s for anything that has to happen
 QUOTA = 8 << 20
+ACTIVATE, CORRUPT = 1, 2  # in etcd: an action with an alarm, and an alarm
 #: A test machine may stand still for many seconds.
 RULES = Rules(LeaseTimes(ttl=60.0, renew_every=0.5, stop_time=1.0), AuctionTimes(0.1, 30.0), retry=0.2)
 
@@ -141,16 +141,16 @@ def test_a_hub_that_refuses_for_another_reason_is_told_once(etcd: EtcdProcess) -
     client = FleetClient("lab", [etcd.endpoint])
     agent = Agent("lab", Profile("ann"), uuid.uuid4().hex, Outbox(), RULES)
     robot = FleetRobot(agent, EtcdHub(KEYS.root, [etcd.endpoint], timeout=20.0), body, said.put)
-    alarm = {"memberID": hub.ask("Cluster", "MemberList", rpc.MemberListRequest()).members[0].ID}
-    alarm["alarm"] = rpc.CORRUPT
+    member = hub.ask("KV/Range", message("RangeRequest", key=b"/")).header.member_id
+    alarm = {"memberID": member, "alarm": CORRUPT}
     try:
         robot.start()
         request = client.send("(done a)")
         assert body.began.wait(LIMIT)
-        hub.ask("Maintenance", "Alarm", rpc.AlarmRequest(action=rpc.AlarmRequest.ACTIVATE, **alarm))
+        hub.ask("Maintenance/Alarm", message("AlarmRequest", action=ACTIVATE, **alarm))
         body.ended(True, "SUCCEEDED", "")
         assert heard(said, "etcd refuses") == "etcd refuses: etcdserver: corrupt cluster"
-        hub.ask("Maintenance", "Alarm", rpc.AlarmRequest(action=rpc.AlarmRequest.DEACTIVATE, **alarm))
+        hub.ask("Maintenance/Alarm", message("AlarmRequest", action=DEACTIVATE, **alarm))
         assert request.wait(LIMIT)
     finally:
         robot.close()

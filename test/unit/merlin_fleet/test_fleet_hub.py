@@ -10,11 +10,10 @@ from typing import Any, Iterator, Tuple, Type
 
 import grpc
 import pytest
-from etcd3 import etcdrpc
 
 from merlin_fleet.certified import HubError, Tls, time_of
 from merlin_fleet.core.store import Change, Compare, Put, Snapshot, Txn
-from merlin_fleet.etcd_messages import LeaseUnknown, behind
+from merlin_fleet.etcd_messages import LeaseUnknown, behind, message
 from merlin_fleet.hub import EtcdHub
 from merlin_fleet.hub_watch import Listener, Watch
 from merlin_test.etcd_process import EtcdProcess
@@ -137,7 +136,7 @@ def test_changes_of_the_own_fleet_come_in_order(shared: EtcdProcess, hubs: Any) 
 
 def test_a_key_that_is_not_a_text_does_not_end_the_changes(own: EtcdProcess, hubs: Any) -> None:
     hub, writer, heard = hubs(own), hubs(own), Heard()
-    writer.ask("KV", "Put", etcdrpc.PutRequest(key=ROOT.encode() + b"goals/\xff", value=b"\xff"))
+    writer.ask("KV/Put", message("PutRequest", key=ROOT.encode() + b"goals/\xff", value=b"\xff"))
     hub.follow(heard)
     kind, snapshot = heard.events.get(timeout=LIMIT)
     assert kind == "connected", snapshot
@@ -236,7 +235,7 @@ def test_what_was_compacted_meanwhile_is_read_again(
     own.start()
     for number in range(5):
         last = put_until_it_is_there(writer, ROOT + f"b{number}")
-    writer._call("KV", "Compact", etcdrpc.CompactionRequest(revision=last))
+    writer.ask("KV/Compact", message("CompactionRequest", revision=last))
     compacted.set()
     kind, snapshot = heard.events.get(timeout=LIMIT)
     while kind != "connected":
@@ -281,6 +280,19 @@ def test_what_was_written_and_not_delivered_yet_is_missed_in_a_backup(
     assert [item.key for item in snapshot.items] == [ROOT + "a"]
 
 
+def test_a_lease_is_renewed_on_a_machine_without_further_threads(
+    shared: EtcdProcess, hubs: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    hub = hubs(shared)
+    lease, ttl = hub.grant(60.0)
+
+    def none_left(thread: threading.Thread) -> None:
+        raise RuntimeError("can't start new thread")
+
+    monkeypatch.setattr(threading.Thread, "start", none_left)
+    assert hub.renew(lease) == ttl
+
+
 class Removed(grpc.RpcError):
     """An error of gRPC's own."""
 
@@ -294,6 +306,21 @@ class Removed(grpc.RpcError):
 def test_a_look_into_the_history_that_fails_is_repeated(
     own: EtcdProcess, hubs: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    looked_at, failed = threading.Event(), threading.Event()
+
+    class History(grpc.UnaryUnaryClientInterceptor):  # type: ignore[misc]
+        """Fails at the first look into the history."""
+
+        def intercept_unary_unary(self, answer: Any, details: Any, request: Any) -> Any:
+            if looked_at.is_set() and getattr(request, "revision", 0) and not failed.is_set():
+                failed.set()
+                raise Removed
+            return answer(details, request)
+
+    channel = grpc.insecure_channel
+    monkeypatch.setattr(
+        grpc, "insecure_channel", lambda *given: grpc.intercept_channel(channel(*given), History())
+    )
     hub, writer, heard = hubs(own), hubs(own, "/elsewhere/"), Late()
     hub.follow(heard)
     heard.next("connected")
@@ -306,24 +333,7 @@ def test_a_look_into_the_history_that_fails_is_repeated(
     own.start()
     while put_until_it_is_there(writer, f"/elsewhere/{time.monotonic_ns()}") <= last:
         continue
-    failed = threading.Event()
-
-    class Stub(etcdrpc.KVStub):  # type: ignore[misc]
-        """Fails at the first look into the history."""
-
-        def __init__(self, channel: grpc.Channel) -> None:
-            super().__init__(channel)
-            answer = self.Range
-
-            def look(request: Any, timeout: float) -> Any:
-                if request.revision == last and not failed.is_set():
-                    failed.set()
-                    raise Removed
-                return answer(request, timeout=timeout)
-
-            self.Range = look
-
-    monkeypatch.setattr(etcdrpc, "KVStub", Stub)
+    looked_at.set()
     heard.go.set()
     assert heard.next("connected").another
     assert failed.is_set()

@@ -10,7 +10,6 @@ import uuid
 from typing import Any, Callable, Dict, Iterator, List, Optional, Tuple
 
 import pytest
-from etcd3 import etcdrpc
 
 from merlin_fleet.core import records
 from merlin_fleet.core.agent import Agent, Rules
@@ -20,6 +19,7 @@ from merlin_fleet.core.reporting import Outbox
 from merlin_fleet.core.robot_lease import LeaseTimes
 from merlin_fleet.core.store import Change, Compare, Put, Snapshot, Txn
 from merlin_fleet.core.view import FleetView
+from merlin_fleet.etcd_messages import message
 from merlin_fleet.fleet_robot import FleetRobot
 from merlin_fleet.hub import EtcdHub
 from merlin_fleet.hub_watch import Listener
@@ -129,7 +129,7 @@ class Lab:
         :return: False: it has ended itself.
         """
         key = KEYS.key(records.CLAIMS, robot, goal).encode()
-        for claim in self.hub.ask("KV", "Range", etcdrpc.RangeRequest(key=key)).kvs:
+        for claim in self.hub.ask("KV/Range", message("RangeRequest", key=key)).kvs:
             command = ["etcdctl", "--endpoints", self.etcd.endpoint, "lease", "revoke", f"{claim.lease:x}"]
             env = dict(os.environ, ETCDCTL_API="3")
             return subprocess.run(command, env=env, check=False, capture_output=True).returncode == 0
@@ -283,26 +283,6 @@ def test_a_robot_whose_cost_cannot_be_told_says_why(lab: Lab) -> None:
     bid = lab.watcher.until(lambda view: (view.offers.of("r1") or records.Bids()).of.get("a"))
     assert bid.cost is None
     assert "TypeError" in bid.reason
-
-
-def test_a_machine_without_further_threads_does_not_keep_the_robot_out_forever(
-    lab: Lab, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    asked, start = threading.Event(), threading.Thread.start
-
-    def none_left(thread: threading.Thread) -> None:
-        if threading.current_thread().name == "fleet lease":
-            asked.set()
-            raise RuntimeError("can't start new thread")
-        start(thread)
-
-    lab.robot("r1", 5.0, SHORT)
-    lab.watcher.until(lambda view: view.lives)
-    with monkeypatch.context() as context:
-        context.setattr(threading.Thread, "start", none_left)
-        assert asked.wait(LIMIT)
-        lab.watcher.until(lambda view: not view.lives)
-    lab.watcher.until(lambda view: view.lives)
 
 
 def test_a_robot_without_its_hub_begins_and_joins_later(lab: Lab) -> None:

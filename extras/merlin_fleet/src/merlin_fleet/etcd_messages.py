@@ -1,13 +1,90 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What etcd's messages say, and how it is asked: the protocol's words and those of gRPC."""
+"""What etcd's messages say, and how it is asked: the protocol's words and those of gRPC.
 
-from typing import Any, Union
+The messages are described here, with the names and numbers of etcd's protocol, as far as the fleet uses them;
+fields that are not described are passed over. So no code is generated, which would have to fit the installed
+protobuf.
+"""
 
-import etcd3.etcdrpc as rpc
+from typing import Any, Callable, Dict, List, Tuple, Union
+
 import grpc
+from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 
 from merlin_fleet.certified import HubError
 from merlin_fleet.core.store import Change, Compare, Item, Txn, Unwritten
+
+FIELD = descriptor_pb2.FieldDescriptorProto
+INT64, UINT64, BOOL = FIELD.TYPE_INT64, FIELD.TYPE_UINT64, FIELD.TYPE_BOOL
+STRING, BYTES = FIELD.TYPE_STRING, FIELD.TYPE_BYTES
+ENUM = FIELD.TYPE_INT32  # the same on the wire
+#: Message → its fields: number, and type or the name of a message; in a list: repeated.
+MESSAGES: Dict[str, Dict[str, Tuple[int, Any]]] = {
+    "Empty": {},  # an answer of which nothing is read
+    "ResponseHeader": {"cluster_id": (1, UINT64), "member_id": (2, UINT64), "revision": (3, INT64)},
+    "KeyValue": {"key": (1, BYTES), "mod_revision": (3, INT64), "value": (5, BYTES), "lease": (6, INT64)},
+    "Event": {"type": (1, ENUM), "kv": (2, "KeyValue")},
+    "RangeRequest": {
+        "key": (1, BYTES),
+        "range_end": (2, BYTES),
+        "limit": (3, INT64),
+        "revision": (4, INT64),
+        "count_only": (9, BOOL),
+    },
+    "RangeResponse": {"header": (1, "ResponseHeader"), "kvs": (2, ["KeyValue"]), "more": (3, BOOL)},
+    "PutRequest": {"key": (1, BYTES), "value": (2, BYTES), "lease": (3, INT64)},
+    "DeleteRangeRequest": {"key": (1, BYTES), "range_end": (2, BYTES)},
+    "Compare": {
+        "result": (1, ENUM),
+        "target": (2, ENUM),
+        "key": (3, BYTES),
+        "mod_revision": (6, INT64),
+        "range_end": (64, BYTES),
+    },
+    "RequestOp": {
+        "request_range": (1, "RangeRequest"),
+        "request_put": (2, "PutRequest"),
+        "request_delete_range": (3, "DeleteRangeRequest"),
+    },
+    "ResponseOp": {"response_range": (1, "RangeResponse")},
+    "TxnRequest": {"compare": (1, ["Compare"]), "success": (2, ["RequestOp"]), "failure": (3, ["RequestOp"])},
+    "TxnResponse": {
+        "header": (1, "ResponseHeader"),
+        "succeeded": (2, BOOL),
+        "responses": (3, ["ResponseOp"]),
+    },
+    "CompactionRequest": {"revision": (1, INT64), "physical": (2, BOOL)},
+    "LeaseGrantRequest": {"TTL": (1, INT64), "ID": (2, INT64)},
+    "LeaseGrantResponse": {"ID": (2, INT64), "TTL": (3, INT64)},
+    "LeaseRevokeRequest": {"ID": (1, INT64)},
+    "LeaseKeepAliveRequest": {"ID": (1, INT64)},
+    "LeaseKeepAliveResponse": {"ID": (2, INT64), "TTL": (3, INT64)},
+    "WatchCreateRequest": {"key": (1, BYTES), "range_end": (2, BYTES), "start_revision": (3, INT64)},
+    "WatchRequest": {"create_request": (1, "WatchCreateRequest")},
+    "WatchResponse": {
+        "created": (3, BOOL),
+        "canceled": (4, BOOL),
+        "compact_revision": (5, INT64),
+        "cancel_reason": (6, STRING),
+        "events": (11, ["Event"]),
+    },
+    "Permission": {"permType": (1, ENUM), "key": (2, BYTES), "range_end": (3, BYTES)},
+    "AuthEnableRequest": {},
+    "AuthUserAddRequest": {"name": (1, STRING), "password": (2, STRING)},
+    "AuthUserDeleteRequest": {"name": (1, STRING)},
+    "AuthUserGrantRoleRequest": {"user": (1, STRING), "role": (2, STRING)},
+    "AuthRoleAddRequest": {"name": (1, STRING)},
+    "AuthRoleGrantPermissionRequest": {"name": (1, STRING), "perm": (2, "Permission")},
+    "AlarmMember": {"memberID": (1, UINT64), "alarm": (2, ENUM)},
+    "AlarmRequest": {"action": (1, ENUM), "memberID": (2, UINT64), "alarm": (3, ENUM)},
+    "AlarmResponse": {"alarms": (2, ["AlarmMember"])},
+    "DefragmentRequest": {},
+}
+EQUAL, LESS = 0, 2  # results of a comparison
+BY_REVISION = 2  # the target of a comparison: the revision of a key's last change
+DELETED = 1  # type of an event
+READ, READ_WRITE = 0, 2  # types of a permission
+DEACTIVATE = 2  # action with an alarm
 
 
 class LeaseUnknown(HubError):
@@ -30,6 +107,48 @@ class HubCompacted(HubFails):
     """etcd no longer has what was at that revision."""
 
 
+def _classes() -> Dict[str, Any]:
+    """The class of each message, over whatever protobuf is installed."""
+    file = descriptor_pb2.FileDescriptorProto(name="merlin_fleet_etcd.proto", package="merlin_fleet")
+    for name, fields in MESSAGES.items():
+        described = file.message_type.add(name=name)
+        for field, (number, kind) in fields.items():
+            one = described.field.add(name=field, number=number, label=FIELD.LABEL_OPTIONAL)
+            if isinstance(kind, list):
+                one.label, kind = FIELD.LABEL_REPEATED, kind[0]
+            if isinstance(kind, str):
+                one.type, one.type_name = FIELD.TYPE_MESSAGE, f".merlin_fleet.{kind}"
+            else:
+                one.type = kind
+    pool = descriptor_pool.DescriptorPool()  # its own: names of others do not count
+    pool.AddSerializedFile(file.SerializeToString())
+    class_of = getattr(message_factory, "GetMessageClass", None)  # protobuf 4.22 and newer
+    class_of = class_of or message_factory.MessageFactory(pool).GetPrototype
+    return {name: class_of(pool.FindMessageTypeByName(f"merlin_fleet.{name}")) for name in MESSAGES}
+
+
+_CLASSES = _classes()
+
+
+def message(name: str, /, **fields: Any) -> Any:
+    """A message of etcd.
+
+    :raises KeyError: for one that is not described here.
+    :raises ValueError: for a field that is not described here.
+    """
+    return _CLASSES[name](**fields)
+
+
+def coding(method: str, request: Any) -> Tuple[str, Callable[[Any], bytes], Callable[[bytes], Any]]:
+    """A method as a channel needs it: its path, what encodes the request, and what decodes the answer.
+
+    :param method: service and method: "KV/Range".
+    """
+    answer = request.DESCRIPTOR.name.replace("Request", "Response")
+    decoded = _CLASSES.get(answer, _CLASSES["Empty"])
+    return f"/etcdserverpb.{method}", type(request).SerializeToString, decoded.FromString
+
+
 def behind(prefix: bytes) -> bytes:
     """The end of the range of all keys that begin so."""
     return prefix[:-1] + bytes([prefix[-1] + 1])
@@ -39,16 +158,18 @@ def compare_message(compare: Union[Compare, Unwritten]) -> Any:
     """A comparison of a transaction."""
     if isinstance(compare, Unwritten):
         prefix = compare.prefix.encode()
-        return rpc.Compare(
-            result=rpc.Compare.LESS,
-            target=rpc.Compare.MOD,
+        return message(
+            "Compare",
+            result=LESS,
+            target=BY_REVISION,
             key=prefix,
             range_end=behind(prefix),
             mod_revision=compare.since + 1,
         )
-    return rpc.Compare(
-        result=rpc.Compare.EQUAL,
-        target=rpc.Compare.MOD,
+    return message(
+        "Compare",
+        result=EQUAL,
+        target=BY_REVISION,
         key=compare.key.encode(),
         mod_revision=compare.modified,
     )
@@ -56,17 +177,17 @@ def compare_message(compare: Union[Compare, Unwritten]) -> Any:
 
 def txn_message(txn: Txn) -> Any:
     """The message of etcd for a transaction."""
-    done = [
-        rpc.RequestOp(
-            request_put=rpc.PutRequest(key=put.key.encode(), value=put.value.encode(), lease=put.lease)
-        )
-        for put in txn.puts
+    done: List[Any] = []
+    for put in txn.puts:
+        pair = message("PutRequest", key=put.key.encode(), value=put.value.encode(), lease=put.lease)
+        done.append(message("RequestOp", request_put=pair))
+    for key in txn.deletes:
+        deleted = message("DeleteRangeRequest", key=key.encode())
+        done.append(message("RequestOp", request_delete_range=deleted))
+    reads = [
+        message("RequestOp", request_range=message("RangeRequest", key=key.encode())) for key in txn.reads
     ]
-    done += [
-        rpc.RequestOp(request_delete_range=rpc.DeleteRangeRequest(key=key.encode())) for key in txn.deletes
-    ]
-    reads = [rpc.RequestOp(request_range=rpc.RangeRequest(key=key.encode())) for key in txn.reads]
-    return rpc.TxnRequest(compare=list(map(compare_message, txn.compare)), success=done, failure=reads)
+    return message("TxnRequest", compare=map(compare_message, txn.compare), success=done, failure=reads)
 
 
 def item_of(pair: Any) -> Item:
@@ -77,7 +198,7 @@ def item_of(pair: Any) -> Item:
 def change_of(event: Any) -> Change:
     """A change, as etcd sends it."""
     pair = event.kv
-    value = None if event.type == event.DELETE else pair.value.decode(errors="replace")
+    value = None if event.type == DELETED else pair.value.decode(errors="replace")
     return Change(pair.key.decode(errors="replace"), value, pair.mod_revision)
 
 

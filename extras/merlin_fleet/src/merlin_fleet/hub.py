@@ -9,14 +9,13 @@ import random
 import re
 import threading
 import traceback
-from typing import Any, Callable, List, Optional, Sequence, Tuple
+from typing import Any, List, Optional, Sequence, Tuple
 
-import etcd3.etcdrpc as rpc
 import grpc
 
 from merlin_fleet.certified import HubError, Tls, certificate_problem, time_of
 from merlin_fleet.core.store import Item, Snapshot, Txn, TxnResult
-from merlin_fleet.etcd_messages import HubCompacted, behind, error_of, item_of, txn_message
+from merlin_fleet.etcd_messages import HubCompacted, behind, coding, error_of, item_of, message, txn_message
 from merlin_fleet.hub_watch import ChannelClosed, Listener, Watch
 
 DEFAULT_ENDPOINT = "127.0.0.1:2379"
@@ -86,7 +85,7 @@ class EtcdHub:
         :raises LeaseUnknown: for a put with a lease that has ended; then nothing was done.
         :raises HubError: when there was no answer in time, or etcd refuses.
         """
-        answer = self._call("KV", "Txn", txn_message(txn))
+        answer = self._call("KV/Txn", txn_message(txn))
         items: List[Item] = []
         if not answer.succeeded:
             for response in answer.responses:
@@ -103,7 +102,7 @@ class EtcdHub:
 
         :raises HubError: when there was no answer in time, or etcd refuses.
         """
-        answer = self._call("Lease", "LeaseGrant", rpc.LeaseGrantRequest(TTL=int(ttl)))
+        answer = self._call("Lease/LeaseGrant", message("LeaseGrantRequest", TTL=int(ttl)))
         return answer.ID, float(answer.TTL)
 
     def renew(self, lease: int) -> float:
@@ -112,8 +111,8 @@ class EtcdHub:
         :return: its time, s; 0: etcd no longer knows it.
         :raises HubError: when there was no answer in time, or etcd refuses.
         """
-        request = rpc.LeaseKeepAliveRequest(ID=lease)
-        answer = self._call("Lease", "LeaseKeepAlive", iter([request]), lambda stream: next(iter(stream)))
+        # etcd has a stream for this; one request and its answer are the same on the wire, and need no thread.
+        answer = self._call("Lease/LeaseKeepAlive", message("LeaseKeepAliveRequest", ID=lease))
         return float(max(answer.TTL, 0))
 
     def revoke(self, lease: int) -> None:
@@ -121,7 +120,7 @@ class EtcdHub:
 
         :raises HubError: when there was no answer in time, or etcd refuses.
         """
-        self._call("Lease", "LeaseRevoke", rpc.LeaseRevokeRequest(ID=lease))
+        self._call("Lease/LeaseRevoke", message("LeaseRevokeRequest", ID=lease))
 
     def check(self) -> None:
         """Asks whether etcd answers. When it does not answer in time, the changes end, too.
@@ -141,13 +140,14 @@ class EtcdHub:
             endpoint = self._endpoints[self._turn % len(self._endpoints)]
         return time_of(endpoint, self._tls, self._timeout)
 
-    def ask(self, stub: str, method: str, request: Any) -> Any:
+    def ask(self, method: str, request: Any) -> Any:
         """Any call of etcd's, as an administrator needs it.
 
+        :param method: service and method: "KV/Range".
         :raises HubError: when there was no answer in time, or etcd refuses.
         """
         try:
-            return self._call(stub, method, request)
+            return self._call(method, request)
         except HubError as error:
             raise type(error)(self._reason(error)) from None
 
@@ -162,28 +162,24 @@ class EtcdHub:
         """Reads all keys; returns the id of the cluster and the keys."""
         begin, revision, cluster, items = self._root, 0, 0, []  # type: bytes, int, int, List[Item]
         while True:
-            request = rpc.RangeRequest(key=begin, range_end=self._end, limit=PAGE, revision=revision)
-            answer = self._call("KV", "Range", request)
+            request = message("RangeRequest", key=begin, range_end=self._end, limit=PAGE, revision=revision)
+            answer = self._call("KV/Range", request)
             revision, cluster = revision or answer.header.revision, answer.header.cluster_id
             items += map(item_of, answer.kvs)
             if not answer.more:
                 return cluster, Snapshot(revision, tuple(items))
             begin = answer.kvs[-1].key + b"\0"
 
-    def _call(
-        self, stub: str, method: str, request: Any, read: Callable[[Any], Any] = lambda answer: answer
-    ) -> Any:
+    def _call(self, method: str, request: Any) -> Any:
         channel = self._open()
         try:
-            call = getattr(getattr(rpc, f"{stub}Stub")(channel), method)
-            return read(call(request, timeout=self._timeout))
+            return channel.unary_unary(*coding(method, request))(request, timeout=self._timeout)
         except grpc.RpcError as error:
             failure = error_of(error)
             if error.code() in (grpc.StatusCode.DEADLINE_EXCEEDED, grpc.StatusCode.UNAVAILABLE):
                 self._drop(channel, str(failure))
             raise failure from None
-        # The channel was closed meanwhile; an empty stream; grpc gets no thread for a stream.
-        except (ValueError, StopIteration, RuntimeError) as error:
+        except ValueError as error:  # the channel was closed meanwhile
             raise HubError(f"the connection to etcd has ended ({error})") from None
 
     def _open(self) -> grpc.Channel:
@@ -272,8 +268,8 @@ class EtcdHub:
         if last.modified > known:
             return False
         try:
-            request = rpc.RangeRequest(key=last.key.encode(), revision=last.modified)
-            found = list(map(item_of, self._call("KV", "Range", request).kvs))
+            request = message("RangeRequest", key=last.key.encode(), revision=last.modified)
+            found = list(map(item_of, self._call("KV/Range", request).kvs))
         except HubCompacted:
             return None
         return found == [last]
@@ -287,5 +283,5 @@ class EtcdHub:
 
     def _where(self) -> Tuple[int, int]:
         """The cluster's id and its revision."""
-        header = self._call("KV", "Range", rpc.RangeRequest(key=self._root, count_only=True)).header
+        header = self._call("KV/Range", message("RangeRequest", key=self._root, count_only=True)).header
         return header.cluster_id, header.revision

@@ -4,12 +4,11 @@
 import threading
 from typing import Any, Optional, Tuple
 
-import etcd3.etcdrpc as rpc
 import grpc
 
 from merlin_fleet.certified import HubError
 from merlin_fleet.core.store import Change, Item, Snapshot
-from merlin_fleet.etcd_messages import change_of
+from merlin_fleet.etcd_messages import change_of, coding, message
 
 
 class Listener:
@@ -88,10 +87,11 @@ class Watch:
         begin = self._revision
         if self._snapshot is None and self.last is not None:
             begin = self.last.modified  # it is known to be there; what followed may be another store's
-        create = rpc.WatchCreateRequest(key=self._root, range_end=self._end, start_revision=begin + 1)
+        keys = {"key": self._root, "range_end": self._end, "start_revision": begin + 1}
+        first = message("WatchRequest", create_request=message("WatchCreateRequest", **keys))
         ended = threading.Event()
         try:
-            stream = rpc.WatchStub(channel).Watch(_requests(rpc.WatchRequest(create_request=create), ended))
+            stream = channel.stream_stream(*coding("Watch/Watch", first))(_requests(first, ended))
         except ValueError:
             raise ChannelClosed("its connection was closed") from None
         # A stream has no time-out of its own; it has to begin in time.

@@ -7,18 +7,13 @@ A user's name is that of its certificate; it has no password that is known.
 import secrets
 from typing import Any, Iterable, List, NamedTuple, Tuple
 
-import etcd3.etcdrpc as rpc
-from etcd3.etcdrpc import auth_pb2
-
 from merlin_fleet.certificates import ADMINISTRATOR, CLIENT, ROBOT, user
 from merlin_fleet.certified import HubError
 from merlin_fleet.core import records
 from merlin_fleet.core.records import Keys
 from merlin_fleet.core.store import Compare, Put, Txn
-from merlin_fleet.etcd_messages import behind
+from merlin_fleet.etcd_messages import READ, READ_WRITE, behind, message
 from merlin_fleet.hub import EtcdHub
-
-READ, WRITE = auth_pb2.Permission.READ, auth_pb2.Permission.READWRITE
 
 
 class Right(NamedTuple):
@@ -56,7 +51,7 @@ class Roles:
         about = self._keys.key(records.ABOUT)
         text = records.encode_about(secrets.token_hex(16))
         self._hub.transact(Txn((Compare(about, 0),), (Put(about, text),)))
-        self._ask("AuthEnable", rpc.AuthEnableRequest())
+        self._hub.ask("Auth/AuthEnable", message("AuthEnableRequest"))
         return set_
 
     def remove(self, name: str) -> None:
@@ -64,26 +59,25 @@ class Roles:
 
         :raises HubError: when the user does not exist, or etcd does not answer or refuses.
         """
-        self._ask("UserDelete", rpc.AuthUserDeleteRequest(name=name))
+        self._ask("UserDelete", name=name)
 
     def _rights(self, kind: str, name: str) -> Tuple[Right, ...]:
         keys = self._keys
         own = keys.of_clients() if kind == CLIENT else keys.of_robot(name)
-        return (Right(READ, keys.root), *(Right(WRITE, key) for key in own))
+        return (Right(READ, keys.root), *(Right(READ_WRITE, key) for key in own))
 
     def _role(self, name: str, role: str, rights: Iterable[Right]) -> None:
-        self._ask("RoleAdd", rpc.AuthRoleAddRequest(name=role), "role name already exists")
+        self._ask("RoleAdd", "role name already exists", name=role)
         for right in rights:
             end = behind(right.key.encode()) if right.key.endswith("/") else b""
-            permission = auth_pb2.Permission(permType=right.what, key=right.key.encode(), range_end=end)
-            self._ask("RoleGrantPermission", rpc.AuthRoleGrantPermissionRequest(name=role, perm=permission))
-        password = secrets.token_hex(32)
-        self._ask("UserAdd", rpc.AuthUserAddRequest(name=name, password=password), "user name already exists")
-        self._ask("UserGrantRole", rpc.AuthUserGrantRoleRequest(user=name, role=role))
+            permission = message("Permission", permType=right.what, key=right.key.encode(), range_end=end)
+            self._ask("RoleGrantPermission", name=role, perm=permission)
+        self._ask("UserAdd", "user name already exists", name=name, password=secrets.token_hex(32))
+        self._ask("UserGrantRole", user=name, role=role)
 
-    def _ask(self, method: str, request: Any, allowed: str = "") -> None:
+    def _ask(self, method: str, allowed: str = "", /, **fields: Any) -> None:
         try:
-            self._hub.ask("Auth", method, request)
+            self._hub.ask(f"Auth/{method}", message(f"Auth{method}Request", **fields))
         except HubError as error:
             if not allowed or allowed not in str(error):
                 raise
