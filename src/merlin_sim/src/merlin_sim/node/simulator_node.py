@@ -196,7 +196,7 @@ class SimulatorNode:
         self._world_services.publish(tick, stamp)
 
     def _now(self) -> rospy.Time:
-        # Before the first step it is what the clock shows already: zero would be no time.
+        # Before the first step it is what the clock shows already: zero would not be a time.
         return _time(max(1, self._begun + self.simulation.tick))
 
     def _publish_clock(self, tick: int) -> None:
