@@ -25,6 +25,7 @@ from merlin_actions.core.latched import LATCH_GRACE, Latched, PutAside
 from merlin_actions.core.names import CONCURRENT, IF_INTERRUPTED, IF_STOPPED_AT, WHILE_RUNNING, action_param
 from merlin_actions.effects import RETURN_LIMIT, Opening, effects_of, when_back
 from merlin_actions.left_executions import settle_left
+from merlin_planning.dispatch_progress import CANCEL_ACTION
 from merlin_planning.knowledge_client import (
     DEFAULT_KNOWLEDGE_BASE,
     KnowledgeClient,
@@ -46,7 +47,6 @@ from merlin_ros.service_proxy import ServiceError
 from merlin_ros.work.threads import start_thread
 from merlin_ros.work.work_book import Decision, Policy, Step, WorkBook
 
-CANCEL_ACTION = "cancel_action"
 ANNOUNCE_PERIOD = 1.0  # s of wall time between two announcements on pddl_action_parameters
 CONNECTION_LOOK = 0.02  # s between two looks for that connection, of which rospy gives no event
 WAIT_LIMIT = 5.0  # s of running time in which an execution that is in the way has to end
