@@ -12,6 +12,7 @@ from tf2_msgs.msg import TFMessage
 
 from merlin.doctor.findings import GUARD_TYPE, STATUS_TYPE, Graph, Heard
 from merlin_ros.master.master_link import ERRORS, bounded_master, bounded_proxy
+from merlin_ros.work.threads import start_thread
 
 CALLER = "/merlin_doctor"
 ANSWER = 1.0  # s for a node to answer
@@ -28,13 +29,7 @@ def look_at_graph() -> Graph:
     publishers, subscribers, services = master.getSystemState()
     names = {node for kind in (publishers, subscribers, services) for _, nodes in kind for node in nodes}
     silent: Dict[str, str] = {}
-    asked = [
-        threading.Thread(target=_ask, args=(name, silent), name=f"ask {name}", daemon=True)
-        for name in sorted(names)
-    ]
-    for thread in asked:
-        thread.start()
-    for thread in asked:
+    for thread in [start_thread(f"ask {name}", _ask, name, silent) for name in sorted(names)]:
         thread.join()  # each question ends by itself
     commands = [name for name in master.getParamNames() if name.endswith("/planner_command")]
     return Graph(
