@@ -17,9 +17,8 @@ from merlin_msgs.msg import DispatchStatus
 from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback
 from rosplan_knowledge_msgs.msg import DomainFormula
 
-from merlin_actions.answers import QUEUE, answer_of
 from merlin_actions.core.declared import bound, numeric_apart
-from merlin_actions.core.ending import Ending, after_closing, closing_of
+from merlin_actions.core.ending import Ending, after_closing, closing_of, information_of
 from merlin_actions.core.execution import Execution, Key, at_once
 from merlin_actions.core.latched import LATCH_GRACE, Latched, PutAside
 from merlin_actions.core.names import CONCURRENT, IF_INTERRUPTED, IF_STOPPED_AT, WHILE_RUNNING, action_param
@@ -53,6 +52,18 @@ WAIT_LIMIT = 5.0  # s of running time in which an execution that is in the way h
 MASTER_LOST = "the ROS master is lost"
 SHUTDOWN_WAIT = 2.0  # s of wall time in which running executions can end when their node does
 _KNOWLEDGE_ERRORS = (KnowledgeError, ServiceError, ValueError, MasterSilent)
+#: Answers that wait for the dispatcher's connection; rospy drops the oldest of more, and says nothing.
+QUEUE = 1000
+
+
+def answer_of(key: Key, ending: Optional[Ending] = None) -> ActionFeedback:
+    """The answer of an execution: that it has ended; without an ending, that it is accepted."""
+    feedback = ActionFeedback(plan_id=key[0], action_id=key[1], status=ActionFeedback.ACTION_ENABLED)
+    if ending is not None:
+        succeeded = ActionFeedback.ACTION_SUCCEEDED_TO_GOAL_STATE
+        feedback.status = succeeded if ending.succeeded else ActionFeedback.ACTION_FAILED
+        feedback.information = [KeyValue(name, value) for name, value in information_of(ending).items()]
+    return feedback
 
 
 class ActionInterface:
