@@ -38,7 +38,7 @@ class SensedUpdater:
         self._retry_at = 0.0  # monotonic, s
         self._patience = RETRY
         self._closed = False
-        start_thread(f"teller of {name}", self._work)
+        self._thread = start_thread(f"teller of {name}", self._work)
 
     def sense(self, facts: Dict[Fact, Value]) -> None:
         """Takes what a sensor says."""
