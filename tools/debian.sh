@@ -86,7 +86,7 @@ if [ "${1:-}" = --inside ]; then
   exit 0
 fi
 
-[ -z "${DEB:-}" ] || dpkg-deb -f "$DEB" Package >/dev/null 2>&1 || fail "DEB=$DEB is no Debian package; make deb makes one"
+[ -z "${DEB:-}" ] || dpkg-deb -f "$DEB" Package >/dev/null 2>&1 || fail "DEB=$DEB is not a Debian package; make deb makes one"
 [ "$(id -u)" = 0 ] || exec sudo --preserve-env=VERSION,TARGET,PROFILE,DEB,PYTEST,AS,MIRROR,FOLDER,http_proxy,https_proxy,no_proxy "$0"
 for tool in debootstrap unshare git pkill; do
   command -v "$tool" >/dev/null || fail "it needs $tool: apt-get install debootstrap util-linux git procps"

@@ -3,7 +3,7 @@
 
 The tasks of a list are sent two at a time, as one goal, and the next two when both are done. No task is
 cancelled. SEEDS (3) lists of TASKS (6) tasks, from the same start each, at real-time factor RTF (2). The
-bound is that of `merlin_experiment.oracle.shared_tasks`, from where the robots were when a goal was sent.
+bound is that of `robots.shared_tasks`, from where the robots were when a goal was sent.
 """
 
 import math
@@ -23,11 +23,11 @@ from merlin_experiment.mission.speech_length import speech_length
 from merlin_experiment.oracle.motion_limits import MotionLimits
 from merlin_experiment.oracle.oracle import Oracle
 from merlin_experiment.oracle.outlines import outlines_of_world
-from merlin_experiment.oracle.shared_tasks import SharedTasks, Stand
 from merlin_experiment.oracle.shortest_path import ShortestPaths
 from merlin_home.mission_list import make_mission
 from merlin_sim.world.world_file import load_world
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
+from robots.shared_tasks import SharedTasks, Stand
 
 PDDL = Path(__file__).resolve().parents[2] / "pddl" / "home"
 LAUNCH = Path(__file__).with_name("robots_home.launch")

@@ -18,13 +18,13 @@ from nav_msgs.msg import Odometry
 from rosplan_dispatch_msgs.msg import ActionDispatch
 
 from merlin_executor.executor_client import ExecutorRequest, MerlinExecutorClient
+from merlin_planning.dispatch_progress import CANCEL_ACTION
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 from merlin_sm.states.navigation import POINTS_PARAM
 from stress.idle_rules import IdleRobot, violations
 from stress.stress_cycles import CycleTimes, Violation
 
 LIMIT = 60.0  # s for anything to happen; exceeding it is a violation
-CANCEL_ACTION = "cancel_action"
 
 
 class CancelStress:

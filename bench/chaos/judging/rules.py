@@ -249,7 +249,7 @@ def the_next_goal_works(evidence: Evidence) -> List[str]:
     cancelled = evidence.first(events.CANCEL, NEXT)
     by_itself = ended is not None and (cancelled is None or ended.at < cancelled.at)
     if ended is not None and by_itself and ended["outcome"] not in GOOD:
-        # It is cancelled as soon as the base drives; an action that a server only takes and ends is no drive.
+        # It is cancelled as soon as the base drives; one that a server only takes and ends is not a drive.
         before = "any action" if began is None else "the base drove"
         return [f"the next goal ended {ended['outcome']} before {before}: {ended['reason'][:160]}"]
     if began is not None:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A clock on the wall that can be set for single processes, by a library that is preloaded into them.
 
-libfaketime is no help: where it leaves the monotonic clock alone, Python's sleep fails (0.9.10: EINVAL).
+libfaketime does not help: where it leaves the monotonic clock alone, Python's sleep fails (0.9.10: EINVAL).
 """
 
 import shutil

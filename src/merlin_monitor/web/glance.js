@@ -51,7 +51,7 @@ function put(cell, text, tone) {
 }
 
 function progressOf({ now = {}, plan = {} }) {
-  const mission = ((now.executor || {}).mission !== false && now.mission) || {}; // an operator's goal is no task of it
+  const mission = ((now.executor || {}).mission !== false && now.mission) || {}; // an operator's goal is not a task of it
   const steps = stepsOf(plan);
   const active = Boolean(now.active);
   const done = steps.filter((step) => step.state === "succeeded").length;

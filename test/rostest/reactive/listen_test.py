@@ -162,7 +162,7 @@ class Listen(unittest.TestCase):
         self.assertIn(goal.status, (GoalStatus.PREEMPTED, GoalStatus.RECALLED))
 
     def test_a_bad_grammar_is_refused(self):
-        for grammar in ("", "this is no grammar", "#JSGF V1.0; grammar g; public <g> = qwrtzp;"):
+        for grammar in ("", "this is not a grammar", "#JSGF V1.0; grammar g; public <g> = qwrtzp;"):
             goal = self.hear(grammar)
             self.assertTrue(goal.wait(LONG))
             self.assertEqual(goal.status, GoalStatus.ABORTED, grammar)

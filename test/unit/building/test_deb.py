@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a robot's computer installs: run-time packages only; a file that is no package is refused."""
+"""What a robot's computer installs: run-time packages only; a file that is not a package is refused."""
 
 import os
 import subprocess
@@ -36,4 +36,4 @@ def test_a_profile_that_is_none_is_refused() -> None:
 def test_a_file_that_is_no_package_is_refused(tmp_path: Path) -> None:
     (tmp_path / "x.deb").write_text("nothing")
     tried = ask("tools/debian.sh", DEB=str(tmp_path / "x.deb"))
-    assert tried.returncode == 1 and "is no Debian package" in tried.stderr
+    assert tried.returncode == 1 and "is not a Debian package" in tried.stderr

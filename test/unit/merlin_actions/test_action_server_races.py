@@ -48,7 +48,7 @@ class Drive(MerlinActionSM):
 
 
 class Odd(MerlinState):
-    """Gives up, and says of itself what is no text."""
+    """Gives up, and says of itself what is not text."""
 
     def run(self, userdata: Any) -> str:
         if userdata.to == "error":

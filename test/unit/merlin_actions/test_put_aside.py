@@ -6,9 +6,10 @@ from typing import Any, Callable, Iterator
 import pytest
 from fakes.dispatched import Dispatcher
 
-from merlin_actions.action_interface import CANCEL_ACTION, ActionInterface
+from merlin_actions.action_interface import ActionInterface
 from merlin_actions.core.ending import Ending
 from merlin_actions.core.execution import Execution
+from merlin_planning.dispatch_progress import CANCEL_ACTION
 
 
 class Probe(ActionInterface):

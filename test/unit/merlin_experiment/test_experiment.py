@@ -8,10 +8,9 @@ from typing import Dict, List
 import numpy as np
 import pytest
 
-from merlin_experiment.command_line import parse, planned
+from merlin_experiment.command_line import parse, planned, publish
 from merlin_experiment.records.result_files import write_run
 from merlin_experiment.records.task_record import RunRecord, TaskRecord
-from merlin_experiment.report.publication import publish
 from merlin_experiment.report.report import write_report
 from merlin_experiment.report.statistics import Ratio, Summary
 from merlin_experiment.runs.experiment_runner import ExperimentRunner, duration_text

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Guests call when it is quiet, and not into an answer that another person is about to give."""
 
-from merlin_guests.quiet_room import ANSWER_DUE, QUIET, QuietRoom
+from merlin_guests.seen_robot import ANSWER_DUE, QUIET, QuietRoom
 
 
 def test_it_is_quiet_some_time_after_the_last_sound() -> None:

@@ -27,7 +27,7 @@ STRICTER = [
     r"expected [^']*, found '-[^']*'",
     r"expected a variable such as '\?x', found '\?([0-9]|[^']*[.@])",
     r"expected a (predicate|function), found '-?[0-9][^']*'",
-    r"is no word of PDDL",
+    r"is not a word of PDDL",
     r"there may be no blank between",
     r"'-' needs a (name|type) before it",
     r"this '\)' closes nothing",

@@ -8,9 +8,9 @@ from typing import Any, Callable, Dict, List
 
 import pytest
 import rospy
-from merlin_msgs.msg import DispatchStatus, Lease
+from merlin_msgs.msg import DispatchStatus
 
-from merlin_planning import dispatch_client, dispatcher_kind, over_rosplan
+from merlin_planning import dispatch_client, over_rosplan
 from merlin_planning.dispatch_client import DispatchClient
 from merlin_ros import deadline
 from merlin_ros.actions.client_goal import ClientGoal
@@ -26,6 +26,7 @@ class DispatcherWorld:
         self.heard: Dict[str, Callable[[Any], None]] = {}  # topic -> the client's callback
         self.changed: Callable[[LeaseChange], None] = lambda change: None
         self.held: List[str] = []
+        self.owners: List[str] = []
         self.published = ["/dispatcher/plan_graph"]
         self.cancelled = threading.Event()
         self.there = self.takes_cancel = True
@@ -44,7 +45,7 @@ class DispatcherWorld:
 
     def owner(self, name: str) -> None:
         """A node renews its lease of what is dispatched."""
-        self.heard["/dispatcher/dispatch_plan_action/lease"](Lease(owner=name, held=["its dispatch"]))
+        self.owners.append(name)
 
     def running_time(self) -> float:
         return time.monotonic() + self.passed
@@ -87,8 +88,10 @@ class DispatcherWorld:
             give_up=lambda goal, why: self.calls.append("given up"),
         )
 
-    def watch(self, topic: str, changed: Callable[[LeaseChange], None]) -> Any:
-        self.changed = changed
+    def watch(self, topic: str, *changed: Callable[[LeaseChange], None]) -> Any:
+        if not changed:
+            return SimpleNamespace(owners=self.owners)
+        (self.changed,) = changed
         return SimpleNamespace(owner=lambda goal: "/planning_system", goals_of=lambda owner: self.held)
 
     def lost(self, **fields: Any) -> None:
@@ -111,7 +114,7 @@ def dispatcher(monkeypatch: pytest.MonkeyPatch) -> DispatcherWorld:
     monkeypatch.setattr(rospy, "get_name", lambda: "/me")
     monkeypatch.setattr(rospy, "is_shutdown", lambda: False)
     monkeypatch.setattr(rospy, "logwarn", lambda _: None)
-    for module in (deadline, dispatch_client, dispatcher_kind):
+    for module in (deadline, dispatch_client):
         monkeypatch.setattr(module, "running_time", world.running_time)
     for module in (dispatch_client, over_rosplan):
         monkeypatch.setattr(module, "ServiceProxy", world.service)

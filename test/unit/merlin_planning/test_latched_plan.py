@@ -5,6 +5,7 @@ from types import SimpleNamespace
 from typing import Any, List
 
 import pytest
+import rospy
 from rosplan_dispatch_msgs.msg import ActionDispatch, CompletePlan
 
 from merlin_planning import planning_client
@@ -25,6 +26,18 @@ class Parser:
         found.wait_newer = lambda count, timeout: self._wait(found, count)
         self.watches.append(found)
         return found
+
+    def service(self, name: str, *_: Any, **__: Any) -> Any:
+        parser = self
+
+        class Service:
+            def wait(self, timeout: float) -> bool:
+                return True
+
+            def __call__(self) -> None:
+                parser.parse()
+
+        return Service()
 
     def connect(self) -> None:
         for watch in self.watches:
@@ -58,11 +71,12 @@ def test_the_first_plan_is_the_one_that_was_parsed(monkeypatch: pytest.MonkeyPat
     master = SimpleNamespace(getTopicTypes=lambda: [[TOPIC, "rosplan_dispatch_msgs/CompletePlan"]])
     monkeypatch.setattr(planning_client, "TopicWatch", parser.watch)
     monkeypatch.setattr(planning_client, "bounded_master", lambda: master)
-    client = PlanningClient.__new__(PlanningClient)
-    there: Any = SimpleNamespace(wait=lambda timeout: True, wait_for_server=lambda timeout: True, name="/x")
-    client._generate = client._client = there
-    client._parse = type("Parse", (), {"wait": lambda *_: True, "__call__": lambda self: parser.parse()})()
-    client._parser, client._plan = "/rosplan_parsing_interface", None
+    monkeypatch.setattr(planning_client, "ServiceProxy", parser.service)
+    monkeypatch.setattr(
+        planning_client, "ActionClient", lambda *_: SimpleNamespace(wait_for_server=lambda timeout: True)
+    )
+    monkeypatch.setattr(rospy, "Subscriber", lambda *_, **__: None)
+    client = PlanningClient()
     client.wait(1.0)
     parser.connect()  # meanwhile
     assert [action.name for action in client.parse_plan()] == ["new"]

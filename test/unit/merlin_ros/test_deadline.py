@@ -91,7 +91,7 @@ def test_a_pause_is_not_believed_while_the_clock_goes_on(watch, rate):
         clock.now += 1.0
         clock.ros += rate
     assert paused.paused_time() == pytest.approx(max(0.0, 10.0 - 10.0 * rate))
-    clock.ros -= 30.0  # a step back is no progress
+    clock.ros -= 30.0  # a step back is not progress
     clock.now += 1.0
     assert paused.paused_time() == pytest.approx(max(0.0, 10.0 - 10.0 * rate) + 1.0)
 

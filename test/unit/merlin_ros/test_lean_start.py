@@ -236,8 +236,8 @@ SCOPES = {
     "knowledge_base": "rosplan_knowledge_base",
     "problem_interface": "rosplan_problem_interface",
     "planner_interface": "rosplan_planner_interface",
-    "esterel_plan_parser": "rosplan_parsing_interface",
-    "esterel_plan_dispatcher": "rosplan_plan_dispatcher",
+    "plan_parser": "rosplan_parsing_interface",
+    "plan_dispatcher": "rosplan_plan_dispatcher",
 }
 # The main thread comes to `spin` when the node serves.
 NODE = """
@@ -262,8 +262,8 @@ LATER = {"_hashlib", "_ssl", "numpy", "pyparsing", "unittest", "yaml.reader"}
         ("knowledge_base", {"merlin_rosplan.planning.planner", "merlin_rosplan.dispatcher.plan_dispatcher"}),
         ("problem_interface", {"merlin_rosplan.nodes.knowledge_base", "sqlite3", "bz2"}),
         ("planner_interface", {"merlin_rosplan.nodes.knowledge_base", "sqlite3", "kairos"}),
-        ("esterel_plan_parser", {"merlin_rosplan.nodes.knowledge_base", "sqlite3", "kairos"}),
-        ("esterel_plan_dispatcher", {"merlin_rosplan.nodes.knowledge_base", "sqlite3", "kairos"}),
+        ("plan_parser", {"merlin_rosplan.nodes.knowledge_base", "sqlite3", "kairos"}),
+        ("plan_dispatcher", {"merlin_rosplan.nodes.knowledge_base", "sqlite3", "kairos"}),
     ],
 )
 def test_a_node_of_the_planning_system_answers_before_it_imports_what_it_needs_later(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Parameters that are no numbers, or of another size, are named with what they may be."""
+"""Parameters that are not numbers, or of another size, are named with what they may be."""
 
 import pytest
 import rospy

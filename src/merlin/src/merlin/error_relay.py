@@ -10,6 +10,8 @@ import threading
 from pathlib import Path
 from typing import BinaryIO
 
+from merlin_ros.work.threads import start_thread
+
 STDERR = 2
 
 
@@ -25,15 +27,13 @@ class ErrorRelay:
         """
         self._log_file = log_file
         self._muted = threading.Event()
-        # Reads until the last holder of the pipe has ended; joined in __exit__.
-        self._reader = threading.Thread(target=self._relay, name="error_relay", daemon=True)
 
     def __enter__(self) -> "ErrorRelay":
         self._screen = os.dup(STDERR)
         self._source, sink = os.pipe()
         os.dup2(sink, STDERR)
         os.close(sink)
-        self._reader.start()
+        self._reader = start_thread("error_relay", self._relay)  # until the pipe's last holder has ended
         return self
 
     def __exit__(self, *_: object) -> None:

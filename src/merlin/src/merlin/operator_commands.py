@@ -4,7 +4,8 @@
 import argparse
 import getpass
 
-from merlin.breakpoints import at_robot
+from merlin.breakpoints import ERRORS
+from merlin.running import at_robot
 from merlin_sm.autonomy import LEVELS
 from merlin_sm.breakpoint_client import MachineNodes
 
@@ -24,7 +25,7 @@ def leave() -> int:
     def do(robot: str) -> None:
         print(MachineNodes(robot).leave(given.state, given.outcome, by))
 
-    return at_robot("merlin leave", given.robot, do)
+    return at_robot("merlin leave", given.robot, do, *ERRORS)
 
 
 def autonomy() -> int:
@@ -41,7 +42,7 @@ def autonomy() -> int:
         MachineNodes(robot).set_autonomy(given.level)
         print(f"The autonomy level is {given.level}.")
 
-    return at_robot("merlin autonomy", given.robot, do)
+    return at_robot("merlin autonomy", given.robot, do, *ERRORS)
 
 
 def _add_robot(parser: argparse.ArgumentParser) -> None:

@@ -1,20 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command `rosrun merlin reload`: takes edited actions in, while the rest of the system continues."""
 
-import os
 import sys
 from typing import List
 
-import rospy
 from std_srvs.srv import Trigger
 
-from merlin.launch_request import LaunchError
-from merlin.running import choose
-from merlin_ros.node import init_node
+from merlin.running import EXIT_REFUSED, beside
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
 
 SERVICE = "/reload_actions"
-EXIT_MISTAKES = 2
 LIMIT = 60.0  # s of wall time: the classes' modules are imported and checked
 USAGE = "usage: rosrun merlin reload [node of the actions …]"
 
@@ -27,19 +22,13 @@ def main() -> int:
     hosts = sys.argv[1:]
     if any(word.startswith("-") for word in hosts):
         print(USAGE)
-        return 0 if {"-h", "--help"} & set(hosts) else EXIT_MISTAKES
-    try:
-        uri, services = choose(lambda nodes, there: wanted(there, hosts), "actions that can be reloaded")
-    except LaunchError as error:
-        print(f"merlin reload: {error}", file=sys.stderr)
-        return EXIT_MISTAKES
-    os.environ["ROS_MASTER_URI"] = uri
-    sys.argv[1:] = []  # the arguments are not those of a node
-    init_node("merlin_reload", anonymous=True)
-    try:
-        return max(_reload(service) for service in services)
-    finally:
-        rospy.signal_shutdown("reloaded")
+        return 0 if {"-h", "--help"} & set(hosts) else EXIT_REFUSED
+    return beside(
+        "merlin reload",
+        lambda nodes, services: wanted(services, hosts),
+        "actions that can be reloaded",
+        lambda services: max(map(_reload, services)),
+    )
 
 
 def wanted(services: List[str], hosts: List[str]) -> List[str]:
@@ -58,9 +47,9 @@ def _reload(service: str) -> int:
         answer = ServiceProxy(service, Trigger, LIMIT)()
     except ServiceError as error:
         print(f"merlin reload: {host}: {error}", file=sys.stderr)
-        return EXIT_MISTAKES
+        return EXIT_REFUSED
     if answer.success:
         print(f"{host}: {answer.message}")
         return 0
     print(f"{host}: the actions stay as they were: {answer.message}", file=sys.stderr)
-    return EXIT_MISTAKES
+    return EXIT_REFUSED

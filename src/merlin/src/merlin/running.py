@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The runs of `rosrun merlin run` on this machine, and which of their masters a command means.
+"""The runs of `rosrun merlin run` on this machine, and the commands for what runs: which master they mean.
 
 Each run has a master of its own. It leaves a note in ROS's folder as long as it lives, so that `rosrun merlin
 reload` and `rosrun merlin send` need no address.
@@ -9,8 +9,9 @@ import contextlib
 import json
 import os
 import socket
+import sys
 from pathlib import Path
-from typing import Any, Callable, Dict, Iterator, List, NamedTuple, Tuple
+from typing import Any, Callable, Dict, Iterator, List, NamedTuple, Optional, Tuple, Type
 
 import rosgraph
 import rospkg
@@ -18,6 +19,9 @@ from rosgraph.network import parse_http_host_and_port
 
 from merlin.launch_request import LaunchError
 from merlin.local_names import use_loopback
+
+EXECUTOR = "merlin_executor"
+EXIT_REFUSED = 2
 
 
 class NothingRuns(LaunchError):
@@ -103,6 +107,61 @@ def choose(find: Callable[[List[str], List[str]], List[str]], wanted: str) -> Tu
         raise LaunchError(f"several systems have {wanted}; choose one: {choice}")
     asked = ", ".join(f"{uri} ({name})" for uri, name in masters.items())
     raise NothingRuns(f"no running system has {wanted}; asked: {asked}")
+
+
+def beside(
+    command: str,
+    find: Callable[[List[str], List[str]], List[str]],
+    wanted: str,
+    do: Callable[[List[str]], Optional[int]],
+    *refusals: Type[Exception],
+) -> int:
+    """Runs a function as a node beside what runs.
+
+    :param command: with which its messages begin.
+    :param find: see :func:`choose`; `wanted` likewise.
+    :param do: takes the names that were found; returns the exit code, None for 0.
+    :param refusals: what it raises when it was not done.
+    :return: the exit code, 2 when it was not done.
+    """
+    import rospy
+
+    from merlin_ros.node import init_node
+
+    try:
+        os.environ["ROS_MASTER_URI"], found = choose(find, wanted)
+        sys.argv[1:] = []  # the arguments are not those of a node
+        init_node(command.replace(" ", "_"), anonymous=True)
+        try:
+            return do(found) or 0
+        finally:
+            rospy.signal_shutdown("done")
+    except (LaunchError, *refusals) as error:
+        print(f"{command}: {error}", file=sys.stderr)
+        return EXIT_REFUSED
+
+
+def at_robot(
+    command: str, robot: Optional[str], do: Callable[[str], Optional[int]], *refusals: Type[Exception]
+) -> int:
+    """Likewise beside the running robot.
+
+    :param robot: its namespace; None: the only one.
+    :param do: takes its namespace, with a slash at its end.
+    """
+
+    def executors(nodes: List[str], _: List[str]) -> List[str]:
+        if robot is None:
+            return [node for node in nodes if node.rpartition("/")[2] == EXECUTOR]
+        return [node for node in nodes if node.strip("/") == f"{robot.strip('/')}/{EXECUTOR}".strip("/")]
+
+    def at(found: List[str]) -> Optional[int]:
+        robots = [name.rpartition("/")[0] for name in found]
+        if len(robots) > 1:
+            raise LaunchError(f"there are several robots; choose one, --robot: {', '.join(robots)}")
+        return do(f"{robots[0]}/")
+
+    return beside(command, executors, "an Executor", at, *refusals)
 
 
 def _place(uri: str) -> Tuple[str, int]:

@@ -2,27 +2,20 @@
 """The command `rosrun merlin send`: sends goals to the Executor, and shows what becomes of them."""
 
 import argparse
-import os
-import sys
-from typing import List, Optional
 
 import rospy
 from merlin_msgs.msg import ExecuteResult
 from rospy.core import is_shutdown_requested
 
-from merlin.launch_request import LaunchError
-from merlin.running import choose
+from merlin.running import at_robot
 from merlin.send_progress import SendProgress
 from merlin_executor.executor_client import DROP, RESUME, MerlinExecutorClient, outcome_name
 from merlin_executor.executor_request import ExecutorRequest
 from merlin_executor.goal_check import GoalError
 from merlin_planning.knowledge_client import DEFAULT_KNOWLEDGE_BASE, KnowledgeError
-from merlin_ros.node import init_node
 from merlin_ros.service_proxy import ServiceError
 
-EXECUTOR = "merlin_executor"
 EXIT_NOT_ACHIEVED = 1
-EXIT_MISTAKES = 2
 EXIT_INTERRUPTED = 130
 LIMIT = 30.0  # s for the Executor to answer
 STOP_LIMIT = 10.0  # s for a cancelled goal to end
@@ -40,50 +33,22 @@ def main() -> int:
     parser.add_argument("--drop", action="store_true", help="drop them when they are interrupted")
     parser.add_argument("--robot", help="namespace of the robot, where there are several")
     given = parser.parse_args()
-    try:
-        uri, (executor, *others) = choose(
-            lambda nodes, services: executors(nodes, given.robot), "an Executor"
-        )
-    except LaunchError as error:
-        print(f"merlin send: {error}", file=sys.stderr)
-        return EXIT_MISTAKES
-    if others:
-        names = ", ".join(name.rpartition("/")[0] for name in (executor, *others))
-        print(f"merlin send: there are several robots; choose one, --robot: {names}", file=sys.stderr)
-        return EXIT_MISTAKES
-    os.environ["ROS_MASTER_URI"] = uri
-    sys.argv[1:] = []  # the arguments are not those of a node
-    init_node("merlin_send", anonymous=True)
-    try:
-        return _send(given, executor.rpartition("/")[0])
-    finally:
-        rospy.signal_shutdown("sent")
-
-
-def executors(nodes: List[str], robot: Optional[str]) -> List[str]:
-    """The Executors among the nodes: all of them, or that of one robot."""
-    if robot is None:
-        return [node for node in nodes if node.rpartition("/")[2] == EXECUTOR]
-    return [node for node in nodes if node.strip("/") == f"{robot.strip('/')}/{EXECUTOR}".strip("/")]
+    refusals = (GoalError, ValueError, KnowledgeError, ServiceError)
+    return at_robot("merlin send", given.robot, lambda robot: _send(given, robot), *refusals)
 
 
 def _send(given: argparse.Namespace, robot: str) -> int:
-    client = MerlinExecutorClient(f"{robot}/merlin/execute", f"{robot}/{DEFAULT_KNOWLEDGE_BASE}")
+    client = MerlinExecutorClient(f"{robot}merlin/execute", f"{robot}{DEFAULT_KNOWLEDGE_BASE}")
     if not client.wait_for_executor(LIMIT):
-        print(f"merlin send: the Executor does not answer within {LIMIT:g} s", file=sys.stderr)
-        return EXIT_MISTAKES
+        raise ServiceError(f"the Executor does not answer within {LIMIT:g} s")
     progress = SendProgress(lambda line: print(line, flush=True))
-    try:
-        request = client.send(
-            given.goal,
-            priority=given.priority,
-            on_interrupt=DROP if given.drop else RESUME,
-            on_feedback=progress.feedback,
-        )
-    except (GoalError, ValueError, KnowledgeError, ServiceError) as error:
-        print(f"merlin send: {error}", file=sys.stderr)
-        return EXIT_MISTAKES
-    progress.follow(robot, request)
+    request = client.send(
+        given.goal,
+        priority=given.priority,
+        on_interrupt=DROP if given.drop else RESUME,
+        on_feedback=progress.feedback,
+    )
+    progress.follow(robot.rstrip("/"), request)
     rospy.on_shutdown(lambda: _cancel(request))
     if not request.wait(given.timeout) and not is_shutdown_requested():
         print(f"not achieved within {given.timeout:g} s: cancelled", flush=True)

@@ -17,14 +17,14 @@ from merlin_msgs.msg import DispatchStatus
 from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback
 from rosplan_knowledge_msgs.msg import DomainFormula
 
-from merlin_actions.answers import QUEUE, answer_of
 from merlin_actions.core.declared import bound, numeric_apart
-from merlin_actions.core.ending import Ending, after_closing, closing_of
+from merlin_actions.core.ending import Ending, after_closing, closing_of, information_of
 from merlin_actions.core.execution import Execution, Key, at_once
 from merlin_actions.core.latched import LATCH_GRACE, Latched, PutAside
 from merlin_actions.core.names import CONCURRENT, IF_INTERRUPTED, IF_STOPPED_AT, WHILE_RUNNING, action_param
 from merlin_actions.effects import RETURN_LIMIT, Opening, effects_of, when_back
 from merlin_actions.left_executions import settle_left
+from merlin_planning.dispatch_progress import CANCEL_ACTION
 from merlin_planning.knowledge_client import (
     DEFAULT_KNOWLEDGE_BASE,
     KnowledgeClient,
@@ -46,13 +46,24 @@ from merlin_ros.service_proxy import ServiceError
 from merlin_ros.work.threads import start_thread
 from merlin_ros.work.work_book import Decision, Policy, Step, WorkBook
 
-CANCEL_ACTION = "cancel_action"
 ANNOUNCE_PERIOD = 1.0  # s of wall time between two announcements on pddl_action_parameters
 CONNECTION_LOOK = 0.02  # s between two looks for that connection, of which rospy gives no event
 WAIT_LIMIT = 5.0  # s of running time in which an execution that is in the way has to end
 MASTER_LOST = "the ROS master is lost"
 SHUTDOWN_WAIT = 2.0  # s of wall time in which running executions can end when their node does
 _KNOWLEDGE_ERRORS = (KnowledgeError, ServiceError, ValueError, MasterSilent)
+#: Answers that wait for the dispatcher's connection; rospy drops the oldest of more, and says nothing.
+QUEUE = 1000
+
+
+def answer_of(key: Key, ending: Optional[Ending] = None) -> ActionFeedback:
+    """The answer of an execution: that it has ended; without an ending, that it is accepted."""
+    feedback = ActionFeedback(plan_id=key[0], action_id=key[1], status=ActionFeedback.ACTION_ENABLED)
+    if ending is not None:
+        succeeded = ActionFeedback.ACTION_SUCCEEDED_TO_GOAL_STATE
+        feedback.status = succeeded if ending.succeeded else ActionFeedback.ACTION_FAILED
+        feedback.information = [KeyValue(name, value) for name, value in information_of(ending).items()]
+    return feedback
 
 
 class ActionInterface:
@@ -242,8 +253,6 @@ class ActionInterface:
                 continue
             if decision.what is Step.RUN:
                 self._spawn(execution)
-            elif decision.what is Step.STOP:
-                execution.cancel(decision.reason)
             elif decision.what is Step.WAIT:
                 limits = partial(start_thread, f"limit of {execution.text}", self._limit_wait, execution)
                 call_when_passed(WAIT_LIMIT, limits)  # with a thread: an answer may wait for the knowledge

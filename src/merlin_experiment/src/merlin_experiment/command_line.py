@@ -2,11 +2,11 @@
 """The command `rosrun merlin_experiment experiment`, behind `make experiment`."""
 
 import argparse
+import shutil
 import sys
 from pathlib import Path
 from typing import List, Optional
 
-from merlin_experiment.report.publication import publish
 from merlin_experiment.report.report import write_report
 from merlin_experiment.runs.experiment_runner import (
     ExperimentInterrupted,
@@ -28,6 +28,25 @@ from merlin_experiment.runs.run_table import collect, write_joined
 EXIT_FAILED_RUNS = 1
 EXIT_INTERRUPTED = 130
 STOPPED = "stopped; the same command goes on where this one ended"
+PAGE = "experiment"
+
+
+def publish(results: Path, docs: Path) -> List[Path]:
+    """Writes `<docs>/experiment.md` and `<docs>/experiment/`.
+
+    :param results: folder of the experiment, with report.md, runs.csv and figures/.
+    :param docs: folder of the documentation.
+    :return: The paths written.
+    """
+    folder = docs / PAGE
+    folder.mkdir(parents=True, exist_ok=True)
+    for old in folder.glob("*.png"):
+        old.unlink()
+    text = (results / "report.md").read_text().replace("](figures/", f"]({PAGE}/")
+    page = docs / f"{PAGE}.md"
+    page.write_text(f"{text}\nOne row per run: [{PAGE}/runs.csv]({PAGE}/runs.csv).\n")
+    copied = [results / "runs.csv", *sorted((results / "figures").glob("*.png"))]
+    return [page, *(Path(shutil.copy(path, folder)) for path in copied)]
 
 
 def parse(words: Optional[List[str]] = None) -> argparse.Namespace:

@@ -21,6 +21,7 @@ from merlin_guests.stage import Closed, PlayError, Stage
 from merlin_ros.node import init_node
 from merlin_ros.parameters import ParameterError, number, whole
 from merlin_ros.service_proxy import ServiceError
+from merlin_ros.work.threads import start_thread
 from merlin_sim.world.world_file import WorldError
 from merlin_sim.world.world_model import World
 
@@ -86,9 +87,7 @@ class Players:
                 rospy.logfatal(f"players: {name} cannot continue: {why}")
                 self._stage.close()
 
-        thread = threading.Thread(target=play, name=name, daemon=True)
-        thread.start()
-        return thread
+        return start_thread(name, play)
 
     def _clear_the_room(self) -> None:
         """Removes the persons and objects that the world file has for other purposes."""

@@ -205,7 +205,7 @@ def compare(op: str, left: float, right: float) -> bool:
 
 
 def changed(op: str, before: Optional[float], value: Optional[float]) -> Optional[float]:
-    """What a function is worth after ``assign``, ``increase``, …; None when that is no number."""
+    """What a function is worth after ``assign``, ``increase``, …; None when that is not a number."""
     return value if op == ASSIGN else arithmetic(OPERATIONS[op], (before, value))
 
 

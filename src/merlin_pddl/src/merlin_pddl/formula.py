@@ -276,5 +276,5 @@ def conjuncts(condition: Condition) -> List[Condition]:
 
 
 def bind(term: str, bindings: Mapping[str, str]) -> str:
-    """The object a term stands for. A variable without a value is none: a client may ask about ``?x``."""
+    """The object a term stands for. A variable without a value stays: a client may ask about ``?x``."""
     return bindings.get(term, term)

@@ -305,7 +305,7 @@ class FormulaReader:
         if not isinstance(node, Word):
             raise node.error(f"expected a variable or an object, found '{node.text()[:40]}'")
         if node.startswith("?"):
-            if not scope.get(str(node)):  # a special value is no object
+            if not scope.get(str(node)):  # a special value is not an object
                 raise node.error(f"unknown variable '{node}'" + suggestion(node, scope))
         elif node not in self._domain.constants and node not in self._objects:
             if not is_name(node):
@@ -346,7 +346,7 @@ class FormulaReader:
 
 
 def number_of(node: Node) -> Union[float, None]:
-    """The value of a word that is a number; None when it is none, or one that no float holds."""
+    """The value of a word that is a number; None when it is not one, or one that no float holds."""
     if not isinstance(node, Word) or re.fullmatch(NUMBER, node, re.ASCII) is None:
         return None
     value = float(node)

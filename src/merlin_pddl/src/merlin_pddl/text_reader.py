@@ -90,8 +90,8 @@ Node = Union[Word, Expression]
 def read_text(text: str, source: str = "", depth: int = MAX_DEPTH) -> List[Node]:
     """Reads all expressions of a text.
 
-    :raises PddlError: a parenthesis is missing or too many, the nesting is absurd, or something is no word of
-        PDDL.
+    :raises PddlError: a parenthesis is missing or too many, the nesting is absurd, or something is not a word
+        of PDDL.
     """
     text = text[1:] if text.startswith("\ufeff") else text  # a mark of the byte order
     lines = [0] + [match.end() for match in re.finditer(r"\r\n|\r|\n", text)]
@@ -127,7 +127,7 @@ def read_text(text: str, source: str = "", depth: int = MAX_DEPTH) -> List[Node]
 
 
 def _fault(word: str) -> str:
-    """What is wrong with what stands between two blanks and is no word of PDDL."""
+    """What is wrong with what stands between two blanks and is not a word of PDDL."""
     strange = re.search(r"[^\x21-\x7e]", word)
     if strange is not None:
         sign = strange.group()
@@ -140,7 +140,7 @@ def _fault(word: str) -> str:
     if word in "?:":
         return f"there may be no blank between '{word}' and the name behind it"
     hint = " (a number has digits on both sides of its point)" if re.fullmatch(r"[-+.\d]+", word) else ""
-    return f"'{shortened(word, 40)}' is no word of PDDL{hint}"
+    return f"'{shortened(word, 40)}' is not a word of PDDL{hint}"
 
 
 def read_expression(text: str, source: str = "", depth: int = MAX_DEPTH) -> Expression:

@@ -9,11 +9,18 @@ from merlin_msgs.msg import RunningAction
 from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback
 from rosplan_dispatch_msgs.srv import DispatchServiceResponse
 
-from merlin_planning.dispatch_progress import PART, Action, DispatchAnswer, Ground, Reply, ground
+from merlin_planning.dispatch_progress import (
+    CANCEL_ACTION,
+    PART,
+    Action,
+    DispatchAnswer,
+    Ground,
+    Reply,
+    ground,
+)
 from merlin_ros.actions.client_goal import ClientGoal
 from merlin_ros.service_proxy import ServiceError, ServiceUnavailable
 
-CANCEL_ACTION = "cancel_action"
 OWN_MARK = "dispatcher"  # key in the information of feedback that a dispatcher published itself
 _ANSWERS = {
     ActionFeedback.ACTION_ENABLED: DispatchAnswer.TAKEN,

@@ -6,20 +6,14 @@ from functools import partial
 from typing import Callable, List, Optional, Sequence
 
 import rospy
-from merlin_msgs.msg import DispatchStatus, Lease, RunningAction
+from merlin_msgs.msg import DispatchStatus, RunningAction
 from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback, NonBlockingDispatchAction
 from rospy.core import is_shutdown_requested
 from std_srvs.srv import Empty
 
-from merlin_planning.action_messages import (
-    CANCEL_ACTION,
-    answer_in,
-    cancel_of,
-    dispatched_action,
-    reply_of,
-)
-from merlin_planning.dispatch_progress import PART, Action, DispatchProgress, DispatchResult
-from merlin_planning.dispatcher_kind import DispatcherKind, DispatchOwners, Hold, ReportingDispatcher
+from merlin_planning.action_messages import answer_in, cancel_of, dispatched_action, reply_of
+from merlin_planning.dispatch_progress import CANCEL_ACTION, PART, Action, DispatchProgress, DispatchResult
+from merlin_planning.dispatcher_kind import DispatcherKind, Hold, ReportingDispatcher
 from merlin_planning.knowledge_client import DEFAULT_KNOWLEDGE_BASE
 from merlin_planning.over_rosplan import SilentDispatcher
 from merlin_planning.planning_client import Interruptible
@@ -84,7 +78,6 @@ class DispatchClient:
             ActionClient(f"{dispatcher}/dispatch_plan_action", NonBlockingDispatchAction)
         )
         self._kind: DispatcherKind = self._plain  # until its first status
-        self._owners = DispatchOwners(rospy.get_name())
         self._cancel_publisher = rospy.Publisher(
             f"{dispatcher}/action_dispatch", ActionDispatch, queue_size=1000
         )
@@ -92,10 +85,10 @@ class DispatchClient:
             ("action_dispatch", ActionDispatch, self._receive_dispatch),
             ("action_feedback", ActionFeedback, self._receive_feedback),
             ("dispatch_status", DispatchStatus, self._receive_status),
-            ("dispatch_plan_action/lease", Lease, self._receive_lease),
         ):
             rospy.Subscriber(f"{dispatcher}/{topic}", message_class, callback, tcp_nodelay=True)
         self._watch = LeaseWatch(f"{dispatcher}/lease", self._dispatcher_changed)
+        self._owners = LeaseWatch(f"{dispatcher}/dispatch_plan_action/lease")
 
     def available(self) -> bool:
         """Whether the dispatcher is there now."""
@@ -177,10 +170,9 @@ class DispatchClient:
             interruptible(None)
         if interrupted.is_set() or not self.busy:
             return INTERRUPTED if interrupted.is_set() else ""
-        with self._changed:
-            owner = self._owners.living
         if gone:
             return f"{PART} {self.name} is gone"
+        owner = self._other_owner()
         if owner:
             return f"{PART} {self.name} carries out a plan of {owner}"
         return f"{PART} {self.name} carries out an earlier plan and does not stop"
@@ -376,8 +368,11 @@ class DispatchClient:
         return not self._active and self._reporting.busy
 
     def _abandoned(self) -> bool:
-        with self._changed:
-            return running_time() - self._begun > LISTEN and not self._owners.living
+        return running_time() - self._begun > LISTEN and not self._other_owner()
+
+    def _other_owner(self) -> str:
+        """Another node that owns a plan of the dispatcher; empty: none."""
+        return next((owner for owner in self._owners.owners if owner != rospy.get_name()), "")
 
     def _receive_dispatch(self, dispatch: ActionDispatch) -> None:
         with self._changed:
@@ -417,7 +412,3 @@ class DispatchClient:
             with self._changed:
                 self._silent = self._active
                 self._changed.notify_all()
-
-    def _receive_lease(self, lease: Lease) -> None:
-        with self._changed:
-            self._owners.heard(lease)

@@ -8,6 +8,8 @@ from enum import Enum
 from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
 
 PART = "the planning system's plan dispatcher"
+#: Name of a dispatched action that cancels another one, or all of them.
+CANCEL_ACTION = "cancel_action"
 Ground = Tuple[str, Tuple[str, ...]]
 NO_REASON = "no reason given"
 #: Key of an answer's information; its value :data:`NO` says that the action could not be stopped.

@@ -4,16 +4,12 @@
 from abc import ABC, abstractmethod
 from typing import Callable, NamedTuple, Optional, Sequence, Tuple
 
-from merlin_msgs.msg import DispatchStatus, Lease
+from merlin_msgs.msg import DispatchStatus
 from rosplan_dispatch_msgs.msg import ActionDispatch, NonBlockingDispatchGoal
 
 from merlin_planning.dispatch_progress import Action, DispatchProgress, DispatchResult, Reply
 from merlin_ros.actions.action_client import ActionClient
 from merlin_ros.actions.client_goal import ClientGoal
-from merlin_ros.actions.hang_watch import SETTLE, hangs
-from merlin_ros.actions.lease import LOSE_AFTER
-from merlin_ros.deadline import running_time
-from merlin_ros.work.liveness import Limits, Liveness, Presence
 
 SERVER_WAIT = 2.0  # s of running time for the connection to a dispatcher's action server to be complete
 
@@ -155,35 +151,3 @@ class ReportingDispatcher(DispatcherKind):
             return progress.result(reply)
         status = self._status
         return progress.result(reply, status.failed_action, status.reason, status.unmet_goals)
-
-
-class DispatchOwners:
-    """Other nodes that own plans of one dispatcher, by the leases they renew. Not thread-safe.
-
-    :param node: of this process, whose own leases do not count.
-    """
-
-    def __init__(self, node: str) -> None:
-        self._node = node
-        self._looked = running_time()
-        self._owners: Liveness[str] = Liveness(Limits(gone=LOSE_AFTER, settle=SETTLE))
-
-    def heard(self, lease: Lease) -> None:
-        """A lease of the dispatcher was renewed or released."""
-        if lease.owner == self._node:
-            return
-        self._look()
-        self._owners.heard(lease.owner)
-        if not lease.held:
-            self._owners.left(lease.owner)
-
-    @property
-    def living(self) -> str:
-        """One that lives; empty when none does."""
-        self._look()
-        return next((each for each in self._owners if self._owners.presence(each) is Presence.ALIVE), "")
-
-    def _look(self) -> None:
-        now = running_time()
-        passed, self._looked = now - self._looked, now
-        self._owners.pass_time(passed, stalled=hangs.unsettled() > 0.0)

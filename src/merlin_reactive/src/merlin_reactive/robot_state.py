@@ -80,7 +80,7 @@ class RobotState:
         """What is missing or too old to drive by, as part of a sentence; empty when all is there.
 
         The odometry has to have come in time. The age of the scan, and of the transform of the odometry's
-        frame, is what the odometry is newer: a stall of this process, or another machine's clock, is no age.
+        frame, is what the odometry is newer: a stall of this process, or another machine's clock, is not one.
 
         :param age: s of ROS time; a static transform has none.
         """

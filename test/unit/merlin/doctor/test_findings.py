@@ -61,7 +61,7 @@ def test_of_a_robot_that_is_well_nothing_is_said() -> None:
         ({"free": {"/logs": 20}}, "only 20 MB are free for /logs"),
         ({"free": {"/logs": -1}}, "/logs cannot be written"),
         ({"host": "ann", "host_resolves": False}, "'127.0.1.1 ann' into /etc/hosts"),
-        ({"address": "ROS_IP=10.0.0.9", "address_is_own": False}, "ROS_IP=10.0.0.9 is no address of this"),
+        ({"address": "ROS_IP=10.0.0.9", "address_is_own": False}, "ROS_IP=10.0.0.9 is not an address of"),
         ({"master": ""}, "ROS_MASTER_URI is not http://host:port"),
         ({"master_is_elsewhere": True}, "set ROS_IP"),
         # A line in /etc/hosts here is of no use to the other computer.

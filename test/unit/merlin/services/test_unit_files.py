@@ -113,9 +113,9 @@ def test_a_second_call_replaces_its_units_and_nothing_else(
         ([*ROBOT, "port:=11312"], "", "port:= and linger:= are of 'run' only"),
         ([*ROBOT, "guard:=perhaps"], "", "perhaps is not a 'bool' type"),
         ([*ROBOT, "--user", "no-such-user"], "", "there is no user no-such-user"),
-        ([*ROBOT, "--name", "../x"], "", "--name ../x is no name"),
+        ([*ROBOT, "--name", "../x"], "", "--name ../x is not a name"),
         ([*ROBOT, "--folder", "/proc/nothing"], "", "/proc/nothing"),
-        (ROBOT, "nonsense", "ROS_MASTER_URI=nonsense is no address"),
+        (ROBOT, "nonsense", "ROS_MASTER_URI=nonsense is not an address"),
     ],
 )
 def test_what_cannot_be_is_one_sentence(

@@ -223,7 +223,7 @@ def test_events_are_found_from_each_other(tmp_path: Path) -> None:
     store.close()
 
 
-# --- files that are no such history ----------------------------------------------------------------------
+# --- files that are not such a history ----------------------------------------------------------------------
 
 
 def test_a_missing_a_foreign_a_newer_and_an_older_file_are_named(tmp_path: Path) -> None:

@@ -63,7 +63,7 @@ def test_without_the_right_nothing_of_the_robot_is_sent(reached: Served) -> None
     state = sent[0]["state"]
     assert set(state) == {"visitor", "meta"} and state["meta"]["control"] and state["meta"]["open_stop"]
     assert not any(word in json.dumps(sent) for word in PRIVATE)
-    for path in ("", "app.js", "panels/plan.js"):  # the page itself is no secret
+    for path in ("", "app.js", "panels/plan.js"):  # the page itself is not secret
         assert ask(reached.url, path).status == 200, path
 
 

@@ -6,6 +6,7 @@ import queue
 import subprocess
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 import rospkg
@@ -19,6 +20,7 @@ from merlin_monitor.rviz.clicked_goals import NoPlace, nearest
 from merlin_monitor.rviz.markers import HEADLINE, LONGEST_LINE, MarkerPublisher, headline, markers
 from merlin_monitor.state.inbox import Inbox
 from merlin_monitor.state.monitor_model import MonitorModel
+from merlin_ros.publishing import OnSubscriber
 
 LONG = 60.0  # s
 PACKAGE = Path(rospkg.RosPack().get_path("merlin_monitor"))
@@ -125,11 +127,19 @@ def test_the_state_of_the_monitor_is_what_is_drawn() -> None:
 
 
 class Topic:
-    """Stands in for the publisher; the thread that publishes waits until the test says how many listen."""
+    """Stands in for the publisher; the thread that draws waits until the test says how many listen."""
 
     def __init__(self) -> None:
         self._listeners: queue.Queue[int] = queue.Queue()
         self.sent: queue.Queue[list] = queue.Queue()
+
+    def advertise(self, name: str, kind: type, listener: OnSubscriber, **_: Any) -> "Topic":
+        self._listener = listener
+        return self
+
+    def subscribe(self) -> None:
+        """A subscriber comes."""
+        self._listener.peer_subscribe("merlin/markers", None, None)
 
     def get_num_connections(self) -> int:
         found = self._listeners.get(timeout=LONG)
@@ -147,19 +157,18 @@ class Topic:
 
 def test_who_listens_gets_what_is_shown_and_then_what_changes(monkeypatch: pytest.MonkeyPatch) -> None:
     topic = Topic()
-    monkeypatch.setattr("rospy.Publisher", lambda *_, **__: topic)
+    monkeypatch.setattr("rospy.Publisher", topic.advertise)
     model = MonitorModel(Inbox())
-    publisher = MarkerPublisher(model, "map")
-    publisher.start()
+    MarkerPublisher(model, "map")
     model.map.points({"kitchen": {"x": 1.0, "y": 2.0}})
     topic.asked(0)
     for _ in range(2):  # also when nothing has changed since the last one came
-        publisher.peer_subscribe()
+        topic.subscribe()
         topic.asked(1)
         assert topic.sent.get(timeout=LONG) == ["kitchen"]
     model.tree.set("map", "trail", {"1": [1.0, 2.0]})  # is not drawn
     topic.asked(1)
-    publisher.peer_subscribe()
+    topic.subscribe()
     topic.asked(1)
     assert topic.sent.get(timeout=LONG) == ["kitchen"]
     model.map.points({"bath": {"x": 1.0, "y": 2.0}})
@@ -167,8 +176,9 @@ def test_who_listens_gets_what_is_shown_and_then_what_changes(monkeypatch: pytes
     assert topic.sent.get(timeout=LONG) == ["bath"]
     model.map.points({"hall": {"x": 1.0, "y": 2.0}})
     topic.asked(0)
-    publisher.stop()
-    publisher._thread.join(LONG)
+    topic.subscribe()
+    topic.asked(1)
+    assert topic.sent.get(timeout=LONG) == ["hall"]
     assert topic.sent.empty(), "nothing is published without a subscriber"
 
 

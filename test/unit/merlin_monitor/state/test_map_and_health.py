@@ -106,9 +106,9 @@ def test_what_a_turned_map_covers_and_has(yaw: float, box: Tuple[float, ...]) ->
     [
         ("origin.position.x", math.nan, "its origin is at nan, 2 m"),
         ("origin.position.y", math.inf, "its origin is at 1, inf m"),
-        ("origin.orientation.w", math.nan, "the orientation of its origin is no turn on the floor"),
-        ("origin.orientation.w", 2.0, "the orientation of its origin is no turn on the floor"),
-        ("origin.orientation.x", 1.0, "the orientation of its origin is no turn on the floor"),
+        ("origin.orientation.w", math.nan, "the orientation of its origin is not a turn on the floor"),
+        ("origin.orientation.w", 2.0, "the orientation of its origin is not a turn on the floor"),
+        ("origin.orientation.x", 1.0, "the orientation of its origin is not a turn on the floor"),
         ("resolution", 0.0, "its resolution is 0 m"),
         ("resolution", -0.1, "its resolution is -0.1 m"),
         ("resolution", math.nan, "its resolution is nan m"),

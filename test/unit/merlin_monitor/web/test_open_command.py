@@ -31,7 +31,7 @@ def kept(folder: Path, panels: Any) -> Path:
         ("", None, "there is no history"),
         (
             "history.sqlite",
-            "a text of some length that is no database at all " * 20,
+            "a text of some length that is not a database at all " * 20,
             "not a history, or damaged",
         ),
         ("history.sqlite", "", "another program"),

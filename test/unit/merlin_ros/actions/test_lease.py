@@ -78,6 +78,17 @@ def test_what_is_not_named_any_more_is_lost():
     assert states(book.renew("/client", "a", [OTHER], [])) == [(GOAL, LeaseState.LOST)]
 
 
+def test_a_node_owns_something_until_it_lets_go_of_it_or_is_silent_for_long():
+    book = LeaseBook()
+    for held in ([GOAL], [], [OTHER]):
+        book.renew("/client", "a", held, [])
+        assert book.owners == ["/client"] * len(held)
+    book.pass_time(LOSE_AFTER)
+    assert book.owners == ["/client"]
+    book.pass_time(0.1)
+    assert book.owners == []
+
+
 def test_a_new_life_of_the_owner_loses_what_the_old_one_held():
     book = LeaseBook()
     book.renew("/client", "a", [GOAL], [])

@@ -23,7 +23,7 @@ def execute(goal):
     if wanted == "number":
         goal.succeed(ListenResult(confidence=1e300))
     if wanted == "error":
-        goal.abort(ListenResult(), ValueError("an error is no text"))
+        goal.abort(ListenResult(), ValueError("an error is not text"))
     goal.succeed(ListenResult(text="good"))
 
 def start():
@@ -60,5 +60,5 @@ def test_every_goal_is_answered_and_the_server_lives_on(master: Any) -> None:
     assert client.expect("ANSWER text").startswith("ANSWER text 4 caf?")
     assert client.expect("ANSWER result").startswith("ANSWER result 4 the result cannot be sent: ")
     assert client.expect("ANSWER number").startswith("ANSWER number 4 the result cannot be sent: ")
-    assert client.expect("ANSWER error").startswith("ANSWER error 4 an error is no text")
+    assert client.expect("ANSWER error").startswith("ANSWER error 4 an error is not text")
     assert client.expect("ANSWER good") == "ANSWER good 3  good"

@@ -13,7 +13,7 @@ from merlin_ros.master import master_keeper, master_link, master_watch
 from merlin_ros.master.foreign_nodes import ForeignNodes
 from merlin_ros.master.master_keeper import MasterKeeper
 from merlin_ros.master.master_link import MasterSilent
-from merlin_ros.master.master_watch import PATIENCE, WatchDecision
+from merlin_ros.master.registration import KeptParameters, RegistrationError
 
 ME = "http://me:1"
 LONG = 60.0
@@ -34,6 +34,7 @@ class SlowMaster:
     def __init__(self) -> None:
         self.answers = threading.Event()
         self.answers.set()
+        self.process = 1
         self._server = SimpleXMLRPCServer(("localhost", 0), logRequests=False)
         self._server.register_multicall_functions()
         self._server.register_function(self._get_pid, "getPid")
@@ -43,7 +44,7 @@ class SlowMaster:
 
     def _get_pid(self, _: str) -> list:
         assert self.answers.wait(LONG)
-        return [1, "", 1]
+        return [1, "", self.process]
 
     def close(self) -> None:
         self.answers.set()
@@ -62,18 +63,24 @@ def slow(monkeypatch: pytest.MonkeyPatch) -> Iterator[SlowMaster]:
 
 
 @pytest.fixture
-def said(slow: SlowMaster, monkeypatch: pytest.MonkeyPatch) -> Iterator["queue.Queue[str]"]:
-    """What a keeper that asks the slow master says."""
-    lines: queue.Queue[str] = queue.Queue()
-    for name in ("logerr", "logwarn"):
-        monkeypatch.setattr(master_keeper.rospy, name, lines.put)
+def asking(slow: SlowMaster, monkeypatch: pytest.MonkeyPatch) -> Iterator[MasterKeeper]:
+    """A keeper that asks the slow master."""
     monkeypatch.setattr(MasterKeeper, "_look", lambda self: None)
     monkeypatch.setattr(master_keeper, "register_again", lambda *_: None)
     monkeypatch.setattr(master_keeper, "PERIOD", 0.05)
     keeper = MasterKeeper("/node", ME)
-    keeper.start()
-    yield lines
+    yield keeper
     keeper.stop()
+
+
+@pytest.fixture
+def said(asking: MasterKeeper, monkeypatch: pytest.MonkeyPatch) -> "queue.Queue[str]":
+    """What it says."""
+    lines: queue.Queue[str] = queue.Queue()
+    for name in ("logerr", "logwarn"):
+        monkeypatch.setattr(master_keeper.rospy, name, lines.put)
+    asking.start()
+    return lines
 
 
 def test_a_slow_master_pauses_what_runs_until_it_answers(
@@ -111,19 +118,35 @@ def test_other_nodes_are_looked_for_at_once(keeper: MasterKeeper, monkeypatch: p
     assert len(looks) == 1
 
 
-def test_a_master_that_is_silent_at_once_does_not_keep_a_node_from_its_start(
-    keeper: MasterKeeper, monkeypatch: pytest.MonkeyPatch
+def test_nodes_of_others_are_tried_again_for_a_while_though_the_first_look_at_them_failed(
+    slow: SlowMaster, asking: MasterKeeper, said: "queue.Queue[str]", monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def look(*_: Any) -> None:
         raise MasterSilent("the master hangs")
 
+    now, tries = [1000.0], [0]
+
+    def in_part(*_: Any) -> List[str]:
+        tries[0] += 1
+        if tries[0] == 2:
+            now[0] += master_keeper.FOREIGN_PATIENCE
+        raise RegistrationError("/one hangs")
+
     monkeypatch.setattr(ForeignNodes, "look", look)
-    keeper.keep_foreign_nodes()
-    assert keeper._foreign is not None
+    monkeypatch.setattr(ForeignNodes, "restore", in_part)
+    monkeypatch.setattr(KeptParameters, "restore", lambda *_: None)
+    monkeypatch.setattr(master_keeper.time, "monotonic", lambda: now[0])
+    asking.keep_foreign_nodes()
+    slow.process = 2
+    assert "was started anew; this node is registered again" in said.get(timeout=LONG)
+    assert not tries[0], "they may do that themselves"
+    now[0] += master_keeper.FOREIGN_GRACE
+    assert "only in part: /one hangs" in said.get(timeout=LONG)
+    assert tries == [2]
 
 
 def test_a_master_that_does_not_let_a_node_register_stays_lost(
-    keeper: MasterKeeper, monkeypatch: pytest.MonkeyPatch
+    slow: SlowMaster, said: "queue.Queue[str]", monkeypatch: pytest.MonkeyPatch
 ) -> None:
     attempts: List[bool] = []
 
@@ -132,12 +155,23 @@ def test_a_master_that_does_not_let_a_node_register_stays_lost(
         if len(attempts) == 1:
             raise MasterSilent("the master hangs again")
 
+    lost: queue.Queue[bool] = queue.Queue()
+
+    def warn(text: str) -> None:
+        if "cannot register again" in text:
+            lost.put(master_link.lost.is_set())
+        said.put(text)
+
+    monkeypatch.setattr(master_keeper.rospy, "logwarn", warn)
     monkeypatch.setattr(master_keeper, "register_again", register)
-    keeper._watch.answered(1, ME)
-    assert [keeper._watch.refused() for _ in range(PATIENCE)][-1] is WatchDecision.LOST
-    keeper._lose()
-    keeper._register(keeper._watch.answered(1, ME))
-    assert master_link.lost.is_set()
-    keeper._register(keeper._watch.answered(1, ME))
+    monkeypatch.setattr(master_watch, "SILENT", 0.3)
+    monkeypatch.setattr(master_watch, "HUNG", 1.0)
+    slow.answers.clear()
+    assert "is silent" in said.get(timeout=LONG)
+    assert "does not answer; waiting for its return" in said.get(timeout=LONG)
+    slow.answers.set()
+    assert lost.get(timeout=LONG)
+    assert "cannot register again, keeps trying" in said.get(timeout=LONG)
+    assert "is back; this node is registered again" in said.get(timeout=LONG)
     assert attempts == [False, False]  # its own calls are made
     assert not master_link.lost.is_set()

@@ -3,7 +3,7 @@
 
 import xmlrpc.client
 from types import SimpleNamespace
-from typing import Any, Dict, Iterator, List, Tuple
+from typing import Any, Dict, List, Tuple
 from xml.parsers.expat import ExpatError
 
 import pytest
@@ -11,8 +11,6 @@ import rospy
 
 from merlin_ros.master import foreign_nodes, master_keeper, master_link, registration
 from merlin_ros.master.foreign_nodes import ForeignNodes
-from merlin_ros.master.master_keeper import FOREIGN_PATIENCE, MasterKeeper
-from merlin_ros.master.master_watch import WatchDecision
 from merlin_ros.master.registration import KeptParameters, RegistrationError
 
 
@@ -82,8 +80,9 @@ class Nodes:
         for module in (foreign_nodes, registration):
             monkeypatch.setattr(module.master_link, "bounded_proxy", lambda uri, limit: self._node(uri))
         self.foreign = ForeignNodes()
-        self.foreign._addresses = {name: name for name in names}
-        self.foreign._state = [[], [], []]
+        self.known = {name: name for name in names}
+        self.foreign.look(SimpleNamespace(getSystemState=lambda: [[], [], []]))  # type: ignore[arg-type]
+        self.known = {}
 
     def _node(self, name: str) -> Any:
         def topics(_: str) -> Tuple[int, str, Any]:
@@ -158,30 +157,3 @@ def test_a_node_that_answers_publishers_with_a_fault_keeps_no_other_one(
     with pytest.raises(RegistrationError, match="/faulty does not take the publishers of /faulty/a"):
         nodes.restore(master)
     assert len(topics(master, "/two")) == 4
-
-
-@pytest.fixture
-def keeper(monkeypatch: pytest.MonkeyPatch, errors: List[str]) -> Iterator[MasterKeeper]:
-    monkeypatch.setenv("ROS_MASTER_URI", "http://localhost:1")
-    monkeypatch.setattr(master_keeper, "register_again", lambda *_: None)
-    yield MasterKeeper("/node", "http://me:1")
-    master_link.lost.clear()
-
-
-def test_the_keeper_tries_a_node_of_others_again_for_a_while(
-    keeper: MasterKeeper, monkeypatch: pytest.MonkeyPatch, errors: List[str]
-) -> None:
-    def in_part(*_: Any) -> List[str]:
-        raise RegistrationError("/one hangs")
-
-    now = [1000.0]
-    monkeypatch.setattr(master_keeper.time, "monotonic", lambda: now[0])
-    monkeypatch.setattr(KeptParameters, "restore", lambda *_: None)
-    keeper._foreign = SimpleNamespace(restore=in_part)  # type: ignore[assignment]
-    keeper._register(WatchDecision.BACK_NEW)
-    now[0] = keeper._foreign_due or 0.0
-    keeper._register_foreign()
-    assert keeper._foreign_due is not None and not errors
-    now[0] += FOREIGN_PATIENCE
-    keeper._register_foreign()
-    assert keeper._foreign_due is None and "only in part: /one hangs" in errors[0]

@@ -55,7 +55,7 @@ def test_another_life_takes_the_place_of_the_one_before_whose_late_words_do_not_
     assert book.heard("/a", "two") is Word.REBORN and book.age("/a") == 0.0
     book.pass_time(1.0)
     assert book.heard("/a", "one") is Word.IGNORED
-    assert book.silence("/a") == 1.0, "a late word is no sign of life"
+    assert book.silence("/a") == 1.0, "a late word is not a sign of life"
     assert book.heard("/a", "two") is Word.COUNTS
 
 

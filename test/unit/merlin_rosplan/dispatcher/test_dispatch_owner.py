@@ -202,7 +202,7 @@ def test_a_client_that_hung_while_its_goal_waited_suspends_its_dispatch() -> Non
 @pytest.mark.parametrize("part", ["unmet_goals", "report_status", "_take_over", "tell_owner"])
 def test_a_client_gets_its_answer_whatever_fails(monkeypatch: pytest.MonkeyPatch, part: str) -> None:
     def broken(*_: Any) -> None:
-        raise IndexError("a goal that is no text")
+        raise IndexError("a goal that is not text")
 
     dispatcher = Dispatcher()
     dispatcher._run_plan = lambda: DispatchReport(DispatchState.SUCCEEDED, "")  # type: ignore[method-assign]
@@ -212,6 +212,6 @@ def test_a_client_gets_its_answer_whatever_fails(monkeypatch: pytest.MonkeyPatch
     goal = ServerGoal(dispatcher._server, GoalID(id="goal"), None)
     dispatcher._run_goal(goal, part != "_take_over" and dispatcher._occupy(goal))
     assert goal.done
-    assert "a goal that is no text" in goal._status.text
+    assert "a goal that is not text" in goal._status.text
     assert goal.status == (GoalStatus.SUCCEEDED if part == "unmet_goals" else GoalStatus.ABORTED)
     assert dispatcher._occupy(None)  # the next client is not concerned

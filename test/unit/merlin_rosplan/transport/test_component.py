@@ -4,13 +4,17 @@
 from typing import Any
 
 import pytest
+import rospy
+
+from merlin_rosplan.nodes import planning_system
+from merlin_rosplan.transport.component import ComponentError
 
 pytestmark = pytest.mark.processes
 
 COMPONENT = """
 import rospy
 from std_srvs.srv import Empty
-from merlin_rosplan.transport.component import Component, run_component
+from merlin_rosplan.transport.component import Component, run_components
 
 class Part(Component):
     def __init__(self, scope="part"):
@@ -33,7 +37,7 @@ def make(scope):
     print("then", part.param("flat"), flush=True)
     return part
 
-run_component(make, "part")
+raise SystemExit(run_components("part", make))
 """
 PARAMS = {"flat": 1, "deep": {"inner": 2}, "list": [3], "small": 0.25}
 
@@ -104,3 +108,10 @@ def test_a_kind_of_component_that_is_none_is_named_before_anything_is_served(mas
     node = master.node(TOGETHER)
     assert node.ended() == 2
     assert "'nonsense' is not a kind of component; there are " in node.output
+
+
+def test_a_kind_of_dispatcher_that_does_not_exist_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(planning_system, "run_components", lambda name, make: make(name))
+    monkeypatch.setattr(rospy, "get_param", lambda *_: "esterell")
+    with pytest.raises(ComponentError, match="~kind is 'esterell', expected 'simple' or 'esterel'"):
+        planning_system.run_kind("plan_dispatcher")

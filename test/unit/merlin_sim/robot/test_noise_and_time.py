@@ -10,8 +10,7 @@ from merlin_reactive.pose import Pose
 from merlin_reactive.seeded_random import draw
 from merlin_sim.node.pacer import Pacer
 from merlin_sim.robot.diff_drive import BaseController, DriveGeometry, DriveLimits
-from merlin_sim.robot.smooth_noise import SmoothNoise
-from merlin_sim.robot.truth_localization import PoseNoise, TruthLocalization, map_to_odom
+from merlin_sim.robot.truth_localization import PoseNoise, SmoothNoise, TruthLocalization, map_to_odom
 
 
 def test_draws_depend_on_seed_name_and_index_only():

@@ -3,8 +3,6 @@
 
 import hashlib
 import re
-import threading
-from pathlib import Path
 from typing import Callable, List, Optional, Protocol, Tuple
 
 from merlin_fleet.core.records import Goal
@@ -15,9 +13,8 @@ from merlin_pddl.problem import Problem
 from merlin_pddl.text_reader import PddlError, read_expression
 from merlin_rosplan.messages.knowledge_snapshot import KnowledgeBaseError
 from merlin_rosplan.planning.planner import PlannerSettings
-from merlin_rosplan.supervision.plan_preview import write_goal_problem
-from merlin_rosplan.supervision.scratch_folder import ScratchFolder
-from merlin_rosplan.supervision.supervised_planning import Planning
+from merlin_rosplan.planning.planning_outcome import PlannerState
+from merlin_rosplan.supervision.plan_preview import PREVIEW_LIMIT, Previews
 
 VOCABULARY = (":types", ":constants", ":predicates", ":functions")
 
@@ -62,14 +59,11 @@ class PlannedCost:
     ) -> None:
         self._knowledge = knowledge
         self._domain_path = domain_path
-        self._settings = settings
+        self._command = settings.command
         self._action_duration = action_duration
         self._goal_duration = goal_duration
         self._busy = busy
-        self._folder = ScratchFolder("merlin_fleet")
-        self._lock = threading.Lock()  # guards the two fields below
-        self._closed = False
-        self._planning: Optional[Planning] = None
+        self._plans = Previews(settings, settings.time_limit or PREVIEW_LIMIT)
 
     def cost(self, goal: Goal, behind: Tuple[Goal, ...]) -> Tuple[Optional[float], str]:
         """s until a goal would hold, behind others; None, and why there is no plan. For one thread."""
@@ -95,29 +89,17 @@ class PlannedCost:
 
     def close(self) -> None:
         """Ends a planning that runs, and plans no more."""
-        with self._lock:
-            self._closed = True
-            if self._planning is not None:
-                self._planning.cancel()
-        self._folder.cleanup()
+        self._plans.shutdown()
 
     def _plan(self, domain: Domain, problem: Problem, goal: Goal) -> float:
-        path = Path(self._folder.name) / "problem.pddl"
-        try:
-            path.write_text(write_goal_problem(domain, problem, goal.goals), encoding="utf-8")
-        except (PddlError, OSError) as error:
-            raise CannotPlan(str(error)) from None
-        planning = Planning(self._settings, self._domain_path, str(path))
-        with self._lock:
-            if self._closed:
-                raise CannotPlan("the robot leaves the fleet")
-            self._planning = planning
-        outcome = planning.run()
-        with self._lock:
-            self._planning = None
-        if not outcome.solved:
-            raise Unplanned(f"no plan ({outcome.state.name}): {outcome.reason}")
-        return length(outcome.plan, self._action_duration)
+        outcome = self._plans.plan((domain, problem), self._domain_path, self._command, goal.goals)
+        if outcome.solved:
+            return length(outcome.plan, self._action_duration)
+        if outcome.state is PlannerState.CANCELLED:
+            raise CannotPlan("the robot leaves the fleet")
+        if outcome.state is PlannerState.INVALID:
+            raise CannotPlan(outcome.reason)
+        raise Unplanned(f"no plan ({outcome.state.name}): {outcome.reason}")
 
 
 def length(plan: str, action_duration: float) -> float:

@@ -111,7 +111,7 @@ def judge_machine(machine: Machine, planner_command: bool = False) -> Iterator[F
         yield Finding(f"the name '{name}' has no address; write '127.0.1.1 {name}' into /etc/hosts")
     if not machine.address_is_own:
         yield Finding(
-            f"{machine.address} is no address of this computer, so no node here is reached; correct it"
+            f"{machine.address} is not an address of this computer, so no node here is reached; correct it"
         )
     if not machine.master:
         yield Finding("ROS_MASTER_URI is not http://host:port; correct it")

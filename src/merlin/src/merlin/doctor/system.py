@@ -14,6 +14,7 @@ from tf2_msgs.msg import TFMessage
 from merlin.doctor.findings import GUARD_TYPE, STATUS_TYPE, Graph, Heard
 from merlin.local_names import is_own, resolves
 from merlin_ros.master.master_link import ERRORS, bounded_master, bounded_proxy
+from merlin_ros.work.threads import start_thread
 
 CALLER = "/merlin_doctor"
 ANSWER = 1.0  # s for a node to answer
@@ -31,13 +32,7 @@ def look_at_graph() -> Graph:
     names = {node for kind in (publishers, subscribers, services) for _, nodes in kind for node in nodes}
     silent: Dict[str, str] = {}
     hosts: Dict[str, str] = {}
-    asked = [
-        threading.Thread(target=_ask, args=(name, silent, hosts), name=f"ask {name}", daemon=True)
-        for name in sorted(names)
-    ]
-    for thread in asked:
-        thread.start()
-    for thread in asked:
+    for thread in [start_thread(f"ask {name}", _ask, name, silent, hosts) for name in sorted(names)]:
         thread.join()  # each question ends by itself
     elsewhere = not is_own(parse_http_host_and_port(master.master_uri)[0])
     misnamed = {

@@ -246,7 +246,7 @@ def _read(file: Path) -> str:
     try:
         return file.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
-        raise PddlError(f"this is no text in UTF-8: {error}", str(file)) from error
+        raise PddlError(f"this is not text in UTF-8: {error}", str(file)) from error
 
 
 def _is_object(name: str, kind: str, domain: Domain, problem: Problem) -> bool:

@@ -81,7 +81,7 @@ def _units(options: argparse.Namespace) -> Tuple[Dict[str, str], List[str]]:
     :raises LaunchError: when something is wrong with what was asked for.
     """
     if not re.fullmatch(r"[A-Za-z][\w-]*", options.name):
-        raise LaunchError(f"--name {options.name} is no name; take letters, digits, '-' and '_'")
+        raise LaunchError(f"--name {options.name} is not a name; take letters, digits, '-' and '_'")
     request = LaunchRequest.from_command_line(options.words)
     if request.port is not None or request.linger is not Linger.NEVER:
         raise LaunchError("port:= and linger:= are of 'run' only; the master is that of ROS_MASTER_URI")
@@ -89,7 +89,7 @@ def _units(options: argparse.Namespace) -> Tuple[Dict[str, str], List[str]]:
     try:
         host, port = parse_http_host_and_port(uri)
     except ValueError:
-        raise LaunchError(f"ROS_MASTER_URI={uri} is no address; give http://HOST:11311") from None
+        raise LaunchError(f"ROS_MASTER_URI={uri} is not an address; give http://HOST:11311") from None
     kept = {name: os.environ[name] for name in KEPT if os.environ.get(name)}
     account = Account(_user(options.user), Path.cwd(), _setup(), {"ROS_MASTER_URI": uri, **kept})
     master, guard, name = f"{options.name}-master", f"{options.name}-guard", options.name

@@ -16,6 +16,7 @@ from merlin_actions.merlin_action_sm import MerlinActionSM
 from merlin_actions.testing.behaviour import Behaviour
 from merlin_actions.testing.simulated_action_server import SimulatedActionServer
 from merlin_executor.mission import GoalDispatcher, MissionSM
+from merlin_ros.work.threads import start_thread
 from merlin_sm.autonomy import label_text
 from merlin_sm.states.navigation import POINTS_PARAM
 
@@ -49,8 +50,7 @@ class MissionRun:
         self._mission = mission
         self._end = MissionEnd(False, "")
         self._error: Optional[BaseException] = None
-        self._thread = threading.Thread(target=self._run, name="mission", daemon=True)
-        self._thread.start()
+        self._thread = start_thread("mission", self._run)
 
     def cancel(self) -> None:
         """Cancels it: all of its goals are taken back."""
@@ -95,9 +95,8 @@ class ActionRun:
         self._machine = machine
         self._parameters = dict(zip(machine.parameters, objects))
         self._error: Optional[BaseException] = None
-        self._thread = threading.Thread(target=self._run, name="action", daemon=True)
         machine.prepare()
-        self._thread.start()
+        self._thread = start_thread("action", self._run)
 
     def cancel(self) -> None:
         """Cancels it, as its bridge would."""

@@ -9,6 +9,7 @@ from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback
 from sound_play.msg import SoundRequestActionGoal
 
 from merlin_executor.core.robot_lines import Deed, RobotLines
+from merlin_planning.dispatch_progress import CANCEL_ACTION
 from merlin_planning.knowledge_text import action_text
 from merlin_sm.states.recognition import recognized
 
@@ -56,7 +57,7 @@ class RobotLog:
         self._story.pursue(status.request, status.goals, status.priority, status.reason)
 
     def _dispatched(self, action: ActionDispatch) -> None:
-        if action.name.lower() != "cancel_action":
+        if action.name.lower() != CANCEL_ACTION:
             text = action_text(action.name, action.parameters)
             self._story.begin((action.plan_id, action.action_id), text, rospy.get_time())
 

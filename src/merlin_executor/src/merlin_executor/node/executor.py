@@ -109,7 +109,7 @@ class Executor:
         )
         self._activity = Activity()
         self._lock = threading.Lock()  # guards the two fields below
-        self._unread: Set[str] = set()  # goals that are no requests yet
+        self._unread: Set[str] = set()  # goals that are not requests yet
         self._checks: Dict[str, CallScope] = {}  # goal -> the calls that check it
         self._order = itertools.count()
         self._publishing = threading.Lock()  # keeps published statuses and queues in order

@@ -77,7 +77,7 @@ class WebAccess:
     :param open_stop: whether everybody may stop the robot.
     :param setting: how its user gives such a name.
     :param open_look: whether everybody who reaches it may look; on an address of this machine that is so.
-    :raises HostNameError: when a name is none.
+    :raises HostNameError: when a name is not valid.
     """
 
     def __init__(

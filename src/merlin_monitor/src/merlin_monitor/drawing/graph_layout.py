@@ -3,10 +3,10 @@
 
 import json
 import subprocess
-import threading
 from typing import Any, Callable, Dict, List, Optional, Tuple
 
 from merlin_monitor.drawing.machine_graph import LARGE, SMALL, DrawnGraph
+from merlin_ros.work.threads import CallQueue
 
 CAREFUL = 6.0  # s of wall time for the picture as it should be
 TIMEOUT = 20.0  # s of wall time for one that is drawn in a hurry
@@ -181,45 +181,32 @@ class LayoutThread:
 
     def __init__(self, done: Done) -> None:
         self._done = done
-        self._changed = threading.Condition()  # guards the fields below
         self._waiting: Dict[str, Callable[[], Optional[DrawnGraph]]] = {}
         self._last: Dict[str, Tuple[DrawnGraph, Optional[Dict[str, Any]], str]] = {}
-        self._stopping = False
-        self._thread = threading.Thread(target=self._work, name="layout", daemon=True)
+        self._queue: Optional[CallQueue] = None
 
     def start(self) -> None:
         """Begins to work."""
-        self._thread.start()
+        self._queue = CallQueue("layout")
+        self._queue.put(self.draw_waiting)
 
     def stop(self) -> None:
         """Ends; a picture under way is not waited for."""
-        with self._changed:
-            self._stopping = True
-            self._changed.notify_all()
+        self._queue = None
+        self._waiting.clear()
 
     def ask(self, name: str, graph: Callable[[], Optional[DrawnGraph]]) -> None:
         """Wants a picture; the graph is made when its turn comes, so the last one asked for is drawn."""
-        with self._changed:
-            self._waiting[name] = graph
-            self._changed.notify_all()
+        self._waiting[name] = graph
+        if self._queue is not None:
+            self._queue.put(self.draw_waiting)
 
     def draw_waiting(self) -> None:
         """Lays out what waits, in the thread of the caller; instead of `start`."""
-        with self._changed:
-            waiting, self._waiting = self._waiting, {}
-        for name, make in waiting.items():
-            self._lay_out(name, make)
-
-    def _work(self) -> None:
-        while True:
-            with self._changed:
-                while not self._waiting and not self._stopping:
-                    self._changed.wait()
-                if self._stopping:
-                    return
-                name = next(iter(self._waiting))
-                make = self._waiting.pop(name)
-            self._lay_out(name, make)
+        for name in list(self._waiting):
+            make = self._waiting.pop(name, None)
+            if make is not None:
+                self._lay_out(name, make)
 
     def _lay_out(self, name: str, make: Callable[[], Optional[DrawnGraph]]) -> None:
         try:

@@ -4,7 +4,6 @@
 import contextlib
 import queue
 import sqlite3
-import threading
 from concurrent.futures import Future
 from pathlib import Path
 from typing import Any, Callable, List, Optional, Tuple, TypeVar
@@ -12,6 +11,7 @@ from typing import Any, Callable, List, Optional, Tuple, TypeVar
 from merlin_monitor.history.event_log import EventLog, Neighbour, Row
 from merlin_monitor.history.frames import Recording
 from merlin_monitor.history.history_file import HistoryError, open_for_reading
+from merlin_ros.work.threads import start_thread
 
 A = TypeVar("A")
 WAITING = 5000  # questions and events that wait for the disk
@@ -30,8 +30,7 @@ class HistoryReader:
     def __init__(self, connection: sqlite3.Connection) -> None:
         self._jobs: queue.Queue[Any] = queue.Queue(WAITING)
         self._use(connection)
-        self._thread = threading.Thread(target=self._work, name="history", daemon=True)
-        self._thread.start()
+        self._thread = start_thread("history", self._work)
 
     @classmethod
     def of(cls, path: Path) -> "HistoryReader":

@@ -7,6 +7,7 @@ from typing import Callable, Dict, List, Optional
 import rospy
 
 from merlin_monitor.listeners.ros_system import RosSystem
+from merlin_ros.work.threads import start_thread
 
 PERIOD = 1.0  # s of wall time
 
@@ -23,12 +24,11 @@ class GraphWatch:
         self._look = look
         self._publishers: Dict[str, List[str]] = {}  # replaced as a whole, never changed
         self._stopped = threading.Event()
-        self._thread = threading.Thread(target=self._work, name="topic watch", daemon=True)
 
     def start(self) -> None:
         """Begins to ask."""
         rospy.on_shutdown(self.stop)
-        self._thread.start()
+        start_thread("topic watch", self._work)
 
     def stop(self) -> None:
         """Ends the thread that asks the master."""

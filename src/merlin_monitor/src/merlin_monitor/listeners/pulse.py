@@ -13,6 +13,7 @@ from merlin_monitor.state.freshness import Source
 from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_monitor.truth.worst_truth import SIMULATOR
 from merlin_ros.deadline import SIM_STATUS_TOPIC
+from merlin_ros.work.threads import start_thread
 
 SAMPLES = 4.0  # per s of wall time
 CHECKS = 0.5  # s of wall time between two looks at what is silent
@@ -42,14 +43,13 @@ class Pulse:
         self._ros = ros
         self._checked = 0.0  # of the thread that beats
         self._stopped = threading.Event()
-        self._thread = threading.Thread(target=self._work, name="pulse", daemon=True)
         if ros.parameter("/use_sim_time", False):  # elsewhere its topic says nothing
             self._subscriber = ros.subscribe(SIM_STATUS_TOPIC, SimStatus, self._simulator, queue_size=10)
 
     def start(self) -> None:
         """Starts the thread of the pulse."""
         rospy.on_shutdown(self.stop)
-        self._thread.start()
+        start_thread("pulse", self._work)
 
     def stop(self) -> None:
         """Ends the thread of the pulse."""

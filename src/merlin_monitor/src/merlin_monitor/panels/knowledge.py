@@ -21,6 +21,7 @@ from merlin_monitor.state.knowledge_section import Contents, added, formulas
 from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_planning.knowledge_client import KnowledgeClient
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
+from merlin_ros.work.threads import start_thread
 
 READ_AGAIN = 2.0  # s of wall time between two readings of a knowledge base that does not publish its changes
 SOON = 0.2  # s from an update to reading, so that one reading serves several updates
@@ -66,12 +67,11 @@ class KnowledgePanel(Panel):
                 f"{self._client.name}/status/update", StatusUpdate, self._updated, queue_size=100
             ),
         ]
-        self._thread = threading.Thread(target=self._work, name="knowledge reader", daemon=True)
 
     def start(self) -> None:
         """Begins to read."""
         rospy.on_shutdown(self.stop)
-        self._thread.start()
+        start_thread("knowledge reader", self._work)
 
     def stop(self) -> None:
         """Ends the thread that reads the knowledge base."""

@@ -2,7 +2,6 @@
 """The monitor's state as markers: points of interest, people, the goal of the drive, and the plan as text."""
 
 import math
-import threading
 from typing import Any, Dict, Iterator, List, Optional, Sequence, Tuple
 
 import rospy
@@ -12,6 +11,8 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_monitor.text.phrase import goal_phrase, in_english
+from merlin_ros.publishing import OnSubscriber, publish
+from merlin_ros.work.threads import CallQueue
 
 NEXT_STEPS = 3  # that are written
 LONGEST_LINE = 80  # characters
@@ -104,7 +105,7 @@ def _text(name: str, text: str, place: Sequence[float], letters: float) -> Marke
     return marker
 
 
-class MarkerPublisher(rospy.SubscribeListener):
+class MarkerPublisher:
     """Publishes the markers whenever they change, while there is a subscriber.
 
     :param state: what is shown.
@@ -112,48 +113,24 @@ class MarkerPublisher(rospy.SubscribeListener):
     """
 
     def __init__(self, state: MonitorModel, frame: str) -> None:
-        super().__init__()
         self._state = state
         self._frame = frame
-        self._changed = threading.Condition()  # guards the fields below
-        self._wake = self._newcomer = self._ended = False
-        self._feed = state.tree.subscribe(self._woken)
-        self._topic = rospy.Publisher("merlin/markers", MarkerArray, self, queue_size=2)
-        self._thread = threading.Thread(target=self._work, name="markers", daemon=True)
-
-    def start(self) -> None:
-        """Begins to publish."""
-        self._thread.start()
+        self._last: Optional[List[Marker]] = None  # drawn ones; of the queue's thread
+        self._queue = CallQueue("markers")
+        self._feed = state.tree.subscribe(lambda: self._queue.put(self._draw))
+        # A new subscriber gets what is shown now.
+        greeter = OnSubscriber(lambda _: self._queue.put(self._draw, True))
+        self._topic = rospy.Publisher("merlin/markers", MarkerArray, greeter, queue_size=2)
 
     def stop(self) -> None:
-        """Ends the thread that publishes."""
-        with self._changed:
-            self._ended = True
-            self._changed.notify_all()
+        """Follows what is shown no more."""
+        self._feed.close()
 
-    def peer_subscribe(self, *_: Any) -> None:
-        """A new subscriber gets what is shown now."""
-        with self._changed:
-            self._wake = self._newcomer = True
-            self._changed.notify_all()
-
-    def _woken(self) -> None:
-        with self._changed:
-            self._wake = True
-            self._changed.notify_all()
-
-    def _work(self) -> None:
-        last: Optional[List[Marker]] = None
-        while True:
-            with self._changed:
-                self._changed.wait_for(lambda: self._wake or self._ended)
-                if self._ended:
-                    return
-                newcomer, self._wake, self._newcomer = self._newcomer, False, False
-            self._feed.take()
-            if not self._topic.get_num_connections():
-                continue
-            drawn = markers(self._state.tree.snapshot()[1], self._frame)
-            if newcomer or drawn != last:
-                last = drawn
-                self._topic.publish(MarkerArray(drawn))
+    def _draw(self, newcomer: bool = False) -> None:
+        self._feed.take()
+        if not self._topic.get_num_connections():
+            return
+        drawn = markers(self._state.tree.snapshot()[1], self._frame)
+        if newcomer or drawn != self._last:
+            self._last = drawn
+            publish(self._topic, MarkerArray(drawn))

@@ -44,7 +44,6 @@ def _start() -> None:
     # Only the inbox of the model: nothing is drawn for a page, and no history is kept.
     state.inbox.start()
     watch.start()
-    publisher.start()
     rospy.on_shutdown(publisher.stop)
     rospy.on_shutdown(state.inbox.stop)
     ClickedGoals(frame, goal, priority, reach)

@@ -283,7 +283,7 @@ def grid_trouble(info: Any, cells: int) -> Phrase:
     # Where it is not set, it has the length 0.
     if length == 0.0 or (0.9 < length < 1.1 and math.hypot(turned.x, turned.y) < LEVEL):
         return ""
-    return say("the orientation of its origin is no turn on the floor")
+    return say("the orientation of its origin is not a turn on the floor")
 
 
 def near_cells(data: Sequence[int], width: int, height: int, cells: float) -> Any:

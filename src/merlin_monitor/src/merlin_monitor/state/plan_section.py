@@ -7,14 +7,9 @@ from merlin_monitor.state.history_events import Reporter, sentence
 from merlin_monitor.state.plan_order import Edges, ShownStep
 from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.text.fact_text import atom_text
-from merlin_monitor.text.phrase import (
-    Phrase,
-    action_phrase,
-    in_english,
-    say,
-    with_reason,
-)
+from merlin_monitor.text.phrase import Phrase, action_phrase, in_english, say, with_reason
 from merlin_monitor.text.plain_value import plain_text
+from merlin_planning.dispatch_progress import CANCEL_ACTION
 
 SECTION = "plan"
 WAITING, DISPATCHED, RUNNING = "waiting", "dispatched", "running"
@@ -22,7 +17,6 @@ SUCCEEDED, FAILED, CANCELLED, DROPPED = "succeeded", "failed", "cancelled", "dro
 ENDED = (SUCCEEDED, FAILED, CANCELLED, DROPPED)
 #: Topics overtake each other: the end of a request may come before the dispatch of its last step.
 NOT_DISPATCHED = (WAITING, DROPPED)
-CANCEL_ACTION = "cancel_action"
 OVERTAKEN = 2.0  # s, by which a dispatch may be heard before its plan
 MOST_REPLANS = 20  # that are shown
 TOLD_STEPS = 3  # of a plan, in its event

@@ -114,7 +114,7 @@ def opened(
     :param allowed: further names of the page.
     :param open_look: whether everybody may look who reaches it; else those who sign in as operators.
     :raises HistoryError: it cannot be shown.
-    :raises HostNameError: a name is none.
+    :raises HostNameError: a name is not valid.
     :raises ServerError: it cannot be served.
     """
     folder = path if path.is_dir() else path.parent if path.name == FILE else path

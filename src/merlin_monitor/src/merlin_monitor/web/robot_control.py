@@ -27,6 +27,7 @@ from merlin_monitor.web.robot_planning import RobotPlanning
 from merlin_planning.knowledge_client import knowledge_client
 from merlin_planning.knowledge_text import PDDLSyntaxError, parse_goal
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
+from merlin_ros.work.threads import start_thread
 
 EXECUTOR_ANSWERS = 3.0  # s of wall time
 PRESSES = 100  # of the stop's button that are remembered
@@ -129,7 +130,7 @@ class RobotControl:
         if not all(held.values()):
             if not repeated:
                 self._report(by, say("stop by {client} not confirmed: {why}", client=by, why=words))
-                threading.Thread(target=self._pause_too, args=(by,), name="pause too", daemon=True).start()
+                start_thread("pause too", self._pause_too, by)
             raise ControlError(f"{words}. The cancel of all requests was sent.{self._silent_executor()}")
         return (
             f"Stopped, confirmed by the guard, until the release: {words}. All requests were cancelled."

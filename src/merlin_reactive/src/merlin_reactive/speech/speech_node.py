@@ -35,6 +35,7 @@ from merlin_ros.health import OK, WARN, Health, HealthReporter
 from merlin_ros.node import run_node
 from merlin_ros.parameters import ParameterError, number
 from merlin_ros.publishing import publish
+from merlin_ros.work.threads import start_thread
 
 CHUNK = 0.2  # s of sound per message and per feedback
 
@@ -127,14 +128,14 @@ class SpeechNode:
         self._playing: Optional[Tuple[SoundRequest, StopSound]] = None
         self._making: Optional[Tuple[ServerGoal, StopSound]] = None  # replaced as a whole, by the worker only
         self._server = SerialActionServer("sound_play", SoundRequestAction, self._execute, self._cancel)
-        threading.Thread(target=self._work, name="robotsound", daemon=True).start()
+        start_thread("robotsound", self._work)
         self._subscriber = rospy.Subscriber(
             "robotsound", SoundRequest, self._receive, tcp_nodelay=True, queue_size=50
         )
         rospy.on_shutdown(self._server.shutdown)
         rospy.on_shutdown(self._silence)
         self._server.start()
-        threading.Thread(target=self._rehearse, name="speech phrases", daemon=True).start()
+        start_thread("speech phrases", self._rehearse)
         rospy.loginfo(
             "speech: " + ("plays on the sound card" if self._card.present else "no sound card, silent")
         )

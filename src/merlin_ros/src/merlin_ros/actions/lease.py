@@ -104,6 +104,13 @@ class LeaseBook:
             if goal.owner == owner and goal.state is not LeaseState.LOST
         ]
 
+    @property
+    def owners(self) -> List[str]:
+        """The nodes that hold goals."""
+        return [
+            goal.owner for goal in self._goals.values() if goal.life and goal.state is not LeaseState.LOST
+        ]
+
     def renew(
         self, owner: str, life: str, held: Sequence[str], suspended: Collection[str]
     ) -> List[LeaseChange]:

@@ -24,7 +24,7 @@ class LeaseWatch:
     def __init__(
         self,
         topic: str,
-        on_change: Callable[[LeaseChange], None],
+        on_change: Callable[[LeaseChange], None] = lambda change: None,
         lose_after: float = LOSE_AFTER,
     ) -> None:
         self.topic = rospy.resolve_name(topic)
@@ -83,6 +83,12 @@ class LeaseWatch:
         """The goals that a node holds, the youngest last."""
         with self._lock:
             return self._book.goals_of(owner)
+
+    @property
+    def owners(self) -> List[str]:
+        """The nodes that hold goals."""
+        with self._lock:
+            return self._book.owners
 
     def forget(self, goal: str) -> None:
         """A goal has ended."""

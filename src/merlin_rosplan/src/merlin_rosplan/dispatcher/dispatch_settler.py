@@ -9,6 +9,7 @@ import rospy
 from merlin_planning.execution_journal import ExecutionJournal
 from merlin_ros.deadline import Deadline
 from merlin_ros.service_proxy import ServiceError
+from merlin_ros.work.threads import start_thread
 from merlin_rosplan.dispatch.dispatch_schedule import PlannedAction
 
 CALL_LIMIT = 10.0  # s of wall time for one call of the knowledge base
@@ -42,9 +43,7 @@ class DispatchSettler:
     def settle(self, plan_id: int, actions: Sequence[PlannedAction]) -> None:
         """Settles each of the actions, in a thread of its own that ends after PATIENCE."""
         for action in actions:
-            threading.Thread(
-                target=self._follow, args=(plan_id, action), name=f"settle {action}", daemon=True
-            ).start()
+            start_thread(f"settle {action}", self._follow, plan_id, action)
 
     def shutdown(self) -> None:
         """Ends the threads."""

@@ -12,7 +12,8 @@ from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback
 from rosplan_knowledge_msgs.msg import DomainFormula
 
 from merlin_pddl.breakpoints import Breakpoints
-from merlin_planning.action_messages import CANCEL_ACTION, OWN_MARK
+from merlin_planning.action_messages import OWN_MARK
+from merlin_planning.dispatch_progress import CANCEL_ACTION
 from merlin_planning.robot_roster import RobotRoster, sender_of
 from merlin_ros.actions.lease_holder import LeaseHolder
 from merlin_ros.deadline import Deadline, running_time

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """ROSPlan's two plan dispatchers: simple and Esterel."""
 
-from typing import Dict, Optional, Type
+from typing import Optional
 
-import rospy
 from rosplan_dispatch_msgs.msg import ActionDispatch, CompletePlan, EsterelPlan
 
 from merlin_rosplan.dispatch.dispatch_graph import GraphSchedule
@@ -11,7 +10,6 @@ from merlin_rosplan.dispatch.dispatch_schedule import PlannedAction, Schedule, S
 from merlin_rosplan.dispatcher.plan_dispatcher import SCOPE, PlanDispatcher
 from merlin_rosplan.messages.plan_graph_drawer import PlanGraphDrawer
 from merlin_rosplan.messages.plan_graph_messages import graph_from_message
-from merlin_rosplan.transport.component import ComponentError, run_component
 
 
 class SimplePlanDispatcher(PlanDispatcher):
@@ -80,22 +78,3 @@ def planned_action(message: ActionDispatch) -> PlannedAction:
         message.duration,
         message.dispatch_time,
     )
-
-
-def dispatcher_class(kind: str) -> Type[PlanDispatcher]:
-    """The dispatcher of a kind, ``simple`` or ``esterel``.
-
-    :raises ComponentError: it is neither.
-    """
-    classes: Dict[str, Type[PlanDispatcher]] = {
-        "simple": SimplePlanDispatcher,
-        "esterel": EsterelPlanDispatcher,
-    }
-    if kind not in classes:
-        raise ComponentError(f"~kind is '{kind}', expected 'simple' or 'esterel'")
-    return classes[kind]
-
-
-def main() -> None:
-    """Entry point of the executable ``plan_dispatcher``; `~kind` is ``simple`` or ``esterel`` (default)."""
-    run_component(lambda scope: dispatcher_class(str(rospy.get_param("~kind", "esterel")))(scope), SCOPE)

@@ -27,6 +27,7 @@ from merlin_ros.alarms import wait_ticks
 from merlin_ros.deadline import Deadline, limit
 from merlin_ros.health import OK, WARN, Health
 from merlin_ros.ports.service_server import after_answer
+from merlin_ros.work.threads import start_thread
 from merlin_rosplan.dispatch.dispatch import PlanDispatch
 from merlin_rosplan.dispatch.dispatch_environment import (
     DispatchLimits,
@@ -174,9 +175,7 @@ class PlanDispatcher(Component):
 
     def _accept(self, goal: ServerGoal) -> None:
         is_free = self._occupy(goal)
-        threading.Thread(
-            target=self._run_goal, args=(goal, is_free), name=f"dispatch {self.scope}", daemon=True
-        ).start()
+        start_thread(f"dispatch {self.scope}", self._run_goal, goal, is_free)
 
     def _run_goal(self, goal: ServerGoal, is_free: bool) -> None:
         try:

@@ -53,7 +53,7 @@ class KnowledgeChecks:
     def instance(self, item: Instance) -> Instance:
         """An instance that may be added.
 
-        :raises UpdateRefused: its type is unknown, or its name empty or no name in PDDL.
+        :raises UpdateRefused: its type is unknown, or its name empty or not a name in PDDL.
         """
         kind = item.type_name.lower()
         if kind not in self._domain.types:

@@ -9,7 +9,7 @@ from rosplan_dispatch_msgs.msg import ActionDispatch, EsterelPlan
 from std_msgs.msg import String
 
 from merlin_ros.alarms import call_later
-from merlin_ros.publishing import publish
+from merlin_ros.publishing import OnSubscriber, publish
 from merlin_ros.work.threads import CallQueue
 from merlin_rosplan.dispatch.dispatch_graph import GraphSchedule
 from merlin_rosplan.dispatch.dispatch_schedule import PlanError
@@ -21,7 +21,7 @@ DELAY = 0.03
 SMALL = 500  # edges: such a graph is drawn at every change, a larger one only when there is a subscriber
 
 
-class PlanGraphDrawer(rospy.SubscribeListener):
+class PlanGraphDrawer:
     """Publishes the graph of the current plan as DOT text, latched.
 
     Changes that come faster than it draws are drawn once. A large graph is not drawn without subscribers:
@@ -32,7 +32,6 @@ class PlanGraphDrawer(rospy.SubscribeListener):
     """
 
     def __init__(self, topic: str, display_edge_type: bool = False) -> None:
-        super().__init__()
         self._display_edge_type = display_edge_type
         self._lock = threading.RLock()  # guards the fields below
         self._dirty = self._stopping = False
@@ -41,9 +40,8 @@ class PlanGraphDrawer(rospy.SubscribeListener):
         self._graph: Optional[PlanGraph] = None
         self._actions: List[ActionDispatch] = []
         self._schedule: Optional[GraphSchedule] = None
-        self._publisher = rospy.Publisher(
-            topic, String, subscriber_listener=self, queue_size=1000, latch=True
-        )
+        greeter = OnSubscriber(lambda _: self.refresh())  # the latched drawing may be old
+        self._publisher = rospy.Publisher(topic, String, greeter, queue_size=1000, latch=True)
 
     def show(
         self, graph: PlanGraph, actions: List[ActionDispatch], schedule: Optional[GraphSchedule]
@@ -66,10 +64,6 @@ class PlanGraphDrawer(rospy.SubscribeListener):
             dirty, self._dirty = self._dirty, True
         if not dirty:
             call_later(DELAY, lambda: self._calls.put(self._draw_now))
-
-    def peer_subscribe(self, topic_name: str, topic_publish: object, peer_publish: object) -> None:
-        """A subscriber has come: the latched drawing may be old."""
-        self.refresh()
 
     def shutdown(self) -> None:
         """Draws no more."""

@@ -31,6 +31,7 @@ from merlin_pddl.problem import Problem
 from merlin_pddl.problem_reader import read_problem
 from merlin_pddl.text_reader import PddlError, shortened
 from merlin_ros.health import OK, Health
+from merlin_ros.work.threads import start_thread
 from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
 from merlin_rosplan.knowledge.knowledge_store import JournalError, KnowledgeStore
 from merlin_rosplan.knowledge.transaction import StateChange
@@ -47,7 +48,6 @@ from merlin_rosplan.transport.component import (
     Component,
     ComponentError,
     caller,
-    run_component,
 )
 
 #: Items that one request may have: others wait for an array while it is stored.
@@ -314,8 +314,7 @@ class TimedKnowledge:
         self._changed = False
         self._due: Optional[int] = None
         store.listen(self._wake)
-        self._thread = threading.Thread(target=self._run, name=f"{client} timed knowledge", daemon=True)
-        self._thread.start()
+        self._thread = start_thread(f"{client} timed knowledge", self._run)
 
     def _wake(self, _change: StateChange) -> None:
         if self._store.next_due() != self._due:
@@ -356,8 +355,3 @@ class TimedKnowledge:
         with self._time:
             while not self._ended and time.monotonic() < end:
                 self._time.wait(end - time.monotonic())
-
-
-def main() -> None:
-    """Entry point of ``rosrun merlin_rosplan knowledge_base``."""
-    run_component(KnowledgeBase, KNOWLEDGE_BASE)

@@ -20,7 +20,7 @@ from merlin_rosplan.dispatch.plan_graph import TimedValue
 from merlin_rosplan.dispatch.plan_graph_builder import build_graph
 from merlin_rosplan.dispatcher.plan_knowledge import PlanKnowledge, PlanKnowledgeError
 from merlin_rosplan.messages.plan_graph_messages import graph_to_message
-from merlin_rosplan.transport.component import Component, ComponentError, run_component
+from merlin_rosplan.transport.component import Component
 from merlin_rosplan.transport.handover import Handover, digest_service
 
 LiftedAndGround = Tuple[ActionModel, ActionModel]
@@ -208,19 +208,3 @@ def action_messages(steps: List[PlanStep], actions: List[LiftedAndGround]) -> Li
         )
         for index, (step, (operator, _)) in enumerate(zip(steps, actions))
     ]
-
-
-def parser_class(kind: str) -> Type[PlanParser]:
-    """The parser of a kind, ``simple`` or ``esterel``.
-
-    :raises ComponentError: it is neither.
-    """
-    classes = {"simple": SimplePlanParser, "esterel": EsterelPlanParser}
-    if kind not in classes:
-        raise ComponentError(f"~kind is '{kind}', expected 'simple' or 'esterel'")
-    return classes[kind]
-
-
-def main() -> None:
-    """Entry point of the executable ``parsing_interface``; `~kind` is ``simple`` or ``esterel`` (default)."""
-    run_component(lambda scope: parser_class(str(rospy.get_param("~kind", "esterel")))(scope), SCOPE)

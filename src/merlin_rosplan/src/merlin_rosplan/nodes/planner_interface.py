@@ -35,7 +35,7 @@ from merlin_rosplan.supervision.plan_preview import Previews, steps_of
 from merlin_rosplan.supervision.planner_host import HostError, PlannerHosts
 from merlin_rosplan.supervision.scratch_folder import ScratchFolder
 from merlin_rosplan.supervision.supervised_planning import Planning
-from merlin_rosplan.transport.component import Component, run_component
+from merlin_rosplan.transport.component import Component
 from merlin_rosplan.transport.handover import Handover, digest_service
 
 SCOPE = "rosplan_planner_interface"
@@ -379,8 +379,3 @@ class PreviewService:
             [step.time for step in steps],
             [step.duration for step in steps],
         )
-
-
-def main() -> None:
-    """Entry point of ``rosrun merlin_rosplan planner_interface``."""
-    run_component(PlannerInterface, SCOPE)

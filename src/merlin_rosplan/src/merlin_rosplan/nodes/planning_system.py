@@ -8,7 +8,7 @@ from typing import Any, Dict, Tuple
 import rospy
 
 from merlin_ros.lean_start import importing
-from merlin_rosplan.transport.component import Component, ComponentError, run_component, run_components
+from merlin_rosplan.transport.component import Component, ComponentError, run_components
 
 #: kind -> (module, class)
 KINDS: Dict[str, Tuple[str, str]] = {
@@ -63,8 +63,21 @@ def make_components(_scope: str) -> None:
 
 
 def run_kind(kind: str) -> None:
-    """``main()`` of an executable with one component of a kind; the node's name is its scope."""
-    run_component(component_class(kind), DEFAULT_SCOPES.get(kind, kind))
+    """``main()`` of an executable with one component of a kind; the node's name is its scope.
+
+    :param kind: of :data:`KINDS`; without ``simple_`` or ``esterel_``: with what `~kind` says (``esterel``).
+    """
+
+    def make(scope: str) -> Component:
+        found = kind
+        if kind not in KINDS:
+            which = str(rospy.get_param("~kind", "esterel"))
+            if which not in ("simple", "esterel"):
+                raise ComponentError(f"~kind is '{which}', expected 'simple' or 'esterel'")
+            found = f"{which}_{kind}"
+        return component_class(found)(scope)  # type: ignore[no-any-return]
+
+    sys.exit(run_components(DEFAULT_SCOPES.get(kind) or DEFAULT_SCOPES[f"simple_{kind}"], make))
 
 
 def main() -> None:

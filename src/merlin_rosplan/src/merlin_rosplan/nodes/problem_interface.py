@@ -18,7 +18,7 @@ from merlin_pddl.problem_writer import write_problem
 from merlin_ros.master.master_link import MasterSilent, get_param
 from merlin_rosplan.messages.knowledge_snapshot import KnowledgeBaseError
 from merlin_rosplan.nodes.world_reader import WorldReader
-from merlin_rosplan.transport.component import Component, ComponentError, run_component
+from merlin_rosplan.transport.component import Component, ComponentError
 from merlin_rosplan.transport.handover import Handover, digest_service
 
 PROBLEM_INTERFACE = "rosplan_problem_interface"
@@ -119,8 +119,3 @@ def _write(path: str, text: str) -> None:
     except (OSError, ValueError) as error:  # ValueError: a path with a null byte
         reason = getattr(error, "strerror", None) or error
         raise ProblemWriteError(f"the problem file {path[:200]} cannot be written: {reason}") from error
-
-
-def main() -> None:
-    """Entry point of ``rosrun merlin_rosplan problem_interface``."""
-    run_component(ProblemInterface, PROBLEM_INTERFACE)

@@ -19,7 +19,7 @@ from merlin_planning.knowledge_client import knowledge_client
 from merlin_ros.ros_alarm import RosAlarm
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
 from merlin_rosplan.knowledge.sensed_facts import facts_of, is_wildcard, parameter_choices
-from merlin_rosplan.transport.component import Component, ComponentError, run_component
+from merlin_rosplan.transport.component import Component, ComponentError
 from merlin_rosplan.transport.sensed_updater import LOG_PERIOD, SensedUpdater
 
 SCOPE = "rosplan_sensing_interface"
@@ -270,8 +270,3 @@ def _takes_topic(function: Callable[..., Any]) -> bool:
         return len(inspect.signature(function).parameters) > 2
     except (TypeError, ValueError):  # some builtins have no signature
         return False
-
-
-def main() -> None:
-    """Entry point of ``rosrun merlin_rosplan sensing_interface``."""
-    run_component(SensingInterface, SCOPE)

@@ -10,6 +10,7 @@ from typing import Callable, List, Optional, Sequence, Set
 
 from merlin_pddl.checks.kairos_check import PlanQuality, PlanValidator
 from merlin_pddl.plan_text import PlanStep
+from merlin_ros.work.threads import start_thread
 from merlin_rosplan.planning.planner import Attempt, Planner, Task
 from merlin_rosplan.planning.planning_outcome import PlannerState
 
@@ -60,11 +61,9 @@ class PlannerRace:
         if len(self._planners) == 1:  # nothing to race against
             return self._run_alone(self._planners[0], check)
         threads = [
-            threading.Thread(target=self._run_one, args=(planner, index), name=f"engine {planner.name}")
+            start_thread(f"engine {planner.name}", self._run_one, planner, index)
             for index, planner in enumerate(self._planners)
         ]
-        for thread in threads:
-            thread.start()
         fault = check() if check is not None else None
         if fault is not None:
             self._stop_others(None)

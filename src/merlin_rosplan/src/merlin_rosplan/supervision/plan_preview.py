@@ -27,10 +27,11 @@ class Previews:
     """Plans goals one after the other; a second one at the same time is refused. Thread-safe.
 
     :param settings: of the planner; its time limit is shortened.
+    :param limit: the longest one, s.
     """
 
-    def __init__(self, settings: PlannerSettings) -> None:
-        limit = min(settings.time_limit or PREVIEW_LIMIT, PREVIEW_LIMIT)
+    def __init__(self, settings: PlannerSettings, limit: float = PREVIEW_LIMIT) -> None:
+        limit = min(settings.time_limit or limit, limit)
         self._settings = dataclasses.replace(settings, time_limit=limit)
         self._folder = ScratchFolder("plan_preview")
         self._lock = threading.Lock()  # guards the fields below
@@ -44,7 +45,7 @@ class Previews:
         domain_path: str,
         command: str,
         goals: Sequence[str],
-        without: Sequence[str],
+        without: Sequence[str] = (),
     ) -> PlanningOutcome:
         """Plans.
 

@@ -6,10 +6,12 @@ import json
 import os
 import select
 import threading
+from functools import partial
 from typing import Any, Dict, List, Optional
 
 from merlin_ros.alarms import TICK, TickClock, call_later
 from merlin_ros.processes.child_process import ChildProcess
+from merlin_ros.work.threads import start_thread
 
 #: s within which a cancel is answered even when the supervising process does not answer
 CANCEL_LIMIT = 1.0
@@ -70,8 +72,7 @@ class PlannerHost:
             with contextlib.suppress(HostError):
                 self._send({"cancel": number})
         # In a thread of its own: the lock is held while a supervising process that hangs is sent something.
-        limit = threading.Thread(target=self._give_up, args=(number,), name="planner cancel", daemon=True)
-        call_later(CANCEL_LIMIT, limit.start)
+        call_later(CANCEL_LIMIT, partial(start_thread, "planner cancel", self._give_up, number))
 
     def wait(self, limit: Optional[float] = None) -> Dict[str, Any]:
         """How the planning ended.

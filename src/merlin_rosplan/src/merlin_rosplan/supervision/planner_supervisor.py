@@ -26,7 +26,6 @@ import signal
 import socket
 import sys
 import tempfile
-import threading
 import time
 import traceback
 from pathlib import Path
@@ -34,6 +33,7 @@ from typing import Any, Callable, Dict, List, NamedTuple, Optional, Tuple
 
 from merlin_ros.processes.child_process import parent
 from merlin_ros.processes.process_tree import adopt_orphans, descendants, end_descendants, tree_size
+from merlin_ros.work.threads import start_thread
 from merlin_rosplan.planning.planner_files import MEGABYTE, too_much
 from merlin_rosplan.planning.planning_outcome import PlannerState
 
@@ -238,10 +238,7 @@ class Supervisor:
             os.close(self._wake)
             gc.disable()  # it ends before anything could pile up
             folders = [folder]  # the last one is that of its job
-            watch = threading.Thread(
-                target=_end_with_supervisor, args=(life, folders), name="end of the supervisor", daemon=True
-            )
-            watch.start()
+            start_thread("end of the supervisor", _end_with_supervisor, life, folders)
             if warm_up:
                 self._warm_up(folder, self._last)
             with line.makefile() as file:

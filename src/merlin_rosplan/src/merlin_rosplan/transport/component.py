@@ -7,7 +7,6 @@ when the scope is the node's own name, and unchanged ones when several component
 """
 
 import gc
-import sys
 import threading
 from typing import Any, Callable, ClassVar, Dict, List, Optional, Type
 
@@ -240,8 +239,3 @@ def run_components(node_name: str, make: Callable[[str], Any]) -> int:
         HealthReporter(Component.checks()).start()
 
     return run_node(node_name, start, ComponentError)
-
-
-def run_component(component_class: Callable[[str], Component], default_scope: str) -> None:
-    """``main()`` of an executable with one component: the node's name is the component's scope."""
-    sys.exit(run_components(default_scope, component_class))

@@ -9,6 +9,7 @@ import rospy
 
 from merlin_planning.knowledge_client import ADD, KnowledgeError, Update, fact, function_value
 from merlin_ros.service_proxy import ServiceError
+from merlin_ros.work.threads import start_thread
 from merlin_rosplan.knowledge.sensed_facts import Fact, SensedFacts, Value
 
 RETRY = 1.0  # s of wall time after the knowledge base did not take something
@@ -37,8 +38,7 @@ class SensedUpdater:
         self._retry_at = 0.0  # monotonic, s
         self._patience = RETRY
         self._closed = False
-        self._thread = threading.Thread(target=self._work, name=f"teller of {name}", daemon=True)
-        self._thread.start()
+        self._thread = start_thread(f"teller of {name}", self._work)
 
     def sense(self, facts: Dict[Fact, Value]) -> None:
         """Takes what a sensor says."""

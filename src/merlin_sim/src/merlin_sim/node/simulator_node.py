@@ -34,6 +34,7 @@ from merlin_ros.node import run_node
 from merlin_ros.parameters import ParameterError
 from merlin_ros.processes.process_priority import lower_priority
 from merlin_ros.publishing import publish
+from merlin_ros.work.threads import start_thread
 from merlin_sim.engine.physics import PhysicsError
 from merlin_sim.engine.simulation import PHYSICS_RATE, Simulation
 from merlin_sim.node.pacer import Pacer
@@ -126,7 +127,7 @@ class SimulatorNode:
 
     def run(self) -> None:
         """Runs until ROS shuts down."""
-        threading.Thread(target=self._report, name="simulator status", daemon=True).start()
+        start_thread("simulator status", self._report)
         step = 1.0 / PHYSICS_RATE
         while self._next_step(step):
             with self._world_lock:
@@ -196,7 +197,7 @@ class SimulatorNode:
         self._world_services.publish(tick, stamp)
 
     def _now(self) -> rospy.Time:
-        # Before the first step it is what the clock shows already: zero would be no time.
+        # Before the first step it is what the clock shows already: zero would not be a time.
         return _time(max(1, self._begun + self.simulation.tick))
 
     def _publish_clock(self, tick: int) -> None:

@@ -15,9 +15,9 @@ from panda3d.core import (
     NodePath,
 )
 
-from merlin_sim.rendering.appearance import Color, Part, Shape, Vector
+from merlin_reactive.recognition.tags import TAG, tag_dictionary
+from merlin_sim.rendering.appearance import CARD, Color, Part, Shape, Vector
 from merlin_sim.rendering.shapes import Triangles, fields, triangles
-from merlin_sim.rendering.tag_card import card_edges, card_fields
 
 
 def part_node(part: Part) -> NodePath:
@@ -30,6 +30,27 @@ def part_node(part: Part) -> NodePath:
     if part.tag is not None:
         return _tag(part, part.tag)
     return _node(triangles(part.shape), part.size, part.color)
+
+
+CELLS = 6  # of a 4x4 tag with its black border, along an edge
+
+
+def card_edges() -> np.ndarray:
+    """Where the fields of a card of size 1 begin and end, along an edge: a margin, the cells, a margin."""
+    cells = np.linspace(-TAG / CARD / 2, TAG / CARD / 2, CELLS + 1)
+    return np.array([-0.5, *cells, 0.5])
+
+
+def card_fields(tag: int) -> np.ndarray:
+    """Whether each field is black, the lowest row first."""
+    import cv2  # few worlds have tags, and its import takes long
+
+    dictionary = tag_dictionary()
+    if hasattr(cv2.aruco, "generateImageMarker"):  # OpenCV 4.7 and later
+        cells = cv2.aruco.generateImageMarker(dictionary, tag, CELLS)
+    else:
+        cells = cv2.aruco.drawMarker(dictionary, tag, CELLS)
+    return np.pad(cells[::-1] == 0, 1)
 
 
 def _tag(part: Part, tag: int) -> NodePath:

@@ -8,6 +8,7 @@ from typing import Callable, Deque, Optional, Tuple
 
 import numpy as np
 
+from merlin_ros.work.threads import start_thread
 from merlin_sim.rendering.picture_worker import PictureWorker, WorkerLost
 from merlin_sim.rendering.shot import PictureError, Shot
 
@@ -47,8 +48,7 @@ class Renderer:
         with self._news:
             if not self._closed:
                 if self._thread is None:
-                    self._thread = threading.Thread(target=self._run, name="renderer", daemon=True)
-                    self._thread.start()
+                    self._thread = start_thread("renderer", self._run)
                 self._shots.append((shot, future))
                 self._news.notify_all()
                 return future

@@ -6,11 +6,11 @@ import math
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from robots.shared_tasks import SharedTasks, Stand
 
 from merlin_experiment.oracle.motion_limits import MotionLimits
 from merlin_experiment.oracle.oracle import Oracle
 from merlin_experiment.oracle.outlines import Outline, Outlines
-from merlin_experiment.oracle.shared_tasks import SharedTasks, Stand
 from merlin_experiment.oracle.shortest_path import ShortestPaths
 
 LIMITS = MotionLimits(speed=0.5, acceleration=1.0, turn_rate=1.0, turn_acceleration=2.0, radius=0.25)
