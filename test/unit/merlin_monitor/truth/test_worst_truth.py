@@ -24,6 +24,10 @@ TABLE: Dict[str, Tuple[Dict[str, Any], Tuple[str, str, str, str, bool, bool]]] =
         {**RUNS, "lost": {"planning": HANGS}},
         (f"not known: the planning system {HANGS}", f"before: {DRIVES}", "Not known", "bad", False, False),
     ),
+    "the planning system hangs between two goals of a mission": (
+        {"doing": "idle", "executor": {"state": "idle"}, "mission": MISSION, "lost": {"planning": HANGS}},
+        (f"idle; but the planning system {HANGS}", "for a", "Idle", "bad", False, False),
+    ),
     "the navigation server hangs": (
         {**RUNS, "lost": {"navigation": HANGS}},
         (f"not known: the navigation server {HANGS}", f"before: {DRIVES}", "Not known", "bad", False, False),
@@ -41,7 +45,11 @@ TABLE: Dict[str, Tuple[Dict[str, Any], Tuple[str, str, str, str, bool, bool]]] =
     ),
     "the process of the bridges hangs between two actions": (
         {**RUNS, "acts": False, "lost": {"bridges": HANGS}},
-        (DRIVES, "for a", "Preparing", "good", True, True),
+        (f"{DRIVES}; but the process of the bridges {HANGS}", "for a", "Preparing", "bad", False, False),
+    ),
+    "the process of the bridges hangs while nothing runs": (
+        {"doing": "idle", "executor": {"state": "idle"}, "lost": {"bridges": HANGS}},
+        ("idle", "for a", "Idle", "", True, False),
     ),
     "the simulator hangs": (
         {**RUNS, "lost": {"simulator": HANGS}},
