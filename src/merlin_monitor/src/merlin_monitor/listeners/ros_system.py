@@ -10,6 +10,7 @@ import tf2_ros
 
 from merlin_monitor.history.history_file import WallClock
 from merlin_ros.master.master_link import ERRORS, bounded_master
+from merlin_ros.master.namesake import living_namesake
 
 TRANSFORMS_KEPT = 5.0  # s
 LEAST_JUMP = 0.05  # s; what is less is not a clock that was set
@@ -111,6 +112,17 @@ class RosSystem:
         except ERRORS:
             return None
         return TopicGraph(publishers, types)
+
+    def hangs(self, node: str) -> bool:
+        """Whether a node takes connections and answers none; it may take 2 s to know.
+
+        :param node: its global name.
+        """
+        try:
+            found = living_namesake(node, bounded_master())
+        except ERRORS:
+            return False
+        return found is not None and not found.process
 
     def address_of(self, service: str) -> str:
         """Where a service is served, empty when nowhere; a new address means a new process."""
