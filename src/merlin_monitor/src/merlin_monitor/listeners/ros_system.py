@@ -104,12 +104,14 @@ class RosSystem:
         return newest
 
     def graph(self) -> Optional[TopicGraph]:
-        """What is published; None: the master does not answer for a moment."""
+        """What is published; None: the master does not answer, or is new and does not know this node yet."""
         try:
             master = bounded_master()
             publishers = {topic: nodes for topic, nodes in master.getSystemState()[0] if nodes}
             types = {topic: kind for topic, kind in master.getTopicTypes() if topic in publishers}
         except ERRORS:
+            return None
+        if not any(self.name in nodes for nodes in publishers.values()):
             return None
         return TopicGraph(publishers, types)
 
