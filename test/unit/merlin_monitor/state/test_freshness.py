@@ -266,10 +266,8 @@ def test_what_moves_the_base_is_asked_for_while_the_robot_drives() -> None:
     for connected in (True, False):
         state.freshness.check(1.0, {}, {"navigation": Source(connected, "/navigation")})
     state.now.refresh()
-    assert state.tree.get("now", "doing") == "navigating to kitchen"
-    assert state.tree.get("now", "trouble") == ["the navigation server (navigation) is gone"], (
-        "nothing drives"
-    )
+    assert state.tree.get("now", "doing") == "navigating to kitchen; but the navigation server is gone"
+    assert state.tree.get("now", "trouble") == [], "it is said once"
     state.guard.status(GuardStatus(state=GuardStatus.PASSING), 1.0, 1.0)
     state.now.refresh()
     assert state.tree.get("now", "doing") == "not known: the navigation server is gone"

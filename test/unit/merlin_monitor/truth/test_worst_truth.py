@@ -34,7 +34,7 @@ TABLE: Dict[str, Tuple[Dict[str, Any], Tuple[str, str, str, str, bool, bool]]] =
     ),
     "the navigation server is gone while the robot asks": (
         {**RUNS, "drives": False, "lost": {"navigation": GONE}},
-        (DRIVES, "for a", "Working", "good", True, True),
+        (f"{DRIVES}; but the navigation server {GONE}", "for a", "Working", "bad", False, False),
     ),
     "the process of the state machines hangs": (
         {**RUNS, "lost": {"machines": HANGS}},
@@ -66,6 +66,10 @@ TABLE: Dict[str, Tuple[Dict[str, Any], Tuple[str, str, str, str, bool, bool]]] =
     "the guard hangs": (
         {**RUNS, "lost": {"guard": HANGS}},
         (f"not known: the velocity guard {HANGS}", f"before: {DRIVES}", "Not known", "bad", False, False),
+    ),
+    "the guard hangs before the robot drives": (
+        {**RUNS, "drives": False, "lost": {"guard": HANGS}},
+        (f"{DRIVES}; but the velocity guard {HANGS}", "for a", "Working", "bad", False, False),
     ),
     "the mission hangs, and nothing runs": (
         {"doing": "idle", "executor": {"state": "idle"}, "mission": MISSION, "lost": {"mission": HANGS}},

@@ -136,8 +136,8 @@ def _not_known(who: Phrase, wrong: str) -> Phrase:
 def _without_what_comes(facts: Facts, told: Truth, active: bool) -> Truth:
     """What is done goes on; where an owner of what comes next is lost, that is said, too."""
     goes_on = facts.mission.get("state") in LIVE
-    asks = (MISSION, goes_on and not active)
-    needed = (asks, (PLANNING, goes_on), (BRIDGES, active), (MACHINES, active), (MISSION, goes_on))
+    needed = [(MISSION, goes_on and not active), (PLANNING, goes_on), (MISSION, goes_on)]
+    needed[2:2] = [(owner, active) for owner in (BRIDGES, MACHINES, GUARD, NAVIGATION)]
     lost = next((owner for owner, needs in needed if needs and owner in facts.lost), "")
     if not lost:
         return told
