@@ -58,6 +58,7 @@ class Variant:
     :param shuffled: nodes start at times drawn from the seed.
     :param time: "simulated"; "wall": as on a robot; "set": the same, and the clock on the wall can be set.
     :param page: with the monitor's page, and an operator.
+    :param mission: with a mission that drives for ever.
     :param robots: names of several robots; empty: one without a name.
     """
 
@@ -69,6 +70,7 @@ class Variant:
     shuffled: bool = False
     time: str = "simulated"
     page: bool = False
+    mission: bool = False
     robots: Tuple[str, ...] = ()
 
 

@@ -27,7 +27,7 @@ from chaos.under_test.wall_clock import WallClocks
 
 #: s between SIGINT and SIGTERM, and between that and SIGKILL.
 END_LIMITS = (2.0, 1.0)
-WORLD = "merlin_sim"
+WORLD, PAGE = "merlin_sim", "merlin_monitor"
 #: s within which nodes are started that start at random times.
 SPREAD = 10.0
 
@@ -65,7 +65,7 @@ class Launcher(roslaunch.parent.ROSLaunchParent):
             if node.name in options.instead:
                 script = Path(__file__).parent / "application" / f"{options.instead[node.name]}.py"
                 node.launch_prefix = f"{sys.executable} {script}"
-            if options.clocks and (node.name in NODES or node.name == WORLD):
+            if options.clocks and node.name in (*NODES, WORLD, PAGE):
                 node.env_args += WallClocks(options.clocks).environment(node.name).items()
         if options.without_parameters:
             config.params.clear()

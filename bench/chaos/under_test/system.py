@@ -293,6 +293,8 @@ class System:
         command = [sys.executable, str(HERE / "launcher.py"), str(file), f"seed:={self._seed}"]
         if self.variant.page:
             command += self._page_arguments()
+        if self.variant.mission:
+            command += ["mission:=true", f"history:={self._folder / 'history.sqlite'}"]
         command += ["--run-id", self.run]
         command += [
             "--set",

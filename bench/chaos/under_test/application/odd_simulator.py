@@ -19,6 +19,7 @@ from std_srvs.srv import (
     TriggerResponse,
 )
 
+from merlin_ros.health import HealthReporter
 from merlin_ros.node import run_node
 from merlin_sim.engine.simulation import PHYSICS_RATE
 from merlin_sim.node import simulator_node
@@ -79,7 +80,9 @@ def _mute(topic: str, publishers: List[Any]) -> rospy.Service:
 
 
 def _start() -> Callable[[], None]:
-    return OddSimulator().run
+    node = OddSimulator()
+    HealthReporter({"world": node.health}).start()
+    return node.run
 
 
 if __name__ == "__main__":

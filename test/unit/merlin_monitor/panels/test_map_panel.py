@@ -16,9 +16,10 @@ from sound_play.msg import SoundRequest
 from merlin_monitor.listeners.graph_watch import GraphWatch
 from merlin_monitor.listeners.panel import Panel
 from merlin_monitor.listeners.pulse import Pulse
-from merlin_monitor.listeners.ros_system import RosSystem
+from merlin_monitor.listeners.ros_system import RosSystem, TopicGraph
 from merlin_monitor.panels.map import OLD_POSITION, MapPanel
 from merlin_monitor.panels.said import SaidPanel
+from merlin_monitor.state.freshness import Source
 from merlin_monitor.state.inbox import Inbox
 from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_monitor.terminal.terminal_view import lines
@@ -33,7 +34,12 @@ class Subscriber:
     """A subscriber that a test calls."""
 
     def __init__(self, topic: str, receive: Callable[[Any], object], all_of: List["Subscriber"]) -> None:
-        self.topic, self.receive, self._all = topic, receive, all_of
+        self.topic = self.resolved_name = topic
+        self.receive, self._all = receive, all_of
+        self.connections = 1
+
+    def get_num_connections(self) -> int:
+        return self.connections
 
     def unregister(self) -> None:
         self._all.remove(self)
@@ -63,6 +69,11 @@ class System(RosSystem):
 
     def transforms(self) -> Callable[[str, str], Any]:
         return lambda target, source: self.buffer.lookup_transform_core(target, source, genpy.Time(0))
+
+    def graph(self) -> TopicGraph:
+        results = [each.topic for each in self.subscribers if each.topic.endswith("move_base/result")]
+        nodes = {topic: [topic.replace("move_base/result", "navigation")] for topic in results}
+        return TopicGraph(nodes, {})
 
     def of(self, robot: str) -> List[Subscriber]:
         return [each for each in self.subscribers if each.topic.startswith(f"/{robot}/")]
@@ -204,3 +215,18 @@ def test_a_panel_that_fails_does_not_end_the_pulse(monkeypatch: pytest.MonkeyPat
         assert said == ["monitor: ValueError: strange"]
     finally:
         pulse.stop()
+
+
+def test_of_several_navigation_servers_the_one_that_is_gone_is_named(panel: Tuple[MapPanel, System]) -> None:
+    made, system = panel
+    name_robots(made, "ann", "bob")
+    (own,) = [each for each in system.subscribers if each.topic == "move_base/result"]
+    own.connections = 0
+    system.subscribers.remove(own)  # no server without a name
+    made.look({})
+    made.watch.look()
+    ann, bob = "/ann/navigation", "/bob/navigation"
+    assert made.owners() == {"navigation": Source(True, ann, (bob,))}
+    (result,) = [each for each in system.of("bob") if each.topic.endswith("/result")]
+    result.connections = 0
+    assert made.owners() == {"navigation": Source(False, bob, (ann,))}

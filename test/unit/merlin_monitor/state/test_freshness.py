@@ -4,7 +4,7 @@
 from typing import Tuple
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from merlin_msgs.msg import ExecutorStatus, GuardStatus, MissionStatus
+from merlin_msgs.msg import ExecutorStatus, GoalQueue, GuardStatus, MissionStatus
 from messages import Told, dispatch, executor, running
 from rosplan_dispatch_msgs.msg import CompletePlan
 
@@ -55,9 +55,13 @@ def test_an_executor_that_is_gone_is_the_headline() -> None:
     assert state.tree.get("now", "because") == "before: navigating to kitchen"
     assert state.tree.get("queue", "silent") == {"node": EXECUTOR, "what": "is gone", "since": 1.0}
     check(state, 2.0, connected=False)
+    check(state, 2.3)
+    assert state.tree.get("now", "doing") == "not known: the Executor is gone", "that was in its life before"
+    state.now.executor(drive, 2.4)
+    state.now.queue(GoalQueue(), 2.4)
     check(state, 2.5)
     assert state.tree.get("now", "doing") == "navigating to kitchen"
-    assert state.tree.get("now", "silent") is None
+    assert state.tree.get("now", "silent") is None and state.tree.get("queue", "silent") is None
     assert told.texts[-2:] == [f"{EXECUTOR} is gone", f"{EXECUTOR} is connected again"]
 
 
@@ -161,6 +165,62 @@ def test_owners_without_a_section_are_the_headline_while_they_matter() -> None:
     assert told.texts == ["/mission is connected again"]
 
 
+def test_an_executor_that_is_back_is_not_silent_as_the_one_before() -> None:
+    state, _ = model()
+    drive = [running(0, "navigate", ("to", "kitchen"))]
+    state.now.executor(executor(ExecutorStatus.RUNNING, running=drive), 0.0)
+    for second in range(3):
+        report(state, float(second), "ann/merlin_executor: requests")
+        check(state, float(second))
+    check(state, 3.0, connected=False)
+    check(state, 2.1 + SILENT_AFTER, connected=False)
+    assert state.tree.get("now", "doing") == "not known: the Executor is gone"
+    check(state, 2.6 + SILENT_AFTER)  # its first words are on their way
+    assert state.tree.get("now", "doing") == "not known: the Executor is gone"
+    state.now.executor(executor(ExecutorStatus.IDLE), 5.4)
+    state.now.queue(GoalQueue(), 5.5)
+    check(state, 5.5)
+    assert state.tree.get("now", "doing") == "idle"
+    for second in range(3):
+        report(state, 6.0 + second, "ann/merlin_executor: requests")
+    check(state, 8.1 + SILENT_AFTER)
+    assert state.tree.get("now", "doing") == "not known: the Executor does not answer"
+
+
+def test_a_planning_system_that_is_gone_is_not_said_to_hang() -> None:
+    state, _ = model()
+    state.now.executor(executor(ExecutorStatus.RUNNING), 0.0)
+    node = "/planning_system"
+    for second in range(3):
+        report(state, float(second), "planning_system: a")
+        state.freshness.check(2.0, {"plan": Source(True, node), "knowledge": Source(True, node)})
+    state.health.check_silence(9.0, 9.0)
+    # Others publish on the dispatcher's topic, too.
+    state.freshness.check(9.0, {"plan": Source(True, node), "knowledge": Source(False, node)})
+    state.now.refresh()
+    assert state.tree.get("now", "doing") == "not known: the planning system is gone"
+
+
+def test_of_two_navigation_servers_the_one_that_is_gone_is_named_or_that_hangs() -> None:
+    state, _ = model()
+    ann, bob = "/ann/navigation", "/bob/navigation"
+    for second in range(3):
+        report(state, float(second), "ann/navigation: a", "bob/navigation: a")
+    for source, wall, said in (
+        (Source(True, ann, (bob,)), 2.0, []),
+        (Source(False, bob, (ann,)), 2.5, ["the navigation server (bob/navigation) is gone"]),
+        (Source(True, ann, (bob,)), 2.6, []),
+    ):
+        state.freshness.check(wall, {}, {"navigation": source})
+        state.now.refresh()
+        assert state.tree.get("now", "trouble") == said
+    report(state, 5.0, "ann/navigation: a")
+    state.health.check_silence(5.0, 5.0)
+    state.freshness.check(5.0, {}, {"navigation": Source(True, ann, (bob,))})
+    state.now.refresh()
+    assert state.tree.get("now", "trouble") == ["the navigation server (bob/navigation) does not answer"]
+
+
 def test_the_dispatcher_that_hangs_is_the_headline_while_something_runs() -> None:
     state, _ = model()
     for runs, said in ((True, "not known: the planning system is gone"), (False, "idle")):
@@ -206,10 +266,8 @@ def test_what_moves_the_base_is_asked_for_while_the_robot_drives() -> None:
     for connected in (True, False):
         state.freshness.check(1.0, {}, {"navigation": Source(connected, "/navigation")})
     state.now.refresh()
-    assert state.tree.get("now", "doing") == "navigating to kitchen"
-    assert state.tree.get("now", "trouble") == ["the navigation server (navigation) is gone"], (
-        "nothing drives"
-    )
+    assert state.tree.get("now", "doing") == "navigating to kitchen; but the navigation server is gone"
+    assert state.tree.get("now", "trouble") == [], "it is said once"
     state.guard.status(GuardStatus(state=GuardStatus.PASSING), 1.0, 1.0)
     state.now.refresh()
     assert state.tree.get("now", "doing") == "not known: the navigation server is gone"

@@ -105,3 +105,11 @@ def test_a_guard_that_keeps_the_base_for_a_while_says_why() -> None:
     guard.met("bob", True, 12.0)
     guard.status(GuardStatus(state=GuardStatus.PASSING), 2.0, 13.0, "bob")
     assert tree.get("guard", "kept") == "", "another one drives"
+
+
+def test_of_several_robots_one_that_drives_is_enough() -> None:
+    tree = StateTree()
+    guard = GuardSection(tree, Told())
+    for robot, state in (("ann", GuardStatus.IDLE), ("bob", GuardStatus.PASSING), ("uwe", GuardStatus.IDLE)):
+        guard.status(GuardStatus(state=state), 1.0, 1.0, robot)
+    assert tree.get("guard", "state") == "passing"

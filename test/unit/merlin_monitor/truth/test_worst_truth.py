@@ -24,13 +24,17 @@ TABLE: Dict[str, Tuple[Dict[str, Any], Tuple[str, str, str, str, bool, bool]]] =
         {**RUNS, "lost": {"planning": HANGS}},
         (f"not known: the planning system {HANGS}", f"before: {DRIVES}", "Not known", "bad", False, False),
     ),
+    "the planning system hangs between two goals of a mission": (
+        {"doing": "idle", "executor": {"state": "idle"}, "mission": MISSION, "lost": {"planning": HANGS}},
+        (f"idle; but the planning system {HANGS}", "for a", "Idle", "bad", False, False),
+    ),
     "the navigation server hangs": (
         {**RUNS, "lost": {"navigation": HANGS}},
         (f"not known: the navigation server {HANGS}", f"before: {DRIVES}", "Not known", "bad", False, False),
     ),
     "the navigation server is gone while the robot asks": (
         {**RUNS, "drives": False, "lost": {"navigation": GONE}},
-        (DRIVES, "for a", "Working", "good", True, True),
+        (f"{DRIVES}; but the navigation server {GONE}", "for a", "Working", "bad", False, False),
     ),
     "the process of the state machines hangs": (
         {**RUNS, "lost": {"machines": HANGS}},
@@ -41,7 +45,11 @@ TABLE: Dict[str, Tuple[Dict[str, Any], Tuple[str, str, str, str, bool, bool]]] =
     ),
     "the process of the bridges hangs between two actions": (
         {**RUNS, "acts": False, "lost": {"bridges": HANGS}},
-        (DRIVES, "for a", "Preparing", "good", True, True),
+        (f"{DRIVES}; but the process of the bridges {HANGS}", "for a", "Preparing", "bad", False, False),
+    ),
+    "the process of the bridges hangs while nothing runs": (
+        {"doing": "idle", "executor": {"state": "idle"}, "lost": {"bridges": HANGS}},
+        ("idle", "for a", "Idle", "", True, False),
     ),
     "the simulator hangs": (
         {**RUNS, "lost": {"simulator": HANGS}},
@@ -58,6 +66,10 @@ TABLE: Dict[str, Tuple[Dict[str, Any], Tuple[str, str, str, str, bool, bool]]] =
     "the guard hangs": (
         {**RUNS, "lost": {"guard": HANGS}},
         (f"not known: the velocity guard {HANGS}", f"before: {DRIVES}", "Not known", "bad", False, False),
+    ),
+    "the guard hangs before the robot drives": (
+        {**RUNS, "drives": False, "lost": {"guard": HANGS}},
+        (f"{DRIVES}; but the velocity guard {HANGS}", "for a", "Working", "bad", False, False),
     ),
     "the mission hangs, and nothing runs": (
         {"doing": "idle", "executor": {"state": "idle"}, "mission": MISSION, "lost": {"mission": HANGS}},

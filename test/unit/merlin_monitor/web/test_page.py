@@ -9,7 +9,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from merlin_msgs.msg import ExecutorStatus, GuardStatus, MachineHolds, MissionStatus, StateOutcome
 from messages import executor, fact, status, structure
 from served import TOKEN, Served
-from shown_page import AXE, CHECK, fill, look_again, signed_in
+from shown_page import AXE, CHECK, NOW, fill, look_again, signed_in
 from std_msgs.msg import Header
 
 from merlin_monitor.state.knowledge_section import Contents
@@ -17,6 +17,7 @@ from merlin_monitor.text.phrase import goal_phrase
 
 pytestmark = pytest.mark.processes
 
+CLOCK_SET = 1e9  # s; a clock that has begun near 1970, as that of a robot without a battery for it
 SIZES = {"phone": (390, 844), "desktop": (1280, 900), "wide": (2560, 1440)}
 SMALL = """() => [...document.querySelectorAll("body *")].filter((element) => {
   const own = [...element.childNodes].some((node) => node.nodeType === 3 && node.textContent.trim());
@@ -104,6 +105,15 @@ def test_the_strip_says_state_problem_progress_next_and_end(visits: Any, served:
     served.state.inbox.put(served.state.guard.status, stopped, 121.0, 1.0)
     look_again(served)
     page.wait_text("#glance-state", "Stopped and held")
+
+
+def test_a_clock_that_was_set_is_shown_as_it_is_now(visits: Any, served: Served) -> None:
+    page = visits()
+    served.state.tree.set("meta", "simulated", False)
+    served.state.tree.set("meta", "clock_set", CLOCK_SET)
+    for selector, at, around in (("#clock", NOW, "{}"), ("#glance-end", NOW + 45.0, "in 45 s ({})")):
+        clock = page.page.evaluate("(at) => new Date(1000 * at).toLocaleTimeString()", at + CLOCK_SET)
+        page.wait_text(selector, around.format(clock))
 
 
 def test_how_long_until_the_mission_is_done(visits: Any, served: Served) -> None:

@@ -6,7 +6,8 @@ from typing import Any, Iterator, List
 import pytest
 from served import Served
 from shown_page import Visit, chromium, fill
-from stalled_link import StalledLink
+
+from merlin_test.stalled_link import StalledLink
 
 pytestmark = pytest.mark.processes
 

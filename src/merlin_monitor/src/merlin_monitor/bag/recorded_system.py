@@ -168,6 +168,10 @@ class RecordedSystem(RosSystem):
         """All topics of the recording, from its begin on; their nodes as they come."""
         return TopicGraph(self._senders, dict(self._recording.topics))
 
+    def hangs(self, node: str) -> bool:
+        """Never: nobody answers here."""
+        return False
+
     def address_of(self, service: str) -> str:
         """Always empty: a recording serves nothing."""
         return ""

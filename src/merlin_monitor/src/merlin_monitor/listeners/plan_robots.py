@@ -35,6 +35,11 @@ class PlanRobots:
         names = [*map(str, self._named), *self._panel.state.tree.keys("robots", "robots")]
         return {name for name in names if name != self._own and _NAME.fullmatch(name)}
 
+    def subscribers(self, topic: str) -> List[Any]:
+        """Those of a topic below each robot that is followed."""
+        followed = list(self._followed.items())
+        return [each for name, made in followed for each in made if each.resolved_name == f"/{name}/{topic}"]
+
     def look(self) -> None:
         """Begins and ends to follow; once per second, in the watch's thread."""
         names = self.names()

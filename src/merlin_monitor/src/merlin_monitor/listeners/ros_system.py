@@ -10,6 +10,7 @@ import tf2_ros
 
 from merlin_monitor.history.history_file import WallClock
 from merlin_ros.master.master_link import ERRORS, bounded_master
+from merlin_ros.master.namesake import living_namesake
 
 TRANSFORMS_KEPT = 5.0  # s
 LEAST_JUMP = 0.05  # s; what is less is not a clock that was set
@@ -103,14 +104,27 @@ class RosSystem:
         return newest
 
     def graph(self) -> Optional[TopicGraph]:
-        """What is published; None: the master does not answer for a moment."""
+        """What is published; None: the master does not answer, or is new and does not know this node yet."""
         try:
             master = bounded_master()
             publishers = {topic: nodes for topic, nodes in master.getSystemState()[0] if nodes}
             types = {topic: kind for topic, kind in master.getTopicTypes() if topic in publishers}
         except ERRORS:
             return None
+        if not any(self.name in nodes for nodes in publishers.values()):
+            return None
         return TopicGraph(publishers, types)
+
+    def hangs(self, node: str) -> bool:
+        """Whether a node takes connections and answers none; it may take 2 s to know.
+
+        :param node: its global name.
+        """
+        try:
+            found = living_namesake(node, bounded_master())
+        except ERRORS:
+            return False
+        return found is not None and not found.process
 
     def address_of(self, service: str) -> str:
         """Where a service is served, empty when nowhere; a new address means a new process."""

@@ -1,11 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """The panel of the health: every part that reports on ``/diagnostics``."""
 
+from itertools import islice
+from typing import Dict
+
 from diagnostic_msgs.msg import DiagnosticArray
 
 from merlin_monitor.listeners.graph_watch import GraphWatch
 from merlin_monitor.listeners.panel import Panel, sender_of
 from merlin_monitor.state.monitor_model import MonitorModel
+
+#: Nodes that hang after which one look asks no others: each takes 2 s, and the next look waits.
+MOST_HANGING = 3
 
 
 class HealthPanel(Panel):
@@ -20,6 +26,11 @@ class HealthPanel(Panel):
             DiagnosticArray,
             self._take,
         )
+
+    def look(self, topics: Dict[str, str]) -> None:
+        """Asks those that have fallen silent after a report or two: one that reports now and then answers."""
+        hanging = (node for node in self.state.health.doubtful if self.ros.hangs(node))
+        self.state.inbox.put(self.state.health.hang, list(islice(hanging, MOST_HANGING)))
 
     def check(self, at: float, wall: float) -> None:
         """Notices silent parts."""

@@ -26,7 +26,9 @@ PEOPLE = (
     "people_msgs/People",
     "visualization_msgs/MarkerArray",
 )
-PATHS = ("plan", "NavfnROS/plan", "GlobalPlanner/plan")  # of move_base and its global planners
+GOAL, RESULT = "move_base/current_goal", "move_base/result"
+#: Of move_base and its global planners.
+PATHS = ("move_base/plan", "move_base/NavfnROS/plan", "move_base/GlobalPlanner/plan")
 SIMULATED_PEOPLE = "/merlin_sim/people"
 POINTS = "world/points_of_interest"
 MOVED = 0.02  # m or rad that the robot must move to be drawn anew
@@ -65,12 +67,12 @@ class MapPanel(Panel):
         self._scan: Optional[LaserScan] = None  # the last one, of the subscriber's thread
         self._scan_shown = 0.0  # s of wall time
         self._transform = self.ros.transforms()
-        self._navigation = self.subscribe("move_base/result", MoveBaseActionResult, self._ended)
+        self._navigation = self.subscribe(RESULT, MoveBaseActionResult, self._ended)
         self._subscribers = [
             self.subscribe(map_topic, OccupancyGrid, lambda grid, at: state.map.grid(grid), queue_size=1),
-            self.subscribe("move_base/current_goal", PoseStamped, self._goal),
+            self.subscribe(GOAL, PoseStamped, self._goal),
             self.ros.subscribe("scan", LaserScan, self._scanned, queue_size=1),
-            *(self.subscribe(f"move_base/{path}", Path, self._path, queue_size=1) for path in PATHS),
+            *(self.subscribe(path, Path, self._path, queue_size=1) for path in PATHS),
         ]
         self._others = PlanRobots(self, self._follow, state.map.forget)
 
@@ -98,8 +100,12 @@ class MapPanel(Panel):
         return Source(located, "the robot's position")
 
     def owners(self) -> Dict[str, Source]:
-        """The navigation server."""
-        return {NAVIGATION: self.source_of(self._navigation)}
+        """The navigation servers, of which one that is gone or hangs is enough; where it is one, that one."""
+        servers = [self.source_of(each) for each in (self._navigation, *self._others.subscribers(RESULT))]
+        there = [each for each in servers if each.connected or each.node] or servers[:1]
+        first = min(there, key=lambda each: each.connected)
+        others = tuple(each.node for each in there if each is not first)
+        return {NAVIGATION: first._replace(others=others)}
 
     def sample(self) -> None:
         """Looks where the robot is now."""
@@ -138,10 +144,10 @@ class MapPanel(Panel):
             track().path([])
 
         return [
-            self.subscribe(f"/{robot}/move_base/{topic}", kind, take, queue_size=1)
+            self.subscribe(f"/{robot}/{topic}", kind, take, queue_size=1)
             for topic, kind, take in (
-                ("current_goal", PoseStamped, lambda goal, at: track().goal(_pose_of(goal.pose))),
-                ("result", MoveBaseActionResult, end),
+                (GOAL, PoseStamped, lambda goal, at: track().goal(_pose_of(goal.pose))),
+                (RESULT, MoveBaseActionResult, end),
                 *((path, Path, lambda path, at: track().path(_points_of(path))) for path in PATHS),
             )
         ]

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Whether what a section shows is still fed: which sources are gone or hang, and since when."""
 
-from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Tuple
+from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Set, Tuple
 
 from merlin_monitor.state.health_section import HealthSection
 from merlin_monitor.state.history_events import Reporter, sentence
@@ -26,6 +26,11 @@ LOST = "lost"
 ALONE = (SIMULATOR, BRIDGES, MACHINES, NAVIGATION, MISSION)
 #: The others → the sections that they feed.
 SECTIONS = {EXECUTOR: ("now",), PLANNING: ("plan", "knowledge")}
+#: Sections and owners that say all anew to whoever connects: until then what they said is of a life before.
+LATCHED = ("now", "queue", MISSION)
+
+#: What is wrong with a source.
+IS_GONE, HANGS = "is gone", "does not answer"
 
 
 class Source(NamedTuple):
@@ -55,6 +60,7 @@ class Freshness:
         self._health = health
         self._nodes: Dict[str, str] = {}  # section or owner → node that was connected last
         self._others: Dict[str, Tuple[str, ...]] = {}  # the same → its other nodes
+        self._gone: Set[str] = set()  # those that were not connected, and have not said anything since
         self._alive_at: Dict[str, float] = {}  # the same → ROS time of the last check that was good
         self._lost: Dict[str, str] = {}  # node → what is wrong with it
 
@@ -78,15 +84,21 @@ class Freshness:
             self._report(sentence("health", say("{node} is connected again", node=node or say("a node")), at))
         self._lost = lost
 
+    def heard(self, name: str) -> None:
+        """A source of `LATCHED` says what is the case: what it said in a life before is over."""
+        if name in self._gone:
+            self._gone.discard(name)
+            self._health.begin_anew(self._nodes[name])
+
     def lost(self) -> Dict[str, str]:
         """What is wrong with the owners that are gone or hang; the guard is asked by itself."""
         found = {owner: str(lost["what"]) for owner, lost in (self._tree.get("now", LOST) or {}).items()}
         for owner, sections in SECTIONS.items():
             silent = filter(None, (self._tree.get(section, SILENT) for section in sections))
-            for first in list(silent)[:1]:
-                found[owner] = first["what"]
+            for wrong in sorted({each["what"] for each in silent}, key=(IS_GONE, HANGS).index)[:1]:
+                found[owner] = wrong  # one that is gone is silent, too
         if self._tree.get("guard", "state") == "silent":
-            found[GUARD] = "does not answer"
+            found[GUARD] = HANGS
         return found
 
     def others_silent(self) -> List[str]:
@@ -109,9 +121,13 @@ class Freshness:
         if source.connected:
             self._nodes[name] = source.node or self._nodes.get(name, "")
             self._others[name] = source.others
-        nodes = (self._nodes[name], *self._others[name])
+            if name not in LATCHED:
+                self.heard(name)
+        else:
+            self._gone.add(name)
+        nodes = (source.node or self._nodes[name], *self._others[name])
         node = next((each for each in nodes if self._wrong(True, each)), nodes[0])
-        wrong = self._wrong(source.connected, node)
+        wrong = self._wrong(name not in self._gone, node)
         if wrong:
             lost[node] = wrong
             return {"node": node, "what": wrong, "since": self._alive_at.get(name, at)}
@@ -120,5 +136,5 @@ class Freshness:
 
     def _wrong(self, connected: bool, node: str) -> Optional[str]:
         if not connected:
-            return "is gone"
-        return "does not answer" if node.strip("/") in self._health.silent_nodes() else None
+            return IS_GONE
+        return HANGS if node.strip("/") in self._health.silent_nodes() else None

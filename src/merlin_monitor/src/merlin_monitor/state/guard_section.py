@@ -118,9 +118,8 @@ class GuardSection:
         first = next(iter(robots.values()), {})
         several = robots if len(robots) > 1 else {}
         states = [shown["state"] for shown in robots.values()]
-        state = next(
-            (each for each in ("stopped", "silent", "holding") if each in states), first.get("state", "")
-        )
+        worst = ("stopped", "silent", "holding", "passing")
+        state = next((each for each in worst if each in states), first.get("state", ""))
         if state == "stopped" and len(set(states)) > 1:
             state = "partly"
         held: Phrase = first.get(HELD_WORDS, "") if state == "stopped" else ""

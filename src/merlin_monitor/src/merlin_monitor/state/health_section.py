@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The section of the health: what every part reports on /diagnostics, and which part is silent."""
 
-from typing import Any, Collection, Dict, List, Tuple
+from typing import Any, Collection, Dict, FrozenSet, List, Tuple
 
 from merlin_monitor.state.history_events import Reporter, sentence
 from merlin_monitor.state.state_tree import StateTree
@@ -30,6 +30,9 @@ class HealthSection:
         self._reports: Dict[str, int] = {}
         self._reported: Dict[str, Tuple[float, str]] = {}  # part → when its level was reported, and which
         self._nodes: Dict[str, str] = {}  # part → global name of the node that reports it
+        #: Silent nodes of which it is not known how often they report, by their global names.
+        self.doubtful: FrozenSet[str] = frozenset()
+        self._hanging: Collection[str] = ()  # those of them that hang
         tree.set(SECTION, "parts", {})
 
     def diagnostics(self, message: Any, at: float, wall: float, node: str = "") -> None:
@@ -60,18 +63,32 @@ class HealthSection:
             self._report_level(status.name, at, wall, was_silent)
 
     def silent_nodes(self) -> List[str]:
-        """Nodes that have reported regularly and of which every part is silent, without the leading slash.
+        """Nodes of which every part is silent, without the leading slash.
 
+        Of those that have not reported regularly only the ones that hang: others may report now and then.
         The name of a part begins with that of its node, a colon and a blank, as diagnostic_updater writes it.
         """
         silent: Dict[str, bool] = {}
         for name, reports in self._reports.items():
-            if reports < REGULAR:
+            if reports < REGULAR and self._nodes[name] not in self._hanging:
                 continue
             node = name.partition(": ")[0]
             part = bool(self._tree.get(SECTION, "parts", name, "silent", default=False))
             silent[node] = silent.get(node, True) and part
         return [node for node, is_silent in silent.items() if is_silent]
+
+    def begin_anew(self, node: str) -> None:
+        """A node that was gone is there again: the silence of its former life says nothing of it.
+
+        :param node: its global name.
+        """
+        for name in self._reports:
+            if name.partition(": ")[0] == node.strip("/"):
+                self._reports[name] = 0
+
+    def hang(self, nodes: Collection[str]) -> None:
+        """Takes which of the doubtful nodes hang."""
+        self._hanging = nodes
 
     def check_silence(self, at: float, wall: float, nodes: Collection[str] = ()) -> None:
         """Marks parts that have been silent for long, and forgets those of nodes that ended in order.
@@ -79,16 +96,19 @@ class HealthSection:
         :param nodes: those that the master knows as publishers of ``/diagnostics``: one that ends in order
             takes itself off, one that dies or hangs does not. Empty: not known.
         """
-        ended = set()
+        ended, doubtful = set(), set()
         for name, seen in list(self._seen.items()):
             silent = wall - seen > max(SILENT_AFTER, PERIODS * self._periods[name])
             if silent and nodes and self._nodes[name] and self._nodes[name] not in nodes:
                 ended.add(self._nodes[name])
                 self._forget(name)
                 continue
+            if silent and self._reports[name] < REGULAR and self._nodes[name]:
+                doubtful.add(self._nodes[name])
             if self._tree.set(SECTION, "parts", name, "silent", silent) and silent:
                 self._report(sentence("health", say("{part} has fallen silent", part=name), at, "failure"))
             self._report_level(name, at, wall, silent)
+        self.doubtful = frozenset(doubtful)
         for node in sorted(ended):
             self._report(sentence("health", say("{node} has ended", node=node), at))
 

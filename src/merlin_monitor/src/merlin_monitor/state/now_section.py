@@ -20,7 +20,7 @@ from merlin_monitor.text.phrase import (
     with_reason,
 )
 from merlin_monitor.truth.task_pace import TaskPace
-from merlin_monitor.truth.worst_truth import LIVE, Facts, lost_words, worst_truth
+from merlin_monitor.truth.worst_truth import LIVE, MISSION, Facts, lost_words, worst_truth
 
 NOW, QUEUE = "now", "queue"
 MISSION_STATES = ("starting", "running", "paused", "succeeded", "failed", "cancelled")
@@ -42,6 +42,7 @@ OUTCOMES = (
 #: Outcomes that are not failures → what the time bar takes them for.
 MARKS = {"succeeded": "", "already true": "", "cancelled": "cancel", "dropped": "cancel"}
 STAGES = {
+    "SETTLE": "waiting until the planning system is idle",
     "ADD_GOALS": "noting the goals",
     "GENERATE_PROBLEM": "preparing to plan",
     "PLAN": "planning",
@@ -129,6 +130,7 @@ class NowSection:
 
         :param node: that sent it; its name separates another client's requests from the mission's.
         """
+        self._freshness.heard(MISSION)
         self._mission_node = node
         state = name_of(MISSION_STATES, message.state)
         before = self._mission or self._kept.get("mission") or {}
@@ -155,6 +157,7 @@ class NowSection:
 
     def executor(self, message: Any, at: float) -> None:
         """Takes a message with the fields of merlin_msgs/ExecutorStatus."""
+        self._freshness.heard(NOW)
         before = self._executor or self._kept.get("executor") or {}
         if not self._executor and before.get("request"):
             self._plan_request = before["request"]
@@ -250,6 +253,7 @@ class NowSection:
 
     def queue(self, message: Any, at: float) -> None:
         """Takes a message with the fields of merlin_msgs/GoalQueue."""
+        self._freshness.heard(QUEUE)
         waiting = [
             {
                 "request": request.request,

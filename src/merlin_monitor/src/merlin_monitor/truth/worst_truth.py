@@ -85,8 +85,8 @@ def worst_truth(facts: Facts) -> Truth:
     if lost:
         before = say("before: {what}", what=facts.doing)
         told = Truth(_not_known(OWNERS[lost], facts.lost[lost]), before, "", *_NOT_KNOWN, lost)
-    elif MISSION in facts.lost and facts.mission.get("state") in LIVE:
-        told = _without_mission(facts, told, active)
+    else:
+        told = _without_what_comes(facts, told, active)
     if facts.stopped:
         # What the Executor does comes second: nothing of it moves the base.
         because = say("the Executor: {what}", what=told.doing)
@@ -133,14 +133,20 @@ def _not_known(who: Phrase, wrong: str) -> Phrase:
     return say("not known: {who} {what}", who=who, what=say(wrong))
 
 
-def _without_mission(facts: Facts, told: Truth, active: bool) -> Truth:
-    """The Executor lives, and ends what it was asked for; nothing more is asked for."""
-    name, wrong = facts.mission["name"], facts.lost[MISSION]
-    if not active:
+def _without_what_comes(facts: Facts, told: Truth, active: bool) -> Truth:
+    """What is done goes on; where an owner of what comes next is lost, that is said, too."""
+    goes_on = facts.mission.get("state") in LIVE
+    needed = [(MISSION, goes_on and not active), (PLANNING, goes_on), (MISSION, goes_on)]
+    needed[2:2] = [(owner, active) for owner in (BRIDGES, MACHINES, GUARD, NAVIGATION)]
+    lost = next((owner for owner, needs in needed if needs and owner in facts.lost), "")
+    if not lost:
+        return told
+    who, wrong = OWNERS.get(lost) or facts.mission["name"], facts.lost[lost]
+    if lost == MISSION and not active:
         before = say("before: {what}", what=facts.task or say(facts.mission["state"]))
-        return Truth(_not_known(name, wrong), before, "", *_NOT_KNOWN, MISSION)
-    doing = say("{what}; but {who} {wrong}", what=facts.doing, who=name, wrong=say(wrong))
-    return told._replace(doing=doing, tone=BAD, known=False, blamed=MISSION)
+        return Truth(_not_known(who, wrong), before, "", *_NOT_KNOWN, MISSION)
+    doing = say("{what}; but {who} {wrong}", what=facts.doing, who=who, wrong=say(wrong))
+    return told._replace(doing=doing, tone=BAD, known=False, blamed=lost)
 
 
 def _state(facts: Facts) -> Tuple[Phrase, str]:

@@ -18,7 +18,7 @@ class StalledLink:
 
     def __init__(self, url: str) -> None:
         where = urlsplit(url)
-        self._server = where.hostname, where.port
+        self._server = where.hostname or "", where.port or 80
         self._listener = socket.create_server(("127.0.0.1", 0))
         self.url = f"http://127.0.0.1:{self._listener.getsockname()[1]}/"
         self._open = threading.Event()
@@ -48,7 +48,11 @@ class StalledLink:
         with contextlib.suppress(OSError):
             while not self._ended:
                 page, _ = self._listener.accept()
-                server = socket.create_connection(self._server)
+                try:
+                    server = socket.create_connection(self._server)
+                except OSError:  # it is being started again
+                    page.close()
+                    continue
                 self._sockets += [page, server]
                 for source, target in ((page, server), (server, page)):
                     threading.Thread(target=self._forward, args=(source, target), daemon=True).start()
