@@ -31,7 +31,7 @@ from merlin.launch_config import check_executables, check_files, check_scripts
 from merlin.launch_request import HelpWanted, LaunchError, LaunchRequest, one_line
 from merlin.linger import Page, keep, lingers, page_of, terminal
 from merlin.local_names import LOCALHOST, LOOPBACK, given_address, master_uri, resolves, use_loopback
-from merlin.master import Master
+from merlin.master import Master, MasterError
 from merlin.running import announced
 from merlin.supervision import WRAPPER_SPAN, Restarts, end_children
 from merlin_ros.lean_start import end_lightly
@@ -253,7 +253,7 @@ class LaunchRun:
             self._parent.load()
             stack.enter_context(announced(uri, self._request.launch_file, self.log_folder))
             self._parent.start(auto_terminate=False)
-        except (RLException, LaunchError) as error:
+        except (RLException, LaunchError, MasterError) as error:
             code = self._ended_while_it_started()
             if code is None:
                 self._say(f"{self._request.launch_file.name}: {one_line(error)}{_advice(error)}")
