@@ -16,6 +16,7 @@ from typing import Dict, List, Tuple, Union
 
 import pytest
 
+from merlin.launch_config import Loader
 from merlin.launch_request import LaunchError, LaunchRequest
 from merlin.supervision import PAUSES, Restarts
 
@@ -398,11 +399,9 @@ def test_arguments_of_a_file_that_takes_all_of_them_are_known(tmp_path: Path) ->
 
 
 def test_the_version_of_ros_is_what_its_command_says() -> None:
-    from merlin.launch_runner import _Loader
-
     for command in ("rosversion roslaunch", "rosversion -d"):
         said = subprocess.run(command.split(), stdout=subprocess.PIPE, text=True, check=True).stdout
-        assert _Loader().param_value(False, "version", "str", None, None, None, command) == said
+        assert Loader().param_value(False, "version", "str", None, None, None, command) == said
 
 
 def test_rosrun_finds_one_executable_only() -> None:
