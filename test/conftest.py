@@ -33,7 +33,7 @@ settings.register_profile("search", deadline=None)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "merlin"))
 
 #: What another workspace, or the robot that the user works with, has set in this shell; and what has the
-#: processes of tests print at once, unlike those of a user.
+#: processes of tests print at once and compile what they import, unlike those of a user.
 FOREIGN = (
     "ROS_IP",
     "ROS_HOSTNAME",
@@ -42,6 +42,7 @@ FOREIGN = (
     "ROSCONSOLE_FORMAT",
     "ROSCONSOLE_CONFIG_FILE",
     "PYTHONUNBUFFERED",
+    "PYTHONDONTWRITEBYTECODE",
 )
 
 LIMIT = 450.0  # s, below pytest's own limit, so that the suite's processes are ended here
@@ -70,6 +71,8 @@ def pytest_configure(config: pytest.Config) -> None:
         config.pluginmanager.register(Progress(read_durations(DURATIONS), workers, target))
     for name in FOREIGN:
         os.environ.pop(name, None)
+    # Else each worker compiles all tests, and each process of a test all messages, again and again.
+    sys.dont_write_bytecode = False
     use_loopback()
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -37,15 +37,25 @@ def test_the_new_package_is_built_and_tested_over_the_devel_space(tmp_path: Path
     assert "next: (look-at_done hall)" in said, said
 
 
-def test_the_new_package_is_installed_and_tested_over_the_install_space(tmp_path: Path) -> None:
+def install(tmp_path: Path) -> str:
+    """Installs the new package over the install space; returns the words of a shell that knows it alone."""
     make_install()
     shell("install", NEW, tmp_path)
     package = tmp_path / "my_robot_ws" / "src" / "my_robot"
     lint = shell("install", f"catkin_lint -q -W2 --strict {package}", tmp_path)
     assert not lint.strip()
     shell("install", build("install"), tmp_path)
-    overlay = ". my_robot_ws/install/setup.bash; "
     (tmp_path / "my_robot_ws" / "src").rename(tmp_path / "sources_are_not_used")
+    return ". my_robot_ws/install/setup.bash; "
+
+
+def test_the_new_package_runs_over_the_install_space(tmp_path: Path) -> None:
+    overlay = install(tmp_path)
     said = shell("install", f"{overlay} rosrun merlin run my_robot my_robot.launch on:=servers", tmp_path)
     assert "next: (look-at_done hall)" in said, said
-    shell("install", f"{overlay} rostest my_robot my_robot.test", tmp_path)
+
+
+# test_hello.py runs it over the devel space.
+@pytest.mark.long
+def test_the_test_of_the_new_package_passes_over_the_install_space(tmp_path: Path) -> None:
+    shell("install", f"{install(tmp_path)} rostest my_robot my_robot.test", tmp_path)

@@ -4,14 +4,15 @@
 import os
 import re
 import subprocess
-import sys
 from pathlib import Path
 from typing import Dict
 
 import pytest
 
+from merlin_test.node_path import node_path
+
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "tutorial.md"
-RUN = [sys.executable, "-c", "from merlin.launch_runner import main; raise SystemExit(main())"]
+RUN = node_path("merlin", "run")
 #: File → most lines, without blank lines and docstrings.
 LINES = {"patrol.py": 20, "patrol.launch": 15}
 
@@ -34,11 +35,14 @@ def run(folder: Path, launch: Path, *words: str) -> "subprocess.CompletedProcess
     path = os.pathsep.join([str(folder), os.environ.get("PYTHONPATH", "")])
     env = dict(os.environ, PYTHONPATH=path, ROS_HOME=str(folder), ROS_LOG_DIR=str(folder / "log"))
     env.pop("ROS_MASTER_URI", None)
-    command = [*RUN, str(launch), *words]
+    command = [RUN, str(launch), *words]
     return subprocess.run(command, env=env, capture_output=True, text=True, timeout=450, check=False)
 
 
-@pytest.mark.parametrize(("rooms", "code", "why"), [("kitchen", 0, ""), ("garage", 1, "garage")])
+@pytest.mark.parametrize(
+    ("rooms", "code", "why"),
+    [("kitchen", 0, ""), pytest.param("garage", 1, "garage", marks=pytest.mark.long)],
+)
 def test_they_run(tmp_path: Path, files: Dict[str, Path], rooms: str, code: int, why: str) -> None:
     done = run(tmp_path, files["patrol.launch"], f"rooms:={rooms}", "rtf:=5")
     assert done.returncode == code, done.stdout + done.stderr
@@ -46,12 +50,12 @@ def test_they_run(tmp_path: Path, files: Dict[str, Path], rooms: str, code: int,
     assert "Traceback" not in done.stderr
 
 
+# test_mission_command.py finds such lines in the mission alone, and test_home_application.py at the terminal.
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("gone", "instead", "why"),
     [
-        pytest.param(
-            '<param name="rooms"', '<param name="room"', "parameter ~rooms is missing", marks=pytest.mark.long
-        ),
+        ('<param name="rooms"', '<param name="room"', "parameter ~rooms is missing"),
         ("patrol:Patrol", "patrol:Petrol", "'patrol:Petrol': module patrol has no Petrol"),
     ],
 )

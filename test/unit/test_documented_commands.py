@@ -4,6 +4,7 @@
 What a command does is for the tests of its package; this finds the ones that a rename has left behind.
 """
 
+import functools
 import re
 import shlex
 from pathlib import Path
@@ -15,6 +16,7 @@ import roslib.packages
 import rospkg
 
 from merlin.launch_request import known_arguments
+from merlin_test.node_path import node_path
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted(
@@ -24,6 +26,7 @@ PAGES = sorted(
 TOOLS = ("roslaunch", "rosrun", "make", "rostest", "python")
 #: Packages that a page makes, or that its reader has.
 OTHERS = ("my_robot", "museum", "my_package", "actionlib", "smach_viewer", "rqt_graph", "topic_tools", "tf")
+PACKAGES = rospkg.RosPack()
 RUNNERS = (("merlin", "run"), ("merlin", "check"))
 
 
@@ -69,9 +72,9 @@ def test_the_command_can_be_started(page: str, command: str) -> None:
         check_launch(page, str(ROOT / words[0]), words[1:])
         return
     package, name, *arguments = words
-    rospkg.RosPack().get_path(package)
+    PACKAGES.get_path(package)
     if tool == "rosrun":
-        assert roslib.packages.find_node(package, name), f"{page}: no executable {package}/{name}"
+        assert node_path(package, name), page
         written = arguments and arguments[0].startswith("./")  # by the page, whose own test runs it
         if (package, name) in RUNNERS and arguments and not written and arguments[0] not in OTHERS:
             (file,) = roslib.packages.find_resource("merlin", arguments[0])
@@ -90,7 +93,13 @@ def check_benchmark(page: str, path: str, *arguments: str) -> None:
             assert found, f"{page}: no benchmark {topic}"
 
 
+@functools.lru_cache(maxsize=None)
+def arguments_of(file: str) -> List[str]:
+    """The arguments of a launch file, which several pages name."""
+    return list(known_arguments(Path(file)))
+
+
 def check_launch(page: str, file: str, words: List[str]) -> None:
-    declared = known_arguments(Path(file))
+    declared = arguments_of(file)
     given = {word.partition(":=")[0] for word in words if ":=" in word} - {"port", "linger"}
     assert given <= set(declared), f"{page}: {Path(file).name} has no argument {given - set(declared)}"

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a run of many tests says about itself: an estimate, and each failure at once."""
+"""What a run of many tests says about itself: an estimate, and each failure at once; and what it keeps."""
 
+import os
+import sys
 import time
 from pathlib import Path
 from typing import List
@@ -102,3 +104,9 @@ def test_a_file_that_cannot_be_read_is_shown_at_once(progress: Progress, session
     progress.pytest_collectreport(pytest.CollectReport("c_test.py", "failed", "no such module", []))
     assert session.screen.lines[-2:] == ["FAILED c_test.py", "no such module"]
     assert "1 failed" in progress.line(time.monotonic())
+
+
+@pytest.mark.everywhere
+def test_what_is_compiled_is_kept_for_other_workers_and_the_next_run() -> None:
+    assert not sys.dont_write_bytecode
+    assert "PYTHONDONTWRITEBYTECODE" not in os.environ

@@ -2,6 +2,7 @@
 """The runner with real processes: how a run ends, what it says, and that nothing of it is left."""
 
 import contextlib
+import json
 import os
 import re
 import resource
@@ -11,10 +12,11 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from typing import Dict, List, Tuple
+from typing import Dict, List, Tuple, Union
 
 import pytest
 
+from merlin.launch_config import Loader
 from merlin.launch_request import LaunchError, LaunchRequest
 from merlin.supervision import PAUSES, Restarts
 
@@ -23,7 +25,10 @@ pytestmark = pytest.mark.processes
 LAUNCH_FILE = Path(__file__).resolve().parents[2] / "data" / "runner" / "runner.launch"
 APPLICATION = Path(__file__).resolve().parents[3] / "launch" / "include" / "application.launch"
 LIMIT = 200.0  # s for a run to end
-RUN = "from merlin import supervision; raise SystemExit(supervision.main())"
+RUN = (
+    "from merlin_ros.lean_start import prepare; prepare(); "
+    "from merlin import supervision; raise SystemExit(supervision.main())"
+)
 #: The same, and gives up what has died twice, however slow this machine is.
 RUN_TWICE = f"from merlin import supervision; supervision.PAUSES = (0.1, 0.1); {RUN}"
 WRAPPED = """<launch>
@@ -122,51 +127,55 @@ def test_ends_with_the_missions_exit_code_and_shows_only_its_lines(tmp_path: Pat
         assert err == []
 
 
-@pytest.mark.parametrize(
-    ("words", "expected"),
-    [
-        ((), "name a launch file"),
-        (("nowhere", "x.launch"), "no package 'nowhere'"),
-        (
-            ("merlin", "nowhere.launch"),
-            "package merlin has no files 'nowhere.launch'; its launch files are: act",
-        ),
-        (("nowhere.launch",), "no launch file 'nowhere.launch'"),
-        ((str(LAUNCH_FILE), "misson:=exit 0"), "did you mean 'mission'?"),
-        ((str(LAUNCH_FILE), "port:=eleven"), "not a TCP port"),
-        ((str(LAUNCH_FILE), "linger:=maybe"), "not one of false, true, auto"),
-        ((str(LAUNCH_FILE), "domain:=/nowhere/domain.pddl"), "/nowhere/domain.pddl"),
-        ((str(LAUNCH_FILE), "executable:=nothing"), "merlin_test/nothing"),
-        ((str(APPLICATION), "on:=server"), "'server' is not in list. <arg name=\"on_is_one_of\""),
-    ],
-)
-def test_bad_input_is_one_line_and_leaves_nothing(
-    tmp_path: Path, words: Tuple[str, ...], expected: str
-) -> None:
-    exit_code, out, err = run(tmp_path, *words)
-    assert exit_code == 2
-    assert out == []
-    assert len(err) == 1
-    assert expected in err[0]
+#: Command lines, or the content of a launch file → what is said.
+REFUSED = {
+    (): "name a launch file",
+    ("nowhere", "x.launch"): "no package 'nowhere'",
+    ("merlin", "nowhere.launch"): "package merlin has no files 'nowhere.launch'; its launch files are: act",
+    ("nowhere.launch",): "no launch file 'nowhere.launch'",
+    (str(LAUNCH_FILE), "misson:=exit 0"): "did you mean 'mission'?",
+    (str(LAUNCH_FILE), "port:=eleven"): "not a TCP port",
+    (str(LAUNCH_FILE), "linger:=maybe"): "not one of false, true, auto",
+    (str(LAUNCH_FILE), "domain:=/nowhere/domain.pddl"): "/nowhere/domain.pddl",
+    (str(LAUNCH_FILE), "executable:=nothing"): "merlin_test/nothing",
+    (str(APPLICATION), "on:=server"): "'server' is not in list. <arg name=\"on_is_one_of\"",
+    "<include file='/nowhere.launch'/>": "/nowhere.launch",
+    "<include file='$(find nowhere)/x.launch'/>": "no package 'nowhere'",
+    "<arg name='a' value='$(find nowhere)' doc='make it'/>": "no package 'nowhere'; make it",
+    "<param if='maybe' name='a' value='1'/>": "maybe",
+    "<param name='a'": "XML",
+}  # fmt: skip
+#: All of them in one process: one of its own takes seconds to begin.
+REFUSE = """
+import json, sys
+from merlin.launch_runner import main
+for words in json.loads(sys.argv.pop()):
+    sys.argv[1:] = words
+    print("exit code", main(), file=sys.stderr, flush=True)
+"""
 
 
-@pytest.mark.parametrize(
-    ("content", "expected"),
-    [
-        ("<include file='/nowhere.launch'/>", "/nowhere.launch"),
-        ("<include file='$(find nowhere)/x.launch'/>", "no package 'nowhere'"),
-        ("<arg name='a' value='$(find nowhere)' doc='make it'/>", "no package 'nowhere'; make it"),
-        ("<param if='maybe' name='a' value='1'/>", "maybe"),
-        ("<param name='a'", "XML"),
-    ],
-)
-def test_a_broken_launch_file_is_one_line(tmp_path: Path, content: str, expected: str) -> None:
-    broken = tmp_path / "broken.launch"
-    broken.write_text(f"<launch>{content}</launch>")
-    exit_code, _, err = run(tmp_path, str(broken))
-    assert exit_code == 2
-    assert len(err) == 1
-    assert expected in err[0]
+@pytest.fixture(scope="module")
+def refusals(tmp_path_factory: pytest.TempPathFactory) -> Dict[Union[str, tuple], List[str]]:
+    """What is said of each, and last its exit code."""
+    folder, commands = tmp_path_factory.mktemp("refused"), []
+    for number, case in enumerate(REFUSED):
+        if isinstance(case, str):
+            (folder / f"broken{number}.launch").write_text(f"<launch>{case}</launch>")
+            case = (str(folder / f"broken{number}.launch"),)
+        commands.append(case)
+    started = Run(folder, json.dumps(commands), code=REFUSE)
+    code, out, err = started.end()
+    assert (code, out, started.left()) == (0, [], [])
+    parts = re.split(r"(?<=exit code \d)\n", "\n".join(err))
+    assert len(parts) == len(REFUSED), err
+    return {case: part.splitlines() for case, part in zip(REFUSED, parts)}
+
+
+@pytest.mark.parametrize("case", REFUSED, ids=str)
+def test_bad_input_is_one_line(refusals: Dict[Union[str, tuple], List[str]], case: Union[str, tuple]) -> None:
+    line, code = refusals[case]
+    assert code == "exit code 2" and REFUSED[case] in line
 
 
 @pytest.mark.everywhere
@@ -390,11 +399,9 @@ def test_arguments_of_a_file_that_takes_all_of_them_are_known(tmp_path: Path) ->
 
 
 def test_the_version_of_ros_is_what_its_command_says() -> None:
-    from merlin.launch_runner import _Loader
-
     for command in ("rosversion roslaunch", "rosversion -d"):
         said = subprocess.run(command.split(), stdout=subprocess.PIPE, text=True, check=True).stdout
-        assert _Loader().param_value(False, "version", "str", None, None, None, command) == said
+        assert Loader().param_value(False, "version", "str", None, None, None, command) == said
 
 
 def test_rosrun_finds_one_executable_only() -> None:

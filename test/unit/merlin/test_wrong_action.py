@@ -21,11 +21,17 @@ ACTIONS = Path(__file__).parents[3] / "launch" / "include" / "actions.launch"
             [],
             "module merlin_actions.actions.navigate has no Navigat",
         ),
-        ("['merlin_actions.no_such_module:Navigate']", [], "No module named 'merlin_actions.no_such_module'"),
-        (
+        pytest.param(
+            "['merlin_actions.no_such_module:Navigate']",
+            [],
+            "No module named 'merlin_actions.no_such_module'",
+            marks=pytest.mark.long,
+        ),
+        pytest.param(  # test_autonomy_argument.py finds the line in one process
             "['merlin_actions.actions.navigate:Navigate']",
             ["autonomy:=medium"],
             "parameter ~autonomy: 'medium' is not an autonomy level; there are off, low, high, full",
+            marks=pytest.mark.long,
         ),
     ],
 )

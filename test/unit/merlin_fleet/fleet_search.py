@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Searches for stories that do harm to a small fleet."""
 
-from typing import Dict, List, Optional, Tuple
+from typing import Dict, List, Optional, Set, Tuple
 
 import fleet_world as model
 
@@ -47,23 +47,28 @@ def explore(
     :param every: of the later events of a story only each so many rounds a moment is tried.
     :param rounds: in which faults happen.
     :param takes: rounds of an execution.
-    :return: the number of stories, and one that goes wrong.
+    :return: the number of stories that differ in what they do, and one that goes wrong.
     """
     begin = model.World(robots, rules, finish=finish, takes=takes)
     for goal in goals:
         begin.send(goal)
     stories = 0
     stack = [(begin, 0, budget, [])]
+    known: Set[Tuple[int, int, bytes]] = set()
     while stack:
         world, moment, left, story = stack.pop()
         while moment < rounds:
             if left and (not story or (moment - story[-1][0]) % every == 0):
+                saved = world.saved()
                 for event in world.events():
                     if kinds and event[0] not in kinds:
                         continue
-                    struck = world.copy()
+                    struck = model.World.restored(saved)
                     struck.strike(event)
-                    stack.append((struck, moment, left - 1, [*story, (moment, event)]))
+                    state = (moment, left, struck.saved())
+                    if state not in known:  # other events have led to the same
+                        known.add(state)
+                        stack.append((struck, moment, left - 1, [*story, (moment, event)]))
             world.act()
             moment += 1
             if world.wrong():

@@ -373,7 +373,12 @@ class World:
                 return ""
         return reason
 
-    def copy(self) -> "World":
-        """An independent copy."""
-        copied: World = pickle.loads(pickle.dumps(self, pickle.HIGHEST_PROTOCOL))
-        return copied
+    def saved(self) -> bytes:
+        """All of it; worlds of which this is equal go on alike."""
+        return pickle.dumps(self, pickle.HIGHEST_PROTOCOL)
+
+    @staticmethod
+    def restored(saved: bytes) -> "World":
+        """An independent copy of a world that was saved."""
+        world: World = pickle.loads(saved)
+        return world

@@ -47,11 +47,11 @@ print("status", goal.status, goal.text, flush=True)
 SAY, BEEP = "-3", "1"
 LISTENER = """
 import rospy
+from merlin_test.topic_links import wait_for_publishers
 from std_msgs.msg import String
 rospy.init_node("robot")
 heard = rospy.Subscriber("speech", String, lambda message: print("says", message.data, flush=True))
-while not heard.get_num_connections():
-    rospy.sleep(0.01)
+wait_for_publishers(heard)
 print("ready", flush=True)
 rospy.spin()
 """

@@ -47,8 +47,14 @@ def wait_until_signals_are_handled(process: Any) -> None:
     raise AssertionError("it never handled SIGTERM")
 
 
-@pytest.mark.parametrize(("package", "executable"), EXECUTABLES)
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(
+    ("package", "executable", "number"),
+    [
+        pytest.param(*executable, number, marks=[pytest.mark.long] if count % 2 else [])
+        for number in (signal.SIGINT, signal.SIGTERM)
+        for count, executable in enumerate(EXECUTABLES, number == signal.SIGTERM)
+    ],
+)
 def test_it_ends_without_a_traceback(
     master: Any, tmp_path: Path, package: str, executable: str, number: int
 ) -> None:

@@ -1,10 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a launch file starts and sets, read without starting it."""
 
+import contextlib
+import os
 from pathlib import Path
 from typing import Any, Callable, Dict, Iterable, Iterator, List, Sequence, Tuple
 
 import roslaunch
+import roslaunch.loader
+import roslaunch.xmlloader
 import roslib.packages
 import rospkg
 from roslaunch.core import Node
@@ -38,6 +42,27 @@ FILE_PARAMETERS = ("/domain_path", "knowledge_base/problem_path", "/world_file",
 HOSTS = {("merlin_actions", "fsm_host"), ("merlin_actions", "naive_actions")}
 
 
+class Loader(roslaunch.xmlloader.XmlLoader):
+    """Finds the version and the name of ROS, which every launch sets, without processes of their own."""
+
+    _VERSION, _DISTRIBUTION = "rosversion roslaunch", "rosversion -d"
+
+    def param_value(self, verbose: bool, name: str, ptype: str, *sources: Any) -> Any:
+        """The value of a parameter.
+
+        :param sources: value, text file, binary file and command; all but one are None.
+        """
+        found = None
+        if sources[-1] == self._DISTRIBUTION:
+            found = os.environ.get("ROS_DISTRO")
+        elif sources[-1] == self._VERSION:
+            with contextlib.suppress(rospkg.ResourceNotFound, rospkg.InvalidManifest):
+                found = rospkg.RosPack().get_manifest("roslaunch").version
+        if found:
+            return roslaunch.loader.convert_value(f"{found}\n", ptype)  # the command ends its line, too
+        return super().param_value(verbose, name, ptype, *sources)
+
+
 class LaunchConfig:
     """A launch file as roslaunch reads it.
 
@@ -47,7 +72,7 @@ class LaunchConfig:
     def __init__(self, request: LaunchRequest) -> None:
         try:
             config = roslaunch.config.load_config_default(
-                [(str(request.launch_file), request.words())], None, verbose=False
+                [(str(request.launch_file), request.words())], None, loader=Loader(), verbose=False
             )
         except Exception as error:  # of roslaunch, a missing package, or what an expression $(eval …) raises
             raise LaunchError(one_line(error)) from error

@@ -18,8 +18,6 @@ from pathlib import Path
 from typing import Any, Callable, Dict, List, NamedTuple, Optional, Set, Union
 
 import roslaunch
-import roslaunch.loader
-import roslaunch.xmlloader
 import roslib
 import rospkg
 from roslaunch.core import Node, RLException
@@ -27,11 +25,11 @@ from roslaunch.pmon import ProcessListener
 from roslaunch.substitution_args import SubstitutionException
 
 from merlin.error_relay import ErrorRelay
-from merlin.launch_config import check_executables, check_files, check_scripts
+from merlin.launch_config import Loader, check_executables, check_files, check_scripts
 from merlin.launch_request import HelpWanted, LaunchError, LaunchRequest, one_line
 from merlin.linger import Page, keep, lingers, page_of, terminal
 from merlin.local_names import LOCALHOST, LOOPBACK, given_address, master_uri, resolves, use_loopback
-from merlin.master import Master
+from merlin.master import Master, MasterError
 from merlin.running import announced
 from merlin.supervision import WRAPPER_SPAN, Restarts, end_children
 from merlin_ros.lean_start import end_lightly
@@ -71,27 +69,6 @@ class _Death(NamedTuple):
 _Event = Union[signal.Signals, _Death]
 
 
-class _Loader(roslaunch.xmlloader.XmlLoader):
-    """Finds the version and the name of ROS, which every launch sets, without processes of their own."""
-
-    _VERSION, _DISTRIBUTION = "rosversion roslaunch", "rosversion -d"
-
-    def param_value(self, verbose: bool, name: str, ptype: str, *sources: Any) -> Any:
-        """The value of a parameter.
-
-        :param sources: value, text file, binary file and command; all but one are None.
-        """
-        found = None
-        if sources[-1] == self._DISTRIBUTION:
-            found = os.environ.get("ROS_DISTRO")
-        elif sources[-1] == self._VERSION:
-            with contextlib.suppress(rospkg.ResourceNotFound, rospkg.InvalidManifest):
-                found = rospkg.RosPack().get_manifest("roslaunch").version
-        if found:
-            return roslaunch.loader.convert_value(f"{found}\n", ptype)  # the command ends its line, too
-        return super().param_value(verbose, name, ptype, *sources)
-
-
 class _Parent(roslaunch.parent.ROSLaunchParent, ProcessListener):
     """roslaunch on a master that runs already; every death from the first process on reaches `events`."""
 
@@ -119,7 +96,7 @@ class _Parent(roslaunch.parent.ROSLaunchParent, ProcessListener):
         """
         try:
             self.config = roslaunch.config.load_config_default(
-                self.roslaunch_files, self.port, loader=_Loader(), verbose=False
+                self.roslaunch_files, self.port, loader=Loader(), verbose=False
             )
         except (ValueError, SubstitutionException, rospkg.ResourceNotFound) as error:
             # roslaunch does not wrap all of them
@@ -250,7 +227,7 @@ class LaunchRun:
             self._parent.load()
             stack.enter_context(announced(uri, self._request.launch_file, self.log_folder))
             self._parent.start(auto_terminate=False)
-        except (RLException, LaunchError) as error:
+        except (RLException, LaunchError, MasterError) as error:
             code = self._ended_while_it_started()
             if code is None:
                 self._say(f"{self._request.launch_file.name}: {one_line(error)}{_advice(error)}")

@@ -13,8 +13,9 @@ LOOPBACK = "127.0.0.1"
 LOCALHOST = "localhost"
 #: roslaunch asks for the address of localhost before it starts a node. Its arguments: an address, the tool.
 _TOOL = (
+    "from merlin_ros.lean_start import end_lightly, prepare\n"
+    "prepare()\n"
     "import sys, roslaunch, roslaunch.core, rostest\n"
-    "from merlin_ros.lean_start import end_lightly\n"
     "end_lightly()\n"
     "roslaunch.core.local_machine().address = sys.argv[1]\n"
     "del sys.argv[:2]\n"

@@ -11,10 +11,12 @@ from typing import Optional
 import rosgraph.xmlrpc
 import rosmaster.master_api
 
-from merlin.launch_request import LaunchError
-
 #: Wall seconds that binding a socket may take.
 START_TIMEOUT = 10.0
+
+
+class MasterError(Exception):
+    """The master cannot be started; the text says why."""
 
 
 class _Server(rosgraph.xmlrpc.XmlRpcNode):
@@ -44,14 +46,14 @@ class Master:
         """Starts the master.
 
         :param port: TCP port; None: any free one.
-        :raises LaunchError: the port is taken.
+        :raises MasterError: the port is taken.
         """
         handler = rosmaster.master_api.ROSMasterHandler(rosmaster.master_api.NUM_WORKERS)
         self._server = _Server(port or 0, handler)
         self._server.start()
         if not self._server.settled.wait(START_TIMEOUT) or self._server.error is not None:
             reason = self._server.error or f"not ready after {START_TIMEOUT:.0f} s"
-            raise LaunchError(
+            raise MasterError(
                 f"the ROS master cannot use port {port or '(any)'} ({reason}); stop what holds it, "
                 "or leave port:= out to get a free one"
             )

@@ -29,6 +29,7 @@ LAZY: Dict[str, Dict[str, str]] = {
     "catkin.find_in_workspaces": {"find_in_workspaces": ""},  # of roslib; with pyparsing and unittest
     "hashlib": {"md5": "_md5", "sha256": "_sha256"},  # of rospy and ours; with OpenSSL
     "html": {},  # of the XML-RPC server, as the next
+    "rosclean": {},  # of roslaunch; with distutils, in whose place setuptools comes
     "shutil": {},
     "tempfile": {},  # of the problem interface; with random
     "ipaddress": {},  # of urllib

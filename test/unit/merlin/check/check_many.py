@@ -1,12 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Checks one folder after the other in this process; prints exit code and output of each as a JSON list."""
+"""Checks one application after the other in this process.
+
+Each line of standard input is a JSON list: a folder of Python modules, and the words of `merlin check`.
+Each line of standard output is another: exit code, standard output, standard error.
+"""
 
 import contextlib
 import io
 import json
 import os
 import sys
-from pathlib import Path
+from typing import List
 
 import rospy
 
@@ -18,34 +22,30 @@ from merlin.master import Master
 from merlin_ros.node import init_node
 
 
-def checked(folder: Path) -> list:
+def checked(folder: str, words: List[str]) -> list:
     out, err = io.StringIO(), io.StringIO()
-    sys.path.insert(0, str(folder))
-    known = set(sys.modules)
+    sys.path.insert(0, folder)
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
         try:
-            code = report(
-                "guide.launch", LaunchConfig(LaunchRequest.from_command_line([str(folder / "guide.launch")]))
-            )
+            request = LaunchRequest.from_command_line(words)
+            code = report(request.launch_file.name, LaunchConfig(request))
         except LaunchError as error:
             code = 2
             print(error, file=err)
-    sys.path.remove(str(folder))
-    for name in set(sys.modules) - known:
-        if name.startswith("guide_"):
-            del sys.modules[name]
+    sys.path.remove(folder)
+    for name, module in list(sys.modules.items()):
+        if (getattr(module, "__file__", None) or "").startswith(f"{folder}{os.sep}"):
+            del sys.modules[name]  # the next folder may have one of the same name
     return [code, out.getvalue(), err.getvalue()]
 
 
 use_loopback()
 master = Master()
 os.environ["ROS_MASTER_URI"] = master_uri(master.port)
-folders = sys.argv[1:]
-sys.argv[1:] = []
 init_node("check_many", anonymous=True)
 try:
-    for folder in folders:
-        print(json.dumps(checked(Path(folder))))
+    for line in sys.stdin:
+        print(json.dumps(checked(*json.loads(line))), flush=True)
 finally:
     rospy.signal_shutdown("checked")
     master.stop()

@@ -1,13 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The table of docs/check.md: each mistake is made in a copy of the guide; `check` says it once."""
 
-import json
 import re
 import shutil
-import subprocess
-import sys
 from pathlib import Path
-from typing import Dict, List, NamedTuple
+from typing import Any, Callable, List, NamedTuple
 
 import pytest
 
@@ -35,37 +32,33 @@ def rows() -> List[Row]:
 ROWS = rows()
 
 
-@pytest.fixture(scope="module")
-def answers(tmp_path_factory: pytest.TempPathFactory) -> Dict[str, List[str]]:
-    """What `check` says of the guide, and of a copy with each mistake."""
-    folders = {"": HERE / "guide"}
-    for number, row in enumerate(ROWS):
-        folder = tmp_path_factory.mktemp(f"guide{number}") / "guide"
+@pytest.fixture
+def guide(check: Any, tmp_path: Path) -> Callable[..., Any]:
+    """What `check` says of a copy of the guide, in which a text of a file is replaced."""
+
+    def ask(file: str = "", old: str = "", new: str = "") -> Any:
+        folder = tmp_path / "guide"
         shutil.copytree(HERE / "guide", folder)
-        text = (folder / row.file).read_text()
-        assert text.count(row.old) >= 1, f"{row.file} has no {row.old}"
-        (folder / row.file).write_text(text.replace(row.old, row.new, 1))
-        folders[row.mistake] = folder
-    done = subprocess.run(
-        [sys.executable, str(HERE / "check_many.py"), *map(str, folders.values())],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    return dict(zip(folders, map(json.loads, done.stdout.splitlines())))
+        if file:
+            text = (folder / file).read_text()
+            assert text.count(old) >= 1, f"{file} has no {old}"
+            (folder / file).write_text(text.replace(old, new, 1))
+        return check(folder, str(folder / "guide.launch"))
+
+    return ask
 
 
-def test_the_guide_itself_fits(answers: Dict[str, List[str]]) -> None:
-    code, out, err = answers[""]
-    assert (code, err) == (0, "") and "2 operators, 2 classes, 2 points of interest fit" in out
+def test_the_guide_itself_fits(guide: Any) -> None:
+    done = guide()
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "2 operators, 2 classes, 2 points of interest fit" in done.stdout
     assert len(ROWS) == 32
 
 
 @pytest.mark.parametrize("row", ROWS, ids=[row.mistake for row in ROWS])
-def test_a_mistake_is_told_once(row: Row, answers: Dict[str, List[str]]) -> None:
-    code, out, err = answers[row.mistake]
-    known = ("warning:", "not looked at:")
-    assert (out + err).count(row.said) == 1, out + err
-    assert code == (0 if row.said.startswith(known) else 2)
-    assert "Traceback" not in err
+def test_a_mistake_is_told_once(row: Row, guide: Any) -> None:
+    done = guide(row.file, row.old, row.new)
+    said = done.stdout + done.stderr
+    assert said.count(row.said) == 1, said
+    assert done.returncode == (0 if row.said.startswith(("warning:", "not looked at:")) else 2)
+    assert "Traceback" not in done.stderr

@@ -10,9 +10,9 @@ from merlin_executor.mission.readiness import servers_of
 
 pytestmark = pytest.mark.processes
 
-#: Waits for ria and tom; a line of its input is a robot whose host sends words from then on, and its state.
+#: Waits for ria and tom; a line of its input is a word of a robot's host: the robot, and its state.
 WAITER = """
-import sys, threading, time
+import sys, threading
 from types import SimpleNamespace
 import rospy
 from merlin_msgs.msg import RobotHost
@@ -22,25 +22,24 @@ from merlin_ros.node import init_node
 init_node("mission")
 rospy.set_param("merlin/robots", ["ria", "tom"])
 readiness.PATIENCE = 0.2
-known, words = {"tom"}, {}
-publisher = rospy.Publisher("/kb/robots", RobotHost, queue_size=10)
+known, connected = {"tom"}, threading.Event()
 
-def read():
+class Connected(rospy.SubscribeListener):
+    def peer_subscribe(self, *_):
+        connected.set()
+
+publisher = rospy.Publisher("/kb/robots", RobotHost, Connected(), queue_size=10)
+
+def speak():
     for line in sys.stdin:
         robot, state = line.split()
         if state == "available":
             known.add(robot)
         out = "is out" if state == "out" else ""
-        words[robot] = RobotHost(robot=robot, leaving=state == "leaving", out=out)
+        connected.wait()
+        publisher.publish(RobotHost(robot=robot, leaving=state == "leaving", out=out))
 
-def speak():
-    while not rospy.is_shutdown():
-        for word in list(words.values()):
-            publisher.publish(word)
-        time.sleep(0.05)  # as hosts do
-
-for work in (read, speak):
-    threading.Thread(target=work, name=work.__name__, daemon=True).start()
+threading.Thread(target=speak, name="speak", daemon=True).start()
 
 def query(items):
     robot = items[0].values[0].value
@@ -68,8 +67,8 @@ def test_it_waits_until_each_robot_takes_actions_or_is_taken_out(master: Any) ->
     waiter = master.node(WAITER, "600")
     waiter.expect("the mission waits for the robots ria, tom, for 600 s in all")
     waiter.say("tom out")
-    waiter.say("ria heard")  # its host lives, and the knowledge does not say so yet
     for _ in range(2):
+        waiter.say("ria heard")  # its host lives, and the knowledge does not say so yet
         waiter.expect("asked for ria")
     waiter.say("ria available")
     waiter.expect("wait is over")
@@ -77,10 +76,11 @@ def test_it_waits_until_each_robot_takes_actions_or_is_taken_out(master: Any) ->
 
 
 def test_it_begins_without_those_that_do_not_come(master: Any) -> None:
-    waiter = master.node(WAITER, "3")
+    waiter = master.node(WAITER, "5")
+    waiter.expect("the mission waits for the robots ria, tom, for 5 s in all")
     waiter.say("tom leaving")
     waiter.say("ria available")
-    waiter.expect("the mission begins without tom, which did not come after 3 s")
+    waiter.expect("the mission begins without tom, which did not come after 5 s")
     waiter.expect("wait is over")
 
 

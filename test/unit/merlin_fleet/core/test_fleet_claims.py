@@ -7,14 +7,20 @@ import fleet_world as model
 import pytest
 from fleet_search import begun, explore
 
+#: Every moment, where the same stories with fewer moments are told in seconds.
+LONG = (pytest.mark.long, pytest.mark.timeout(3600))
+
 
 @pytest.mark.parametrize(
     ("budget", "every", "kinds"),
     [
-        (2, 2, ("revoke", "unclaim", "cut", "mend")),
-        (2, 4, ("revoke", "unclaim", "kill", "restart", "hang")),
+        (2, 4, ("revoke", "unclaim", "cut", "mend")),
+        (2, 6, ("revoke", "unclaim", "kill", "restart", "hang")),
         (2, 4, ("revoke", "hub down", "hub up")),
-        (3, 8, ("revoke", "cut", "restart")),
+        (3, 10, ("revoke", "cut", "restart")),
+        pytest.param(2, 2, ("revoke", "unclaim", "cut", "mend"), marks=LONG),
+        pytest.param(2, 4, ("revoke", "unclaim", "kill", "restart", "hang"), marks=LONG),
+        pytest.param(3, 8, ("revoke", "cut", "restart"), marks=LONG),
     ],
 )
 def test_claims_that_anyone_ends_do_no_harm(budget: int, every: int, kinds: Tuple[str, ...]) -> None:
