@@ -39,7 +39,7 @@ class Sentences(NamedTuple):
     :ivar file: for what is said about them.
     :ivar languages: of all of them.
     :ivar goals: of predicates, where they are wanted.
-    :ivar optional: operators, predicates and parameters that only some of the application's domains have.
+    :ivar optional: names and parameters that only some of the domains of the application have.
     """
 
     file: str = ""
@@ -87,17 +87,20 @@ def domain_faults(sentences: Sentences, domain: Mapping[str, Signatures]) -> Lis
                 continue
             labels = [label.lower() for label, _ in known[name]]
             for language, text in forms.items():
-                unknown = [
-                    f"{sentences.file}, {group}.{key}.{language}: {kind} {name} has no parameter '{blank}', "
-                    f"only {', '.join(labels) or 'none'}{_advice(blank, sentences)}"
-                    for blank in _unfilled(text, labels, sentences.optional)
-                ]
-                faults += dict.fromkeys(unknown)
+                for blank in dict.fromkeys(_BLANK.findall(text)):
+                    optional = blank in sentences.optional
+                    if blank in labels or (optional and not has_blank(_PART.sub("", text), blank)):
+                        continue
+                    faults.append(
+                        f"{sentences.file}, {group}.{key}.{language}: {kind} {name} has no parameter "
+                        f"'{blank}', only {', '.join(labels) or 'none'}"
+                        f"{'; write what needs it in [brackets]' if optional else ''}"
+                    )
     return faults
 
 
 def filled_parts(template: str, labels: Iterable[str]) -> str:
-    """A template without its [parts] that have a blank for none of these parameters."""
+    """A template without the [parts] in which a blank is for none of these parameters."""
     known = set(labels)
     text = _PART.sub(lambda part: part[1] if known.issuperset(_BLANK.findall(part[1])) else "", template)
     return " ".join(text.split())
@@ -111,20 +114,6 @@ def fill(template: str, values: Mapping[str, str]) -> str:
 def has_blank(template: str, label: str) -> bool:
     """Whether a template has a blank for a parameter."""
     return label in _BLANK.findall(template)
-
-
-def _unfilled(template: str, labels: Sequence[str], optional: Sequence[str]) -> List[str]:
-    """The blanks for which there is no parameter; an optional one may be within [brackets]."""
-    outside = _PART.sub("", template)
-    return [
-        blank
-        for blank in _BLANK.findall(template)
-        if blank not in labels and (blank not in optional or has_blank(outside, blank))
-    ]
-
-
-def _advice(blank: str, sentences: Sentences) -> str:
-    return "; write what needs it in [brackets]" if blank in sentences.optional else ""
 
 
 class _Reader:

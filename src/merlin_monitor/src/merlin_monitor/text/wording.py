@@ -90,9 +90,7 @@ class Wording:
             named = [text for text in forms.values() if has_blank(text, robot.lower())]
             if not subject and any(has_blank(filled_parts(text, values), robot.lower()) for text in named):
                 return self.action(name, parameters)
-            filled = self._filled(
-                forms, list(values), lambda language, label: self.name(values[label], language)
-            )
+            filled = self._filled(forms, values)
             if who and not named:
                 for language in forms:
                     filled[_KEYS[language]] = f"{self.name(who, language)} {filled[_KEYS[language]]}"
@@ -140,14 +138,13 @@ class Wording:
     def _forms_of(self, name: str) -> Forms:
         return self.sentences.predicates.get(name.lower()) or self.sentences.functions.get(name.lower()) or {}
 
-    def _filled(self, forms: Forms, labels: List[str], value: Callable[[str, str], str]) -> Dict[str, Any]:
-        """The templates of all languages, filled."""
-        return {
-            _KEYS[language]: fill(
-                filled_parts(text, labels), {label: value(language, label) for label in labels}
-            )
-            for language, text in forms.items()
-        }
+    def _filled(self, forms: Forms, objects: Mapping[str, str]) -> Dict[str, Any]:
+        """The templates of all languages, filled with the names of objects."""
+        filled = {}
+        for language, text in forms.items():
+            names = {label: self.name(thing, language) for label, thing in objects.items()}
+            filled[_KEYS[language]] = fill(filled_parts(text, names), names)
+        return filled
 
     def _object(self, thing: str) -> Phrase:
         forms = self.sentences.objects.get(thing.lower())
@@ -208,8 +205,7 @@ class Wording:
         """A predicate or function with its objects: by its template, else by `words`."""
         labels, forms = self._labels.get(name.lower(), []), forms or self._forms_of(name)
         if forms and len(labels) == len(objects):
-            values = dict(zip(labels, objects))
-            return self._filled(forms, labels, lambda language, label: self.name(values[label], language))
+            return self._filled(forms, dict(zip(labels, objects)))
         return {"english": words(name, [self.name(each) for each in objects])}
 
 

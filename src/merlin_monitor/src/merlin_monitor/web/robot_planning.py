@@ -62,7 +62,7 @@ class RobotPlanning:
             raise ControlError(f"No plan can be shown: {error}") from error
         status = answer.status
         left_out = f" without {', '.join(without)}" if without else ""
-        looks = say("{client} looks for a plan for “{goal}”", client=by, goal=self._goal(goal))
+        looks = say("{client} looks for a plan for “{goal}”", client=by, goal=self._state.wording.goal(goal))
         if without:
             looks = say(
                 "{what} without {actions}", what=looks, actions=[self._words(text) for text in without]
@@ -81,7 +81,7 @@ class RobotPlanning:
         self._report(by, with_reason(looks, found if steps else say("the goal holds already")))
         plan = {
             "goal": goal,
-            "words": self._goal(goal),
+            "words": self._state.wording.goal(goal),
             "without": list(without),
             "after": list(running.values()),
             "steps": steps,
@@ -175,6 +175,3 @@ class RobotPlanning:
             return text
         pairs = [(variable, value) for (variable, _), value in zip(known, objects)]
         return self._state.wording.action(name, pairs)
-
-    def _goal(self, text: str) -> Phrase:
-        return self._state.wording.goal(text)
