@@ -2,12 +2,16 @@
 """The file of the sentences: what is wrong with it, and that those of the examples fit all their domains."""
 
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, Dict, List
 
 import pytest
+import rospy
 
+from merlin_monitor.panels.control import sentences_of_node
 from merlin_monitor.text.sentences import Sentences, SentencesError, domain_faults, read_sentences
 from merlin_pddl.domain_reader import read_domain
+from merlin_ros.parameters import ParameterError
 
 PDDL = Path(__file__).resolve().parents[4] / "pddl"
 DOMAIN = {
@@ -130,3 +134,21 @@ def test_the_sentences_of_an_example_fit_its_domains_and_leave_nothing_out(examp
         assert domain_faults(read, domain) == []
         for group, named in domain.items():
             assert set(named) <= set(getattr(read, group)), f"{group} of {file}"
+
+
+def test_a_monitor_does_not_begin_with_a_wrong_file_and_a_terminal_begins_without_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    warned: List[str] = []
+    monkeypatch.setattr(rospy, "logwarn", warned.append)
+    path = write(tmp_path, "operators: {greet: {en: 5}}")
+    ros: Any = SimpleNamespace(
+        parameter=lambda name, default: {"merlin/sentences": str(path)}.get(name, default)
+    )
+    with pytest.raises(ParameterError, match="operators.greet.en: is 5, not a text"):
+        sentences_of_node(ros)
+    assert sentences_of_node(ros, needed=False) == Sentences()
+    (warning,) = warned
+    assert warning.endswith("is 5, not a text; write it in quotes; words are made of the names in PDDL")
+    ros.parameter = lambda name, default: "none"
+    assert sentences_of_node(ros) == Sentences()
