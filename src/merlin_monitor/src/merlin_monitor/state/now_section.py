@@ -409,8 +409,8 @@ class NowSection:
         if not held:
             return ""
         # Between two requests it is one that is held.
-        otherwise = self._wording.goal(held) if self._executor["state"] == "idle" else held
-        return say(HELD_BEFORE, what=self._plan.words_of(held) or otherwise)
+        words = self._wording.goal if self._executor["state"] == "idle" else self._wording.reason
+        return say(HELD_BEFORE, what=self._plan.words_of(held) or words(held))
 
     def _idle(self) -> Phrase:
         if not self._executor and not self._mission:
