@@ -8,7 +8,7 @@ import pytest
 from terminal import LIMIT, ROOT, run_in_shell
 
 PAGE = (ROOT / "docs" / "museum.md").read_text(encoding="utf-8")
-BLOCK = re.compile(r"(?:<!-- (\w+): (\S+) -->\n)?```(sh|python|lisp)\n(.*?)```", re.DOTALL)
+BLOCK = re.compile(r"(?:<!-- (\w+): (\S+) -->\n)?```(sh|python|lisp|yaml)\n(.*?)```", re.DOTALL)
 #: Kind of block → what is replaced in a file; the block comes in its place.
 REPLACED = {"predicate": r"(?<=\(:predicates\n)", "operator": r"  \(:durative-action tell.*\n(?=\Z)"}
 SIMULATED = "rosrun merlin run museum museum.launch answers"

@@ -79,7 +79,7 @@ function layOut(spans, { parameters = {}, robots = {} }) {
 
 function bars({ step, planned, real }, x, y) {
   const rect = (kind, [from, to], top) => svg("rect", { class: kind, x: x(from), y: top, width: Math.max(2, x(to) - x(from) - 1), height: BAR, rx: 4, "data-state": step.state });
-  const words = say(step.words) || step.text;
+  const words = say(step.does || step.words) || step.text;
   const seconds = real ? t("{state} in {time}", { state: t(step.state), time: secondsText(real[1] - real[0]) }) : t(step.state);
   const title = svg("title", {}, `${words}: ${t("planned {time}", { time: secondsText(step.duration) })}, ${seconds}`);
   const shapes = [svg("g", {}, title, rect("planned", planned, y + 2), real ? rect("real", real, y + 4 + BAR) : null)];

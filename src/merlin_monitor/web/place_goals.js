@@ -2,6 +2,7 @@
 // Goals for a point of interest: what the application offers for it, and what its operators can make true of it.
 import { isA } from "./completion.js";
 import { el, of, setText } from "./dom.js";
+import { factWords, objectWords } from "./pddl_words.js";
 import { t } from "./texts.js";
 
 const MOST = 24; // goals that are offered at once
@@ -14,7 +15,7 @@ export function goalsOf(place, { control = {}, knowledge = {} }) {
     if (offered.goal.split(/[\s()]+/).includes(place)) found.set(offered.goal, offered);
   }
   for (const goal of reachable(place, knowledge)) {
-    if (!found.has(goal)) found.set(goal, { name: goal.slice(1, -1).replace(/_/g, " "), goal, priority: 0 });
+    if (!found.has(goal)) found.set(goal, { name: factWords(goal, knowledge.words, true), goal, priority: 0 });
   }
   return [...found.values()].slice(0, MOST);
 }
@@ -57,7 +58,7 @@ export class PlaceGoals {
 
   open(place) {
     const goals = goalsOf(place, this.store.state);
-    setText(this.title, t("Goals at {place}", { place: place.replace(/_/g, " ") }));
+    setText(this.title, t("Goals at {place}", { place: objectWords(place, (this.store.state.knowledge || {}).words) }));
     const buttons = goals.map(({ name, goal, priority }) => el("button", {
       title: goal,
       onclick: () => { this.dialog.close(); this.control.ask("send", { goal, priority }); },

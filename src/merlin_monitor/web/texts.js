@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The page's texts in the reader's language: ?lang=de, else what the browser asks for. English is the key of each.
-import { has, of } from "./names.js";
+import { has } from "./names.js";
 
 const TABLES = ["de"]; // languages with a table, texts.<language>.json
 const wanted = [new URLSearchParams(location.search).get("lang"), ...(navigator.languages || [])];
@@ -29,20 +29,14 @@ export function t(text, blanks = {}) {
 
 const filled = (text, blanks) => text.replace(/\{(\w+)\}/g, (whole, name) => (has(blanks, name) ? say(blanks[name]) : whole));
 
-// A phrase of the monitor (text/phrase.py): a text, a list, a sentence with blanks, an action, or a fact.
+// A phrase of the monitor (text/phrase.py): a text, a list, a sentence with blanks, or a text in several languages.
 export function say(phrase) {
   if (phrase === null || phrase === undefined) return "";
   if (typeof phrase !== "object") return String(phrase);
   if (Array.isArray(phrase)) return listed(phrase.map(say));
-  if (phrase.action !== undefined) {
-    const words = of(table, `action ${phrase.action}`);
-    if (words !== undefined) return filled(words, phrase.with || {});
-    if (language === "en") return phrase.english;
-    return t("doing {what}", { what: [phrase.action, ...Object.values(phrase.with || {})].join(" ").replace(/[_-]/g, " ") });
-  }
-  if (phrase.fact !== undefined) {
-    const words = of(table, `fact ${phrase.fact}`);
-    return words !== undefined ? filled(words, { ...phrase.of }) : phrase.english;
+  if (phrase.english !== undefined) {
+    if (has(phrase, language)) return phrase[language];
+    return language === "en" || !phrase.action ? phrase.english : t("doing {what}", { what: phrase.action });
   }
   return filled(own(String(phrase.say)), phrase);
 }

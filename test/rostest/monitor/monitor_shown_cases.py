@@ -19,7 +19,8 @@ from rosplan_knowledge_msgs.msg import KnowledgeItem
 from sensor_msgs.msg import BatteryState
 from smach_msgs.msg import SmachContainerStatus, SmachContainerStructure
 
-from merlin_monitor.text.phrase import goal_phrase, in_english
+from merlin_monitor.text.phrase import in_english
+from merlin_monitor.text.wording import Wording
 
 HOSTILE = '<img src=x onerror="window.pwned=1"><script>window.pwned=1</script>\'";alert(1)//'
 
@@ -77,7 +78,7 @@ class ShownCases(PageCases):
         held = {f"(checked {poi})" for poi in ("kitchen", "bathroom", "main_door")}
         held |= {"(robot_at main_door)", "(in_service)"}
         for fact in held:
-            visit.wait_text("#knowledge-list .fact", in_english(goal_phrase(fact)))
+            visit.wait_text("#knowledge-list .fact", in_english(Wording().fact(fact)))
         state = visit.page.evaluate("async () => (await (await fetch('/state.json')).json()).state")
         self.assertEqual(set(state["knowledge"]["facts"]), held)
         self.assertEqual(state["knowledge"]["facts"]["(checked kitchen)"]["by"], "/merlin_bridges")

@@ -15,6 +15,7 @@ from merlin.new.names import NameRefused, check_operator, check_package, class_n
 from merlin.new.package_writer import files_of, write_application
 from merlin.new.robots_added import with_robots
 from merlin_actions.core.names import snake_case
+from merlin_monitor.text.sentences import domain_faults, read_sentences
 from merlin_pddl.domain_reader import parse_domain, read_domain
 from merlin_pddl.problem_reader import parse_problem, read_problem
 from merlin_pddl.text_reader import PddlError
@@ -39,6 +40,16 @@ def test_the_written_pddl_is_valid_and_python_passes_ruff(specs, tmp_path):
     package = package_of(tmp_path, *specs)
     domain = read_domain(package / "pddl" / "domain.pddl")
     parse_problem((package / "pddl" / "problem.pddl").read_text(), domain)
+    sentences = package / "pddl" / "sentences.yaml"
+    assert not read_sentences(sentences).operators, "all of it are comments"
+    sentences.write_text(re.sub("(?m)^  # ", "  ", sentences.read_text()))
+    written = read_sentences(sentences)
+    assert (set(written.operators), set(written.goals)) == (set(domain.operators), set(domain.predicates))
+    signatures = {
+        group: {name: [(each.label, "") for each in one.parameters] for name, one in named.items()}
+        for group, named in (("operators", domain.operators), ("predicates", domain.predicates))
+    }
+    assert domain_faults(written, {**signatures, "functions": {}}) == []
     assert len(domain.operators) == max(1, len(specs)) + 1
     for words in (["check"], ["format", "--check"]):
         ruff = subprocess.run(

@@ -13,7 +13,7 @@ from merlin_monitor.access.tls import ServerTls
 from merlin_monitor.access.web_access import WebAccess
 from merlin_monitor.state.inbox import Inbox
 from merlin_monitor.state.monitor_model import MonitorModel
-from merlin_monitor.text.phrase import goal_phrase
+from merlin_monitor.text.wording import Wording
 from merlin_monitor.web.page_control import Control, ControlError
 from merlin_monitor.web.web_server import WebServer
 
@@ -73,7 +73,7 @@ class FakeRobot:
         ]
         plan = {
             "goal": goal,
-            "words": goal_phrase(goal),
+            "words": Wording().goal(goal),
             "without": list(without),
             "after": ["driving to the hall"],
             "steps": steps,

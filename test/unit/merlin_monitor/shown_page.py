@@ -45,6 +45,15 @@ PLACES = {
     "main_door": {"x": 0.8, "y": 3.1},
 }
 
+DOMAIN: Dict[str, Any] = {
+    "name": "home",
+    "types": {"poi": "object"},
+    "predicates": {"checked": [["p", "poi"]], "robot_at": [["p", "poi"]]},
+    "functions": {},
+    "operators": {"navigate": [["from", "poi"], ["to", "poi"]], "ask": [["p", "poi"]]},
+    "adds": {"navigate": [["robot_at", "to"]], "ask": [["checked", "p"]]},
+}
+
 
 def show_panels(served: Served) -> None:
     """Has the page draw all panels of the monitor."""
@@ -92,9 +101,8 @@ def fill(served: Served, steps: int = 6) -> None:
     plan = plan_message(steps)
 
     def take() -> None:
-        points = state.map.points(PLACES)
-        state.now.places = set(points)
-        state.plan.places(state.now.places)
+        state.domain(DOMAIN)
+        state.places(set(state.map.points(PLACES)))
         state.now.mission(mission, 100.0, "/mission")
         state.now.executor(doing, 100.0)
         state.planned(*sequential_steps(plan), 100.0)
@@ -143,16 +151,6 @@ def _fill_world(state: MonitorModel) -> None:
     state.map.goal((3.0, 1.2, 0.0))
     facts = [fact("robot_at", "kitchen"), fact("checked", "main_door"), fact("in_service")]
     objects = dict.fromkeys(PLACES, "poi")
-    state.knowledge.domain(
-        {
-            "name": "home",
-            "types": {"poi": "object"},
-            "predicates": {"checked": [["p", "poi"]], "robot_at": [["p", "poi"]]},
-            "functions": {},
-            "operators": {"navigate": [["from", "poi"], ["to", "poi"]], "ask": [["p", "poi"]]},
-            "adds": {"navigate": [["robot_at", "to"]], "ask": [["checked", "p"]]},
-        }
-    )
     far = [value("travel_time", "kitchen", "bathroom", number=7.5)]
     state.knowledge.replace(Contents(objects, facts, far, []), "/mission", 100.0, True)
 

@@ -9,8 +9,10 @@ from merlin_fleet.core.view import FleetGoalState
 from merlin_fleet.fleet_client import FleetClient
 from merlin_fleet.fleet_request import GoalNews
 from merlin_monitor.state.now_section import STAGES
-from merlin_monitor.text.phrase import Phrase, action_phrase, goal_phrase, say
+from merlin_monitor.text.phrase import Phrase, say
+from merlin_monitor.text.wording import Wording
 
+WORDING = Wording()  # the sentences are those of the robots, which do not send them
 MOST = 40  # goals that are shown: those that continue first, then the last ones that have ended
 
 
@@ -85,7 +87,7 @@ def _said(status: Status, halt: Optional[Halt]) -> Dict[str, Any]:
     known = status.x is not None and status.y is not None
     return {
         "does": status.trouble or (doing or stage if status.at else ""),
-        "for": [goal_phrase(goal) for goal in status.goals],
+        "for": [WORDING.goal(goal) for goal in status.goals],
         "place": status.place.replace("_", " "),
         "at": [round(status.x or 0.0, 1), round(status.y or 0.0, 1)] if known else None,
         "hold": status.hold,
@@ -96,4 +98,4 @@ def _said(status: Status, halt: Optional[Halt]) -> Dict[str, Any]:
 
 def _action(text: str) -> Phrase:
     name, *pairs = text.split() or [""]
-    return action_phrase(name, [(key, value) for key, _, value in (pair.partition("=") for pair in pairs)])
+    return WORDING.action(name, [(key, value) for key, _, value in (pair.partition("=") for pair in pairs)])

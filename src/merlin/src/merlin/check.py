@@ -28,7 +28,8 @@ from merlin_executor.mission.literal_goals import goal_faults
 from merlin_executor.mission.mission_host import load_mission
 from merlin_executor.mission.readiness import servers_of
 from merlin_monitor.panel_board import foreign_panel, script_of
-from merlin_monitor.panels.control import GoalListError, read_goals
+from merlin_monitor.panels.control import NONE, SENTENCES, GoalListError, read_goals
+from merlin_monitor.text.sentences import SentencesError, domain_faults, read_sentences
 from merlin_pddl.checks.literals import literal_fault
 from merlin_pddl.checks.portability import declared_twice
 from merlin_pddl.checks.values import missing_values
@@ -36,7 +37,7 @@ from merlin_pddl.domain import Domain, Signature
 from merlin_pddl.domain_reader import read_domain
 from merlin_pddl.problem import Problem
 from merlin_pddl.problem_reader import read_problem
-from merlin_pddl.text_reader import PddlError
+from merlin_pddl.text_reader import PddlError, suggestion
 from merlin_ros.class_path import load_function
 from merlin_ros.node import init_node
 from merlin_ros.parameters import ParameterError
@@ -258,15 +259,18 @@ def check_world(found: Findings, config: LaunchConfig, node: Node) -> None:
 
 
 def check_page(found: Findings, config: LaunchConfig, node: Node) -> None:
-    """Loads the panels of the page, and reads the goals that it offers.
+    """Loads the panels of the page, and reads its sentences, and the goals that it offers.
 
     :raises ParameterError: for a panel that cannot be used.
     """
     own = _name(node)
     for path in config.param(f"{own}/panels", []):
         found.look(_check_panel, str(path))
+    sentences = str(config.param(f"{node.namespace}{SENTENCES}", ""))
+    if sentences not in ("", NONE):
+        found.look(_check_sentences, Path(sentences).expanduser(), config, node)
     file = str(config.param(f"{own}/goals", ""))
-    if file in ("", "none"):
+    if file in ("", NONE):
         return
     try:
         offered = read_goals(Path(file).expanduser())
@@ -277,6 +281,28 @@ def check_page(found: Findings, config: LaunchConfig, node: Node) -> None:
         fault = task.fault(goal.goal)
         if fault:
             found.wrong(f"the list of goals {file}: {goal.goal} ({goal.name}): {fault}; correct it")
+
+
+def _check_sentences(found: Findings, file: Path, config: LaunchConfig, node: Node) -> None:
+    try:
+        sentences = read_sentences(file)
+    except SentencesError as error:
+        found.wrong(*error.faults)
+        return
+    domain, problem = found.task(config, config.knowledge_base(node))
+    signatures = {
+        "operators": _signatures(domain.operators),
+        "predicates": _signatures(domain.predicates),
+        "functions": _signatures(domain.functions),
+    }
+    found.wrong(*domain_faults(sentences, signatures))
+    known = {*domain.constants, *problem.objects, *sentences.optional}
+    for name in sentences.objects:
+        if name not in known:
+            hint = suggestion(name, known)
+            found.fits[
+                f"{sentences.file}, objects.{name}: warning: the problem has no object '{name}'{hint}"
+            ] = None
 
 
 def _check_panel(_: Findings, path: str) -> None:

@@ -2,7 +2,7 @@
 // Objects, facts, values and goals: searchable, of any number; what changed lights up.
 import { byId, clockText, el, has, keyed, of, part, setText } from "../dom.js";
 import { VirtualList } from "../virtual_list.js";
-import { factWords, valueWords } from "../pddl_words.js";
+import { factWords, objectWords, valueWords } from "../pddl_words.js";
 import { t } from "../texts.js";
 
 const KINDS = [["all", t("All")], ["facts", t("Facts")], ["values", t("Values")], ["objects", t("Objects")], ["goals", t("Goals")]];
@@ -48,6 +48,7 @@ export function show(section, { store }) {
   }
 
   store.watch("knowledge", (change) => {
+    if (change === null || change[0][1] === "words") spoken.clear();
     if (change === null) {
       for (const name of Object.keys(keys)) keys[name] = sorted(name);
       return;
@@ -74,15 +75,19 @@ export function show(section, { store }) {
 
   // A fact in the reader's words; PDDL is its detail.
   function wordsOf(name, key) {
-    if (name === "objects") return key;
     const identity = `${name} ${key}`;
     let shown = spoken.get(identity);
     if (shown === undefined) {
       if (spoken.size > MOST_WORDS) spoken.clear();
-      shown = (name === "values" ? valueWords : factWords)(key);
+      shown = wordsIn(name, key);
       spoken.set(identity, shown);
     }
     return shown;
+  }
+
+  function wordsIn(name, key) {
+    const { words } = store.state.knowledge || {};
+    return name === "objects" ? objectWords(key, words) : (name === "values" ? valueWords : factWords)(key, words, name === "goals");
   }
 
   function entry(name, key) {

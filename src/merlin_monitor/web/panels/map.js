@@ -3,6 +3,7 @@
 // so it is negated.
 import { byId, el, has, keyed, setHidden, setText, svg } from "../dom.js";
 import { pannable } from "../pan.js";
+import { objectWords } from "../pddl_words.js";
 import { PlaceGoals } from "../place_goals.js";
 import { say, t } from "../texts.js";
 
@@ -117,21 +118,23 @@ export function show(section, { store, control }) {
   }
 
   function drawPoints(map, px) {
-    const facts = (store.state.knowledge || {}).facts || {};
+    const { facts = {}, words } = store.state.knowledge || {};
     keyed(points, Object.entries(map.points || {}), ([name]) => name,
       ([name]) => {
         const open = () => control.possible() && goals.open(name);
         return svg("g", {
           class: "map-point", onclick: open,
           onkeydown: (event) => { if (event.key === "Enter" || event.key === " ") { event.preventDefault(); open(); } },
-        }, svg("circle", {}), svg("text", {}, name.replace(/_/g, " ")));
+        }, svg("circle", {}), svg("text", {}));
       },
       (group, [name, [x, y]]) => {
+        const shown = objectWords(name, words);
+        setText(group.lastChild, shown);
         place(group.firstChild, { cx: x, cy: -y, r: 5 * px, "stroke-width": 1.6 * px });
         place(group.lastChild, { x, y: -y - 10 * px, "font-size": textSize() * px, "stroke-width": 3.5 * px });
         // Only an operator that may send goals gets a hint that there are some.
         const possible = control.possible();
-        place(group, possible ? { tabindex: 0, role: "button", "aria-label": t("Goals at {place}", { place: name.replace(/_/g, " ") }) } : { role: "presentation" });
+        place(group, possible ? { tabindex: 0, role: "button", "aria-label": t("Goals at {place}", { place: shown }) } : { role: "presentation" });
         if (!possible) for (const attribute of ["tabindex", "aria-label"]) group.removeAttribute(attribute);
         group.classList.toggle("checked", has(facts, `(checked ${name})`));
       });

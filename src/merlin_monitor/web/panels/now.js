@@ -60,7 +60,9 @@ export function show(section, { store, control }) {
       },
     );
     const last = now.last;
-    const reason = last && last.reason && !["succeeded", "already true"].includes(last.outcome) ? `: ${last.reason}` : "";
+    const why = last ? say(last.said) : "";
+    const reason = why && `: ${why}`;
+    byId("now-last").title = why ? last.reason : "";
     setText(byId("now-last"), last ? t("Before: {goals} {outcome} after {time}", { goals: say(last.words) || t("a request"), outcome: t(last.outcome), time: secondsText(last.seconds) }) + reason : "");
     tell(byId("now-trouble"), (now.trouble_said || []).map(say).join(" · "));
     document.title = doing ? `${tone === "bad" ? "⚠ " : ""}${doing} – MERLIN` : "MERLIN";

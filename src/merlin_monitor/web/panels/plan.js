@@ -40,7 +40,7 @@ export function show(section, { store }) {
         setText(part(row, "text"), say(step.words) || step.text);
         part(row, "text").title = step.text;
         setText(part(row, "when"), whenText(step));
-        setText(part(row, "reason"), step.reason || "");
+        setText(part(row, "reason"), say(step.reason));
       });
     graph.show(order.length > 1 || plan.layout_error ? plan.layout || (plan.layout_error ? { error: plan.layout_error } : null) : null, t("The plan as a graph"));
     graph.mark((id) => {
@@ -82,7 +82,7 @@ export function show(section, { store }) {
       () => el("li", {}, el("span", { class: "at number" }), el("span", { class: "said" })),
       (row, replan) => {
         setText(part(row, "at"), clockText(replan.at));
-        setText(part(row, "said"), replan.reason || t("the plan failed"));
+        setText(part(row, "said"), say(replan.reason) || t("the plan failed"));
       });
   }
 

@@ -102,7 +102,7 @@ def test_goals_of_the_list_and_of_the_map_are_sent_with_a_token_only(served: Ser
         visit.wait("() => !document.getElementById('place-goals').open")
         said_and_forgotten(visit, "Sent as")
         page.locator(".map-point text", has_text="dorm room").click()
-        assert visit.texts("#place-list button") == ["robot at dorm room", "checked dorm room"]
+        assert visit.texts("#place-list button") == ["robot at dorm room", "dorm room checked"]
         page.locator("#place-list button", has_text="robot at").click()
         said_and_forgotten(visit, "Sent as")
         visit.wait("() => !document.getElementById('place-goals').open")

@@ -70,11 +70,11 @@ class Followed:
             rospy, "Subscriber", lambda topic, kind, receive, **options: callbacks.update({topic: receive})
         )
         monkeypatch.setattr(rospy, "get_time", lambda: 1.0)
-        names = ("source", "domain", "replace", "changed")
+        names = ("source", "replace", "changed")
         section = SimpleNamespace(**{name: name for name in names})
         inbox = SimpleNamespace(put=lambda what, *arguments: self.told.put((what, arguments[0])))
         monkeypatch.setattr(rospy, "get_param", lambda name, default: default)
-        state = SimpleNamespace(knowledge=section, inbox=inbox)
+        state = SimpleNamespace(knowledge=section, inbox=inbox, domain="domain")
         watch = SimpleNamespace(address_of=lambda service: "rosrpc://here:1", ros=RosSystem())
         self.listener = KnowledgePanel(state, watch)  # type: ignore
         self.changed = callbacks[f"{NAME}/changes"]

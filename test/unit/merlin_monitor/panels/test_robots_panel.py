@@ -55,8 +55,12 @@ def section(tree: StateTree, told: Told) -> RobotsSection:
 def test_each_robot_does_its_own(section: RobotsSection, tree: StateTree) -> None:
     section.dispatcher(running(("bob", "kitchen"), ("carl", "hall")), 2.0)
     assert tree.get("robots", "robots") == {
-        "ann": {"away": "", "does": []},
-        "bob": {"away": "", "does": ["(drive bob kitchen)"]},
+        "ann": {"away": "", "does": [], "words": []},
+        "bob": {
+            "away": "",
+            "does": ["(drive bob kitchen)"],
+            "words": [{"action": "drive kitchen", "english": "driving to kitchen"}],
+        },
     }
     assert tree.get("robots", "parameters") == {"drive": "r"}
 
@@ -119,7 +123,7 @@ def test_the_terminal_says_it(section: RobotsSection, tree: StateTree) -> None:
     section.dispatcher(running(("bob", "kitchen")), 2.0)
     section.host(word("ann", leaving=True), 3.0, 11.0)
     text = [line.text for line in lines(tree.snapshot()[1])]
-    assert text[text.index("Robots") + 1 :][:2] == ["  ann: its host has ended", "  bob: (drive bob kitchen)"]
+    assert text[text.index("Robots") + 1 :][:2] == ["  ann: its host has ended", "  bob: driving to kitchen"]
 
 
 @pytest.fixture(scope="module")

@@ -38,7 +38,7 @@ POINTS = {"kitchen": [1.0, 2.0, 0.0], "dorm_room": [1.0, 4.0, 1.57]}
 
 
 def step(text, state):
-    return {"text": text, "state": state}
+    return {"words": {"english": text}, "state": state}
 
 
 def plan_of(*steps):
@@ -52,7 +52,7 @@ STATE = {
         "goal": [1.0, 4.0, 1.57],
         "grid": {"x": -1.0, "y": 0.0, "width": 10.0, "height": 8.0},
     },
-    "now": {"executor": {"goals": ["(checked kitchen)"]}},
+    "now": {"executor": {"words": [{"english": "kitchen checked"}]}},
     "plan": plan_of(
         step("(navigate a b)", "succeeded"),
         step("(navigate b kitchen)", "running"),
@@ -110,7 +110,7 @@ def test_a_long_plan_is_cut() -> None:
     lines = list(headline({**STATE, "plan": plan_of(*steps)}))
     assert [line[:7] for line in lines] == ["goal: k", "then: (", "then: (", "then: (", "and 3 m"]
     assert len(lines[1]) == LONGEST_LINE and lines[1].endswith("...")
-    assert list(headline({**STATE, "now": {"executor": {"goals": []}}})) == [], "an old plan does not count"
+    assert list(headline({**STATE, "now": {"executor": {"words": []}}})) == [], "an old plan does not count"
 
 
 def test_the_state_of_the_monitor_is_what_is_drawn() -> None:

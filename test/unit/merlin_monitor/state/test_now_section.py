@@ -28,16 +28,18 @@ from merlin_monitor.state.plan_order import sequential_steps
 from merlin_monitor.state.plan_section import PlanSection
 from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.text.phrase import action_in_words, gerund, in_english, listed
+from merlin_monitor.text.wording import Wording
 
 REQUEST = "/mission-1-12.5"
 
 
 def section() -> Tuple[StateTree, NowSection, PlanSection, Told]:
     tree, told = StateTree(), Told()
-    plan = PlanSection(tree, told)
+    wording = Wording()
+    wording.places = {"kitchen", "dorm_room"}
+    plan = PlanSection(tree, told, wording)
     freshness = Freshness(tree, told, HealthSection(tree, told))
     now = NowSection(tree, told, plan, MachineSection(tree, told, lambda key: None), freshness)
-    now.places = {"kitchen", "dorm_room"}
     return tree, now, plan, told
 
 

@@ -16,12 +16,21 @@ STATE: Dict[str, Any] = {
     "plan": {
         "order": ["0", "1"],
         "steps": {
-            "0": {"text": "(navigate a b)", "state": "succeeded"},
-            "1": {"text": "(ask b)", "state": "failed", "reason": "nobody there"},
+            "0": {
+                "text": "(navigate a b)",
+                "words": {"english": "driving to b", "de": "?"},
+                "state": "succeeded",
+            },
+            "1": {
+                "text": "(ask b)",
+                "words": "asking at b",
+                "state": "failed",
+                "reason": {"english": "nobody there"},
+            },
         },
         "planner": {"planner": "kairos", "state": "solved"},
     },
-    "queue": {"waiting": [{"goals": ["(a)"], "priority": 5, "by": "/me"}]},
+    "queue": {"waiting": [{"goals": ["(a)"], "words": ["do a"], "priority": 5, "by": "/me"}]},
     "machines": {"containers": {"/n /N": {"path": "/N", "active": ["DRIVE"]}}},
     "knowledge": {
         "facts": {"(robot_at b)": {"by": "/x", "at": 3.0}, "(old)": {}},
@@ -36,8 +45,9 @@ def test_everything_is_there() -> None:
     for wanted in (
         "Asking at the kitchen",
         "because x · step 2 of 2",
-        "x (ask b)  failed: nobody there",
-        "(a)  priority 5, from /me",
+        "+ driving to b  succeeded",
+        "x asking at b  failed: nobody there",
+        "do a  priority 5, from /me",
         "> /N: DRIVE",
         "(robot_at b)  /x at 3.0",
         "goal (checked b)",

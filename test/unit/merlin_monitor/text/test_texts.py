@@ -13,14 +13,9 @@ from merlin_monitor.panel_board import own_panels
 from merlin_monitor.panels import knowledge
 from merlin_monitor.state import guard_section, history_events, map_section, now_section, plan_section
 from merlin_monitor.state.health_section import LEVELS
-from merlin_monitor.text.phrase import (
-    action_in_words,
-    action_phrase,
-    goal_phrase,
-    in_english,
-    say,
-    value_phrase,
-)
+from merlin_monitor.text.phrase import action_in_words, in_english, say
+from merlin_monitor.text.sentences import LANGUAGES, read_sentences
+from merlin_monitor.text.wording import Wording
 from merlin_sm import autonomy
 
 pytestmark = pytest.mark.processes
@@ -32,6 +27,16 @@ ENGLISH = (
 )
 PDDL = r"\((?:navigate|ask|checked|robot_at|travel_time|in_service)\b.*"
 SOURCE = WEB.parent / "src"
+HOME = WEB.parents[2] / "pddl" / "home"
+#: The domain of the home, as the section of the knowledge has it.
+DOMAIN = {
+    "name": "home",
+    "types": {"poi": "place", "place": ""},
+    "predicates": {"robot_at": [["p", "place"]], "checked": [["p", "poi"]], "in_service": []},
+    "functions": {"travel_time": [["from", "place"], ["to", "poi"]]},
+    "operators": {"navigate": [["from", "place"], ["to", "poi"]], "ask": [["p", "poi"]]},
+    "adds": {},
+}
 TEXT = r'"((?:[^"\\]|\\.)*)"'
 
 
@@ -75,8 +80,9 @@ def test_every_text_has_its_translation_with_the_same_blanks() -> None:
     missing = sorted(text for text in _texts() if text not in table)
     assert missing == [], f"texts.de.json lacks {len(missing)} texts"
     for text, german in table.items():
-        if not text.startswith(("action ", "fact ")):
-            assert set(re.findall(r"\{\w+\}", german)) == set(re.findall(r"\{\w+\}", text)), text
+        assert set(re.findall(r"\{\w+\}", german)) == set(re.findall(r"\{\w+\}", text)), text
+    tables = re.search(r"TABLES = \[(.*?)\]", (WEB / "texts.js").read_text())
+    assert tables and {"en", *re.findall(r'"(\w+)"', tables[1])} == set(LANGUAGES)
 
 
 def test_every_event_is_told_as_data() -> None:
@@ -89,23 +95,24 @@ def test_every_event_is_told_as_data() -> None:
 
 
 def test_the_page_speaks_the_language_that_is_asked_for(served: Served) -> None:
+    served.state.wording.sentences = read_sentences(HOME / "sentences.yaml")
     fill(served)
     with chromium() as browser:
         for query, locale in (("?lang=de", "en-US"), ("", "de-DE")):
             visit = Visit(browser, served.url + query, locale=locale)
-            visit.wait_text("#now-doing", "fragt bei kitchen")
-            visit.wait_text("#now-because", "für „kitchen geprüft“, verlangt von Round")
-            visit.wait_text("#glance-next", "fährt nach bathroom")
+            visit.wait_text("#now-doing", "fragt am Ort Küche")
+            visit.wait_text("#now-because", "für „am Ort Küche fragen“, verlangt von Round")
+            visit.wait_text("#glance-next", "fährt zum Ort Bad")
             visit.wait_text("#health-well summary", "12 sind in Ordnung")
             visit.wait_text("#stop", "Anhalten und festhalten")
             visit.wait_text("#history-list", "sagte „Do you need anything?“")
             visit.wait_text(
-                "#history-list", "Plan mit 6 Schritten, zuerst fährt nach kitchen, fragt bei kitchen und"
+                "#history-list", "Plan mit 6 Schritten, zuerst fährt zum Ort Küche, fragt am Ort Küche und"
             )
-            visit.wait_text("#history-list", "fährt nach kitchen: gelungen nach 12.0 s")
+            visit.wait_text("#history-list", "fährt zum Ort Küche: gelungen nach 12.0 s")
             visit.wait_text("#now-chain", "Round, Aufgabe 3 von 6")
-            visit.wait_text("#plan-graph .node text", "fährt nach bathroom")
-            visit.wait_text("#knowledge-list .fact", "Roboter bei kitchen")
+            visit.wait_text("#plan-graph .node text", "fährt zum Ort Bad")
+            visit.wait_text("#knowledge-list .fact", "ist am Ort Küche")
             visit.page.click("#health-well > summary")
             for _ in range(2):
                 visit.page.locator("#history-kinds [aria-pressed=false]").first.click()
@@ -120,7 +127,8 @@ def test_the_page_speaks_the_language_that_is_asked_for(served: Served) -> None:
             assert visit.complaints == []
             visit.close()
         visit = Visit(browser, f"{served.url}?lang=en", locale="de-DE")
-        visit.wait_text("#now-doing", "asking at the kitchen")
+        visit.wait_text("#now-doing", "asks in the kitchen")
+        visit.wait_text("#knowledge-list .fact", "is at kitchen")
         visit.close()
 
 
@@ -139,24 +147,49 @@ GOALS = [
 ]
 
 
+#: Goals as they are told with the sentences of the home, and as facts.
+TOLD = [
+    ("(checked kitchen)", "ask in the kitchen", "kitchen: was asked there"),
+    ("(not (checked Kitchen))", "not kitchen: was asked there", "not kitchen: was asked there"),
+    ("(and (in_service) (dusty hall_2))", "be in service and hall 2 dusty", "is in service and hall 2 dusty"),
+    ("(< (travel_time kitchen main_door) 9)", *["time from kitchen to main door < 9"] * 2),
+    ("(already_served t_4)", "t 4 served", "t 4 already served"),
+    ("(has_been is)", *["is has been"] * 2),
+    ("(is_clean kitchen)", "kitchen clean", "kitchen is clean"),
+]
+
+
 @pytest.mark.parametrize(("goal", "words"), GOALS)
 def test_goals_in_words(goal: str, words: str) -> None:
-    assert in_english(goal_phrase(goal)) == words
+    assert in_english(Wording().goal(goal)) == words
+
+
+@pytest.mark.parametrize(("goal", "wanted", "true"), TOLD)
+def test_what_is_wanted_is_not_told_as_true(goal: str, wanted: str, true: str) -> None:
+    wording = Wording(read_sentences(HOME / "sentences.yaml"))
+    wording.learn(DOMAIN)
+    assert [in_english(wording.goal(goal)), in_english(wording.fact(goal))] == [wanted, true]
 
 
 def test_the_page_makes_the_same_words_of_goals_and_values(served: Served) -> None:
     show_panels(served)
+    wording = Wording(read_sentences(HOME / "sentences.yaml"))
+    wording.learn(DOMAIN)
+    told = [goal for goal, _, _ in TOLD]
     with chromium() as browser:
         visit = Visit(browser, served.url)
         made = visit.page.evaluate(
-            """async ([goals, values]) => {
+            """async ([goals, values, told, words]) => {
               const { factWords, valueWords } = await import("/pddl_words.js");
-              return [...goals.map(factWords), ...values.map(valueWords)];
+              const both = (each) => [factWords(each, words, true), factWords(each, words)];
+              return [goals.map((each) => factWords(each)), ...[{}, words].map((known) =>
+                values.map((each) => valueWords(each, known))), told.map(both)];
             }""",
-            [[goal for goal, _ in GOALS], VALUES],
+            [[goal for goal, _ in GOALS], VALUES, told, wording.shown()],
         )
         visit.close()
-    assert made == [*(words for _, words in GOALS), *(in_english(value_phrase(each)) for each in VALUES)]
+    values = [[in_english(each.value(text)) for text in VALUES] for each in (Wording(), wording)]
+    assert made == [[words for _, words in GOALS], *values, [list(both) for _, *both in TOLD]]
 
 
 def test_sentences_without_a_start_that_is_no_place_and_without_articles_of_numbers() -> None:
@@ -164,5 +197,5 @@ def test_sentences_without_a_start_that_is_no_place_and_without_articles_of_numb
     drive = [("from", "anywhere"), ("to", "kitchen")]
     assert action_in_words("navigate", drive, places) == "navigating to the kitchen"
     assert action_in_words("check_table", [("t", "table_4")], places) == "checking table at table 4"
-    phrase = say("{what}, then pausing", what=[action_phrase("ask", [("p", "{x}")])])
+    phrase = say("{what}, then pausing", what=[Wording().action("ask", [("p", "{x}")])])
     assert in_english(phrase) == "asking {x}, then pausing"

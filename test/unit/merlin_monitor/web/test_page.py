@@ -13,7 +13,7 @@ from shown_page import AXE, CHECK, NOW, fill, look_again, signed_in
 from std_msgs.msg import Header
 
 from merlin_monitor.state.knowledge_section import Contents
-from merlin_monitor.text.phrase import goal_phrase
+from merlin_monitor.text.wording import Wording
 
 pytestmark = pytest.mark.processes
 
@@ -145,7 +145,7 @@ def test_what_is_set_by_hand_is_asked_about_and_set_back(visits: Any, served: Se
     page.wait_text("#control-said", "The knowledge was changed")
     assert served.robot.calls == [("change", "(robot_at kitchen)", "Ana")]
     served.robot.running = ""
-    undo = {"facts": "(not (robot_at kitchen))", "words": goal_phrase("(not (robot_at kitchen))")}
+    undo = {"facts": "(not (robot_at kitchen))", "words": Wording().fact("(not (robot_at kitchen))")}
     served.state.tree.set("control", "undo", undo)
     page.wait_text("#undo", "Set back: not robot at kitchen")
     with page.page.expect_response("**/control/change"):

@@ -76,13 +76,21 @@ def test_an_empty_plan_succeeds_and_publishes_nothing(world):
     assert world.published == []
 
 
-def test_a_failed_action_ends_the_dispatch_with_its_reason(world):
+@pytest.mark.parametrize(
+    ("reason", "told"),
+    [
+        ("the door is shut", "(work o0) failed: the door is shut"),
+        ("(work o0) did not end within 60 s", "(work o0) did not end within 60 s"),
+        ("", "(work o0) failed"),
+    ],
+)
+def test_a_failed_action_ends_the_dispatch_with_its_reason_and_is_named_once(world, reason, told):
     run = Run(world, SequentialSchedule(actions("work", "work")))
     world.wait("action", 0)
-    run.feedback(0, FeedbackStatus.FAILED, reason="the door is shut")
+    run.feedback(0, FeedbackStatus.FAILED, reason=reason)
     report = run.report()
     assert report.state == DispatchState.FAILED
-    assert report.failed_action.id == 0 and "the door is shut" in report.reason
+    assert report.failed_action.id == 0 and report.reason == told
     assert ("action", 1) not in world.published and world.published.count(("tombstone", 0)) == 1
 
 

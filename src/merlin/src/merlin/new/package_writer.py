@@ -9,11 +9,14 @@ import sys
 import tempfile
 import textwrap
 from pathlib import Path
-from typing import Any, Dict, List, Sequence, Tuple
+from typing import Any, Dict, List, Mapping, Sequence, Tuple
 
 import jinja2
+import yaml
 
 from merlin.new.application import ApplicationRefused, NewApplication
+from merlin_pddl.domain import Signature
+from merlin_pddl.domain_reader import parse_domain
 
 TEMPLATES = Path(__file__).parent / "templates"
 #: Characters of a line of the written Python.
@@ -29,6 +32,7 @@ FILES = {
     "README.md": "README.md",
     "domain.pddl": "pddl/domain.pddl",
     "problem.pddl": "pddl/problem.pddl",
+    "sentences.yaml": "pddl/sentences.yaml",
     "world.yaml": "worlds/{name}.yaml",
     "app.launch": "launch/{name}.launch",
     "init.py": "src/{name}/__init__.py",
@@ -64,6 +68,13 @@ def files_of(application: NewApplication, python: str = sys.executable) -> Dict[
         "goals": [_literal(goal, 4) for goal in application.goals],
         "plain_points": [name for name in application.points if name not in application.objects],
     }
+    text = application.domain_text or render("domain.pddl", **values)
+    domain = parse_domain(text, "domain.pddl")
+    values.update(
+        operators=_examples(domain.operators),
+        predicates=_examples(domain.predicates),
+        objects=[_key(name) for name in (*application.points, *application.objects, *application.robots)],
+    )
     found = {
         path.format(name=application.package): render(template, **values) for template, path in FILES.items()
     }
@@ -113,6 +124,22 @@ def write_application(application: NewApplication, workspace: Path, python: str 
     finally:
         shutil.rmtree(str(folder), ignore_errors=True)
     return target
+
+
+def _examples(named: Mapping[str, Signature]) -> List[Tuple[str, str]]:
+    """The names of a domain as keys of YAML, each with a text that has its parameters."""
+    return [
+        (
+            _key(name),
+            " ".join([name.replace("_", " "), *(f"{{{each.label}}}" for each in signature.parameters)]),
+        )
+        for name, signature in named.items()
+    ]
+
+
+def _key(name: str) -> str:
+    """A name as YAML reads it: `on` is a truth value there."""
+    return name if isinstance(yaml.safe_load(name), str) else json.dumps(name)
 
 
 def _classes(application: NewApplication) -> str:

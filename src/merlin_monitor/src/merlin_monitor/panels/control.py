@@ -5,19 +5,23 @@ from pathlib import Path
 from typing import Any, Dict, List, NamedTuple, Optional
 
 import rospy
-import yaml
 
 from merlin_monitor.access.operators import Operators, OperatorsError
 from merlin_monitor.listeners.graph_watch import GraphWatch
 from merlin_monitor.listeners.panel import Panel
 from merlin_monitor.listeners.ros_system import RosSystem
 from merlin_monitor.state.monitor_model import MonitorModel
-from merlin_monitor.text.phrase import goal_phrase, in_english, say
+from merlin_monitor.text.phrase import in_english, say
+from merlin_monitor.text.sentences import Sentences, SentencesError, read_sentences
+from merlin_monitor.text.wording import Wording
+from merlin_monitor.text.yaml_file import YamlFileError, read_yaml
 from merlin_planning.knowledge_text import PDDLSyntaxError, parse_goal
 from merlin_ros.parameters import ParameterError
 
 #: Value of a parameter for: none; roslaunch drops an argument that is empty.
 NONE = "none"
+#: Names the file of the sentences for the page, the terminal view and rviz.
+SENTENCES = "merlin/sentences"
 LONGEST = 4000  # characters of a goal
 MOST = 200  # goals
 _FIELDS = ("name", "goal", "priority")
@@ -46,13 +50,9 @@ def read_goals(path: Path) -> List[OfferedGoal]:
     :raises GoalListError: when it cannot be used.
     """
     try:
-        found: Any = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        raise GoalListError(f"the list of goals {path} cannot be read: {error}") from error
-    except yaml.YAMLError as error:
-        raise GoalListError(
-            f"the list of goals {path} is not YAML: {' '.join(str(error).split())}"
-        ) from error
+        found = read_yaml(path, "the list of goals")
+    except YamlFileError as error:
+        raise GoalListError(str(error)) from error
     if not isinstance(found, list) or not found:
         raise GoalListError(f"the list of goals {path} is not a list; write - {{name: …, goal: (…)}}")
     if len(found) > MOST:
@@ -84,7 +84,7 @@ def _goal(entry: Any, where: str) -> OfferedGoal:
         parse_goal(goal)
     except PDDLSyntaxError as error:
         raise GoalListError(f"{where}: {goal}: {error}") from error
-    name = entry.get("name") or in_english(goal_phrase(goal))
+    name = entry.get("name") or in_english(Wording().goal(goal))
     if not isinstance(name, str):
         raise GoalListError(f"{where} has the name {name!r}, which is not a text")
     return OfferedGoal(name, " ".join(goal.split()), priority)
@@ -141,6 +141,23 @@ def goals_of_node(ros: RosSystem) -> List[OfferedGoal]:
         return [] if path is None else read_goals(path)
     except GoalListError as error:
         raise ParameterError(str(error)) from error
+
+
+def sentences_of_node(ros: RosSystem, needed: bool = True) -> Sentences:
+    """The sentences of the file `SENTENCES`.
+
+    :param needed: False: where it cannot be used, the log says so, and the words are made of the names; the
+        file of a robot is not on each computer.
+    :raises ParameterError: when it cannot be used.
+    """
+    path = path_of_node(ros, SENTENCES)
+    try:
+        return Sentences() if path is None else read_sentences(path)
+    except SentencesError as error:
+        if needed:
+            raise ParameterError(str(error)) from error
+        rospy.logwarn(f"{error}; words are made of the names in PDDL")
+        return Sentences()
 
 
 def path_of_node(ros: RosSystem, parameter: str) -> Optional[Path]:

@@ -158,7 +158,7 @@ class KnowledgePanel(Panel):
     def _take(self, contents: Contents, domain: Dict[str, Any], by: str) -> None:
         with self._wanted:
             at = self.ros.time()
-            self.state.inbox.put(self.state.knowledge.domain, domain)
+            self.state.inbox.put(self.state.domain, domain, rospy.logwarn)
             self.state.inbox.put(self.state.knowledge.replace, contents, by, at, self._first)
             self._first = False
             self._reading = False

@@ -190,9 +190,7 @@ class MapPanel(Panel):
             return None
 
     def _take_points(self, points: Any) -> None:
-        self.state.now.places = set(self.state.map.points(points))
-        self.state.plan.places(self.state.now.places)
-        self.state.now.refresh()
+        self.state.places(set(self.state.map.points(points)))
 
     def _path(self, message: Path, at: float) -> None:
         self.state.map.path(_points_of(message))

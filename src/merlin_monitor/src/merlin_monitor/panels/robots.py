@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The panel of the robots of one plan: which of them does what, and why one takes no actions."""
 
-from typing import Any, Dict, List
+from typing import Any, Dict, List, Optional
 
 from merlin_msgs.msg import DispatchStatus, RobotHost
 
@@ -11,7 +11,8 @@ from merlin_monitor.state.history_events import Reporter, sentence
 from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.text.fact_text import atom_text
-from merlin_monitor.text.phrase import say, with_reason
+from merlin_monitor.text.phrase import Phrase, say, with_reason
+from merlin_monitor.text.wording import Wording
 from merlin_planning.robot_roster import RobotRoster, sender_of
 from merlin_ros.work.liveness import Limits, Liveness, Presence, Word
 
@@ -23,7 +24,8 @@ MOST_OPERATORS = 1000  # whose parameters are remembered; a node may name them w
 class RobotsSection:
     """Keeps the section ``robots`` of the state: those that have sent a message, and their parameters."""
 
-    def __init__(self, tree: StateTree, report: Reporter) -> None:
+    def __init__(self, tree: StateTree, report: Reporter, wording: Optional[Wording] = None) -> None:
+        self._wording = wording or Wording()
         self._tree = tree
         self._report = report
         self._hosts: Dict[str, Liveness[str]] = {}  # robot -> nodes of its hosts
@@ -56,13 +58,14 @@ class RobotsSection:
             kept = [*self._parameters.items(), *parameters.items()][-MOST_OPERATORS:]
             self._parameters = dict(kept)
             self._tree.set(SECTION, "parameters", dict(self._parameters))
+            self._wording.run_by(self._parameters)
         self._judge(word.robot, at)
 
     def dispatcher(self, message: Any, at: float) -> None:
         """Takes a message with the fields of merlin_msgs/DispatchStatus."""
         self._running = list(message.running)
         for robot in self._hosts:
-            self._tree.set(SECTION, "robots", robot, "does", self._does(robot))
+            self._show(robot)
 
     def check_silence(self, at: float, wall: float) -> None:
         """Notices hosts that are silent."""
@@ -92,18 +95,23 @@ class RobotsSection:
         if away != self._away.get(robot):
             self._put(robot, away, at)
 
-    def _does(self, robot: str) -> List[str]:
-        found: List[str] = []
+    def _show(self, robot: str) -> None:
+        """Shows what a robot does: in PDDL, and in words that do not name it again."""
+        does: List[str] = []
+        words: List[Phrase] = []
         for action in self._running:
             values = {parameter.key: parameter.value for parameter in action.parameters}
             if values.get(self._parameters.get(action.name, "")) == robot:
-                found.append(atom_text(action.name, list(values.values())))
-        return found
+                does.append(atom_text(action.name, list(values.values())))
+                words.append(self._wording.action(action.name, list(values.items()), subject=False))
+        self._tree.set(
+            SECTION, "robots", robot, {"away": self._away.get(robot, ""), "does": does, "words": words}
+        )
 
     def _put(self, robot: str, away: str, at: float) -> None:
         before = self._away.get(robot)
         self._away[robot] = away
-        self._tree.set(SECTION, "robots", robot, {"away": away, "does": self._does(robot)})
+        self._show(robot)
         if away:
             said = with_reason(say("robot {robot} takes no actions", robot=robot), away)
             self._report(sentence("health", said, at, "failure"))
@@ -118,7 +126,7 @@ class RobotsPanel(Panel):
 
     def __init__(self, state: MonitorModel, watch: GraphWatch) -> None:
         super().__init__(state, watch)
-        self._section = RobotsSection(state.tree, state.report)
+        self._section = RobotsSection(state.tree, state.report, state.wording)
         knowledge_base = str(self.ros.parameter("~knowledge_base", "rosplan_knowledge_base"))
         dispatcher = str(self.ros.parameter("~plan_dispatcher", "rosplan_plan_dispatcher"))
         self._hosts = self.subscribe(f"{knowledge_base}/robots", RobotHost, self._host)

@@ -10,7 +10,7 @@ from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from merlin_monitor.state.monitor_model import MonitorModel
-from merlin_monitor.text.phrase import goal_phrase, in_english
+from merlin_monitor.text.phrase import in_english
 from merlin_ros.publishing import OnSubscriber, publish
 from merlin_ros.work.threads import CallQueue
 
@@ -57,14 +57,14 @@ def markers(state: Dict[str, Any], frame: str) -> List[Marker]:
 
 def headline(state: Dict[str, Any]) -> Iterator[str]:
     """The lines about goal and plan: the Executor's goal, what runs, and the next steps."""
-    goals = ((state.get("now") or {}).get("executor") or {}).get("goals") or []
+    goals = ((state.get("now") or {}).get("executor") or {}).get("words") or []
     if not goals:
         return
-    yield _line("goal", ", ".join(in_english(goal_phrase(goal)) for goal in goals))
+    yield _line("goal", ", ".join(map(in_english, goals)))
     plan = state.get("plan") or {}
     steps = [plan["steps"][key] for key in plan.get("order") or [] if key in plan.get("steps", {})]
-    running = [step["text"] for step in steps if step["state"] in _RUNNING]
-    waiting = [step["text"] for step in steps if step["state"] == "waiting"]
+    running = [in_english(step["words"]) for step in steps if step["state"] in _RUNNING]
+    waiting = [in_english(step["words"]) for step in steps if step["state"] == "waiting"]
     if running:
         yield _line("now", ", ".join(running))
     for text in waiting[:NEXT_STEPS]:

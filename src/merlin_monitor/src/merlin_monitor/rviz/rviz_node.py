@@ -7,6 +7,8 @@ import rospy
 
 from merlin_monitor.listeners.graph_watch import GraphWatch
 from merlin_monitor.listeners.panel import Panel
+from merlin_monitor.listeners.ros_system import RosSystem
+from merlin_monitor.panels.control import sentences_of_node
 from merlin_monitor.panels.map import MapPanel
 from merlin_monitor.panels.now import NowPanel
 from merlin_monitor.panels.plan import PlanPanel
@@ -32,6 +34,7 @@ def _start() -> None:
     goal, priority = _goal(), whole("~priority", 0)
     reach = number("~reach", REACH, LEAST_REACH)
     state = MonitorModel(Inbox(rospy.logwarn))
+    state.wording.sentences = sentences_of_node(RosSystem(), needed=False)
     panels: List[Panel] = []
 
     def look(topics: Dict[str, str]) -> None:

@@ -2,12 +2,13 @@
 """The section of what the robot knows: objects, facts, numeric values, goals, and their last changes."""
 
 from collections import deque
-from typing import Any, Deque, Dict, Iterable, List, NamedTuple, Tuple
+from typing import Any, Deque, Dict, Iterable, List, NamedTuple, Optional, Tuple
 
 from merlin_monitor.state.history_events import Reporter, sentence
 from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.text.fact_text import FACT, FUNCTION, INSTANCE, item_text, number_text
-from merlin_monitor.text.phrase import Phrase, goal_phrase, say, value_phrase
+from merlin_monitor.text.phrase import Phrase, say
+from merlin_monitor.text.wording import Wording
 
 SECTION = "knowledge"
 KINDS = ("objects", "facts", "values", "goals")
@@ -31,9 +32,11 @@ class KnowledgeSection:
     """Keeps the section ``knowledge`` of the state.
 
     :param report: takes the events.
+    :param wording: makes the words; None: of the names.
     """
 
-    def __init__(self, tree: StateTree, report: Reporter) -> None:
+    def __init__(self, tree: StateTree, report: Reporter, wording: Optional[Wording] = None) -> None:
+        self._wording = wording or Wording()
         self._tree = tree
         self._report = report
         self._tables: Dict[str, Table] = {kind: {} for kind in KINDS}
@@ -50,6 +53,7 @@ class KnowledgeSection:
     def domain(self, description: Dict[str, Any]) -> None:
         """Takes the domain: name, types, predicates, functions, operators."""
         self._tree.set(SECTION, "domain", description)
+        self._tree.set(SECTION, "words", self._wording.shown())
 
     def replace(self, contents: Contents, by: str, at: float, first: bool) -> None:
         """Takes all there is, read by services.
@@ -159,11 +163,12 @@ class KnowledgeSection:
         self._report(sentence("knowledge", say("{what}, by {client}", what=said, client=client), at))
 
     def _words(self, sign: str, kind: str, key: str) -> Phrase:
-        what: Phrase = value_phrase(key) if kind == "values" else goal_phrase(key)
+        words = self._wording
+        what = words.value(key) if kind == "values" else words.fact(key)
         if kind == "goals":
-            what = say("goal {text}", text=what)
+            what = say("goal {text}", text=words.goal(key))
         elif kind == "objects":
-            what = say("object {text}", text=key)
+            what = say("object {text}", text=what)
         if sign == "-":
             return say("{what} removed", what=what)
         if kind == "values" and key in self._tables[kind]:

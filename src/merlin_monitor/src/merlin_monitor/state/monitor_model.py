@@ -4,7 +4,7 @@
 import concurrent.futures
 import time
 from pathlib import Path
-from typing import Any, Callable, Dict, List, Mapping, Optional
+from typing import Any, Callable, Container, Dict, List, Mapping, Optional
 
 from merlin_executor.core.base_hold import clock_text
 from merlin_monitor.drawing.graph_layout import LayoutThread
@@ -25,6 +25,8 @@ from merlin_monitor.state.plan_section import PlanSection
 from merlin_monitor.state.recorder import Recorder
 from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.text.phrase import say
+from merlin_monitor.text.sentences import SentencesError
+from merlin_monitor.text.wording import Wording
 from merlin_monitor.truth.problems import Acknowledged, problems_of
 
 PLAN_PICTURE = "plan"
@@ -71,8 +73,12 @@ class MonitorModel:
         self.history: Optional[HistoryStore] = None
         self.on_event: Reporter = lambda event: None
         self._layouts = LayoutThread(self._laid_out)
-        self.knowledge = KnowledgeSection(self.tree, self.report)
-        self.plan = PlanSection(self.tree, self.report)
+        self.wording = Wording()
+        """What actions, facts and goals are called."""
+        self._domain: Dict[str, Any] = {}
+        self._edges: Edges = []
+        self.knowledge = KnowledgeSection(self.tree, self.report, self.wording)
+        self.plan = PlanSection(self.tree, self.report, self.wording)
         self.machines = MachineSection(self.tree, self.report, self._machine_changed)
         self.map = MapSection(self.tree, self.pictures)
         self.health = HealthSection(self.tree, self.report)
@@ -176,8 +182,37 @@ class MonitorModel:
         """Takes a new plan and has it drawn."""
         self.plan.planned(steps, edges, at)
         self.now.refresh()
+        self._edges = edges
+        self._draw_plan()
+
+    def domain(self, description: Dict[str, Any], warn: Callable[[str], object] = lambda text: None) -> None:
+        """Takes the domain, with which the words are made.
+
+        :param warn: takes, once, which sentences do not fit it.
+        """
+        if description == self._domain:
+            return
+        self._domain = description
+        faults = self.wording.learn(description)
+        if faults:
+            warn(f"monitor: {SentencesError(faults)}; such words are made of the names")
+        self.knowledge.domain(description)
+        self._reword()
+
+    def places(self, names: Container[str]) -> None:
+        """Takes the names of the places, with which the words are made."""
+        self.wording.places = names
+        self._reword()
+
+    def _reword(self) -> None:
+        self.plan.reword()
+        self.now.reword()
+        if self.plan.count:
+            self._draw_plan()
+
+    def _draw_plan(self) -> None:
         shown = self.plan.in_words()
-        pairs = [[str(before), str(after)] for before, after in edges]
+        pairs = [[str(before), str(after)] for before, after in self._edges]
         self._layouts.ask(PLAN_PICTURE, lambda: plan_graph(shown, pairs))
 
     def _machine_changed(self, root: str) -> None:

@@ -2,7 +2,7 @@
 """The sections of the present: the line that says what the robot does and why, and the queue of goals."""
 
 import re
-from typing import Any, Dict, Iterable, List, Mapping, Optional, Sequence, Set, Tuple
+from typing import Any, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
 
 from merlin_monitor.state.freshness import LOST, Freshness
 from merlin_monitor.state.guard_section import GUARD, HELD_WORDS, KEPT
@@ -11,14 +11,7 @@ from merlin_monitor.state.machine_section import MachineSection, held_words, unc
 from merlin_monitor.state.plan_section import PlanSection
 from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.text.fact_text import action_text
-from merlin_monitor.text.phrase import (
-    Phrase,
-    action_phrase,
-    goal_phrase,
-    in_english,
-    say,
-    with_reason,
-)
+from merlin_monitor.text.phrase import Phrase, in_english, say, with_reason
 from merlin_monitor.truth.task_pace import TaskPace
 from merlin_monitor.truth.worst_truth import LIVE, MISSION, Facts, lost_words, worst_truth
 
@@ -41,6 +34,8 @@ OUTCOMES = (
 )
 #: Outcomes that are not failures → what the time bar takes them for.
 MARKS = {"succeeded": "", "already true": "", "cancelled": "cancel", "dropped": "cancel"}
+#: Outcomes whose reason is the planner's.
+OF_PLANNER = ("unsolvable", "planner timeout", "planner error", "no plan")
 STAGES = {
     "SETTLE": "waiting until the planning system is idle",
     "ADD_GOALS": "noting the goals",
@@ -89,7 +84,7 @@ def sender_of(request: str) -> str:
 class NowSection:
     """Keeps the sections ``now`` and ``queue`` of the state.
 
-    :param plan: that is being carried out.
+    :param plan: that is being carried out; its wording is that of this section, too.
     :param machines: that carry it out.
     :param freshness: knows whether the Executor runs.
     """
@@ -105,6 +100,7 @@ class NowSection:
         self._tree = tree
         self._report = report
         self._plan = plan
+        self._wording = plan.wording
         self._machines = machines
         self._freshness = freshness
         self._plan_request = ""  # that the shown plan belongs to
@@ -116,7 +112,6 @@ class NowSection:
         self._ended: Dict[str, List[str]] = {}  # requests → goals: a cancel may come later
         self._queued: Optional[Dict[str, Dict[str, Any]]] = None  # what waits, in order; None: not heard yet
         self._kept: Mapping[str, Any] = {}  # the section of an earlier life
-        self.places: Set[str] = set()
         tree.set(QUEUE, "waiting", [])
         self.refresh()
 
@@ -167,7 +162,7 @@ class NowSection:
             "request": message.request,
             "began": self._request_began.get(message.request, (at,))[0],
             "goals": list(message.goals),
-            "words": [goal_phrase(goal) for goal in message.goals],
+            "words": self._goals(message.goals),
             "priority": message.priority,
             "by": getattr(message, "by", ""),  # a bag may be older
             "stage": message.stage,
@@ -218,13 +213,15 @@ class NowSection:
             del self._ended[next(iter(self._ended))]
         outcome = name_of(OUTCOMES, message.result.outcome)
         reason = message.result.reason or message.status.text
-        words = [goal_phrase(goal) for goal in goals]
+        words = self._goals(goals)
         if identity == self._plan_request:
             self._plan.request_ended()
         what = words or say("a request")
         seconds = f"{at - began:.1f} s"
         said = say("“{goals}”: {outcome} after {time}", goals=what, outcome=say(outcome), time=seconds)
-        said = said if outcome in ("succeeded", "already true") else with_reason(said, reason)
+        achieved, own = outcome in ("succeeded", "already true"), self._plan.planners_words
+        said = said if achieved else with_reason(said, self._wording.reason(reason))
+        of_planner = outcome in OF_PLANNER and not (own and reason.endswith(own))
         detail = {"began": began, "ended": at, "outcome": outcome, "lane": "goal"}
         label = {"label": ", ".join(goals), "words": what}
         self._report(sentence("goal", said, at, MARKS.get(outcome, "failure"), **detail, **label))
@@ -236,6 +233,7 @@ class NowSection:
                 "words": words,
                 "outcome": outcome,
                 "reason": reason,
+                "said": "" if achieved or of_planner else self._for_visitors(reason),
                 "at": at,
                 "seconds": at - began,
             },
@@ -248,7 +246,7 @@ class NowSection:
         """
         _, goals = self._request_began.get(message.id) or (at, self._ended.get(message.id, []))
         queued = (self._queued or {}).get(message.id, {"words": []})
-        words = [goal_phrase(goal) for goal in goals] or queued["words"]
+        words = self._goals(goals) or queued["words"]
         self._report(sentence("goal", cancel_words(self._named(node), message.id, words), at))
 
     def queue(self, message: Any, at: float) -> None:
@@ -258,7 +256,7 @@ class NowSection:
             {
                 "request": request.request,
                 "goals": list(request.goals),
-                "words": [goal_phrase(goal) for goal in request.goals],
+                "words": self._goals(request.goals),
                 "priority": request.priority,
                 "on_interrupt": "drop" if request.on_interrupt else "resume",
                 "interrupted": request.interrupted,
@@ -292,6 +290,13 @@ class NowSection:
             client=self._asked_by(first),
         )
         self._report(sentence("goal", phrase, at))
+
+    def reword(self) -> None:
+        """Makes the words of all goals anew."""
+        for request in [self._executor, *(self._queued or {}).values()]:
+            if request:
+                request["words"] = self._goals(request["goals"])
+        self.refresh()
 
     def refresh(self) -> None:
         """Says anew what the robot does, and why."""
@@ -349,7 +354,7 @@ class NowSection:
         executor = self._executor
         waits = say("waits")
         if executor.get("waits"):
-            waits = say("{what}: {why}", what=waits, why=executor["waits"])
+            waits = with_reason(waits, executor["waits"])
         elif executor.get("held") and not executor["request"]:
             waits = say("waits at a breakpoint")
         elif executor.get("paused"):
@@ -394,7 +399,7 @@ class NowSection:
         words: List[Phrase] = [self._in_words(action) for action in actions]
         if executor.get("state") == "cancelling":
             doing = say("stopping {what}", what=words) if words else say("stopping")
-            return doing, executor.get("reason") or because, self._step(actions)
+            return doing, self._for_visitors(executor.get("reason", "")) or because, self._step(actions)
         if actions and held:
             return say("{what}, then {held}", what=words, held=held), because, self._step(actions)
         if actions:
@@ -408,8 +413,8 @@ class NowSection:
         if not held:
             return ""
         # Between two requests it is one that is held.
-        otherwise = goal_phrase(held) if self._executor["state"] == "idle" else held
-        return say(HELD_BEFORE, what=self._plan.words_of(held) or otherwise)
+        words = self._wording.goal if self._executor["state"] == "idle" else self._wording.reason
+        return say(HELD_BEFORE, what=self._plan.words_of(held) or words(held))
 
     def _idle(self) -> Phrase:
         if not self._executor and not self._mission:
@@ -420,13 +425,19 @@ class NowSection:
             return say("starting")
         if self._mission.get("state") in ENDED:
             mission = self._mission
-            what = mission["description"] or say("no more")
+            what = self._for_visitors(mission["description"]) or say("no more")
             return say(ENDS[mission["state"]], mission=mission["name"], what=what)
         return say("idle")
 
     def _in_words(self, action: Dict[str, Any]) -> Phrase:
-        parameters = [(pair[0], pair[1]) for pair in action["parameters"]]
-        return action_phrase(action["name"], parameters, self.places)
+        return self._wording.action(action["name"], action["parameters"])
+
+    def _goals(self, goals: Iterable[str]) -> List[Phrase]:
+        return [self._wording.goal(goal) for goal in goals]
+
+    def _for_visitors(self, reason: str) -> Phrase:
+        """A reason in words, without those of the planner, which the section of the plan has."""
+        return self._wording.reason(reason, without=self._plan.planners_words)
 
     def _step(self, actions: List[Dict[str, Any]]) -> Phrase:
         total = self._executor.get("total") or self._plan.count

@@ -1,14 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """The section of the plan: its steps with state and time, replans, the planner and the dispatcher."""
 
-from typing import Any, Dict, List, Mapping, Optional, Set, Tuple
+from typing import Any, Dict, List, Mapping, Optional, Sequence, Set, Tuple
 
 from merlin_monitor.state.history_events import Reporter, sentence
 from merlin_monitor.state.plan_order import Edges, ShownStep
 from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.text.fact_text import atom_text
-from merlin_monitor.text.phrase import Phrase, action_phrase, in_english, say, with_reason
+from merlin_monitor.text.phrase import Phrase, in_english, say, with_reason
 from merlin_monitor.text.plain_value import plain_text
+from merlin_monitor.text.wording import Wording
 from merlin_planning.dispatch_progress import CANCEL_ACTION
 
 SECTION = "plan"
@@ -37,9 +38,13 @@ _DISPATCHER = ("idle", "running", "cancelling")
 
 
 class PlanSection:
-    """Keeps the section ``plan`` of the state."""
+    """Keeps the section ``plan`` of the state.
 
-    def __init__(self, tree: StateTree, report: Reporter) -> None:
+    :param wording: makes the words; None: of the names.
+    """
+
+    def __init__(self, tree: StateTree, report: Reporter, wording: Optional[Wording] = None) -> None:
+        self.wording = wording or Wording()
         self._tree = tree
         self._report = report
         self._steps: Dict[int, Dict[str, Any]] = {}
@@ -50,7 +55,6 @@ class PlanSection:
         self._early: Dict[Tuple[int, int], Tuple[int, str, float]] = {}  # feedback that came before its plan
         self._status: Any = None  # the dispatcher's last one
         self._status_at = 0.0  # s of ROS time
-        self._places: Set[str] = set()
         self._kept: Mapping[str, Any] = {}  # the section of an earlier life, until the first plan
         self._missed: List[Tuple[Any, float]] = []  # dispatches of no step that is known
         tree.set(SECTION, "steps", {})
@@ -94,7 +98,7 @@ class PlanSection:
                 "id": step.id,
                 "name": step.name,
                 "text": step.text,
-                "words": action_phrase(step.name, step.parameters, self._places),
+                **self._words(step.name, step.parameters),
                 "parameters": [list(pair) for pair in step.parameters],
                 "start": step.start,
                 "duration": step.duration,
@@ -125,12 +129,15 @@ class PlanSection:
         """The steps in English words, by their keys; a picture has room for these."""
         return {str(key): in_english(step["words"]) for key, step in self._steps.items()}
 
-    def places(self, names: Set[str]) -> None:
-        """Takes the names of the places, which the words of a step are made with."""
-        self._places = names
+    def reword(self) -> None:
+        """Makes the words of all steps anew."""
         for step in self._steps.values():
-            words = action_phrase(step["name"], [(pair[0], pair[1]) for pair in step["parameters"]], names)
-            self._put(step, words=words)
+            self._put(step, **self._words(step["name"], step["parameters"]))
+
+    @property
+    def planners_words(self) -> str:
+        """Why there was no plan, in the words of the planner; empty: not known."""
+        return str(self._tree.get(SECTION, "planner", "reason") or "")
 
     def dispatched(self, message: Any, at: float) -> None:
         """Takes a message with the fields of rosplan_dispatch_msgs/ActionDispatch."""
@@ -219,9 +226,10 @@ class PlanSection:
 
     def replanned(self, reason: str, at: float) -> None:
         """A failed plan is replaced."""
-        self._replans = [*self._replans, {"at": at, "reason": reason}][-MOST_REPLANS:]
+        said = self.wording.reason(reason)
+        self._replans = [*self._replans, {"at": at, "reason": said}][-MOST_REPLANS:]
         self._tree.set(SECTION, "replans", self._replans)
-        why = reason or say("the plan failed")
+        why = said or say("the plan failed")
         self._report(sentence("plan", say("planning again: {why}", why=why), at, "replan"))
 
     def request_changed(self) -> None:
@@ -303,13 +311,20 @@ class PlanSection:
             self._put(step, state=RUNNING)
             return
         began = step.get("began", at)
-        self._put(step, state=state, ended=at, reason="" if state == SUCCEEDED else reason)
+        why = self.wording.reason(reason, step["text"])
+        self._put(step, state=state, ended=at, reason="" if state == SUCCEEDED else why)
         words, seconds = step["words"], f"{at - began:.1f} s"
         said = say("{what}: {state} after {time}", what=words, state=say(state), time=seconds)
         detail = {"began": began, "ended": at, "outcome": state, "lane": "action"}
         mark = {FAILED: "failure", CANCELLED: "cancel"}.get(state, "")
-        said = with_reason(said, reason if state == FAILED else "")
+        said = with_reason(said, why if state == FAILED else "")
         self._report(sentence("action", said, at, mark, **detail, label=step["text"], words=words))
+
+    def _words(self, name: str, parameters: Sequence[Sequence[str]]) -> Dict[str, Phrase]:
+        """The words of a step, and those that do not name its robot."""
+        words = self.wording.action(name, parameters)
+        does = self.wording.action(name, parameters, subject=False)
+        return {"words": words} if does == words else {"words": words, "does": does}
 
     def _put(self, step: Dict[str, Any], **fields: Any) -> None:
         step.update(fields)

@@ -113,7 +113,7 @@ def _robots(robots: Dict[str, Any]) -> List[Line]:
     known = robots.get("robots", {})
     shown = _section("Robots") if known else []
     for name, robot in sorted(known.items()):
-        does = robot.get("away") or ", ".join(robot.get("does", [])) or "waits"
+        does = robot.get("away") or ", ".join(map(in_english, robot.get("words", []))) or "waits"
         shown.append(Line(f"  {name}: {does}", "bad" if robot.get("away") else ""))
     return shown
 
@@ -127,10 +127,9 @@ def _plan(plan: Dict[str, Any]) -> List[Line]:
         shown.append(Line(f"  {planner.get('reason', '')}", "bad"))
     for step in [step for step in steps if step][:MOST_STEPS]:
         style = {"running": "good", "failed": "bad"}.get(step["state"], "")
-        reason = f": {step['reason']}" if step.get("reason") else ""
-        shown.append(
-            Line(f"  {GLYPHS.get(step['state'], '?')} {step['text']}  {step['state']}{reason}", style)
-        )
+        reason = f": {in_english(step['reason'])}" if step.get("reason") else ""
+        words = in_english(step["words"])
+        shown.append(Line(f"  {GLYPHS.get(step['state'], '?')} {words}  {step['state']}{reason}", style))
     if len(steps) > MOST_STEPS:
         shown.append(Line(f"  … {len(steps) - MOST_STEPS} more", "soft"))
     return shown
@@ -141,7 +140,7 @@ def _queue(queue: Dict[str, Any]) -> List[Line]:
     if not waiting:
         return []
     return _section("Queue", f"{len(waiting)} waiting") + [
-        Line(f"  {' '.join(request['goals'])}  priority {request['priority']}, from {request['by']}")
+        Line(f"  {in_english(request['words'])}  priority {request['priority']}, from {request['by']}")
         for request in waiting[:MOST_STEPS]
     ]
 

@@ -15,7 +15,9 @@ from typing import Any, Deque, Iterator, List
 
 import rospy
 
+from merlin_monitor.listeners.ros_system import RosSystem
 from merlin_monitor.panel_board import PanelBoard
+from merlin_monitor.panels.control import sentences_of_node
 from merlin_monitor.state.history_events import Event
 from merlin_monitor.state.inbox import Inbox
 from merlin_monitor.state.monitor_model import MonitorModel
@@ -111,6 +113,7 @@ def main() -> int:
 
 
 def _show(state: MonitorModel, terminal: Terminal) -> int:
+    state.wording.sentences = sentences_of_node(RosSystem(), needed=False)
     panels = PanelBoard(state)
     state.start()
     panels.start()

@@ -2,14 +2,16 @@
 """Sentences as data: a text with blanks and what fills them, so that each reader gets them in his language.
 
 The English text is the key of the page's tables (``web/texts.<language>.json``). A phrase is a text that is
-shown as it is (a name, what a node said), a list of phrases, or a form that the functions below make.
+shown as it is (a name, what a node said), a list of phrases, a form that the functions below make, or the
+same text in several languages: ``{"english": …, "de": …}``.
 """
 
 import re
-from typing import Any, Container, Dict, List, Sequence, Tuple, Union
+from typing import Any, Container, Dict, List, Mapping, Sequence, Union
 
 _PREPOSITIONS = ("from", "to", "at", "in", "on", "with", "by", "for", "into", "onto", "through", "near")
 _VOWELS = "aeiou"
+_CLAIMS = re.compile(r"\b(?:already|is|are|was|were|has been|have been)(?: |$)")
 
 
 def gerund(verb: str) -> str:
@@ -34,45 +36,39 @@ def gerund(verb: str) -> str:
     return " ".join([word, *rest])
 
 
-def shown_parameters(
-    parameters: Sequence[Tuple[str, str]], places: Container[str] = ()
-) -> List[Tuple[str, str]]:
-    """Variables and objects as a sentence shows them: no underscores, and no start that is not a place.
-
-    :param places: objects that are places; a name that ends with a number takes no article.
-    """
-    shown = []
-    for variable, value in parameters:
-        if variable.lower() == "from" and value not in places:
-            continue  # a robot that was stopped on its way starts "anywhere"
-        name = value.replace("_", " ")
-        numbered = name[-1:].isdigit()
-        shown.append((variable, f"the {name}" if value in places and not numbered else name))
-    return shown
-
-
-def action_in_words(name: str, parameters: Sequence[Tuple[str, str]], places: Container[str] = ()) -> str:
+def action_in_words(
+    name: str,
+    parameters: Sequence[Sequence[str]],
+    places: Container[str] = (),
+    names: Mapping[str, str] = {},
+) -> str:
     """What a robot does that runs an action.
 
     :param parameters: variable and object; variables that are prepositions are used as such.
-    :param places: objects that are places: one is *at* them.
+    :param places: objects that are places: one is *at* them. A name that ends with a number takes no article.
+    :param names: of objects, where they have one of their own.
     """
-    objects = {name.replace("_", " ") for _, name in parameters if name in places}
     words = [gerund(name)]
-    for variable, shown in shown_parameters(parameters, places):
-        preposition = variable.lower() if variable.lower() in _PREPOSITIONS else ""
-        if not preposition and (shown in objects or shown[4:] in objects):
-            preposition = "at"
+    for variable, value in parameters:
+        place, spaced = value in places, value.replace("_", " ")
+        if variable.lower() == "from" and not place:
+            continue  # a robot that was stopped on its way starts "anywhere"
+        article = "the " if place and not spaced[-1:].isdigit() else ""
+        shown = names.get(value.lower(), article + spaced)
+        preposition = variable.lower() if variable.lower() in _PREPOSITIONS else "at" if place else ""
         words.append(f"{preposition} {shown}".strip())
     return " ".join(words)
 
 
-def fact_in_words(predicate: str, names: Sequence[str]) -> str:
+def fact_in_words(predicate: str, names: Sequence[str], wanted: bool = False) -> str:
     """``kitchen checked``, ``robot at kitchen``, ``ann wants coffee``.
 
     :param names: of the objects, as they are shown.
+    :param wanted: it is a goal: the words that say that it is so already are left out.
     """
     words = predicate.replace("_", " ").replace("-", " ")
+    if wanted:
+        words = _CLAIMS.sub("", words).strip() or words
     if len(names) == 1 and words.split()[-1:] and words.split()[-1].lower() in _PREPOSITIONS:
         return f"{words} {names[0]}"
     return " ".join([*names[:1], words, *names[1:]])
@@ -99,10 +95,6 @@ def listed(texts: Sequence[str], most: int = 3) -> str:
 
 Phrase = Union[str, Dict[str, Any], List[Any]]
 _BLANK = re.compile(r"\{(\w+)\}")
-_TOKEN = re.compile(r"[()]|[^\s()]+")
-_NAMES = re.compile(r"[\w\s()<>=?:.+*/@#-]*\Z")  # what else there is, is not PDDL
-_COMPARISONS = {">=": "≥", "<=": "≤", ">": ">", "<": "<", "=": "="}
-_DEEPEST = 20  # parentheses within each other that are put into words
 
 
 def say(text: str, /, **blanks: Phrase) -> Phrase:
@@ -115,44 +107,6 @@ def with_reason(what: Phrase, why: Phrase) -> Phrase:
     return say("{what}: {why}", what=what, why=why) if why else what
 
 
-def action_phrase(name: str, parameters: Sequence[Tuple[str, str]], places: Container[str] = ()) -> Phrase:
-    """What a robot does that runs an action; a table may have words for it under ``action <name>``.
-
-    :param parameters: variable and object.
-    :param places: objects that are places.
-    """
-    english = action_in_words(name, parameters, places)
-    return {"action": name, "english": english, "with": dict(shown_parameters(parameters))}
-
-
-def goal_phrase(goal: str) -> Phrase:
-    """A goal in words; what cannot be read stays. A table may have words under ``fact <predicate>``."""
-    if not _NAMES.match(goal):
-        return goal
-    stack: List[List[Any]] = [[]]
-    for token in _TOKEN.findall(goal):
-        if token == "(":
-            stack.append([])
-        elif token != ")":
-            stack[-1].append(token)
-        elif len(stack) > 1:
-            read = stack.pop()
-            stack[-1].append(read)
-        if len(stack) > _DEEPEST:
-            return goal
-    if len(stack) != 1 or not stack[0]:
-        return goal
-    phrases = [_formula(part) for part in stack[0]]
-    return phrases[0] if len(phrases) == 1 else phrases
-
-
-def value_phrase(function: str) -> Phrase:
-    """What a number is the value of: ``(travel_time hall kitchen)``."""
-    name, *objects = function.strip("()").split() or [""]
-    names = [each.replace("_", " ") for each in objects]
-    return {"fact": name, "english": function_in_words(name, names), "of": names}
-
-
 def in_english(phrase: Phrase) -> str:
     """The English text of a phrase."""
     if isinstance(phrase, str):
@@ -162,22 +116,3 @@ def in_english(phrase: Phrase) -> str:
     if "english" in phrase:
         return str(phrase["english"])
     return _BLANK.sub(lambda blank: in_english(phrase.get(blank.group(1), blank.group(0))), phrase["say"])
-
-
-def _formula(part: Any) -> Phrase:
-    if isinstance(part, str):
-        return part.replace("_", " ")
-    if not part:
-        return ""
-    head, *rest = part
-    if head == "and":
-        return [_formula(each) for each in rest]
-    if head == "not" and len(rest) == 1:
-        return say("not {what}", what=_formula(rest[0]))
-    if head in _COMPARISONS and len(rest) == 2:
-        left, right = (_formula(each) for each in rest)
-        return say(f"{{left}} {_COMPARISONS[head]} {{right}}", left=left, right=right)
-    if not all(isinstance(each, str) for each in part):
-        return " ".join(in_english(_formula(each)) for each in part)
-    names = [name.replace("_", " ") for name in rest]
-    return {"fact": head, "english": fact_in_words(head, names), "of": names}

@@ -13,7 +13,12 @@ from merlin_monitor.access.tls import ServerTls, TlsError, read_tls
 from merlin_monitor.access.web_access import HostNameError, WebAccess, check_lookers
 from merlin_monitor.listeners.ros_system import RosSystem
 from merlin_monitor.panel_board import PanelBoard
-from merlin_monitor.panels.control import open_stop_of_node, operators_of_node, path_of_node
+from merlin_monitor.panels.control import (
+    open_stop_of_node,
+    operators_of_node,
+    path_of_node,
+    sentences_of_node,
+)
 from merlin_monitor.state.history_store import HistoryError
 from merlin_monitor.state.inbox import Inbox
 from merlin_monitor.state.monitor_model import MonitorModel
@@ -46,6 +51,7 @@ def _start() -> None:
     megabytes = whole("~history_megabytes", 500, 1, 1_000_000)
     make_folder = bool(rospy.get_param("~make_folder", True))
     state = MonitorModel(Inbox(rospy.logwarn), path, limit, make_folder, megabytes, session=_session())
+    state.wording.sentences = sentences_of_node(RosSystem())
     panels = PanelBoard(state, _class_paths("~panels"), offered=True)
     operators = operators_of_node(RosSystem())
     open_look = bool(rospy.get_param("~open_look", False))

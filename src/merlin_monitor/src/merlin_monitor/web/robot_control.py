@@ -20,7 +20,7 @@ from merlin_monitor.state.freshness import SILENT
 from merlin_monitor.state.history_events import sentence
 from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_monitor.state.now_section import cancel_words
-from merlin_monitor.text.phrase import Phrase, goal_phrase, say
+from merlin_monitor.text.phrase import Phrase, say
 from merlin_monitor.web.page_control import ControlError
 from merlin_monitor.web.robot_guards import RobotGuards, ask
 from merlin_monitor.web.robot_planning import RobotPlanning
@@ -74,7 +74,7 @@ class RobotControl:
         if not self._client.executor_alive:
             raise ControlError("There is no Executor to send the goal to.")
         request = self._client.send(goal, priority, by=by)
-        words, number = goal_phrase(goal), str(priority)
+        words, number = self._state.wording.goal(goal), str(priority)
         sent = say("{client} sends “{goal}”, priority {number}", client=by, goal=words, number=number)
         self._report(by, sent, goal=goal)
         return request.id

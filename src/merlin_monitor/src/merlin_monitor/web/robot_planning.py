@@ -9,14 +9,7 @@ from merlin_msgs.srv import PreviewPlan
 
 from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_monitor.text.fact_text import action_text
-from merlin_monitor.text.phrase import (
-    Phrase,
-    action_phrase,
-    goal_phrase,
-    in_english,
-    say,
-    with_reason,
-)
+from merlin_monitor.text.phrase import Phrase, in_english, say, with_reason
 from merlin_monitor.web.hand_changes import HandChanges
 from merlin_monitor.web.page_control import ControlError
 from merlin_pddl.breakpoints import BreakpointError
@@ -69,7 +62,7 @@ class RobotPlanning:
             raise ControlError(f"No plan can be shown: {error}") from error
         status = answer.status
         left_out = f" without {', '.join(without)}" if without else ""
-        looks = say("{client} looks for a plan for “{goal}”", client=by, goal=goal_phrase(goal))
+        looks = say("{client} looks for a plan for “{goal}”", client=by, goal=self._state.wording.goal(goal))
         if without:
             looks = say(
                 "{what} without {actions}", what=looks, actions=[self._words(text) for text in without]
@@ -88,7 +81,7 @@ class RobotPlanning:
         self._report(by, with_reason(looks, found if steps else say("the goal holds already")))
         plan = {
             "goal": goal,
-            "words": goal_phrase(goal),
+            "words": self._state.wording.goal(goal),
             "without": list(without),
             "after": list(running.values()),
             "steps": steps,
@@ -107,16 +100,17 @@ class RobotPlanning:
                 return "All of it is so already: nothing was changed."
             against = changes.contradicted(self._state.tree.get("now", "executor", "running") or [])
             if against and against != seen:
-                words = in_english([self._words(text) for text in against.split("; ")])
+                running = in_english([self._words(text) for text in against.split("; ")])
                 raise ControlError(
-                    f"Nothing was changed yet: {words} runs, and needs or changes that.", against
+                    f"Nothing was changed yet: {running} runs, and needs or changes that.", against
                 )
             self._knowledge.update(changes.new)
         except (PDDLSyntaxError, KnowledgeError, ServiceError) as error:
             raise ControlError(f"Nothing was changed: {error}") from error
-        self._report(by, say("{client} changes the knowledge: {facts}", client=by, facts=goal_phrase(facts)))
+        words = self._state.wording.fact
+        self._report(by, say("{client} changes the knowledge: {facts}", client=by, facts=words(facts)))
         back = changes.back
-        undo = {"facts": back, "words": goal_phrase(back)} if back else None
+        undo = {"facts": back, "words": words(back)} if back else None
         self._state.inbox.put(self._state.tree.set, "control", "undo", undo)
         return f"The knowledge was changed: {len(changes.new)} of facts and values."
 
@@ -180,4 +174,4 @@ class RobotPlanning:
         if len(known) != len(objects):
             return text
         pairs = [(variable, value) for (variable, _), value in zip(known, objects)]
-        return action_phrase(name, pairs, self._state.now.places)
+        return self._state.wording.action(name, pairs)

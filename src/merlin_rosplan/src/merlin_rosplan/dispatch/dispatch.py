@@ -286,7 +286,9 @@ class PlanDispatch:
             self._schedule.ended(feedback.action_id, self._environment.now())
         elif status == FeedbackStatus.FAILED:
             del self._running[feedback.action_id]
-            why = f"{record.action} failed{': ' if feedback.reason else ''}{feedback.reason}"
+            named = feedback.reason.startswith(str(record.action))
+            failed = "" if named else f"{record.action} failed{': ' if feedback.reason else ''}"
+            why = f"{failed}{feedback.reason}"
             self._fail(why, record.action, feedback.robot)
         elif status in (FeedbackStatus.ENABLED, FeedbackStatus.DISPATCHED_TO_START_STATE):
             if record.applied is None:
