@@ -8,8 +8,8 @@ from merlin_fleet.core.records import Halt, Status
 from merlin_fleet.core.view import FleetGoalState
 from merlin_fleet.fleet_client import FleetClient
 from merlin_fleet.fleet_request import GoalNews
-from merlin_monitor.state.now_section import STAGES
 from merlin_monitor.text.phrase import Phrase, say
+from merlin_monitor.text.request_words import STAGES
 from merlin_monitor.text.wording import Wording
 
 WORDING = Wording()  # the sentences are those of the robots, which do not send them

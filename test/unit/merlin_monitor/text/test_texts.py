@@ -11,8 +11,9 @@ from shown_page import Visit, chromium, fill, show_panels
 
 from merlin_monitor.panel_board import own_panels
 from merlin_monitor.panels import knowledge
-from merlin_monitor.state import guard_section, history_events, map_section, now_section, plan_section
+from merlin_monitor.state import guard_section, history_events, map_section, plan_section
 from merlin_monitor.state.health_section import LEVELS
+from merlin_monitor.text import request_words
 from merlin_monitor.text.phrase import action_in_words, in_english, say
 from merlin_monitor.text.sentences import LANGUAGES, read_sentences
 from merlin_monitor.text.wording import Wording
@@ -52,9 +53,9 @@ def _texts() -> Set[str]:
         found |= set(re.findall(rf"(?<![.\w])say\(\s*{TEXT}", module.read_text()))
     found |= {panel.title for panel in own_panels() if panel.title}
     for words in (
-        now_section.OUTCOMES,
-        now_section.EXECUTOR_STATES,
-        now_section.MISSION_STATES,
+        request_words.OUTCOMES,
+        request_words.EXECUTOR_STATES,
+        request_words.MISSION_STATES,
         plan_section.ENDED,
         plan_section._PLANNER,
     ):
@@ -62,10 +63,10 @@ def _texts() -> Set[str]:
     found |= {
         *history_events.KINDS,
         *LEVELS,
-        *now_section.STAGES.values(),
-        *now_section.ENDS.values(),
-        now_section.PAUSED,
-        now_section.HELD_BEFORE,
+        *request_words.STAGES.values(),
+        *request_words.ENDS.values(),
+        request_words.PAUSED,
+        request_words.HELD_BEFORE,
         guard_section.SILENT_REASON,
         knowledge.FOLLOWS,
         knowledge.READS,

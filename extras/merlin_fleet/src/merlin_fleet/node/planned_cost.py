@@ -10,7 +10,7 @@ from merlin_pddl.domain import Domain
 from merlin_pddl.domain_reader import open_definition
 from merlin_pddl.plan_text import NO_DURATION, PlanTextError, parse_plan
 from merlin_pddl.problem import Problem
-from merlin_pddl.text_reader import PddlError, read_expression
+from merlin_pddl.text_reader import read_expression
 from merlin_rosplan.messages.knowledge_snapshot import KnowledgeBaseError
 from merlin_rosplan.planning.planner import PlannerSettings
 from merlin_rosplan.planning.planning_outcome import PlannerState

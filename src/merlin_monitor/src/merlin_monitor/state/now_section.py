@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The sections of the present: the line that says what the robot does and why, and the queue of goals."""
 
-import re
-from typing import Any, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Dict, Iterable, List, Mapping, Optional, Tuple
 
 from merlin_monitor.state.freshness import LOST, Freshness
 from merlin_monitor.state.guard_section import GUARD, HELD_WORDS, KEPT
@@ -12,73 +11,25 @@ from merlin_monitor.state.plan_section import PlanSection
 from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.text.fact_text import action_text
 from merlin_monitor.text.phrase import Phrase, in_english, say, with_reason
+from merlin_monitor.text.request_words import (
+    ENDED,
+    ENDS,
+    EXECUTOR_STATES,
+    HELD_BEFORE,
+    MARKS,
+    MISSION_STATES,
+    OF_PLANNER,
+    OUTCOMES,
+    PAUSED,
+    STAGES,
+    cancel_words,
+    name_of,
+    sender_of,
+)
 from merlin_monitor.truth.task_pace import TaskPace
 from merlin_monitor.truth.worst_truth import LIVE, MISSION, Facts, lost_words, worst_truth
 
 NOW, QUEUE = "now", "queue"
-MISSION_STATES = ("starting", "running", "paused", "succeeded", "failed", "cancelled")
-EXECUTOR_STATES = ("idle", "running", "cancelling")
-OUTCOMES = (
-    "succeeded",
-    "already true",
-    "cancelled",
-    "dropped",
-    "refused",
-    "unsolvable",
-    "planner timeout",
-    "planner error",
-    "action failed",
-    "cancel timeout",
-    "internal",
-    "no plan",
-)
-#: Outcomes that are not failures → what the time bar takes them for.
-MARKS = {"succeeded": "", "already true": "", "cancelled": "cancel", "dropped": "cancel"}
-#: Outcomes whose reason is the planner's.
-OF_PLANNER = ("unsolvable", "planner timeout", "planner error", "no plan")
-STAGES = {
-    "SETTLE": "waiting until the planning system is idle",
-    "ADD_GOALS": "noting the goals",
-    "GENERATE_PROBLEM": "preparing to plan",
-    "PLAN": "planning",
-    "PARSE_PLAN": "reading the plan",
-    "DISPATCH_PLAN": "starting the next action",
-    "REPLAN": "preparing a new plan",
-    "REMOVE_GOALS": "clearing up",
-}
-ENDS = {
-    "succeeded": "{mission} has ended: {what}",
-    "failed": "{mission} has failed: {what}",
-    "cancelled": "{mission} has been cancelled: {what}",
-}
-HELD_BEFORE = "held before {what}"
-PAUSED = "no further goal begins until the robot is resumed"
-_REQUEST = re.compile(r"(?P<node>[^-]+)(?:-[0-9a-f]{12})?-\d+-\d+\.\d+(?:-leased)?\Z")
-ENDED = ("succeeded", "failed", "cancelled")
-
-
-def cancel_words(client: str, request: str, goals: Sequence[Phrase]) -> Phrase:
-    """A cancel in words, with its client.
-
-    :param request: empty: all requests are meant.
-    :param goals: of the request; empty: they are not known.
-    """
-    if not request:
-        return say("{client} cancels all requests", client=client)
-    if not goals:
-        return say("{client} cancels a request", client=client)
-    return say("{client} cancels “{goals}”", client=client, goals=list(goals))
-
-
-def name_of(names: Tuple[str, ...], number: int) -> str:
-    """The name of a state or an outcome, by its number in a message."""
-    return names[number] if 0 <= number < len(names) else str(number)
-
-
-def sender_of(request: str) -> str:
-    """The node that has sent a request, of its id."""
-    match = _REQUEST.match(request)
-    return match.group("node") if match else (request or "an unknown client")
 
 
 class NowSection:

@@ -19,8 +19,8 @@ from merlin_monitor.listeners.ros_system import RosSystem
 from merlin_monitor.state.freshness import SILENT
 from merlin_monitor.state.history_events import sentence
 from merlin_monitor.state.monitor_model import MonitorModel
-from merlin_monitor.state.now_section import cancel_words
 from merlin_monitor.text.phrase import Phrase, say
+from merlin_monitor.text.request_words import cancel_words
 from merlin_monitor.web.page_control import ControlError
 from merlin_monitor.web.robot_guards import RobotGuards, ask
 from merlin_monitor.web.robot_planning import RobotPlanning

@@ -11,7 +11,7 @@ from typing import Iterator
 
 import pytest
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 BUILDING = 7200.0  # s for apt, build and compression, on a machine that does much else
 pytestmark = [pytest.mark.long, pytest.mark.timeout(3 * BUILDING)]
 DEBIAN = next(

@@ -9,7 +9,7 @@ import pytest
 from terminal import make_install
 
 pytestmark = pytest.mark.timeout(1500)  # a machine may be slow, and test something else meanwhile
-WORKSPACE = Path(__file__).resolve().parent.parent.parent
+WORKSPACE = Path(__file__).resolve().parents[3]
 
 
 def installed(command: str, tmp_path: Path) -> subprocess.CompletedProcess:
