@@ -128,6 +128,7 @@ def beside(
 
     from merlin_ros.node import init_node
 
+    refused: Tuple[Type[Exception], ...] = (LaunchError, *refusals)
     try:
         os.environ["ROS_MASTER_URI"], found = choose(find, wanted)
         sys.argv[1:] = []  # the arguments are not those of a node
@@ -136,7 +137,7 @@ def beside(
             return do(found) or 0
         finally:
             rospy.signal_shutdown("done")
-    except (LaunchError, *refusals) as error:
+    except refused as error:
         print(f"{command}: {error}", file=sys.stderr)
         return EXIT_REFUSED
 

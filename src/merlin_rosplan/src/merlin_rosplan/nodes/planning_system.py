@@ -75,7 +75,7 @@ def run_kind(kind: str) -> None:
             if which not in ("simple", "esterel"):
                 raise ComponentError(f"~kind is '{which}', expected 'simple' or 'esterel'")
             found = f"{which}_{kind}"
-        return component_class(found)(scope)  # type: ignore[no-any-return]
+        return component_class(found)(scope)
 
     sys.exit(run_components(DEFAULT_SCOPES.get(kind) or DEFAULT_SCOPES[f"simple_{kind}"], make))
 
