@@ -4,6 +4,7 @@
 import threading
 from typing import Any, Callable, Dict, List
 
+import diagnostic_updater
 import pytest
 import rospy
 from diagnostic_updater import DiagnosticStatusWrapper
@@ -40,7 +41,7 @@ class Updater:
 @pytest.fixture
 def updater(monkeypatch: pytest.MonkeyPatch) -> Updater:
     made = Updater()
-    monkeypatch.setattr(module, "Updater", lambda: made)
+    monkeypatch.setattr(diagnostic_updater, "Updater", lambda: made)
     monkeypatch.setattr(module, "PERIOD", 0.01)
     for name in ("logerr_throttle", "on_shutdown"):
         monkeypatch.setattr(rospy, name, lambda *_: None)

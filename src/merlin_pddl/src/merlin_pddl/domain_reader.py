@@ -2,7 +2,7 @@
 """Reads a PDDL domain (the parts of PDDL 2.1 to 3.1 that a knowledge base needs) into a :class:`Domain`."""
 
 import hashlib
-from pathlib import Path
+import os
 from typing import Callable, Dict, List, Optional, Tuple, Union
 
 from merlin_pddl.domain import Derived, Domain, Duration, Operator, Signature, self_negating
@@ -27,7 +27,7 @@ OBJECT_FLUENTS = (
 ASSIGNMENTS = ("assign", "increase", "decrease", "scale-up", "scale-down")
 
 
-def read_domain(path: Union[str, Path]) -> Domain:
+def read_domain(path: Union[str, "os.PathLike[str]"]) -> Domain:
     """Reads a domain file.
 
     :raises PddlError: with file, line and column.

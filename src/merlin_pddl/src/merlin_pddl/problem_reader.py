@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reads a PDDL problem against its domain."""
 
-from pathlib import Path
+import os
 from typing import Dict, Mapping, Optional, Tuple, Union
 
 from merlin_pddl.constraint_reader import ConstraintReader
@@ -27,7 +27,7 @@ NO_TRAJECTORY = (
 )
 
 
-def read_problem(path: Union[str, Path], domain: Domain) -> Problem:
+def read_problem(path: Union[str, "os.PathLike[str]"], domain: Domain) -> Problem:
     """Reads a problem file for a knowledge base.
 
     :raises PddlError: with file, line and column; also for trajectory constraints, which it cannot keep.

@@ -6,9 +6,9 @@ PDDL knows no upper case: words are lower-cased here, as ROSPlan's lexer does.
 
 import bisect
 import difflib
+import os
 import re
 import unicodedata
-from pathlib import Path
 from typing import Iterable, List, Optional, Union
 
 #: Deeper nesting than any domain needs; keeps every later recursion within Python's limit.
@@ -158,7 +158,7 @@ def read_expression(text: str, source: str = "", depth: int = MAX_DEPTH) -> Expr
     return nodes[0]
 
 
-def read_file(path: Union[str, Path]) -> Expression:
+def read_file(path: Union[str, "os.PathLike[str]"]) -> Expression:
     """Reads a file that holds one expression.
 
     :raises PddlError: the file cannot be read, or holds something else.
@@ -166,13 +166,14 @@ def read_file(path: Union[str, Path]) -> Expression:
     return read_expression(text_of(path), str(path))
 
 
-def text_of(path: Union[str, Path]) -> str:
+def text_of(path: Union[str, "os.PathLike[str]"]) -> str:
     """The text of a file.
 
     :raises PddlError: the file cannot be read, or is not UTF-8.
     """
     try:
-        data = Path(path).read_bytes()
+        with open(path, "rb") as file:
+            data = file.read()
         return data.decode()
     except UnicodeDecodeError as error:
         before = re.split(rb"\r\n|\r|\n", data[: error.start])

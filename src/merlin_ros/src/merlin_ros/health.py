@@ -5,11 +5,11 @@ Wall time, so that a paused simulator does not look like a dead node.
 """
 
 import threading
-from typing import Callable, Dict, Mapping, NamedTuple
+from typing import Any, Callable, Dict, Mapping, NamedTuple
 
+import diagnostic_updater  # imported where it is used: a node answers before that
 import rospy
 from diagnostic_msgs.msg import DiagnosticStatus
-from diagnostic_updater import DiagnosticStatusWrapper, Updater
 from rospy.core import is_shutdown_requested
 
 from merlin_ros.work.threads import start_thread
@@ -36,11 +36,8 @@ class HealthReporter:
     """
 
     def __init__(self, checks: Dict[str, Callable[[], Health]]) -> None:
-        self._updater = Updater()
-        self._updater.setHardwareID("none")
+        self._checks = checks
         self._stopped = threading.Event()
-        for name, check in checks.items():
-            self._updater.add(name, _task(check))
 
     def start(self) -> None:
         """Begins to publish; ends with the node."""
@@ -52,9 +49,11 @@ class HealthReporter:
         self._stopped.set()
 
     def _report(self) -> None:
+        updater: Any = None
         while not self._stopped.is_set():
             try:
-                self._updater.force_update()
+                updater = updater or self._updater()
+                updater.force_update()
             except Exception as error:
                 # A part may have said what no message can carry; its next text may be another.
                 if is_shutdown_requested():
@@ -62,9 +61,16 @@ class HealthReporter:
                 rospy.logerr_throttle(60.0, f"the health of this node cannot be published: {error!r}")
             self._stopped.wait(PERIOD)
 
+    def _updater(self) -> Any:
+        updater = diagnostic_updater.Updater()
+        updater.setHardwareID("none")
+        for name, check in self._checks.items():
+            updater.add(name, _task(check))
+        return updater
 
-def _task(check: Callable[[], Health]) -> Callable[[DiagnosticStatusWrapper], DiagnosticStatusWrapper]:
-    def fill(status: DiagnosticStatusWrapper) -> DiagnosticStatusWrapper:
+
+def _task(check: Callable[[], Health]) -> Callable[[Any], Any]:
+    def fill(status: Any) -> Any:  # a DiagnosticStatusWrapper
         try:
             health = check()
         except Exception as error:  # a part that raises is ill, and the others are still asked

@@ -17,25 +17,40 @@ import re
 import sys
 import threading
 from importlib.machinery import ModuleSpec, PathFinder
-from types import ModuleType
+from types import FrameType, ModuleType
 from typing import Any, Dict, Iterator, Optional, Sequence
-
-from merlin_ros.work.threads import start_thread
 
 #: Modules that are imported when something of them is first used → functions that do not count as that: each
 #: has a twin in a module that costs nothing; "": in its place is one that imports when it is called.
 LAZY: Dict[str, Dict[str, str]] = {
+    "ast": {},  # of genmsg
     "calendar": {},  # of email, which reads the headers of XML-RPC
     "catkin.find_in_workspaces": {"find_in_workspaces": ""},  # of roslib; with pyparsing and unittest
+    "ctypes": {},  # of what starts processes
+    "difflib": {},  # of the reader of PDDL
+    "diagnostic_updater": {},
+    "email.header": {},
     "hashlib": {"md5": "_md5", "sha256": "_sha256"},  # of rospy and ours; with OpenSSL
     "html": {},  # of the XML-RPC server, as the next
+    "inspect": {"currentframe": __name__, "signature": ""},  # of rospy's log, dataclasses, others; with dis
+    "mimetypes": {},
     "rosclean": {},  # of roslaunch; with distutils, in whose place setuptools comes
     "shutil": {},
     "tempfile": {},  # of the problem interface; with random
     "ipaddress": {},  # of urllib
+    "pickle": {},  # of rospy
+    "platform": {"release": __name__, "system": __name__},  # of rosgraph
     "pprint": {},  # of genmsg
+    "pydoc": {"HTMLDoc": __name__},  # of the XML-RPC server
+    "random": {},  # of rospy
+    "sqlite3": {},  # of the knowledge base
     "ssl": {},  # of the XML-RPC client
+    "roslib.packages": {},  # with subprocess
+    "textwrap": {},  # of traceback
+    "tokenize": {},  # of linecache
     "xml.dom.minidom": {},  # of rospkg
+    "xml.etree.ElementTree": {"ElementTree": ""},  # of rospkg, by one of the two names
+    "xml.etree.cElementTree": {"ElementTree": ""},
     "yaml": {},  # of rospy and genpy
 }
 
@@ -90,6 +105,8 @@ def _import_patiently(module: str) -> None:
         with contextlib.suppress(Exception):
             importlib.import_module(module)
 
+    from merlin_ros.work.threads import start_thread  # with what is lazy
+
     start_thread("imports", work).join()
 
 
@@ -140,6 +157,28 @@ def end_lightly() -> None:
     from merlin_ros.ports.xmlrpc_port import use_entrance
 
     use_entrance()
+
+
+def currentframe() -> FrameType:
+    """What `inspect.currentframe` returns."""
+    return sys._getframe(1)
+
+
+def system() -> str:
+    """What `platform.system` returns."""
+    return os.uname().sysname
+
+
+def release() -> str:
+    """What `platform.release` returns."""
+    return os.uname().release
+
+
+class HTMLDoc:
+    """In place of pydoc's, of which the XML-RPC server derives a class that hardly a process uses."""
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(importlib.import_module("pydoc").HTMLDoc, name).__get__(self)
 
 
 class LazyMessages:
