@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Services of one part of a node are announced together, by whatever master there is."""
+"""Services and topics of one part of a node are announced together, by whatever master there is."""
 
 import logging
 import socketserver
@@ -29,7 +29,10 @@ class Master(socketserver.ThreadingMixIn, SimpleXMLRPCServer):
         self.services: List[str] = []
         self.calls = 0
         self._refused = refused
+        self.topics: List[str] = []
         self.register_function(self._register, "registerService")
+        self.register_function(self._register_topic, "registerPublisher")
+        self.register_function(self._register_topic, "registerSubscriber")
         if together:
             self.register_multicall_functions()
 
@@ -43,6 +46,13 @@ class Master(socketserver.ThreadingMixIn, SimpleXMLRPCServer):
             return [-1, "not now", 0]
         self.services.append(name)
         return [1, "", 0]
+
+    def _register_topic(self, _caller: str, name: str, kind: str, _uri: str) -> List[Any]:
+        if name == self._refused:
+            self._refused = ""
+            return [-1, "not now", 0]
+        self.topics.append(f"{name} {kind}")
+        return [1, "", ["http://publisher"]]
 
 
 @pytest.fixture
@@ -64,9 +74,21 @@ def start(monkeypatch: pytest.MonkeyPatch) -> Iterator[Kind]:
 
 def serve(master: Master, *names: str) -> None:
     """What rospy does when services are made."""
-    manager: Any = SimpleNamespace(master_uri=master.uri, uri="http://me", logger=logging.getLogger("test"))
     for name in names:
-        RegManager.reg_added(manager, name, "rosrpc://me", Registration.SRV)
+        RegManager.reg_added(manager(master, []), name, "rosrpc://me", Registration.SRV)
+
+
+def manager(master: Master, updates: List[Any]) -> Any:
+    """rospy's manager of registrations.
+
+    :param updates: gets (topic, publishers) of each subscription.
+    """
+    return SimpleNamespace(
+        master_uri=master.uri,
+        uri="http://me",
+        logger=logging.getLogger("test"),
+        publisher_update=lambda *update: updates.append(update),
+    )
 
 
 def test_services_are_announced_with_one_call_when_all_are_there(start: Kind) -> None:
@@ -114,3 +136,25 @@ def test_services_of_other_threads_do_not_wait(start: Kind) -> None:
         other.join()
         assert master.services == ["/b"]
     assert master.services == ["/b", "/a"]
+
+
+@pytest.mark.parametrize("refused, calls", [("", 1), ("/heard", 2)])
+def test_topics_are_announced_with_them_and_subscriptions_hear_who_publishes(
+    start: Kind, refused: str, calls: int
+) -> None:
+    master, updates = start(together=True, refused=refused), []  # type: ignore[var-annotated]
+    with announced_together():
+        for name, kind in (("/said", Registration.PUB), ("/heard", Registration.SUB)):
+            RegManager.reg_added(manager(master, updates), name, "std_msgs/String", kind)
+        serve(master, "/a")
+        assert not master.topics
+    assert (master.topics, master.calls) == (["/said std_msgs/String", "/heard std_msgs/String"], calls)
+    assert (master.services, updates) == (["/a"], [("/heard", ["http://publisher"])])
+
+
+def test_a_master_that_takes_single_calls_only_gets_topics_too(start: Kind) -> None:
+    master, updates = start(together=False), []  # type: ignore[var-annotated]
+    with announced_together():
+        RegManager.reg_added(manager(master, updates), "/heard", "std_msgs/String", Registration.SUB)
+        serve(master, "/a")
+    assert updates == [("/heard", ["http://publisher"])] and master.services == ["/a"]
