@@ -8,7 +8,6 @@ import sys
 import threading
 import time
 import traceback
-from pathlib import Path
 from typing import Any, Callable, Iterator, List, Mapping, Optional, Tuple, Type
 
 import rosgraph
@@ -23,6 +22,7 @@ from rospy.names import get_caller_id
 from merlin_ros.deadline import running_time
 from merlin_ros.lean_start import end_lightly, log_configured
 from merlin_ros.master import master_link, publisher_updates
+from merlin_ros.master.announcing import announced_together
 from merlin_ros.master.master_keeper import MasterKeeper
 from merlin_ros.master.namesake import living_namesake
 from merlin_ros.parameters import ParameterError
@@ -48,7 +48,7 @@ RETURN_LIMIT = 3.0
 #: Python's own 5 ms are longer than most hops from node to node.
 SWITCH_INTERVAL = 0.0005
 
-_ROSOUT_PARAM = "/rosout_disable_topics_generation"
+_SETTLED = ("/rosout_disable_topics_generation", "/enable_statistics")
 
 
 class _Ending:
@@ -135,13 +135,13 @@ def print_help() -> None:
     """
     if not {"-h", "--help"} & set(sys.argv[1:]):
         return
-    script = Path(sys.argv[0]).absolute()
-    folder = script.parent if script.parent.name != "scripts" else script.parents[1]
+    folder, script = os.path.split(os.path.abspath(sys.argv[0]))
+    package = os.path.basename(os.path.dirname(folder) if folder.endswith("/scripts") else folder)
     # That of the module whose function starts the node.
     texts = (frame.f_globals.get("__doc__") for frame, _ in traceback.walk_stack(sys._getframe(1)))
     text = next((text for text in texts if text and text != __doc__), "")
-    print(f"usage: rosrun {folder.name} {script.name} _parameter:=value name:=remapped …")
-    print(f"\n{text.strip()}\n\nIts parameters, topics and services are in the README of {folder.name}.")
+    print(f"usage: rosrun {package} {script} _parameter:=value name:=remapped …")
+    print(f"\n{text.strip()}\n\nIts parameters, topics and services are in the README of {package}.")
     raise SystemExit(0)
 
 
@@ -182,13 +182,13 @@ def init_node(name: str, **options: Any) -> None:
         _refuse_second(name)
     _ending.enter_rospy()
     try:
-        with log_configured():
+        with log_configured(), announced_together():
             rospy.init_node(name, disable_signals=True, **options)
     except (OSError, rospy.ROSInitException) as error:
         if _ending.requested:
             raise SystemExit(_ending.code) from None
         _refuse(name, f"no master at {rosgraph.get_master_uri()}: {error}; is roscore running?")
-    _settle_rosout()
+    _settle_parameters()
     running_time()  # subscribes to the simulator's pauses, which may not be possible later
     _keeper = MasterKeeper(rospy.get_name(), rospy.core.get_node_uri())
     rospy.on_shutdown(_keeper.stop)  # before anything else ends: it registers nothing any more
@@ -350,18 +350,19 @@ def _refuse_second(name: str) -> None:
         _refuse(own, namesake.refusal())
 
 
-def _settle_rosout() -> None:
-    """Reads the one parameter of the log's handler, so that a line of log never asks the master.
+def _settle_parameters() -> None:
+    """Reads what rospy would ask the master for with each line of log, and with each subscription.
 
-    Where it is not set, rospy subscribes it with every line. The last line of a node that ends would register
-    it again, at an address that is about to close; the master would then end the next node of the name. And
-    a line would wait for a master that hangs.
+    Where the first is not set, rospy subscribes it with every line. The last line of a node that ends would
+    register it again, at an address that is about to close; the master would then end the next node of the
+    name. And a line would wait for a master that hangs.
     """
     try:
-        value = bool(master_link.bounded_master().getParam(_ROSOUT_PARAM))
+        values = master_link.get_params(master_link.bounded_master(), *_SETTLED)
     except master_link.ERRORS:
-        value = False  # not set
-    get_param_server_cache().set(_ROSOUT_PARAM, value)
+        values = {}
+    for name in _SETTLED:
+        get_param_server_cache().set(name, bool(values.get(name, False)))
 
 
 def _shut_down(reason: str) -> None:

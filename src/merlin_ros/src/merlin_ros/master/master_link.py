@@ -250,6 +250,19 @@ def get_param(name: str, default: Any = _NO_DEFAULT) -> Any:
     return value
 
 
+def get_params(master: rosgraph.Master, *names: str) -> Dict[str, Any]:
+    """Those of some parameters that are set, by one call.
+
+    :param names: global.
+    :raises OSError: when the master does not answer.
+    """
+    calls = xmlrpc.client.MultiCall(master.handle)
+    for name in names:
+        calls.getParam(rospy.get_name(), name)
+    answers: Any = calls()
+    return {name: value for name, (code, _, value) in zip(names, answers) if code == 1}
+
+
 def set_param(name: str, value: Any) -> None:
     """Sets a parameter, while the robot works: `rospy.set_param` that ends.
 

@@ -56,17 +56,11 @@ class KeptParameters:
         :param only: some of the names; none: all of them.
         :raises OSError: when the master does not answer.
         """
-        present: Dict[str, Any] = {}
         with self._lock:
             names = set(only) or set(self._names)
-        for name in names:
-            try:
-                value = master.getParam(name)
-            except rosgraph.MasterException:
-                continue
-            present[name] = value
-            with self._lock:
-                self._values[name] = value
+        present = master_link.get_params(master, *names)
+        with self._lock:
+            self._values.update(present)
         return present
 
     def restore(self, master: rosgraph.Master) -> None:
