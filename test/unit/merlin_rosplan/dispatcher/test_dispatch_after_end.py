@@ -114,7 +114,7 @@ class Beginning(Dispatcher):
 
 def test_a_cancel_while_the_plan_is_taken_is_not_lost(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(plan_dispatcher.rospy, "loginfo", lambda *text: None)
-    monkeypatch.setattr(plan_dispatcher, "PlanDispatch", Dispatch)
+    monkeypatch.setattr("merlin_rosplan.dispatch.dispatch.PlanDispatch", Dispatch)
     dispatcher = Beginning()
     dispatcher._serve_cancel(None)  # type: ignore[arg-type]  # a stray one, with nothing to cancel
     dispatcher.cancels = 1

@@ -4,10 +4,12 @@
 import abc
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any, FrozenSet, List, NamedTuple, Optional, Sequence, Tuple, Union
+from typing import TYPE_CHECKING, Any, FrozenSet, List, NamedTuple, Optional, Sequence, Tuple, Union
 
 from merlin_rosplan.dispatch.dispatch_schedule import PlannedAction, Schedule
-from merlin_rosplan.dispatch.operator_model import ActionModel, Conditions
+
+if TYPE_CHECKING:  # a dispatcher answers before it has operators
+    from merlin_rosplan.dispatch.operator_model import ActionModel, Conditions
 
 
 class FeedbackStatus(IntEnum):
@@ -34,6 +36,10 @@ class DispatchState(IntEnum):
 
 class DispatchError(Exception):
     """Something outside does not work (the knowledge base does not answer, …); ends the dispatch."""
+
+
+class PlanKnowledgeError(Exception):
+    """The knowledge base does not answer, or does not know; the text says what."""
 
 
 @dataclass(frozen=True)
@@ -151,14 +157,14 @@ class DispatchEnvironment(abc.ABC):
         """Publishes the dispatcher's own feedback, if it publishes any."""
 
     @abc.abstractmethod
-    def operator(self, action: PlannedAction) -> ActionModel:
+    def operator(self, action: PlannedAction) -> "ActionModel":
         """The ground operator of an action; raises DispatchError when it is unknown."""
 
     @abc.abstractmethod
-    def false_of(self, action: PlannedAction, conditions: Conditions) -> Conditions:
+    def false_of(self, action: PlannedAction, conditions: "Conditions") -> "Conditions":
         """Those of the action's conditions that do not hold now; raises DispatchError."""
 
-    def false_of_each(self, asked: Sequence[Tuple[PlannedAction, Conditions]]) -> List[Conditions]:
+    def false_of_each(self, asked: "Sequence[Tuple[PlannedAction, Conditions]]") -> "List[Conditions]":
         """:meth:`false_of` for several actions at one moment, in their order."""
         return [self.false_of(action, conditions) for action, conditions in asked]
 
@@ -176,7 +182,7 @@ class DispatchEnvironment(abc.ABC):
         """
         return None
 
-    def robot_left(self, action: PlannedAction, unmet: Conditions) -> str:
+    def robot_left(self, action: PlannedAction, unmet: "Conditions") -> str:
         """The robot of an action that cannot start because that robot takes no actions; empty: it does."""
         return ""
 

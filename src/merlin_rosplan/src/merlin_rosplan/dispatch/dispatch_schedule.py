@@ -10,6 +10,10 @@ class PlanError(ValueError):
     """A plan that cannot be dispatched; the text says why."""
 
 
+class BindingError(ValueError):
+    """Arguments that do not fit an operator; the text says how."""
+
+
 @dataclass(frozen=True)
 class PlannedAction:
     """A ground action of a plan.

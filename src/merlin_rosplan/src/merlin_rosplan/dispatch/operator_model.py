@@ -7,6 +7,7 @@ from typing import Dict, FrozenSet, Iterable, List, NamedTuple, Sequence, Set, T
 from merlin_pddl import formula
 from merlin_pddl.domain import Operator, Rules, depends_on
 from merlin_pddl.formula import END, OVER_ALL, START, Atom, Comparison, Condition, Effect, Equal, Fluent, Not
+from merlin_rosplan.dispatch.dispatch_schedule import BindingError
 
 
 class PlanTerm(NamedTuple):
@@ -169,10 +170,6 @@ class TimedEffects:
             self.wild,
             self.wild_reads,
         )
-
-
-class BindingError(ValueError):
-    """Arguments that do not fit an operator; the text says how."""
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ turns out to be dead. So does the dispatch of a goal whose client leases nothing
 """
 
 import threading
-from typing import Optional
+from typing import TYPE_CHECKING, Optional
 
 import rospy
 
@@ -15,7 +15,9 @@ from merlin_ros.actions.lease import LEASED, LeaseState
 from merlin_ros.actions.ownership import ownership
 from merlin_ros.master import master_link
 from merlin_ros.master.namesake import living_namesake
-from merlin_rosplan.dispatch.dispatch import PlanDispatch
+
+if TYPE_CHECKING:  # imported when there is a plan
+    from merlin_rosplan.dispatch.dispatch import PlanDispatch
 
 
 class DispatchOwner:
@@ -49,7 +51,7 @@ class DispatchOwner:
             self._dispatches += 1
             self._silent = self._gone = ""
 
-    def attach(self, dispatch: PlanDispatch, key: str) -> None:
+    def attach(self, dispatch: "PlanDispatch", key: str) -> None:
         """The dispatch that it owns is about to run.
 
         :param key: names it in :data:`merlin_ros.actions.ownership.ownership`, which suspends its actions.

@@ -3,7 +3,7 @@
 
 import threading
 import time
-from typing import Callable, Dict, FrozenSet, List, Optional, Sequence, Set, Tuple
+from typing import TYPE_CHECKING, Callable, Dict, FrozenSet, List, Optional, Sequence, Set, Tuple
 
 import rospy
 from diagnostic_msgs.msg import KeyValue
@@ -26,12 +26,15 @@ from merlin_rosplan.dispatch.dispatch_environment import (
     DispatchReport,
     DispatchState,
     FeedbackStatus,
+    PlanKnowledgeError,
 )
-from merlin_rosplan.dispatch.dispatch_schedule import PlannedAction
+from merlin_rosplan.dispatch.dispatch_schedule import BindingError, PlannedAction
 from merlin_rosplan.dispatch.interface_watch import InterfaceWatch
-from merlin_rosplan.dispatch.operator_model import ActionModel, BindingError, Conditions, PlanTerm
-from merlin_rosplan.dispatcher.plan_knowledge import PlanKnowledge, PlanKnowledgeError
 from merlin_rosplan.transport.component import Component
+
+if TYPE_CHECKING:  # imported when there is a plan
+    from merlin_rosplan.dispatch.operator_model import ActionModel, Conditions, PlanTerm
+    from merlin_rosplan.dispatcher.plan_knowledge import PlanKnowledge
 
 SHUTDOWN_DEADLINE = 1.0  # s that running interfaces get to answer when the node ends
 _WIRE_STATES = {
@@ -44,7 +47,7 @@ class DispatchTopics(DispatchEnvironment):
     """Publishes for one dispatcher and answers its dispatches.
 
     :param component: whose names and parameters these are.
-    :param knowledge: to ask.
+    :param knowledge: gives what is asked.
     :param publishes_feedback: whether the dispatcher publishes feedback of its own (the simple one does).
     :param on_tick: called when a time asked for has come.
     :param on_feedback: called with each feedback the dispatcher publishes.
@@ -55,7 +58,7 @@ class DispatchTopics(DispatchEnvironment):
     def __init__(
         self,
         component: Component,
-        knowledge: PlanKnowledge,
+        knowledge: Callable[[], "PlanKnowledge"],
         publishes_feedback: bool,
         on_tick: Callable[[], None],
         on_feedback: Callable[[ActionFeedback], None],
@@ -161,27 +164,27 @@ class DispatchTopics(DispatchEnvironment):
         publish(self._feedback, message)
         self._on_feedback(message)
 
-    def operator(self, action: PlannedAction) -> ActionModel:
+    def operator(self, action: PlannedAction) -> "ActionModel":
         """The ground operator; asks the knowledge base once per operator and plan."""
         try:
             operator = self._operators.get(action.name)
             if operator is None:
-                operator = self._operators[action.name] = self._knowledge.operator(action.name)
+                operator = self._operators[action.name] = self._knowledge().operator(action.name)
             return operator.ground(operator.bind([value for _, value in action.parameters]))
         except (PlanKnowledgeError, BindingError) as error:
             raise DispatchError(f"{action} cannot be dispatched: {error}") from error
 
-    def false_of(self, action: PlannedAction, conditions: Conditions) -> Conditions:
+    def false_of(self, action: PlannedAction, conditions: "Conditions") -> "Conditions":
         """Asks the knowledge base."""
         try:
-            return self._knowledge.false_of(conditions)
+            return self._knowledge().false_of(conditions)
         except PlanKnowledgeError as error:
             raise DispatchError(f"the conditions of {action} cannot be checked: {error}") from error
 
-    def false_of_each(self, asked: Sequence[Tuple[PlannedAction, Conditions]]) -> List[Conditions]:
+    def false_of_each(self, asked: "Sequence[Tuple[PlannedAction, Conditions]]") -> "List[Conditions]":
         """Asks the knowledge base, in one call."""
         try:
-            return self._knowledge.false_of_each([conditions for _, conditions in asked])
+            return self._knowledge().false_of_each([conditions for _, conditions in asked])
         except PlanKnowledgeError as error:
             actions = ", ".join(str(action) for action, _ in asked[:5])
             raise DispatchError(f"the conditions of {actions} cannot be checked: {error}") from error
@@ -189,7 +192,7 @@ class DispatchTopics(DispatchEnvironment):
     def next_change(self, names: FrozenSet[str], until: float) -> Optional[float]:
         """Asks the knowledge base for what it waits for."""
         try:
-            changes = self._knowledge.timed_changes()
+            changes = self._knowledge().timed_changes()
         except PlanKnowledgeError as error:
             raise DispatchError(f"timed knowledge cannot be asked for: {error}") from error
         now = self.now()
@@ -197,9 +200,9 @@ class DispatchTopics(DispatchEnvironment):
 
     def begun(self, action: PlannedAction) -> Optional[bool]:
         """Asks a knowledge base of ours for its open executions."""
-        return self._knowledge.begun(self.plan_id, action.id)
+        return self._knowledge().begun(self.plan_id, action.id)
 
-    def robot_left(self, action: PlannedAction, unmet: Conditions) -> str:
+    def robot_left(self, action: PlannedAction, unmet: "Conditions") -> str:
         """The robot of the action whose ``(available ?robot)`` does not hold; the bridges keep that fact."""
         named = {value.lower() for _, value in action.parameters if value.lower() in self._robots}
         lacking = [atom.arguments[0] for atom in unmet.positive if _is_available(atom)]
@@ -294,5 +297,5 @@ class DispatchTopics(DispatchEnvironment):
         return shown
 
 
-def _is_available(atom: PlanTerm) -> bool:
+def _is_available(atom: "PlanTerm") -> bool:
     return atom.name.lower() == AVAILABLE and len(atom.arguments) == 1

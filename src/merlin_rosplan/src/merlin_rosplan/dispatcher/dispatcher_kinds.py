@@ -5,11 +5,9 @@ from typing import Optional
 
 from rosplan_dispatch_msgs.msg import ActionDispatch, CompletePlan, EsterelPlan
 
-from merlin_rosplan.dispatch.dispatch_graph import GraphSchedule
 from merlin_rosplan.dispatch.dispatch_schedule import PlannedAction, Schedule, SequentialSchedule
 from merlin_rosplan.dispatcher.plan_dispatcher import SCOPE, PlanDispatcher
 from merlin_rosplan.messages.plan_graph_drawer import PlanGraphDrawer
-from merlin_rosplan.messages.plan_graph_messages import graph_from_message
 
 
 class SimplePlanDispatcher(PlanDispatcher):
@@ -43,8 +41,18 @@ class EsterelPlanDispatcher(PlanDispatcher):
         if plan is not None:
             self.received(plan)
 
+    def prepare(self) -> None:
+        """Imports what the first graph needs, too."""
+        from merlin_rosplan.dispatch import dispatch_graph  # noqa: F401
+        from merlin_rosplan.messages import plan_graph_messages  # noqa: F401
+
+        super().prepare()
+
     def make_schedule(self, plan: EsterelPlan) -> Schedule:
         """The graph; with `~timeout_actions` its time bounds are kept."""
+        from merlin_rosplan.dispatch.dispatch_graph import GraphSchedule
+        from merlin_rosplan.messages.plan_graph_messages import graph_from_message
+
         graph, messages = graph_from_message(plan)
         schedule = GraphSchedule(
             graph,

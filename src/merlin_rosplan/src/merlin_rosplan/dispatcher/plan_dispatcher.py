@@ -2,9 +2,10 @@
 """What both plan dispatchers of ROSPlan share, over the core in :mod:`merlin_rosplan.dispatch.dispatch`."""
 
 import dataclasses
+import functools
 import threading
 import traceback
-from typing import Any, Callable, Optional, Type
+from typing import TYPE_CHECKING, Any, Callable, Optional, Type
 
 import rospy
 from merlin_msgs.srv import Breakpoints as BreakpointsSrv
@@ -28,7 +29,6 @@ from merlin_ros.deadline import Deadline, limit
 from merlin_ros.health import OK, WARN, Health
 from merlin_ros.ports.service_server import after_answer
 from merlin_ros.work.threads import start_thread
-from merlin_rosplan.dispatch.dispatch import PlanDispatch
 from merlin_rosplan.dispatch.dispatch_environment import (
     DispatchLimits,
     DispatchReport,
@@ -36,15 +36,20 @@ from merlin_rosplan.dispatch.dispatch_environment import (
     Event,
     Feedback,
     FeedbackStatus,
+    PlanKnowledgeError,
     Tick,
 )
 from merlin_rosplan.dispatch.dispatch_schedule import PlanError, Schedule
 from merlin_rosplan.dispatcher.dispatch_owner import DispatchOwner
 from merlin_rosplan.dispatcher.dispatch_settler import DispatchSettler
 from merlin_rosplan.dispatcher.dispatch_topics import SHUTDOWN_DEADLINE, DispatchTopics
-from merlin_rosplan.dispatcher.plan_knowledge import KnowledgeEvents, PlanKnowledge, PlanKnowledgeError
+from merlin_rosplan.dispatcher.knowledge_events import KnowledgeEvents
 from merlin_rosplan.transport.component import Component, caller
 from merlin_rosplan.transport.handover import Handover
+
+if TYPE_CHECKING:  # what carries out a plan is imported when the node serves
+    from merlin_rosplan.dispatch.dispatch import PlanDispatch
+    from merlin_rosplan.dispatcher.plan_knowledge import PlanKnowledge
 
 SCOPE = "rosplan_plan_dispatcher"
 IN_FLIGHT = 0.5  # s for which a call waits for a plan that may be on its way
@@ -81,11 +86,10 @@ class PlanDispatcher(Component):
             settle=self.number("settle_time", 2.0, 0.0),
         )
         self._allow_redispatch = bool(self.param("allow_redispatch", False))
-        self._knowledge = PlanKnowledge(self.knowledge_base)
         self._breakpoints = Breakpoints()
         self._topics = DispatchTopics(
             self,
-            self._knowledge,
+            lambda: self._knowledge,
             self.publishes_feedback,
             self._tick,
             self._forward,
@@ -118,6 +122,18 @@ class PlanDispatcher(Component):
         self.service("cancel_dispatch", Empty, self._serve_cancel)
         breakpoints = BreakpointService(self._breakpoints, self._breakpoints_changed)
         self.service("breakpoints", BreakpointsSrv, breakpoints.answer)
+
+    def prepare(self) -> None:
+        """Imports what the first dispatch needs."""
+        from merlin_rosplan.dispatch import dispatch  # noqa: F401
+
+        _ = self._knowledge
+
+    @functools.cached_property
+    def _knowledge(self) -> "PlanKnowledge":
+        from merlin_rosplan.dispatcher.plan_knowledge import PlanKnowledge
+
+        return PlanKnowledge(self.knowledge_base)
 
     def on_shutdown(self) -> None:
         """Cancels the dispatch and waits a moment for its end."""
@@ -288,6 +304,8 @@ class PlanDispatcher(Component):
             rospy.logwarn("%s: every action succeeded, but %s", self.scope, judged.reason)
 
     def _run_plan(self) -> DispatchReport:
+        from merlin_rosplan.dispatch.dispatch import PlanDispatch
+
         plan = self._take_plan()
         schedule = self.make_schedule(plan)
         dispatch = PlanDispatch(

@@ -20,9 +20,8 @@ from typing import (
 )
 
 import rospy
-from merlin_msgs.msg import KnowledgeChanges
 from merlin_msgs.srv import ListExecutions
-from rosplan_knowledge_msgs.msg import KnowledgeItem, StatusUpdate
+from rosplan_knowledge_msgs.msg import KnowledgeItem
 from rosplan_knowledge_msgs.srv import GetAttributeService
 
 from merlin_pddl.domain import Domain
@@ -35,12 +34,11 @@ from merlin_planning.knowledge_client import CALL_LIMIT, KnowledgeClient, fact
 from merlin_planning.knowledge_text import to_pddl
 from merlin_ros.master.master_link import ERRORS, bounded_master, get_param
 from merlin_ros.service_proxy import ServiceError
-from merlin_rosplan.dispatch.dispatch_environment import KnowledgeChanged
+from merlin_rosplan.dispatch.dispatch_environment import PlanKnowledgeError
 from merlin_rosplan.dispatch.operator_model import ActionModel, Conditions, PlanTerm
 from merlin_rosplan.dispatch.plan_graph import TimedLiteral, TimedValue
 from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
 from merlin_rosplan.knowledge.knowledge_store import KnowledgeStore
-from merlin_rosplan.knowledge.transaction import StateChange
 from merlin_rosplan.messages.domain_messages import operator_message, read_operator
 from merlin_rosplan.messages.expression_messages import FormulaWriter
 from merlin_rosplan.messages.knowledge_messages import ASSIGNMENTS
@@ -48,10 +46,6 @@ from merlin_rosplan.transport.component import Component
 from merlin_rosplan.transport.direct_service import DirectServiceProxy
 
 _Answer = TypeVar("_Answer")
-
-
-class PlanKnowledgeError(Exception):
-    """The knowledge base does not answer, or does not know; the text says what."""
 
 
 class PlanKnowledge:
@@ -265,43 +259,6 @@ def expression_item(text: str) -> KnowledgeItem:
 
 def _equal(atom: PlanTerm) -> bool:
     return len({argument.lower() for argument in atom.arguments}) <= 1
-
-
-class KnowledgeEvents:
-    """Tells one dispatcher what has changed; in the same process without ROS.
-
-    A message to its own process takes two changes of thread, beside the answer of the interface that has made
-    the change: robots wait for the dispatch.
-
-    :param component: the dispatcher.
-    :param put: called with each event, in the thread that hears of the change.
-    """
-
-    def __init__(self, component: Component, put: Callable[[KnowledgeChanged], None]) -> None:
-        self._put = put
-        name = component.knowledge_base
-        store = getattr(Component.in_process(name), "store", None)
-        if isinstance(store, KnowledgeStore):
-            store.listen(self._changed)
-            return
-        self._changes = component.subscriber(f"{name}/changes", KnowledgeChanges, self._receive_changes)
-        component.subscriber(f"{name}/status/update", StatusUpdate, self._receive_update)
-
-    def _changed(self, change: StateChange) -> None:
-        rows = (*change.added, *change.removed, *change.changed)
-        self._tell(change.cleared, ("" if isinstance(row, Instance) else row.name for row in rows))
-
-    def _receive_changes(self, message: KnowledgeChanges) -> None:
-        items = (*message.added, *message.removed, *message.changed)
-        self._tell(message.cleared, (item.attribute_name for item in items))
-
-    def _receive_update(self, _: StatusUpdate) -> None:
-        # A knowledge base that publishes the changes themselves says there what they were.
-        connected = self._changes.get_num_connections() > 0
-        self._put(KnowledgeChanged(frozenset() if connected else None))
-
-    def _tell(self, cleared: Any, names: Iterable[str]) -> None:
-        self._put(KnowledgeChanged(None if cleared else frozenset(name.lower() for name in names)))
 
 
 class DomainFile:

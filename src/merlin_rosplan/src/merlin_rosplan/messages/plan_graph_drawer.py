@@ -2,7 +2,7 @@
 """Draws the plan graph for its subscribers, beside the dispatch and never in its way."""
 
 import threading
-from typing import List, Optional, Set
+from typing import TYPE_CHECKING, List, Optional, Set
 
 import rospy
 from rosplan_dispatch_msgs.msg import ActionDispatch, EsterelPlan
@@ -11,10 +11,11 @@ from std_msgs.msg import String
 from merlin_ros.alarms import call_later
 from merlin_ros.publishing import OnSubscriber, publish
 from merlin_ros.work.threads import CallQueue
-from merlin_rosplan.dispatch.dispatch_graph import GraphSchedule
 from merlin_rosplan.dispatch.dispatch_schedule import PlanError
-from merlin_rosplan.dispatch.plan_graph import Node, NodeType, PlanGraph
-from merlin_rosplan.messages.plan_graph_messages import graph_from_message, graph_to_dot
+
+if TYPE_CHECKING:  # graphs are imported when there is one
+    from merlin_rosplan.dispatch.dispatch_graph import GraphSchedule
+    from merlin_rosplan.dispatch.plan_graph import Node, PlanGraph
 
 #: s of wall time between a change and its drawing: the dispatch goes first, and what it does is drawn at once
 DELAY = 0.03
@@ -44,7 +45,7 @@ class PlanGraphDrawer:
         self._publisher = rospy.Publisher(topic, String, greeter, queue_size=1000, latch=True)
 
     def show(
-        self, graph: PlanGraph, actions: List[ActionDispatch], schedule: Optional[GraphSchedule]
+        self, graph: "PlanGraph", actions: List[ActionDispatch], schedule: Optional["GraphSchedule"]
     ) -> None:
         """Draws another graph; without a schedule nothing of it has happened."""
         with self._lock:
@@ -87,6 +88,9 @@ class PlanGraphDrawer:
                 publish(self._publisher, String(text))
 
     def _take_apart(self, plan: EsterelPlan) -> None:
+        from merlin_rosplan.dispatch.plan_graph import PlanGraph
+        from merlin_rosplan.messages.plan_graph_messages import graph_from_message
+
         try:
             graph, actions = graph_from_message(plan)
         except PlanError as error:
@@ -97,9 +101,12 @@ class PlanGraphDrawer:
                 self._graph, self._actions, self._schedule, self._plan = graph, actions, None, None
 
     def _draw(
-        self, graph: PlanGraph, actions: List[ActionDispatch], schedule: Optional[GraphSchedule]
+        self, graph: "PlanGraph", actions: List[ActionDispatch], schedule: Optional["GraphSchedule"]
     ) -> str:
-        def state(node: Node) -> str:
+        from merlin_rosplan.dispatch.plan_graph import NodeType
+        from merlin_rosplan.messages.plan_graph_messages import graph_to_dot
+
+        def state(node: "Node") -> str:
             if schedule is not None:
                 return schedule.node_state(node)
             return "plan_start" if node.type == NodeType.PLAN_START else "waiting"

@@ -1,29 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
 """ROSPlan's parsing interface: plan text in, a list of actions or a plan graph out."""
 
+import functools
 import threading
 import time
-from typing import Any, Dict, List, Set, Tuple, Type
+from typing import TYPE_CHECKING, Any, Type
 
 import rospy
-from diagnostic_msgs.msg import KeyValue
-from rosplan_dispatch_msgs.msg import ActionDispatch, CompletePlan, EsterelPlan
+from rosplan_dispatch_msgs.msg import CompletePlan, EsterelPlan
 from rosplan_dispatch_msgs.srv import ParsingService, ParsingServiceRequest, ParsingServiceResponse
 from std_msgs.msg import String
 from std_srvs.srv import Empty, EmptyRequest, EmptyResponse, Trigger
 
-from merlin_pddl.plan_text import PlanStep, PlanTextError, parse_plan
-from merlin_pddl.text_reader import suggestion
 from merlin_ros.call_scope import CallScope
-from merlin_rosplan.dispatch.operator_model import ActionModel, BindingError, PlanTerm
-from merlin_rosplan.dispatch.plan_graph import TimedValue
-from merlin_rosplan.dispatch.plan_graph_builder import build_graph
-from merlin_rosplan.dispatcher.plan_knowledge import PlanKnowledge, PlanKnowledgeError
-from merlin_rosplan.messages.plan_graph_messages import graph_to_message
 from merlin_rosplan.transport.component import Component
 from merlin_rosplan.transport.handover import Handover, digest_service
 
-LiftedAndGround = Tuple[ActionModel, ActionModel]
+if TYPE_CHECKING:  # what reads a plan is imported when the node serves
+    from merlin_rosplan.nodes.plan_reader import PlanReader
 
 SCOPE = "rosplan_parsing_interface"
 IN_FLIGHT = 0.5  # s for which a call waits for a plan that may be on its way
@@ -43,7 +37,6 @@ class PlanParser(Component):
         self._parsing = threading.Lock()  # one plan at a time, published in the order of the calls
         self._strict = bool(self.param("strict", True))
         self.read_params()
-        self._knowledge = PlanKnowledge(self.knowledge_base)
         topic = self.resolve(str(self.param("plan_topic", "complete_plan")))
         self._plan = self.publisher(topic, self.plan_class, queue_size=1, latch=True)
         self._hand_over = self.own(Handover.sender(topic))
@@ -54,6 +47,10 @@ class PlanParser(Component):
         self.service("parse_plan", Empty, self._serve)
         self.service("parse_plan_from_file", ParsingService, self._serve_file)
 
+    def prepare(self) -> None:
+        """Imports what the first plan needs."""
+        _ = self._reader
+
     def on_shutdown(self) -> None:
         """Ends a waiting call."""
         with self._state:
@@ -62,12 +59,18 @@ class PlanParser(Component):
     def read_params(self) -> None:
         """For subclasses: reads their parameters, before the first call can come."""
 
-    def message(self, steps: List[PlanStep], actions: List[LiftedAndGround]) -> Any:
-        """The message for a plan; each action as (operator, ground operator).
+    def message(self, reader: "PlanReader", text: str) -> Any:
+        """The message for a plan.
 
-        :raises PlanKnowledgeError: the knowledge base does not answer.
+        :raises: one of the reader's errors.
         """
         raise NotImplementedError
+
+    @functools.cached_property
+    def _reader(self) -> "PlanReader":
+        from merlin_rosplan.nodes.plan_reader import PlanReader
+
+        return PlanReader(self.knowledge_base)
 
     def _receive(self, message: String) -> None:
         with self._state:
@@ -115,50 +118,29 @@ class PlanParser(Component):
 
         :raises rospy.ServiceException: it cannot be read or does not fit the domain.
         """
+        from merlin_rosplan.nodes.plan_reader import ERRORS
+
         with self._parsing:
             started = time.monotonic()
             try:
-                steps = parse_plan(text)
-                plan = self.message(steps, self._ground(steps))
-            except (PlanTextError, PlanKnowledgeError, BindingError) as error:
+                plan = self.message(self._reader, text)
+            except ERRORS as error:
                 reason = f"cannot parse {source}: {error}"
                 rospy.logerr("%s: %s", self.scope, reason)
                 raise rospy.ServiceException(reason) from error
             self._hand_over.hand_over(plan)
             self._plan.publish(plan)
         rospy.logdebug(  # a line at INFO costs as much as the parsing
-            "%s: %d actions parsed in %.1f ms", self.scope, len(steps), 1e3 * (time.monotonic() - started)
+            "%s: a plan parsed in %.1f ms", self.scope, 1e3 * (time.monotonic() - started)
         )
-
-    def _ground(self, steps: List[PlanStep]) -> List[LiftedAndGround]:
-        operators: Dict[str, ActionModel] = {}
-        actions: List[LiftedAndGround] = []
-        objects = self._knowledge.objects() if any(step.arguments for step in steps) else frozenset()
-        for step in steps:
-            unknown = next((each for each in step.arguments if each.lower() not in objects), None)
-            if unknown is not None:
-                raise PlanTextError(
-                    f"line {step.line}: {step} names '{unknown}', an object that the knowledge base does not "
-                    f"know{suggestion(unknown, objects)}"
-                )
-            try:
-                if step.name not in operators:
-                    operators[step.name] = self._knowledge.operator(step.name)
-                operator = operators[step.name]
-                actions.append((operator, operator.ground(operator.bind(step.arguments))))
-            except BindingError as error:
-                raise BindingError(f"line {step.line}: {error}") from None
-            except PlanKnowledgeError as error:
-                raise PlanKnowledgeError(f"line {step.line}: {error}") from None
-        return actions
 
 
 class SimplePlanParser(PlanParser):
     """Publishes a CompletePlan: a list of actions."""
 
-    def message(self, steps: List[PlanStep], actions: List[LiftedAndGround]) -> CompletePlan:
-        """The list, in the order of time."""
-        return CompletePlan(plan=action_messages(steps, actions))
+    def message(self, reader: "PlanReader", text: str) -> CompletePlan:
+        """The list."""
+        return reader.actions(text)
 
 
 class EsterelPlanParser(PlanParser):
@@ -171,40 +153,6 @@ class EsterelPlanParser(PlanParser):
         self._epsilon = self.number("epsilon_time", 0.01, 0.0)
         self._full_graph_limit = self.number("full_graph_limit", 50 if self._strict else 200, 0)
 
-    def message(self, steps: List[PlanStep], actions: List[LiftedAndGround]) -> EsterelPlan:
-        """The plan graph, with the timed literals that the knowledge base waits for."""
-        timed = self._knowledge.timed() if steps else []
-        reduce = len(steps) > self._full_graph_limit
-        ground = [action for _, action in actions]
-        values: Dict[PlanTerm, float] = {}
-        if any(isinstance(entry, TimedValue) for entry in timed):
-            values = self._knowledge.values(_compared(ground))
-        graph = build_graph(steps, ground, timed, self._epsilon, reduce, values, not self._strict)
-        return graph_to_message(graph, action_messages(steps, actions))
-
-
-def _compared(actions: List[ActionModel]) -> Set[str]:
-    """Names of the functions in the actions' comparisons."""
-    return {
-        name
-        for action in actions
-        for conditions in (action.at_start, action.over_all, action.at_end)
-        for entry in conditions.comparisons
-        for name in entry.functions
-    }
-
-
-def action_messages(steps: List[PlanStep], actions: List[LiftedAndGround]) -> List[ActionDispatch]:
-    """The actions of a plan; ids count from 0, parameters carry the operator's labels."""
-    return [
-        ActionDispatch(
-            action_id=index,
-            name=step.name,
-            parameters=[
-                KeyValue(key=label, value=value) for label, value in zip(operator.labels, step.arguments)
-            ],
-            duration=step.duration,
-            dispatch_time=step.time,
-        )
-        for index, (step, (operator, _)) in enumerate(zip(steps, actions))
-    ]
+    def message(self, reader: "PlanReader", text: str) -> EsterelPlan:
+        """The graph."""
+        return reader.graph(text, self._epsilon, self._full_graph_limit, not self._strict)

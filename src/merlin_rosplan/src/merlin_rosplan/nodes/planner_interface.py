@@ -3,40 +3,34 @@
 
 import contextlib
 import dataclasses
+import functools
 import itertools
 import os
 import threading
-from typing import Any, Callable, Optional, Sequence, Set, Type
+from typing import TYPE_CHECKING, Any, Callable, Optional, Sequence, Set, Type
 
 import rospy
 from merlin_msgs.msg import PlannerStatus, PlanWithoutAction, PlanWithoutFeedback, PlanWithoutResult
-from merlin_msgs.srv import PreviewPlan, PreviewPlanRequest, PreviewPlanResponse
+from merlin_msgs.srv import PreviewPlan
 from rosplan_dispatch_msgs.msg import PlanAction, PlanFeedback, PlanGoal, PlanResult
 from rosplan_dispatch_msgs.srv import PlanningService, PlanningServiceRequest, PlanningServiceResponse
 from std_msgs.msg import String
 from std_srvs.srv import Empty, EmptyRequest, EmptyResponse, Trigger
 
-from merlin_pddl.checks import kairos_check
-from merlin_pddl.domain_reader import read_domain
-from merlin_pddl.plan_text import PlanTextError
-from merlin_pddl.text_reader import PddlError
 from merlin_ros.actions.action_server import ServerGoal
 from merlin_ros.actions.serial_action_server import SerialActionServer
 from merlin_ros.health import OK, WARN, Health
 from merlin_ros.master.master_link import get_param
 from merlin_ros.publishing import publish
-from merlin_rosplan.knowledge.foreseen import after_actions
-from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
-from merlin_rosplan.messages.knowledge_snapshot import KnowledgeBaseError
-from merlin_rosplan.nodes.world_reader import WorldReader
-from merlin_rosplan.planning.planner import PlannerSettings
+from merlin_rosplan.planning.planner_settings import PlannerSettings
 from merlin_rosplan.planning.planning_outcome import PlannerState, PlanningOutcome
-from merlin_rosplan.supervision.plan_preview import Previews, steps_of
-from merlin_rosplan.supervision.planner_host import HostError, PlannerHosts
 from merlin_rosplan.supervision.scratch_folder import ScratchFolder
-from merlin_rosplan.supervision.supervised_planning import Planning
 from merlin_rosplan.transport.component import Component
 from merlin_rosplan.transport.handover import Handover, digest_service
+
+if TYPE_CHECKING:  # what plans is imported when the node serves
+    from merlin_rosplan.nodes.preview_service import PreviewService
+    from merlin_rosplan.supervision.supervised_planning import Planning
 
 SCOPE = "rosplan_planner_interface"
 
@@ -62,8 +56,6 @@ class PlannerInterface(Component):
         self._folder = ScratchFolder("planner_interface")
         self._settings = self._read_settings()
         self._strict = bool(self.param("strict", True))
-        if not kairos_check.available():
-            rospy.logwarn("%s: kairos is not installed: PDDL and plans are not checked", self.scope)
         topic = self.resolve(str(self.param("planner_topic", "planner_output")))
         self._output = self.publisher(topic, String, queue_size=1, latch=True)
         self._hand_over = self.own(Handover.sender(topic))
@@ -80,11 +72,20 @@ class PlannerInterface(Component):
             ("plan_without", PlanWithoutAction, self._execute_without),
         ):
             self.own(SerialActionServer(self.resolve(name), spec, execute, self._cancel)).start()
-        self._preview = PreviewService(self, self._settings, self._request_of_params)
+        self.service("preview_plan", PreviewPlan, lambda request: self._preview.answer(request))
+
+    def prepare(self) -> None:
+        """Starts the process that plans, and imports what the first planning needs."""
+        from merlin_rosplan.supervision.planner_host import HostError, PlannerHosts
+
         try:
             PlannerHosts.of_process().warm_up()
         except HostError as error:  # tried again at each planning, which then says why
             rospy.logerr("%s: %s", self.scope, error)
+        from merlin_pddl.checks import kairos_check  # while that process starts
+
+        if self._preview and not kairos_check.available():
+            rospy.logwarn("%s: kairos is not installed: PDDL and plans are not checked", self.scope)
 
     def on_shutdown(self) -> None:
         """Kills the planner that runs."""
@@ -107,6 +108,12 @@ class PlannerInterface(Component):
         return Health(WARN if fault else OK, last.reason if fault else "planning" if busy else "idle", values)
 
     # --- requests ---------------------------------------------------------------------------------
+
+    @functools.cached_property
+    def _preview(self) -> "PreviewService":
+        from merlin_rosplan.nodes.preview_service import PreviewService
+
+        return PreviewService(self, self._settings, self._request_of_params)
 
     def _read_settings(self) -> PlannerSettings:
         return PlannerSettings(
@@ -252,6 +259,8 @@ class PlannerInterface(Component):
                 return PlanningOutcome(
                     PlannerState.SOLVED, f"there is no file {path[:200]} (~strict is false)"
                 )
+        from merlin_rosplan.supervision.supervised_planning import Planning
+
         settings = dataclasses.replace(
             self._settings, command=request.planner_command, without=tuple(without)
         )
@@ -331,51 +340,3 @@ class PlannerInterface(Component):
 def _write(path: str, text: str) -> None:
     with open(path, "w") as file:
         file.write(text)
-
-
-class PreviewService:
-    """Serves ``preview_plan`` of a component. Neither its topics nor its planning know of it.
-
-    :param component: the planner interface.
-    :param settings: of its planner.
-    :param parameters: reads the domain's file and the planner's command.
-    """
-
-    def __init__(
-        self,
-        component: Component,
-        settings: PlannerSettings,
-        parameters: Callable[[], PlanningServiceRequest],
-    ) -> None:
-        self._parameters = parameters
-        self._reading = threading.Lock()  # orders the uses of the reader
-        self._world: WorldReader = component.own(WorldReader(component.knowledge_base))
-        self._previews: Previews = component.own(Previews(settings))
-        component.service("preview_plan", PreviewPlan, self._serve)
-
-    def _serve(self, request: PreviewPlanRequest) -> PreviewPlanResponse:
-        wanted = self._parameters()
-        try:
-            with self._reading:
-                domain, problem = self._world.snapshot()
-            if request.after:
-                if not domain.operators:  # as it is read over ROS
-                    domain = read_domain(wanted.domain_path)
-                problem = after_actions(domain, problem, request.after)
-            world = (domain, problem)
-            outcome = self._previews.plan(
-                world, wanted.domain_path, wanted.planner_command, request.goals, request.without
-            )
-            steps = steps_of(outcome.plan)
-        except (KnowledgeBaseError, PlanTextError, PddlError, UpdateRefused) as error:
-            outcome, steps = PlanningOutcome(PlannerState.INVALID, str(error)), []
-        status = PlannerStatus(
-            state=int(outcome.state), reason=outcome.reason, planner=outcome.planner, seconds=outcome.seconds
-        )
-        status.header.stamp = rospy.Time.now()
-        return PreviewPlanResponse(
-            status,
-            [str(step) for step in steps],
-            [step.time for step in steps],
-            [step.duration for step in steps],
-        )

@@ -1,25 +1,25 @@
 # SPDX-License-Identifier: Apache-2.0
 """The problem interface: asks the knowledge base for everything and publishes it as a PDDL problem."""
 
+import functools
 import os
 import tempfile
 import threading
-from typing import Tuple
+from typing import TYPE_CHECKING, Tuple
 
 import rospy
 from rosplan_dispatch_msgs.srv import ProblemService, ProblemServiceRequest, ProblemServiceResponse
 from std_msgs.msg import String
 from std_srvs.srv import Empty, EmptyRequest, EmptyResponse, Trigger
 
-from merlin_pddl.domain import Domain
-from merlin_pddl.knowledge import Instance
-from merlin_pddl.problem import Problem
-from merlin_pddl.problem_writer import write_problem
 from merlin_ros.master.master_link import MasterSilent, get_param
-from merlin_rosplan.messages.knowledge_snapshot import KnowledgeBaseError
-from merlin_rosplan.nodes.world_reader import WorldReader
 from merlin_rosplan.transport.component import Component, ComponentError
 from merlin_rosplan.transport.handover import Handover, digest_service
+
+if TYPE_CHECKING:  # what reads and writes a problem is imported when the node serves
+    from merlin_pddl.domain import Domain
+    from merlin_pddl.problem import Problem
+    from merlin_rosplan.nodes.world_reader import WorldReader
 
 PROBLEM_INTERFACE = "rosplan_problem_interface"
 
@@ -40,16 +40,27 @@ class ProblemInterface(Component):
         extension = os.path.splitext(self._path(""))[1].lower()
         if extension in (".rddl", ".hddl") or (not extension and language not in ("", "pddl")):
             raise ComponentError(f"only PDDL problems can be written, not {language or extension}")
-        self._generating = (
-            threading.Lock()
-        )  # held while a problem is generated: file and topic show the same problem
-        self._world: WorldReader = self.own(WorldReader(self.knowledge_base))
+        # Held while a problem is generated: file and topic show the same problem.
+        self._generating = threading.Lock()
         topic = self.resolve(str(self.param("problem_topic", "problem_instance")))
         self._hand_over = self.own(Handover.sender(topic))
         self._publisher = self.publisher(topic, String, queue_size=1, latch=True)
         self.service(digest_service(topic), Trigger, self._hand_over.answer_digest)
         self.service("problem_generation_server", Empty, self._generate)
         self.service("problem_generation_server_params", ProblemService, self._generate_with)
+
+    def prepare(self) -> None:
+        """Imports what the first problem needs."""
+        from merlin_pddl import problem_writer  # noqa: F401
+
+        _ = self._world
+
+    @functools.cached_property
+    def _world(self) -> "WorldReader":
+        from merlin_rosplan.nodes.world_reader import WorldReader
+
+        reader: WorldReader = self.own(WorldReader(self.knowledge_base))
+        return reader
 
     def _path(self, wanted: str) -> str:
         if wanted:
@@ -80,6 +91,9 @@ class ProblemInterface(Component):
 
         :raises ProblemWriteError: the knowledge base does not answer, or the file cannot be written.
         """
+        from merlin_pddl.knowledge import Instance
+        from merlin_pddl.problem_writer import write_problem
+
         with self._generating:
             domain, problem = self._snapshot()
             for instance in problem.instance_goals:
@@ -95,7 +109,9 @@ class ProblemInterface(Component):
             self._publisher.publish(String(text))
             return text
 
-    def _snapshot(self) -> Tuple[Domain, Problem]:
+    def _snapshot(self) -> Tuple["Domain", "Problem"]:
+        from merlin_rosplan.messages.knowledge_snapshot import KnowledgeBaseError
+
         try:
             return self._world.snapshot()
         except KnowledgeBaseError as error:

@@ -8,7 +8,6 @@ import shutil
 import tempfile
 import threading
 import time
-from pathlib import Path
 from typing import Optional
 
 NEW = 60.0  # s within which a folder may not be locked yet
@@ -50,7 +49,9 @@ class ScratchFolder:
 
 
 def _remove_left(kind: str) -> None:
-    for folder in Path(tempfile.gettempdir()).glob(f"{kind}-*"):
+    for folder in os.scandir(tempfile.gettempdir()):
+        if not folder.name.startswith(f"{kind}-"):
+            continue
         with contextlib.suppress(OSError):  # of another user, or another process removes it too
             if folder.is_symlink() or time.time() - folder.stat().st_mtime < NEW:
                 continue

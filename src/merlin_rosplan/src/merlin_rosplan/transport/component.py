@@ -13,6 +13,7 @@ from typing import Any, Callable, ClassVar, Dict, List, Optional, Type
 import rospy
 
 from merlin_ros.health import Health, HealthReporter
+from merlin_ros.lean_start import importing
 from merlin_ros.master.announcing import announced_together
 from merlin_ros.node import keep_params, run_node
 from merlin_ros.ports.service_server import Service
@@ -69,6 +70,11 @@ class Component(metaclass=_ComponentType):
             if self.scope in Component._running:
                 raise ComponentError(f"two components of this process have the scope {self.scope}")
             Component._running[self.scope] = self
+        #: Global name of the knowledge base. ``~knowledge_base`` is a name without its leading slash, as in
+        #: ROSPlan; without the parameter it is the knowledge base of the own namespace.
+        name = self.param("knowledge_base", None)
+        name = KNOWLEDGE_BASE if name is None else "/" + str(name).lstrip("/")
+        self.knowledge_base: str = rospy.resolve_name(name)
 
     # --- names and parameters -------------------------------------------------------------------
 
@@ -110,18 +116,6 @@ class Component(metaclass=_ComponentType):
                 + (f" of at least {minimum:g}" if minimum > float("-inf") else "")
             )
         return float(value)
-
-    @property
-    def knowledge_base(self) -> str:
-        """Global name of the knowledge base.
-
-        ``~knowledge_base`` is a name without its leading slash, as in ROSPlan; without the parameter it
-        is the knowledge base of the own namespace.
-        """
-        value = self.param("knowledge_base", None)
-        if value is None:
-            return rospy.resolve_name(KNOWLEDGE_BASE)
-        return rospy.resolve_name("/" + str(value).lstrip("/"))
 
     @staticmethod
     def in_process(scope: str) -> Optional["Component"]:
@@ -175,6 +169,12 @@ class Component(metaclass=_ComponentType):
         """Whether the component is shut down."""
         return self._closed.is_set()
 
+    def prepare(self) -> None:
+        """For subclasses: imports and makes what the first answer can do without.
+
+        Called once all components of the process serve. A request that comes before must not fail.
+        """
+
     def on_shutdown(self) -> None:
         """For subclasses: wakes and joins their threads, closes what they hold. Called once at most.
 
@@ -213,6 +213,15 @@ class Component(metaclass=_ComponentType):
             return {scope.lstrip("/"): component.health for scope, component in Component._running.items()}
 
     @staticmethod
+    def prepare_all() -> None:
+        """Lets every component of this process make the rest of what it needs."""
+        with Component._running_lock:
+            running = list(Component._running.values())
+        with importing():
+            for component in running:
+                component.prepare()
+
+    @staticmethod
     def shutdown_all() -> None:
         """Ends every component of this process, the youngest first."""
         with Component._running_lock:
@@ -237,5 +246,6 @@ def run_components(node_name: str, make: Callable[[str], Any]) -> int:
         rospy.on_shutdown(Component.shutdown_all)
         make(rospy.get_name().rsplit("/", 1)[-1])
         HealthReporter(Component.checks()).start()
+        Component.prepare_all()
 
     return run_node(node_name, start, ComponentError)

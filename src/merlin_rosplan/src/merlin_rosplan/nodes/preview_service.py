@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Plans that the planner interface makes to be shown, and nothing else."""
+
+import threading
+from typing import Callable
+
+import rospy
+from merlin_msgs.msg import PlannerStatus
+from merlin_msgs.srv import PreviewPlanRequest, PreviewPlanResponse
+from rosplan_dispatch_msgs.srv import PlanningServiceRequest
+
+from merlin_pddl.domain_reader import read_domain
+from merlin_pddl.plan_text import PlanTextError
+from merlin_pddl.text_reader import PddlError
+from merlin_rosplan.knowledge.foreseen import after_actions
+from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
+from merlin_rosplan.messages.knowledge_snapshot import KnowledgeBaseError
+from merlin_rosplan.nodes.world_reader import WorldReader
+from merlin_rosplan.planning.planner_settings import PlannerSettings
+from merlin_rosplan.planning.planning_outcome import PlannerState, PlanningOutcome
+from merlin_rosplan.supervision.plan_preview import Previews, steps_of
+from merlin_rosplan.transport.component import Component
+
+
+class PreviewService:
+    """Answers ``preview_plan`` of a component. Neither its topics nor its planning know of it.
+
+    :param component: the planner interface.
+    :param settings: of its planner.
+    :param parameters: reads the domain's file and the planner's command.
+    """
+
+    def __init__(
+        self,
+        component: Component,
+        settings: PlannerSettings,
+        parameters: Callable[[], PlanningServiceRequest],
+    ) -> None:
+        self._parameters = parameters
+        self._reading = threading.Lock()  # orders the uses of the reader
+        self._world: WorldReader = component.own(WorldReader(component.knowledge_base))
+        self._previews: Previews = component.own(Previews(settings))
+
+    def answer(self, request: PreviewPlanRequest) -> PreviewPlanResponse:
+        """The plan for some goals, or why there is none."""
+        wanted = self._parameters()
+        try:
+            with self._reading:
+                domain, problem = self._world.snapshot()
+            if request.after:
+                if not domain.operators:  # as it is read over ROS
+                    domain = read_domain(wanted.domain_path)
+                problem = after_actions(domain, problem, request.after)
+            world = (domain, problem)
+            outcome = self._previews.plan(
+                world, wanted.domain_path, wanted.planner_command, request.goals, request.without
+            )
+            steps = steps_of(outcome.plan)
+        except (KnowledgeBaseError, PlanTextError, PddlError, UpdateRefused) as error:
+            outcome, steps = PlanningOutcome(PlannerState.INVALID, str(error)), []
+        status = PlannerStatus(
+            state=int(outcome.state), reason=outcome.reason, planner=outcome.planner, seconds=outcome.seconds
+        )
+        status.header.stamp = rospy.Time.now()
+        return PreviewPlanResponse(
+            status,
+            [str(step) for step in steps],
+            [step.time for step in steps],
+            [step.duration for step in steps],
+        )
