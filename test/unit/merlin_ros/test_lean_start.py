@@ -192,6 +192,16 @@ assert ssl.create_default_context().check_hostname and issubclass(ssl.SSLError, 
 assert shutil.which("sh") and calendar.timegm((1970, 1, 2, 0, 0, 0)) == 86400 and html.escape("<") == "&lt;"
 assert pprint.pformat([1]) == "[1]" and ipaddress.ip_address("::1").is_loopback
 assert dom.parseString("<a b='1'/>").documentElement.getAttribute("b") == "1"
+import inspect, platform, pickle, random, textwrap, tokenize, ast, difflib, mimetypes, ctypes, xmlrpc.server
+import xml.etree.ElementTree as trees
+assert inspect.currentframe().f_code.co_name == "<module>" and platform.system() == "Linux"
+assert platform.release() and callable(inspect.signature)
+assert "<title>" in xmlrpc.server.ServerHTMLDoc().page("a title", "contents")
+assert str(inspect.signature(lambda a: a)) == "(a)" and platform.python_version()
+assert pickle.loads(pickle.dumps([1])) == [1] and random.random() < 1.0 and textwrap.indent("a", " ") == " a"
+assert trees.ElementTree(trees.fromstring("<a/>")).getroot().tag == "a" and ast.literal_eval("1") == 1
+assert difflib.get_close_matches("ab", ["abc"]) and mimetypes.guess_type("a.html")[0] == "text/html"
+assert tokenize.NAME and ctypes.sizeof(ctypes.c_int64) == 8
 import email.utils
 assert email.utils.mktime_tz(email.utils.parsedate_tz("Thu, 01 Jan 1970 00:00:01 +0000")) == 1
 """
