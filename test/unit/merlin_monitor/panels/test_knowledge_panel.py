@@ -123,7 +123,7 @@ def test_a_change_that_was_missed_makes_it_read_everything_again(followed: Follo
 
 def test_the_watch_goes_on_after_a_look_that_failed(monkeypatch: pytest.MonkeyPatch) -> None:
     master = SimpleNamespace(
-        getSystemState=lambda: ([("/tick", ["/node"]), ("/mute", [])], [], []),
+        getSystemState=lambda: ([("/tick", ["/node", rospy.get_name()]), ("/mute", [])], [], []),
         getTopicTypes=lambda: [["/tick", "std_msgs/Empty"], ["/mute", "std_msgs/Empty"]],
     )
     monkeypatch.setattr(ros_system, "bounded_master", lambda: master)
