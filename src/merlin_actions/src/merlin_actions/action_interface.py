@@ -253,6 +253,8 @@ class ActionInterface:
                 continue
             if decision.what is Step.RUN:
                 self._spawn(execution)
+            elif decision.what is Step.STOP:
+                execution.cancel(decision.reason)
             elif decision.what is Step.WAIT:
                 limits = partial(start_thread, f"limit of {execution.text}", self._limit_wait, execution)
                 call_when_passed(WAIT_LIMIT, limits)  # with a thread: an answer may wait for the knowledge
