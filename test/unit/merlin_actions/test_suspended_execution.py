@@ -10,6 +10,7 @@ from fakes.dispatched import Dispatcher
 from merlin_actions import action_interface
 from merlin_actions.core.ending import Ending
 from merlin_actions.core.execution import Execution
+from merlin_planning.dispatch_progress import CANCEL_ACTION
 from merlin_ros.actions.ownership import ownership
 
 LONG = 60.0
@@ -24,19 +25,23 @@ class Probe(action_interface.ActionInterface):
         super().__init__("navigate")
         self.running: threading.Semaphore = threading.Semaphore(0)
         self.suspended: List[bool] = []
+        self.cancelled: threading.Semaphore = threading.Semaphore(0)
+        self.ends = threading.Event()  # whether one that is cancelled comes to an end
+        self.ends.set()
 
     def run(self, execution: Execution) -> Ending:
         stopped = threading.Event()
 
         def stop() -> None:
             stopped.set()
+            self.cancelled.release()
             if execution.key[1] == 1:
                 raise OSError("the arm does not answer")
 
         self.suspended.append(ownership.suspended(execution.token))
         execution.interruptible(stop)
         self.running.release()
-        assert stopped.wait(LONG)
+        assert stopped.wait(LONG) and self.ends.wait(LONG)
         return Ending(False, execution.cancel_reason)
 
 
@@ -64,6 +69,18 @@ def test_a_cancel_that_fails_keeps_no_other_one(interface: Probe, dispatcher: Di
         run(interface, dispatcher, action)
     interface.master_lost()
     assert sorted(dispatcher.end().action_id for _ in range(3)) == [1, 2, 3]
+
+
+def test_an_action_that_is_cancelled_is_not_answered_before_it_has_stopped(
+    interface: Probe, dispatcher: Dispatcher
+) -> None:
+    run(interface, dispatcher, 2)
+    interface.ends.clear()
+    dispatcher.dispatch(2, name=CANCEL_ACTION)
+    assert interface.cancelled.acquire(timeout=LONG)
+    assert len(interface.executions()) == 1
+    interface.ends.set()
+    assert dispatcher.end().action_id == 2
 
 
 def test_an_action_whose_lease_came_before_it_and_is_suspended_does_not_move(
