@@ -104,9 +104,12 @@ def shown(state: Dict[str, Any]) -> Dict[str, Any]:
         "objects": {key: entry["type"] for key, entry in state["knowledge"]["objects"].items()},
         "points": state["map"]["points"],
         "grid": state["map"]["grid"]["width"],
-        # At a high rate a mission may be heard after its first request, and the clock goes in large steps.
+        # At a high rate a mission may be heard after its first request, and the clock goes in large steps. A
+        # goal has its sentence once its predicate is known, in a replay later than with the robot.
         "goals": sorted(
-            re.sub(r"after [0-9.]+ s", "", text).replace("by /mission", "by home mission 1")
+            re.sub(r"“ask in the ([^”]*)”", r"“\1 checked”", re.sub(r"after [0-9.]+ s", "", text)).replace(
+                "by /mission", "by home mission 1"
+            )
             for text in told
             if GOAL.match(text)
         ),

@@ -144,7 +144,7 @@ def test_what_the_shell_sets_wrongly_is_told(master: Any) -> None:
     master.kill()
     done = doctor({**master.env, "ROS_IP": "192.0.2.7", "ROS_HOME": "/proc/nowhere"})
     assert done.returncode == 2 and "Traceback" not in done.stderr, done  # rospack says of it, too
-    assert "wrong: ROS_IP=192.0.2.7 is no address of this computer" in done.stdout
+    assert "wrong: ROS_IP=192.0.2.7 is not an address of this computer" in done.stdout
     assert "wrong: /proc/nowhere cannot be written" in done.stdout
 
 

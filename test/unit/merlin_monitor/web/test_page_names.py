@@ -52,6 +52,7 @@ def test_a_machine_of_any_path_is_one_machine(visits: Any, served: Served, path:
     assert sorted(names(page)) == sorted([name, "NAVIGATE", "ASK", "TAKE_ORDER"])
     box = drawn(page, name)
     page.wait("() => document.querySelectorAll('.machine .cluster.active').length >= 3")
+    box.locator(".cluster-text").nth(2).wait_for(state="attached")  # the whole drawing, of all messages
     assert box.locator(".cluster-text").all_text_contents() == [path.strip("/") or "/", "SUB", "[a/b]"]
     frames = [each.bounding_box() for each in box.locator("rect.cluster").all()]
     for outer, inner_box in zip(frames, frames[1:]):

@@ -13,13 +13,14 @@ from rosplan_knowledge_msgs.msg import KnowledgeItem
 from std_msgs.msg import String
 
 from merlin_monitor.bag.recorded_topics import KNOWLEDGE, PARAMETERS
+from merlin_monitor.panels.control import SENTENCES
 from merlin_planning.knowledge_client import KnowledgeClient
 from merlin_ros.node import run_node
 from merlin_ros.robot_values import ROBOTS
 from merlin_ros.service_proxy import ServiceError
 
 #: Parameters that the page and rviz read, below the robot's namespace.
-READ = ("world", "robot_description", ROBOTS)
+READ = ("world", "robot_description", ROBOTS, SENTENCES)
 #: Parameters of the monitor that say what it shows; its address and its operators are its own.
 MONITOR = ("panels", "map_topic", "people_topic", "global_frame", "base_frame")
 #: Named as the client that made what was known when the recording began.

@@ -103,8 +103,9 @@ class MapPanel(Panel):
         """The navigation servers, of which one that is gone or hangs is enough; where it is one, that one."""
         servers = [self.source_of(each) for each in (self._navigation, *self._others.subscribers(RESULT))]
         there = [each for each in servers if each.connected or each.node] or servers[:1]
-        first = min(there, key=lambda each: each.connected)
-        others = tuple(each.node for each in there if each is not first)
+        there.sort(key=lambda each: (each.connected, each.node))
+        first = there[0]
+        others = tuple(each.node for each in there[1:])
         return {NAVIGATION: first._replace(others=others)}
 
     def sample(self) -> None:
