@@ -12,6 +12,7 @@ from merlin_monitor.bag.recording import BagRecording
 from merlin_monitor.history.history_file import HistoryError
 from merlin_monitor.listeners.ros_system import RosSystem
 from merlin_monitor.panel_board import PanelBoard, foreign_panel, script_of
+from merlin_monitor.panels.control import sentences_of_node
 from merlin_monitor.state.inbox import DirectInbox
 from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_ros.parameters import ParameterError
@@ -89,6 +90,7 @@ class BagImport:
         self._progress = progress
         self._ros = RecordedSystem(recording)
         self._model = RecordedModel(file, self._ros.wall, complain)
+        self._model.wording.sentences = sentences_of_node(self._ros, needed=False)
         try:
             self._board = PanelBoard(self._model, usable_panels(self._ros, complain), ros=self._ros)
         except BaseException:
