@@ -154,6 +154,7 @@ def test_a_node_with_parameters_waits_for_its_master_too_and_says_so_once(master
     ("args", "name"),
     [
         ((), "/somebody"),
+        pytest.param(("__name:=else",), "/else", marks=pytest.mark.long),
         (("__ns:=/robot",), "/robot/somebody"),
         (("__ns:=robot", "__name:=else"), "/robot/else"),
     ],
@@ -192,10 +193,11 @@ def test_a_node_that_hangs_keeps_its_name(master: Any) -> None:
     assert "shutdown request" not in first.output
 
 
-def test_a_killed_node_is_started_again_each_time(master: Any) -> None:
+@pytest.mark.parametrize("times", [2, pytest.param(5, marks=pytest.mark.long)])
+def test_a_killed_node_is_started_again_each_time(master: Any, times: int) -> None:
     node = master.node(NODE)
     node.expect("started")
-    for _ in range(2):
+    for _ in range(times):
         node.end(signal.SIGKILL)
         node = master.node(NODE)
         node.expect("started")
