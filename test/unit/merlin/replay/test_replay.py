@@ -40,10 +40,10 @@ def fixed(child: str) -> TFMessage:
     return TFMessage([transform])
 
 
-def record(path: Path, *messages: Tuple[str, Any, float]) -> Path:
+def record(path: Path, *messages: Tuple[str, Any, float], **more: str) -> Path:
     """A bag with the parameters of a recording and these messages: topic, message, s after its begin."""
     with rosbag.Bag(str(path), "w") as bag:
-        parameters = String(yaml.safe_dump({"/r1/world": {"points_of_interest": {}}}))
+        parameters = String(yaml.safe_dump({"/r1/world": {"points_of_interest": {}}, **more}))
         bag.write(f"/r1/{PARAMETERS}", parameters, genpy.Time.from_sec(BEGIN))
         for topic, message, after in messages:
             bag.write(topic, message, genpy.Time.from_sec(BEGIN + after))
@@ -90,6 +90,14 @@ def test_namespace_and_parameters_are_those_of_the_robot(tmp_path: Path) -> None
     assert (recording.namespace, recording.length) == ("r1", pytest.approx(6.0))
     assert recording.parameters == {"/r1/world": {"points_of_interest": {}}}
     assert BagRecording(tmp_path).length == recording.length  # the results folder
+
+
+def test_sentences_are_those_of_the_robot_where_their_file_is_here(tmp_path: Path) -> None:
+    name, file = "/r1/merlin/sentences", tmp_path / "sentences.yaml"
+    bag = record(tmp_path / "run.bag", ("/r1/tf_static", fixed("laser"), 1.0), **{name: str(file)})
+    assert name not in BagRecording(bag).parameters
+    file.write_text("{}")
+    assert BagRecording(bag).parameters[name] == str(file)
 
 
 def test_what_was_known_before_the_start_is_written_at_the_start_in_its_order(tmp_path: Path) -> None:

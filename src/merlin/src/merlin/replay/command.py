@@ -5,7 +5,7 @@ import argparse
 import sys
 import tempfile
 from pathlib import Path
-from typing import Any, Dict, List
+from typing import List
 
 import rospkg
 import yaml
@@ -13,7 +13,6 @@ import yaml
 from merlin.launch_request import LaunchError, LaunchRequest, launch_folder
 from merlin.launch_runner import EXIT_REFUSED, LaunchRun
 from merlin_monitor.bag.recording import BagRecording, RecordingError, parameter_tree
-from merlin_monitor.panels.control import SENTENCES
 from merlin_ros.lean_start import end_lightly
 
 LAUNCH_FILE = "include/replay.launch"
@@ -55,7 +54,7 @@ def main() -> int:
         with tempfile.TemporaryDirectory(prefix="merlin-replay-") as folder:
             recording.write(Path(folder) / "replay.bag", given.start)
             (Path(folder) / "parameters.yaml").write_text(
-                yaml.safe_dump(parameter_tree(_found(recording.parameters)))
+                yaml.safe_dump(parameter_tree(recording.parameters))
             )
             left = recording.length - given.start
             print(
@@ -65,15 +64,6 @@ def main() -> int:
     except (RecordingError, LaunchError) as error:
         print(f"merlin replay: {error}", file=sys.stderr)
         return EXIT_REFUSED
-
-
-def _found(parameters: Dict[str, Any]) -> Dict[str, Any]:
-    """The parameters without a file of sentences that is on another computer."""
-    return {
-        name: value
-        for name, value in parameters.items()
-        if not name.endswith(f"/{SENTENCES}") or Path(str(value)).is_file()
-    }
 
 
 def _arguments(words: List[str]) -> argparse.Namespace:

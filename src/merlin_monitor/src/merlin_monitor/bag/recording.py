@@ -15,6 +15,7 @@ from merlin_msgs.msg import KnowledgeChanges
 from tf2_msgs.msg import TFMessage
 
 from merlin_monitor.bag.recorded_topics import BAG, KNOWLEDGE, PARAMETERS
+from merlin_monitor.panels.control import SENTENCES
 
 #: Types of messages that come many times per second: of those before the start only the present is of use.
 STREAMS = ("tf2_msgs/TFMessage", "nav_msgs/Odometry", "geometry_msgs/Twist", "rosgraph_msgs/Clock")
@@ -76,7 +77,7 @@ class BagRecording:
 
     :ivar path: of the bag.
     :ivar namespace: of the robot, without slashes at its ends.
-    :ivar parameters: by absolute name.
+    :ivar parameters: by absolute name; a file of sentences only where it is on this computer, too.
     :ivar topics: name → type.
     :ivar begin, end: s of ROS time.
     :ivar length: s.
@@ -109,7 +110,7 @@ class BagRecording:
         self.written = self.path.stat().st_mtime
         self.namespace = states[0][: -len(PARAMETERS)].strip("/")
         for message in self.of_topic(states[0]):
-            self.parameters = yaml.safe_load(message.read().data)
+            self.parameters = _found_here(yaml.safe_load(message.read().data))
         self._check_versions(checksums)
 
     def write(self, target: Path, start: float = 0.0) -> None:
@@ -249,3 +250,11 @@ def parameter_tree(parameters: Dict[str, Any]) -> Dict[str, Any]:
             place = place.setdefault(folder, {})
         place[last] = value
     return tree
+
+
+def _found_here(parameters: Dict[str, Any]) -> Dict[str, Any]:
+    return {
+        name: value
+        for name, value in parameters.items()
+        if not name.endswith(f"/{SENTENCES}") or Path(str(value)).is_file()
+    }
