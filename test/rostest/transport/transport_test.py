@@ -3,7 +3,6 @@
 """merlin_sm's transport over real connections: actions, services, and servers that die."""
 
 import os
-import queue
 import signal
 import threading
 import time
@@ -155,7 +154,7 @@ class Actions(unittest.TestCase):
         def execute(goal):
             begun.append(goal.id)
             if len(begun) == 1:
-                # Not the cancel event alone: the callback follows it, and is left out for a goal that has ended.
+                # Not for the event alone: the callback follows it, and is left out for a goal that has ended.
                 self.assertTrue(goal.cancel_event.wait(LONG) and told.wait(LONG))
                 goal.cancelled()
             else:

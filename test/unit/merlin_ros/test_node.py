@@ -278,3 +278,19 @@ def test_a_node_ends_without_a_search_for_garbage(master: Any) -> None:
     node = master.node(LIGHT)
     node.ended()
     assert "spared: True" in node.output
+
+
+HANGS = """
+import atexit, threading
+from merlin_ros import node
+node.END_LIMIT = 1.0
+atexit.register(threading.Event().wait)
+node.init_node("somebody")
+node.end_node("done")
+"""
+
+
+def test_a_command_that_hangs_while_python_ends_is_ended_and_says_where(master: Any) -> None:
+    node = master.node(HANGS)
+    assert node.ended() == 1
+    assert "Timeout" in node.output and "in wait" in node.output

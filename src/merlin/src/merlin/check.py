@@ -6,7 +6,6 @@ import sys
 from pathlib import Path
 from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Tuple
 
-import rospy
 from rosgraph.names import load_mappings
 from roslaunch.core import Node
 
@@ -39,7 +38,7 @@ from merlin_pddl.problem import Problem
 from merlin_pddl.problem_reader import read_problem
 from merlin_pddl.text_reader import PddlError, suggestion
 from merlin_ros.class_path import load_function
-from merlin_ros.node import init_node
+from merlin_ros.node import end_node, init_node
 from merlin_ros.parameters import ParameterError
 from merlin_sm.states.navigation import point_faults
 
@@ -71,7 +70,7 @@ def main() -> int:
     try:
         return report(request.launch_file.name, config)
     finally:
-        rospy.signal_shutdown("checked")
+        end_node("checked")
         master.stop()
 
 

@@ -124,9 +124,7 @@ def beside(
     :param refusals: what it raises when it was not done.
     :return: the exit code, 2 when it was not done.
     """
-    import rospy
-
-    from merlin_ros.node import init_node
+    from merlin_ros.node import end_node, init_node
 
     refused: Tuple[Type[Exception], ...] = (LaunchError, *refusals)
     try:
@@ -136,7 +134,7 @@ def beside(
         try:
             return do(found) or 0
         finally:
-            rospy.signal_shutdown("done")
+            end_node("done")
     except refused as error:
         print(f"{command}: {error}", file=sys.stderr)
         return EXIT_REFUSED

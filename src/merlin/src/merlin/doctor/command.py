@@ -8,7 +8,6 @@ import sys
 from typing import List
 
 import rosgraph
-import rospy
 from rosgraph.network import parse_http_host_and_port
 
 from merlin.doctor.findings import STATUS_TYPE, Finding, Machine, judge_graph, judge_heard, judge_machine
@@ -17,7 +16,7 @@ from merlin.doctor.system import Listener, look_at_graph
 from merlin.launch_request import LaunchError
 from merlin.running import NothingRuns, choose
 from merlin_ros.master.master_link import ERRORS
-from merlin_ros.node import init_node
+from merlin_ros.node import end_node, init_node
 
 EXIT_WRONG = 2
 CONNECT = 2.0  # s
@@ -47,7 +46,7 @@ def main() -> int:
         heard = Listener(graph).listen()
     except ERRORS as error:
         return _report([*judge_machine(machine), Finding(f"the master at {uri} answers no longer: {error}")])
-    rospy.signal_shutdown("looked")
+    end_node("looked")
     return _report(
         [
             *judge_machine(machine, graph.planner_command),

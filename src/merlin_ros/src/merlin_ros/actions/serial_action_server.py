@@ -21,8 +21,8 @@ class SerialActionServer:
     :param name: of the action.
     :param action_spec: the generated ``...Action`` class.
     :param execute: runs one goal to its end and ends it; a goal it leaves open is aborted.
-    :param on_cancel: what has to happen at once, besides setting ``cancel_event``. Left out for a goal that the
-        event has ended before: by then it could stop the next one.
+    :param on_cancel: what has to happen at once, besides setting ``cancel_event``. Left out for a goal that
+        the event has ended before: by then it could stop the next one.
     """
 
     def __init__(
