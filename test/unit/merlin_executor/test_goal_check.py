@@ -18,8 +18,11 @@ class World:
     def function_signatures(self):
         return {"way": DomainFormula("way", [KeyValue("from", "room"), KeyValue("to", "room")])}
 
-    def instances(self):
-        return ["a", "b"]
+    def instances(self, type_name=""):
+        return {"": ["a", "B", "cup"], "room": ["a", "B"], "cup": ["cup"]}[type_name]
+
+    def objects(self):
+        return {"a": "room", "B": "hall", "cup": "vessel"}
 
 
 def checked(item):
@@ -52,3 +55,14 @@ def test_keys_of_which_only_some_are_declared_are_refused():
     fact = KnowledgeItem(knowledge_type=KnowledgeItem.FACT, attribute_name="door", values=values)
     with pytest.raises(GoalError, match="the keys of 'door' are 'to', 'x', declared are 'from', 'to'"):
         checked(fact)
+
+
+@pytest.mark.parametrize(("name", "goal"), [("door", "(door a Cup)"), ("way", "(> (way a Cup) 3)")])
+def test_an_object_of_another_type_is_refused(name, goal):
+    with pytest.raises(GoalError) as refused:
+        checked(parse_goal(goal)[0])
+    assert str(refused.value) == f"{goal}: 'Cup' is of type vessel, but '{name}' takes room for 'to'"
+
+
+def test_an_object_of_a_type_below_is_taken():
+    assert checked(parse_goal("(door A b)")[0]) == "(door A b)"

@@ -126,7 +126,7 @@ class Knowledge:
     def function_signatures(self) -> Dict[str, Any]:
         return {"battery": SimpleNamespace(typed_parameters=[])}
 
-    def instances(self) -> List[str]:
+    def instances(self, type_name: str = "") -> List[str]:
         return ["kitchen", "hall"]
 
 
