@@ -13,9 +13,13 @@ from hypothesis import strategies as st
 from merlin_msgs.msg import ExecuteGoal, ExecuteResult
 
 from merlin_executor import resending as resending_rules
+from merlin_executor.core import agenda as agenda_rules
+from merlin_executor.core.agenda import Agenda, AgendaAnswer, Ticket
+from merlin_executor.core.outcome import Outcome, StopKind, Verdict
 from merlin_executor.executor_request import ExecutorRequest
 from merlin_executor.resending import END, RESEND, RESENDS, Next, Resending
 from merlin_ros import late_topics
+from merlin_ros.actions.lease import LEASED, LOSE_AFTER, LeaseBook
 
 LONG = 60.0
 
@@ -236,6 +240,42 @@ def test_an_executor_that_goes_down_in_order_is_lost_too(
     client.sent[0].end(status, text, outcome=ExecuteResult.CANCELLED, reason=reason)
     statuses.publish()
     client.wait_sent(2)
+
+
+def lost_through_silence() -> str:
+    """What an Executor answers a client whose lease has run out."""
+    leases = LeaseBook()
+    leases.arrive(f"1{LEASED}", "/mission")
+    leases.renew("/mission", "life", [f"1{LEASED}"], ())
+    (lost,) = leases.pass_time(LOSE_AFTER + 0.1)
+    agenda: Agenda[Ticket] = Agenda()
+    ticket = Ticket(1, goes_on=False)
+    agenda.receive(ticket)
+    agenda.begin()
+    agenda.client(ticket, agenda_rules.Client.GONE, lost.reason)
+    (answer,) = agenda.ended(Verdict(Outcome.CANCELLED))
+    assert isinstance(answer, AgendaAnswer)
+    return answer.verdict.reason
+
+
+def test_a_goal_that_the_silence_of_its_own_mission_ended_is_sent_again(
+    client: Client, statuses: Statuses
+) -> None:
+    sent = request(client, RESEND)
+    reason = lost_through_silence()
+    client.sent[0].end(GoalStatus.PREEMPTED, outcome=ExecuteResult.CANCELLED, reason=reason)
+    statuses.publish(sent.id)  # the Executor lives, and still tells of the goal that it has ended
+    client.wait_sent(2).end(GoalStatus.SUCCEEDED, reason="done")
+    assert sent.result.reason == "done"
+
+
+@pytest.mark.parametrize("by_operator", [True, False])
+def test_the_silence_of_a_mission_is_no_operator_who_cancels(client: Client, by_operator: bool) -> None:
+    sent = request(client, END)
+    reason = StopKind.CANCELLED.value if by_operator else lost_through_silence()
+    client.sent[0].end(GoalStatus.PREEMPTED, outcome=ExecuteResult.CANCELLED, reason=reason)
+    assert sent.result.reason == reason
+    assert sent.taken_back is by_operator
 
 
 def test_an_executor_that_goes_down_does_not_get_the_goal_again(client: Client, statuses: Statuses) -> None:

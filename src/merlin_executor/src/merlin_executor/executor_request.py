@@ -8,7 +8,8 @@ import rospy
 from actionlib_msgs.msg import GoalStatus, GoalStatusArray
 from merlin_msgs.msg import ExecuteFeedback, ExecuteGoal, ExecuteResult
 
-from merlin_executor.resending import END, Next, ResendDecision, Resending, executor_was_lost
+from merlin_executor.core.agenda import client_was_lost
+from merlin_executor.resending import END, Next, ResendDecision, Resending, was_lost
 from merlin_ros.actions.action_client import ActionClient
 from merlin_ros.actions.client_goal import ClientGoal
 from merlin_ros.deadline import Deadline, running_time
@@ -61,10 +62,11 @@ class ExecutorRequest:
 
     @property
     def taken_back(self) -> bool:
-        """Whether another node has cancelled it, as an operator does; not its own client."""
+        """Whether another node has cancelled it, as an operator does; not its own client, nor its silence."""
         result = self.result
-        cancelled = result is not None and result.outcome == ExecuteResult.CANCELLED
-        return cancelled and not self._resending.cancelled
+        if result is None or result.outcome != ExecuteResult.CANCELLED:
+            return False
+        return not (self._resending.cancelled or client_was_lost(result.reason))
 
     @property
     def state(self) -> int:
@@ -114,7 +116,7 @@ class ExecutorRequest:
     def _sent_ended(self, sent: ClientGoal) -> None:
         with self._lock:
             reason = getattr(sent.result, "reason", "")
-            lost = executor_was_lost(sent.status, sent.text, reason)
+            lost = was_lost(sent.status, sent.text, reason)
             decision = self._resending.ended(lost, untaken=self._client.heard and not sent.seen)
         if decision.next is not Next.AWAIT:
             self._finish(decision.reason)
@@ -126,7 +128,7 @@ class ExecutorRequest:
 
     def _await(self) -> None:
         """Waits for the Executor's return and sends the goal again."""
-        rospy.logwarn(f"the executor is lost; the goal is sent again when it is back ({self._sent.text})")
+        rospy.logwarn(f"a goal is lost; it is sent again when the executor is there ({self._why})")
         with self._lock:
             if not self._resending.cancelled:
                 self._wake = threading.Event()  # that of an earlier loss is set
@@ -143,7 +145,7 @@ class ExecutorRequest:
         """Whether the Executor publishes its status, and is connected; False also after a cancel."""
         deadline = Deadline(self._resending.patience)
         wake, sent = self._wake, self._sent
-        goes_down = sent.status != GoalStatus.LOST
+        goes_down = sent.status != GoalStatus.LOST and not client_was_lost(self._why)
 
         def hear(status: GoalStatusArray) -> None:
             # An Executor that goes down tells for a while yet of the goal that it has ended. It would refuse
@@ -159,6 +161,11 @@ class ExecutorRequest:
             subscriber.unregister()
         left = deadline.remaining()
         return heard and self._client.wait_for_server(left, lambda: self._resending.cancelled)
+
+    @property
+    def _why(self) -> str:
+        """Why what was sent has ended."""
+        return getattr(self._sent.result, "reason", "") or self._sent.text
 
     def _finish(self, reason: str) -> None:
         self._reason = reason

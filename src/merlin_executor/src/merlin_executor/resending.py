@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a mission does when the Executor is lost while its goal runs: send it again, or end. Pure.
 
+A goal that has ended because the mission itself was silent, as its process was stopped, is lost as well.
 A goal says what shall hold, so sending it again is harmless: what holds already ends at once. One that an
 Executor never took, because it died in that moment, is sent to the next one in any case.
 """
@@ -9,6 +10,7 @@ import time
 from enum import Enum, IntEnum
 from typing import Callable, NamedTuple, Optional
 
+from merlin_executor.core.agenda import client_was_lost
 from merlin_executor.core.awaited import Absence
 from merlin_executor.core.outcome import Outcome, StopKind, Verdict
 
@@ -51,14 +53,15 @@ class RequestEnd(IntEnum):
     LOST = 9
 
 
-def executor_was_lost(status: int, text: str, reason: str) -> bool:
-    """Whether a goal has ended because the Executor is gone, or goes down.
+def was_lost(status: int, text: str, reason: str) -> bool:
+    """Whether a goal has ended because the Executor is gone, goes down, or has missed this client.
 
     :param status: as of :class:`RequestEnd`.
     :param text: of that status.
     :param reason: in the Executor's result; empty: it gives none.
     """
-    return status == RequestEnd.LOST or reason == StopKind.SHUTDOWN.value or text == _SERVER_ENDS
+    ends = reason == StopKind.SHUTDOWN.value or text == _SERVER_ENDS
+    return status == RequestEnd.LOST or ends or client_was_lost(reason)
 
 
 class Next(Enum):
@@ -114,14 +117,14 @@ class Resending:
     def ended(self, lost: bool, untaken: bool = False) -> ResendDecision:
         """The goal has ended at the Executor.
 
-        :param lost: because the Executor is gone, or went down.
+        :param lost: as of :func:`was_lost`.
         :param untaken: an Executor ran, and never acknowledged the goal.
         """
         if not lost or not (self._resend or untaken) or self._cancelled:
             return ResendDecision(Next.FINISH)
         left = self._absence.lost(self._clock(), self._limit)
         if self.sent_again >= RESENDS or left is None:
-            return ResendDecision(Next.FINISH, f"the executor was lost {self.sent_again + 1} times")
+            return ResendDecision(Next.FINISH, f"the goal was lost {self.sent_again + 1} times")
         self.patience = left
         return ResendDecision(Next.AWAIT)
 
@@ -140,7 +143,7 @@ class Resending:
     def verdict(self, status: int, text: str, reason: str, said: str) -> Optional[Verdict]:
         """What the client of a goal that has ended is answered; None: the Executor's own result.
 
-        :param status, text, reason: as of :func:`executor_was_lost`.
+        :param status, text, reason: as of :func:`was_lost`.
         :param said: why the goal was ended here; empty: it was not.
         """
         if status == RequestEnd.LOST or said:

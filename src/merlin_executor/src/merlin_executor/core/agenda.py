@@ -13,8 +13,14 @@ from merlin_executor.core.request_limits import why_full
 from merlin_pddl.breakpoints import Breakpoints
 
 CANCELLED = Stop(StopKind.CANCELLED)
+STOPPED = "cancelled"
 NOT_BEGUN = "cancelled before it began"
 NOT_RESUMED = "cancelled before it went on"
+
+
+def client_was_lost(reason: str) -> bool:
+    """Whether the reason of a verdict says that the request was cancelled because its client was silent."""
+    return reason.startswith(tuple(f"{how}: its client " for how in (STOPPED, NOT_BEGUN, NOT_RESUMED)))
 
 
 class Client(Enum):
@@ -196,7 +202,7 @@ class Agenda(Generic[T]):
         stop = ticket.stop
         if verdict.outcome is not Outcome.CANCELLED or stop is None:
             return [AgendaAnswer(ticket, verdict)]
-        reason = f"cancelled: {stop.reason}" if stop.kind is StopKind.CLIENT_LOST else stop.reason
+        reason = f"{STOPPED}: {stop.reason}" if stop.kind is StopKind.CLIENT_LOST else stop.reason
         reason = f"{reason}; {verdict.trouble}" if verdict.trouble else reason
         if stop.is_final:
             return [AgendaAnswer(ticket, Verdict(Outcome.CANCELLED, reason))]
