@@ -11,10 +11,9 @@ from rosplan_knowledge_msgs.msg import DomainAssignment, DomainFormula, DomainOp
 
 from merlin_actions import effects
 from merlin_actions.core.ending import Closing
-from merlin_actions.effects import Opening, ServiceEffects, UpdateEffects, when_back
+from merlin_actions.effects import Opening, ServiceEffects, UpdateEffects
 from merlin_planning.knowledge_client import ADD, KnowledgeError, Update, fact
 from merlin_planning.knowledge_text import to_pddl
-from merlin_ros.service_proxy import ServiceUnavailable
 
 
 class Knowledge:
@@ -127,32 +126,6 @@ def test_effects_that_its_messages_cannot_carry_are_refused_at_the_start() -> No
     operator.at_end_assign_effects = [DomainAssignment()]
     with pytest.raises(ValueError, match="operator drive has numeric or probabilistic effects"):
         UpdateEffects(operator, Knowledge())
-
-
-class Gone:
-    """A knowledge base that answers at the n-th call."""
-
-    def __init__(self, answers_at: int) -> None:
-        self.calls = 0
-        self._answers_at = answers_at
-
-    def call(self) -> None:
-        self.calls += 1
-        if self.calls < self._answers_at:
-            raise ServiceUnavailable("gone")
-
-
-def test_a_knowledge_base_that_comes_back_is_called_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(effects, "RETRY", 0.0)
-    gone = Gone(answers_at=3)
-    when_back(gone.call)
-    assert gone.calls == 3
-
-
-def test_one_that_stays_away_is_an_error_in_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(effects, "RETRY", 0.0)
-    with pytest.raises(ServiceUnavailable):
-        when_back(Gone(answers_at=10**9).call, limit=0.0)
 
 
 def test_original_rosplan_says_that_it_cannot_count_an_interruption() -> None:

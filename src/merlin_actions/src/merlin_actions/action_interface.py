@@ -22,7 +22,7 @@ from merlin_actions.core.ending import Ending, after_closing, closing_of, inform
 from merlin_actions.core.execution import Execution, Key, at_once
 from merlin_actions.core.latched import LATCH_GRACE, Latched, PutAside
 from merlin_actions.core.names import CONCURRENT, IF_INTERRUPTED, IF_STOPPED_AT, WHILE_RUNNING, action_param
-from merlin_actions.effects import RETURN_LIMIT, Opening, effects_of, when_back
+from merlin_actions.effects import Opening, effects_of
 from merlin_actions.left_executions import settle_left
 from merlin_planning.dispatch_progress import CANCEL_ACTION
 from merlin_planning.knowledge_client import (
@@ -42,7 +42,7 @@ from merlin_ros.deadline import call_when_passed, running_time
 from merlin_ros.master.master_link import MasterSilent, get_param
 from merlin_ros.node import master_is_lost
 from merlin_ros.publishing import OnSubscriber, publish
-from merlin_ros.service_proxy import ServiceError
+from merlin_ros.service_proxy import ServiceError, when_back
 from merlin_ros.work.threads import start_thread
 from merlin_ros.work.work_book import Decision, Policy, Step, WorkBook
 
@@ -401,7 +401,7 @@ class ActionInterface:
     def _settle_left(self) -> None:
         """Closes what an earlier process of this node has left open, and answers for it."""
         try:
-            when_back(self._settle, RETURN_LIMIT)
+            when_back(self._settle)
         except _KNOWLEDGE_ERRORS as error:
             rospy.logerr(f"{self.operator}: {error}")
 

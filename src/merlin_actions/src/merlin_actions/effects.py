@@ -12,12 +12,9 @@ from merlin_actions.core.effect_changes import EffectChanges, FactChange
 from merlin_actions.core.ending import Closing
 from merlin_planning.knowledge_client import ADD, REMOVE, KnowledgeClient, KnowledgeError, Update, fact
 from merlin_planning.knowledge_text import to_pddl
-from merlin_ros.deadline import Deadline
-from merlin_ros.service_proxy import ServiceProxy, ServiceUnavailable
+from merlin_ros.service_proxy import ServiceProxy, when_back
 
 APPLY_LIMIT = 10.0  # s of wall time for one transaction
-RETURN_LIMIT = 30.0  # s of running time for a knowledge base that died to come back
-RETRY = 0.3  # s of wall time between two attempts to reach it
 
 _PHASES = {
     Closing.END: ApplyEffectsRequest.END,
@@ -189,31 +186,6 @@ def _literals(items: Sequence[KnowledgeItem]) -> List[FactChange]:
 
 def _binding(opening: Opening) -> Dict[str, str]:
     return {parameter.key: parameter.value for parameter in opening.parameters}
-
-
-def when_back(
-    call: Callable[[], None], limit: float = RETURN_LIMIT, on_gone: Callable[[], None] = _nothing
-) -> None:
-    """Calls the knowledge base; one that does not answer is called again until it is back.
-
-    :param limit: s of running time.
-    :param on_gone: called once when it does not answer.
-    :raises merlin_ros.service_proxy.ServiceUnavailable: when it does not come back.
-    """
-    deadline = Deadline(limit)
-    pause, warned = threading.Event(), False
-    while True:
-        try:
-            return call()
-        except ServiceUnavailable:
-            if deadline.expired:
-                raise
-            if not warned:
-                on_gone()
-            warned = True
-        # The master gives no event when a service is offered again.
-        if pause.wait(min(RETRY, deadline.remaining() + 0.01)):
-            return None
 
 
 def effects_of(operator: DomainOperator, knowledge: KnowledgeClient) -> Effects:

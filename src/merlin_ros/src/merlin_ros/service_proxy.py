@@ -7,7 +7,7 @@ import select
 import socket
 import threading
 import time
-from typing import Any, Callable, Optional
+from typing import Any, Callable, Optional, TypeVar
 
 import rosgraph
 import rospy
@@ -17,10 +17,15 @@ from rospy.impl.tcpros_base import TCPROSTransport
 
 from merlin_ros.alarms import Alarm, call_later
 from merlin_ros.call_scope import CallScope, current_scope
+from merlin_ros.deadline import Deadline
 from merlin_ros.master.master_link import ERRORS, bounded_master, lost
 
 #: Longest wait for a server to take a connection, s of wall time: a hung one never does.
 CONNECT_LIMIT = 5.0
+RETURN_LIMIT = 30.0  # s of running time for a server that died to come back
+RETRY = 0.3  # s of wall time between two attempts to reach it
+
+T = TypeVar("T")
 
 
 class ServiceError(rospy.ServiceException):
@@ -276,6 +281,36 @@ class ServiceProxy:
             self._proxy.close()
             self._proxy = None
             self._nodelay = False
+
+
+def when_back(
+    call: Callable[[], T],
+    limit: float = RETURN_LIMIT,
+    on_gone: Callable[[], object] = lambda: None,
+    given_up: Optional[threading.Event] = None,
+) -> T:
+    """Calls a service; one that does not answer is called again until it is back.
+
+    :param call: repeats nothing that was done already.
+    :param limit: s of running time.
+    :param on_gone: called once when it does not answer, unless that is the last attempt.
+    :param given_up: ends the wait when it is set.
+    :raises ServiceUnavailable: when it does not come back.
+    """
+    deadline = Deadline(limit)
+    pause, warned = given_up or threading.Event(), False
+    while True:
+        try:
+            return call()
+        except ServiceUnavailable:
+            # The master gives no event when a service is offered again.
+            if deadline.expired or pause.wait(0.0):
+                raise
+            if not warned:
+                on_gone()
+            warned = True
+            if pause.wait(min(RETRY, deadline.remaining() + 0.01)):
+                raise
 
 
 def _wake(transport: TCPROSTransport) -> None:
