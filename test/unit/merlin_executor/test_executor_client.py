@@ -8,14 +8,18 @@ from typing import Any, Callable, List
 import pytest
 import rospy
 from actionlib_msgs.msg import GoalID, GoalStatus, GoalStatusArray
+from diagnostic_msgs.msg import KeyValue
 from fakes.topics import Topics
 from merlin_msgs.msg import ExecuteAction, ExecuteGoal, ExecuteResult
 
 from merlin_executor import executor_client
 from merlin_executor.executor_client import MerlinExecutorClient
 from merlin_executor.executor_request import ExecutorRequest
+from merlin_executor.mission import GoalDispatcher, goal_dispatcher
 from merlin_executor.resending import RESEND
+from merlin_ros import service_proxy
 from merlin_ros.actions.action_client import ActionClient
+from merlin_ros.service_proxy import ServiceUnavailable
 
 LONG = 60.0
 
@@ -54,6 +58,62 @@ def test_all_are_cancelled(monkeypatch: pytest.MonkeyPatch) -> None:
     other.join(LONG)
     client.cancel_all()
     assert [request.cancelled for request in sent] == [True] * 3
+
+
+class Away:
+    """A knowledge base that is being started again."""
+
+    def __init__(self, calls: int) -> None:
+        self.calls = calls
+        self.asked: Callable[[], None] = lambda: None
+
+    def predicates(self) -> Any:
+        self.asked()
+        self.calls -= 1
+        if self.calls >= 0:
+            raise ServiceUnavailable("service /kb/domain/predicates does not answer: its node does not run")
+        return {"checked": SimpleNamespace(name="checked", typed_parameters=[KeyValue("p", "object")])}
+
+    def instances(self, type_name: str = "") -> List[str]:
+        return ["hall"]
+
+
+@pytest.fixture
+def away(monkeypatch: pytest.MonkeyPatch) -> Away:
+    knowledge = Away(calls=3)
+    monkeypatch.setattr(service_proxy, "RETRY", 0.0)
+    monkeypatch.setattr(executor_client, "ActionClient", lambda *_: SimpleNamespace())
+    monkeypatch.setattr(executor_client, "ExecutorRequest", lambda *arguments: arguments[1].goals)
+    monkeypatch.setattr(executor_client, "knowledge_client", lambda name: knowledge)
+    return knowledge
+
+
+def test_a_mission_waits_for_a_knowledge_base_that_is_started_again(away: Away) -> None:
+    assert MerlinExecutorClient(on_lost=RESEND).send("(checked hall)") == ["(checked hall)"]
+    away.calls = 3
+    assert MerlinExecutorClient().send("(checked hall)", on_lost=RESEND) == ["(checked hall)"]
+
+
+def test_a_client_that_waits_for_nothing_learns_it_at_once(away: Away) -> None:
+    with pytest.raises(ServiceUnavailable, match="its node does not run"):
+        MerlinExecutorClient().send("(checked hall)")
+    assert away.calls == 2
+
+
+def test_a_cancelled_mission_does_not_wait_for_the_knowledge_base(
+    away: Away, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Round(GoalDispatcher):
+        def run(self) -> None:
+            self.achieve("(checked hall)")
+
+    monkeypatch.setattr(goal_dispatcher, "MissionReporter", lambda *_: SimpleNamespace(paused=None))
+    mission = Round()
+    monkeypatch.setattr(mission.client, "cancel_all", lambda: None)
+    away.asked, away.calls = mission.cancel, 10**9
+    with pytest.raises(ServiceUnavailable, match="its node does not run"):
+        mission.run()
+    assert away.calls == 10**9 - 1
 
 
 def test_a_request_that_cannot_wait_for_a_lost_executor_ends(

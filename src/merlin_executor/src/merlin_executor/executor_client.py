@@ -4,6 +4,7 @@
 import threading
 from typing import Any, Callable, List, Optional, Sequence, Tuple, Union
 
+import rospy
 from merlin_msgs.msg import ExecuteAction, ExecuteFeedback, ExecuteGoal, ExecuteResult
 from rosplan_knowledge_msgs.msg import KnowledgeItem
 
@@ -11,10 +12,11 @@ from merlin_executor.core.outcome import outcome_name
 from merlin_executor.core.request_limits import check_size
 from merlin_executor.executor_request import ExecutorRequest
 from merlin_executor.goal_check import GoalError, check_goals
-from merlin_executor.resending import END, checked
+from merlin_executor.resending import END, RESEND, RETURN_WAIT, checked
 from merlin_planning.knowledge_client import DEFAULT_KNOWLEDGE_BASE, knowledge_client
 from merlin_planning.knowledge_text import parse_goal, to_pddl
 from merlin_ros.actions.action_client import ActionClient
+from merlin_ros.service_proxy import when_back
 
 __all__ = [
     "CANCEL",
@@ -44,7 +46,8 @@ class MerlinExecutorClient:
     :param on_client_lost: CANCEL or GO_ON, what becomes of a request when this client dies.
     :param on_lost: END or RESEND, what happens when the Executor is lost while a request runs: it ends with
         INTERNAL and the reason, or it is sent again when the Executor is back within
-        :data:`merlin_executor.resending.RETURN_WAIT`.
+        :data:`merlin_executor.resending.RETURN_WAIT`. RESEND also sends again what the Executor has cancelled
+        because this process was silent, and waits as long for a knowledge base that does not answer.
     :param on_send: called with the goals of a request, as PDDL text, before it is sent.
     :raises ValueError: for another word.
     """
@@ -93,6 +96,7 @@ class MerlinExecutorClient:
         on_client_lost: Optional[int] = None,
         on_lost: Optional[str] = None,
         by: str = "",
+        given_up: Optional[threading.Event] = None,
     ) -> ExecutorRequest:
         """Sends goals and returns at once.
 
@@ -103,14 +107,24 @@ class MerlinExecutorClient:
         :param on_client_lost: CANCEL or GO_ON; None: as the client does by default.
         :param on_lost: END or RESEND; None: as the client does by default.
         :param by: the person on whose behalf it is sent, for all that show it; empty: the client's own.
+        :param given_up: ends the wait for the knowledge base when it is set.
         :raises PDDLSyntaxError: for text that is not a PDDL goal.
         :raises RequestTooLarge: for more than the Executor takes.
         :raises GoalError: for goals that the domain or the world does not know.
+        :raises merlin_ros.service_proxy.ServiceError: when the knowledge base does not answer.
         """
         texts, items = _split(goals)
         check_size(texts, len(items))
-        if self._knowledge is not None:
-            check_goals([*(item for text in texts for item in parse_goal(text)), *items], self._knowledge)
+        on_lost = on_lost or self.on_lost
+        knowledge = self._knowledge
+        if knowledge is not None:
+            checked_items = [*(item for text in texts for item in parse_goal(text)), *items]
+            when_back(
+                lambda: check_goals(checked_items, knowledge),
+                RETURN_WAIT if on_lost == RESEND else 0.0,
+                lambda: rospy.logwarn(f"goals wait for the knowledge base, at most {RETURN_WAIT:g} s"),
+                given_up,
+            )
         self._on_send([*texts, *map(to_pddl, items)])
         goal = ExecuteGoal(
             goals=texts,
@@ -120,7 +134,7 @@ class MerlinExecutorClient:
             on_client_lost=self._on_client_lost if on_client_lost is None else on_client_lost,
             by=by,
         )
-        request = ExecutorRequest(self._client, goal, on_done, on_feedback, on_lost or self.on_lost)
+        request = ExecutorRequest(self._client, goal, on_done, on_feedback, on_lost)
         with self._lock:
             self._requests = [known for known in self._requests if not known.done] + [request]
         return request

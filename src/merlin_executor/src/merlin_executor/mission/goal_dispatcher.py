@@ -18,6 +18,7 @@
 ``rosrun merlin_executor mission mission:=package.module:Round`` runs one as a node.
 """
 
+import threading
 from abc import abstractmethod
 from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Union
 
@@ -63,8 +64,8 @@ class GoalDispatcher(MissionNode):
 
     :param name: of the mission; the class name when empty.
     :param tasks: number of goals, for the status; 0: not known.
-    :param on_lost: RESEND: a goal during which the Executor is lost is sent again when it is back, and the
-        mission continues; END: the mission ends with the reason.
+    :param on_lost: RESEND: a goal during which the Executor is lost, or this process was silent, is sent
+        again, a knowledge base that is away is waited for; END: the mission ends with the reason.
     :param on_cancel: what :meth:`achieve` does when an operator stops the robot or cancels its goals: WAIT
         until he releases the base or resumes the mission, and send them again; SKIP them; END the mission.
     :raises ValueError: for another word.
@@ -75,12 +76,12 @@ class GoalDispatcher(MissionNode):
         self.client = MerlinExecutorClient(on_lost=on_lost, on_send=self._report)
         self.reporter = MissionReporter(self.name, tasks)
         self._pause = MissionPause(self.reporter.paused, on_cancel)
-        self._cancelled = False
+        self._cancelled = threading.Event()
 
     @property
     def cancelled(self) -> bool:
         """True after :meth:`cancel`."""
-        return self._cancelled
+        return self._cancelled.is_set()
 
     @abstractmethod
     def run(self) -> None:
@@ -112,7 +113,7 @@ class GoalDispatcher(MissionNode):
             rospy.ServiceException,
             rospy.ROSInterruptException,
         ) as error:
-            state = MissionStatus.CANCELLED if self._cancelled else MissionStatus.FAILED
+            state = MissionStatus.CANCELLED if self.cancelled else MissionStatus.FAILED
             self.reporter.report(state, str(error))
             rospy.logerr(f"mission {self.name}: {error}")
             return False
@@ -133,13 +134,13 @@ class GoalDispatcher(MissionNode):
         text = goals if isinstance(goals, str) else " ".join(map(str, goals))
         again = True
         while again:
-            self._pause.wait(lambda: self._cancelled)
+            self._pause.wait(self._cancelled.is_set)
             request = self.send(goals, **options)
             patience = None if timeout is None else call_after(timeout, request.cancel, f"timeout of {text}")
             request.wait()
             if patience is not None:
                 patience.shutdown()
-            again = self._pause.again(request, lambda: self._cancelled)
+            again = self._pause.again(request, self._cancelled.is_set)
         result = request.result
         if result is not None and self._pause.skips(request):
             return result
@@ -156,13 +157,13 @@ class GoalDispatcher(MissionNode):
         :raises MissionFailed: after a cancel of the mission.
         """
         self._refuse_cancelled([goals] if isinstance(goals, str) else goals)
-        request = self.client.send(goals, **options)
-        if self._cancelled:  # meanwhile: cancel() may not have seen the request
+        request = self.client.send(goals, given_up=self._cancelled, **options)
+        if self.cancelled:  # meanwhile: cancel() may not have seen the request
             request.cancel()
         return request
 
     def _refuse_cancelled(self, goals: Sequence[Any]) -> None:
-        if self._cancelled:
+        if self.cancelled:
             raise MissionFailed(f"{' '.join(map(str, goals))}: not sent, the mission was cancelled")
 
     def _report(self, goals: Sequence[str]) -> None:
@@ -171,7 +172,7 @@ class GoalDispatcher(MissionNode):
 
     def cancel(self) -> None:
         """Cancels the mission: all goals that it has sent stop, and :meth:`send` sends no further ones."""
-        self._cancelled = True
+        self._cancelled.set()
         self._pause.wake()
         self.client.cancel_all()
 

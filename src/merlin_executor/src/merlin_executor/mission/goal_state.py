@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A state that sends goals to the Executor: what a mission's machine is made of (paper, Figure 3)."""
 
+import threading
 from typing import Any, Callable, Optional, Sequence, Union
 
 from merlin_msgs.msg import ExecuteResult
@@ -80,10 +81,15 @@ class GoalState(MerlinState):
             self.interruptible(None)
             if self.preempt_requested():
                 return PREEMPTED
+            given_up = threading.Event()
+            self.interruptible(given_up.set)
             try:
-                request = self._client.send(goals, self._priority, self._on_interrupt, on_lost=self._on_lost)
+                request = self._client.send(
+                    goals, self._priority, self._on_interrupt, on_lost=self._on_lost, given_up=given_up
+                )
             except (ValueError, PDDLSyntaxError, ServiceError) as error:
-                return self.fail(str(error))
+                self.interruptible(None)
+                return PREEMPTED if self.preempt_requested() else self.fail(str(error))
             self.interruptible(request.cancel)
             request.wait()
             self.interruptible(self._pause.wake)
