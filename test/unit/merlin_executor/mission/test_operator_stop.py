@@ -111,6 +111,21 @@ def test_after_a_cancel_it_waits_until_it_is_resumed(robot: FakeRobot, kind: Any
 
 
 @MISSIONS
+def test_a_release_does_not_end_the_pause_that_another_operator_wants(robot: FakeRobot, kind: Any) -> None:
+    run = Run(robot, kind, WAIT)
+    robot.operator_cancels()
+    run.wait_paused()
+    assert robot.services["merlin/mission/pause"](None).success
+    assert not robot.services["merlin/mission/pause"](None).success, "it is paused already"
+    robot.held(HELD)
+    robot.never = []
+    robot.held("")
+    assert robot.services["merlin/mission/resume"](None).success
+    assert run.end()
+    assert robot.goals == ["(checked kitchen)"] * 2 + ["(checked bathroom)"]
+
+
+@MISSIONS
 def test_it_may_skip_the_goal(robot: FakeRobot, kind: Any) -> None:
     run = Run(robot, kind, SKIP)
     robot.operator_cancels()

@@ -225,6 +225,18 @@ def test_a_switch_answers_what_makes_no_sense() -> None:
     assert not switch.set(True).done
 
 
+def test_a_mission_that_pauses_itself_ends_no_pause_that_an_operator_wants() -> None:
+    switch = PauseSwitch()
+    switch.begin()
+    assert switch.set(True, asked=False).done
+    assert switch.set(True) == (True, "Paused: no further goal is sent.")
+    assert not switch.set(False, asked=False).done and switch.paused
+    assert switch.set(False).done and not switch.paused
+    assert switch.set(True, asked=False).done
+    assert switch.set(False, asked=False).done and not switch.paused
+
+
+
 def test_several_bases_stand_when_all_that_have_a_guard_were_halted() -> None:
     none, halted, failed = Halt(False), Halt(True, True), Halt(True, False, "no")
     assert together([none, none]) == none

@@ -82,14 +82,13 @@ class MissionPause:
         if self._on_cancel != WAIT or holds is None or not request.taken_back:
             return False
         with self._changed:
-            paused_before, releases = self._switch.paused, holds.releases
-            self._set_now(True)
+            releases = holds.releases
+            self._set_now(True, asked=False)
             Deadline(None).wait(
                 self._changed,
                 lambda: stopped() or not self._switch.paused or holds.releases > releases,
             )
-            if not paused_before:
-                self._set_now(False)
+            self._set_now(False, asked=False)
         return not stopped() and not rospy.is_shutdown()
 
     def wake(self) -> None:
@@ -108,9 +107,9 @@ class MissionPause:
             switched = self._set_now(paused)
         return TriggerResponse(switched.done, switched.words)
 
-    def _set_now(self, paused: bool) -> Switched:
+    def _set_now(self, paused: bool, asked: bool = True) -> Switched:
         """Called with the lock held."""
-        switched = self._switch.set(paused)
+        switched = self._switch.set(paused, asked)
         if switched.done:
             self._changed.notify_all()
             self._on_change(paused)

@@ -72,21 +72,28 @@ class PauseSwitch:
     def __init__(self) -> None:
         self.paused = False
         """Whether it is paused."""
+        self._asked = False  # by an operator
         self._over = True
 
     def begin(self) -> None:
         """Called when the mission begins: an earlier pause no longer counts."""
-        self.paused = self._over = False
+        self.paused = self._asked = self._over = False
 
     def end(self) -> None:
         """The mission has ended."""
         self._over = True
 
-    def set(self, paused: bool) -> Switched:
-        """The mission is to pause, or to continue."""
+    def set(self, paused: bool, asked: bool = True) -> Switched:
+        """The mission is to pause, or to continue.
+
+        :param asked: by an operator; otherwise it pauses itself, and ends no pause that an operator wants.
+        """
         if self._over:
             return Switched(False, "The mission has ended.")
-        if self.paused == paused:
+        if not asked and self._asked:
+            return Switched(False, "An operator has paused the mission.")
+        self._asked, wanted = asked and paused, self._asked
+        if self.paused == paused and wanted == self._asked:
             refused = "The mission is paused already." if paused else "The mission is not paused."
             return Switched(False, refused)
         self.paused = paused
