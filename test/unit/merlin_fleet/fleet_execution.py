@@ -47,6 +47,7 @@ class Robot:
         self.never: Set[str] = set()  # goals for which it finds no plan
         self.heard = False  # whether its watch goes on from `cursor`
         self.follows = False  # whether its agent believes that it does
+        self.slow = False  # whether what it watches comes late, while its questions are answered
         self.cursor = 0
         self.inbox: List[ev.Event] = []
         self.running: Dict[str, Execution] = {}
@@ -60,7 +61,7 @@ class Robot:
 
     def _begin(self) -> Agent:
         self.lives += 1
-        self.heard, self.inbox = False, []
+        self.heard, self.slow, self.inbox = False, False, []
         profile = Profile(self.name)
         return Agent("lab", profile, f"{self.name}.{self.lives}", self.outbox, self.rules, 0.0, self.fleet_id)
 

@@ -95,8 +95,14 @@ class World:
             yield ("cut" if robot.linked else "mend"), index
             if robot.agent.tenure.lease:
                 yield "revoke", index
-            for goal in self.goals:  # of one to finish it is the operator's word: "forget"
-                if not self.finish and self.store.value(KEYS.key(records.CLAIMS, robot.name, goal)):
+            if robot.slow:
+                yield "quick", index
+            elif robot.linked and robot.cursor == len(self.store.changes):
+                yield "slow", index
+            # Of a goal to finish it is the operator's word: "forget". Of a claim that is deleted alone, its
+            # owner hears by its watch only.
+            for goal in () if self.finish or robot.slow else self.goals:
+                if self.store.value(KEYS.key(records.CLAIMS, robot.name, goal)):
                     yield "unclaim", index, goal
         yield ("hub down" if self.hub_up else "hub up",)
         for number in range(len(self.messages)):
@@ -155,9 +161,11 @@ class World:
         elif what == "forget":
             self.forget(robot)
         elif what == "mend":
-            robot.linked, robot.heard = True, False
+            robot.linked, robot.heard, robot.slow = True, False, False
         elif what == "cut":
             robot.linked = False
+        elif what in ("slow", "quick"):
+            robot.slow = what == "slow"
         else:
             robot.state = {"hang": HUNG, "kill": DEAD, "resume": UP}[what]
 
@@ -165,7 +173,7 @@ class World:
         """Everything lives again."""
         self.hub_up = True
         for robot in self.robots:
-            robot.linked, robot.heard = True, False
+            robot.linked, robot.heard, robot.slow = True, False, False
             if robot.state == DEAD:
                 robot.restart()
             robot.state = UP
@@ -267,7 +275,7 @@ class World:
             if not robot.heard:
                 robot.heard, robot.cursor = True, len(self.store.changes)
                 robot.inbox.append(ev.Connected(self.store.snapshot()))
-            elif robot.cursor < len(self.store.changes):
+            elif robot.cursor < len(self.store.changes) and not robot.slow:
                 changes = tuple(self.store.changes[robot.cursor :])
                 robot.cursor = len(self.store.changes)
                 robot.inbox.append(ev.Changed(changes))
