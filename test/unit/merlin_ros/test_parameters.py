@@ -4,7 +4,7 @@
 import pytest
 import rospy
 
-from merlin_ros.parameters import ParameterError, whole
+from merlin_ros.parameters import ParameterError, flag, graph_name, whole
 
 
 def read(monkeypatch: pytest.MonkeyPatch, value: object) -> int:
@@ -32,3 +32,27 @@ def test_a_whole_number_is_taken(monkeypatch: pytest.MonkeyPatch, value: object,
 def test_anything_else_is_named(monkeypatch: pytest.MonkeyPatch, value: object, text: str) -> None:
     with pytest.raises(ParameterError, match=text):
         read(monkeypatch, value)
+
+
+@pytest.mark.parametrize(
+    ("value", "name"), [(None, "map"), ("", "map"), ("/robot1/map", "/robot1/map"), ("~map", "~map")]
+)
+def test_a_name_is_taken(monkeypatch: pytest.MonkeyPatch, value: object, name: str) -> None:
+    monkeypatch.setattr(rospy, "get_param", lambda name, default: default if value is None else value)
+    assert graph_name("~map_topic", "map") == name
+
+
+@pytest.mark.parametrize("value", [7, ["map"], True, "the map", "7", {"map": 1}])
+def test_what_is_no_name_of_a_topic_is_named(monkeypatch: pytest.MonkeyPatch, value: object) -> None:
+    monkeypatch.setattr(rospy, "get_param", lambda name, default: value)
+    with pytest.raises(ParameterError) as refused:
+        graph_name("~map_topic", "map")
+    assert str(refused.value) == f"parameter ~map_topic is {value!r}, not a name of ROS as map"
+
+
+@pytest.mark.parametrize("value", ["false", 0, []])
+def test_what_is_neither_true_nor_false_is_named(monkeypatch: pytest.MonkeyPatch, value: object) -> None:
+    monkeypatch.setattr(rospy, "get_param", lambda name, default: value)
+    with pytest.raises(ParameterError) as refused:
+        flag("~robots")
+    assert str(refused.value) == f"parameter ~robots is {value!r}; it has to be true or false"

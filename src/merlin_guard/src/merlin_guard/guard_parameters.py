@@ -9,7 +9,7 @@ from rosgraph.names import is_legal_name
 
 from merlin_guard.settings import GuardSettings
 from merlin_guard.velocity_limits import VelocityLimits
-from merlin_ros.parameters import ParameterError
+from merlin_ros.parameters import ParameterError, flag
 
 DEFAULT_SERVERS = ("move_base",)
 CLAMP, REFUSE = "clamp", "refuse"
@@ -61,7 +61,7 @@ def read_parameters() -> GuardParameters:
     """
     default = GuardSettings()
     settings = GuardSettings(
-        require_lease=_flag("~require_lease", default.require_lease),
+        require_lease=flag("~require_lease", default.require_lease),
         **{
             name: _duration(f"~{name}", value)
             for name, value in default._asdict().items()
@@ -156,13 +156,6 @@ def _duration(name: str, default: float) -> float:
     if value <= 0.0:
         raise ParameterError(f"parameter {name} is {value:g}; it has to be more than 0 s")
     return float(value)
-
-
-def _flag(name: str, default: bool) -> bool:
-    value = rospy.get_param(name, default)
-    if not isinstance(value, bool):
-        raise ParameterError(f"parameter {name} is {value!r}; it has to be true or false")
-    return value
 
 
 def _button(value: Any) -> int:

@@ -4,6 +4,7 @@
 import math
 
 import rospy
+from rosgraph.names import is_legal_name
 
 
 class ParameterError(Exception):
@@ -32,3 +33,25 @@ def whole(name: str, default: int, least: int = -(2**31) + 1, most: int = 2**31 
     if value != round(value) or not least <= value <= most:
         raise ParameterError(f"parameter {name} is {value:.12g}, not a whole number from {least} to {most}")
     return round(value)
+
+
+def graph_name(name: str, default: str = "") -> str:
+    """The name of a topic, service or node from a parameter, not resolved; an empty one is the default.
+
+    :raises ParameterError: when it is not a legal name of ROS.
+    """
+    value = rospy.get_param(name, default)
+    if not isinstance(value, str) or not is_legal_name(value):
+        raise ParameterError(f"parameter {name} is {value!r}, not a name of ROS as {default or 'topic'}")
+    return value or default
+
+
+def flag(name: str, default: bool = False) -> bool:
+    """True or false from a parameter.
+
+    :raises ParameterError: when it is something else; a text as `false` would count as true.
+    """
+    value = rospy.get_param(name, default)
+    if not isinstance(value, bool):
+        raise ParameterError(f"parameter {name} is {value!r}; it has to be true or false")
+    return value

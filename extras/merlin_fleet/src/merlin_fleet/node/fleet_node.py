@@ -29,6 +29,7 @@ from merlin_pddl.text_reader import PddlError
 from merlin_planning.knowledge_client import DEFAULT_KNOWLEDGE_BASE, knowledge_client
 from merlin_ros.health import ERROR, OK, WARN, Health, HealthReporter
 from merlin_ros.node import run_node
+from merlin_ros.parameters import graph_name
 from merlin_rosplan.messages.knowledge_snapshot import KnowledgeBaseError, KnowledgeSnapshots
 from merlin_rosplan.planning.planner import PlannerSettings
 
@@ -97,7 +98,7 @@ class FleetNode:
     def __init__(self, parameters: FleetParameters) -> None:
         self._parameters = parameters
         self._status = FleetStatus()
-        knowledge_base = rospy.resolve_name(rospy.get_param("~knowledge_base", DEFAULT_KNOWLEDGE_BASE))
+        knowledge_base = rospy.resolve_name(graph_name("~knowledge_base", DEFAULT_KNOWLEDGE_BASE))
         # The Executor checks the goals itself, as it does for every client.
         self._client = MerlinExecutorClient(knowledge_base=None, on_client_lost=CANCEL)
         busy = Occupation(self._client.name).busy

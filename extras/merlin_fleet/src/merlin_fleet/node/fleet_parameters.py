@@ -13,7 +13,7 @@ from merlin_fleet.core.retention import Retention
 from merlin_fleet.core.robot_lease import LeaseTimes
 from merlin_fleet.fleet_client import DEFAULT_FLEET
 from merlin_fleet.hub import DEFAULT_ENDPOINT
-from merlin_ros.parameters import ParameterError, number
+from merlin_ros.parameters import ParameterError, graph_name, number
 
 
 class FleetParameters(NamedTuple):
@@ -66,7 +66,7 @@ def read_parameters() -> FleetParameters:
         ).checked()
     except (RecordError, ValueError) as error:
         raise ParameterError(str(error)) from None
-    planner = rospy.get_param("~planner_interface", "rosplan_planner_interface")
+    planner = graph_name("~planner_interface", "rosplan_planner_interface")
     return FleetParameters(
         endpoints=_names("~hub", [DEFAULT_ENDPOINT]),
         tls=_tls(),

@@ -22,7 +22,7 @@ from merlin_planning.knowledge_client import (
 )
 from merlin_ros.health import OK, WARN, Health, HealthReporter
 from merlin_ros.node import on_master_lost, run_node
-from merlin_ros.parameters import number
+from merlin_ros.parameters import ParameterError, flag, graph_name, number
 
 
 def make_bridges(
@@ -39,7 +39,7 @@ def make_bridges(
     names = operators or list(knowledge_client(knowledge_base).operators())
     by_ros_name(names)
     options: Dict[str, Any] = {
-        key: str(rospy.get_param(f"~{key}"))
+        key: graph_name(f"~{key}")
         for key in ("dispatch_topic", "feedback_topic")
         if rospy.has_param(f"~{key}")
     }
@@ -71,10 +71,13 @@ def main() -> int:
 
 
 def _start() -> None:
-    knowledge_base = rospy.get_param("~knowledge_base", DEFAULT_KNOWLEDGE_BASE)
+    knowledge_base = graph_name("~knowledge_base", DEFAULT_KNOWLEDGE_BASE)
     wait_for_knowledge_base(knowledge_base, number("~knowledge_base_wait", 30.0, 0.0))
-    robots = RobotWatch(knowledge_client(knowledge_base)) if rospy.get_param("~robots", False) else None
-    bridges = make_bridges(rospy.get_param("~operators", []), knowledge_base, robots)
+    robots = RobotWatch(knowledge_client(knowledge_base)) if flag("~robots") else None
+    operators = rospy.get_param("~operators", [])
+    if not isinstance(operators, list):
+        raise ParameterError(f"parameter ~operators is {operators!r}, not a list of operators")
+    bridges = make_bridges(operators, knowledge_base, robots)
     for bridge in bridges:
         bridge.start()
         rospy.on_shutdown(bridge.shutdown)

@@ -31,7 +31,7 @@ from merlin_planning.knowledge_client import (
 from merlin_ros.health import HealthReporter
 from merlin_ros.master.master_link import get_param
 from merlin_ros.node import keep_params, on_master_lost, run_node
-from merlin_ros.parameters import number
+from merlin_ros.parameters import flag, graph_name, number
 from merlin_sm.holding.node_holds import node_holds, usual_level
 from merlin_sm.state_factory import MerlinStateFactory
 from merlin_sm.states.navigation import POINTS_PARAM, point_faults
@@ -102,9 +102,9 @@ class MachineHost:
     def __init__(self) -> None:
         self._modules = ApplicationModules()
         self._reloading = threading.Lock()  # one reload after the other
-        self._knowledge_base = rospy.get_param("~knowledge_base", DEFAULT_KNOWLEDGE_BASE)
+        self._knowledge_base = graph_name("~knowledge_base", DEFAULT_KNOWLEDGE_BASE)
         self._robot = str(rospy.get_param("~robot", ""))
-        self._robots = bool(self._robot or rospy.get_param("~robots", False))
+        self._robots = flag("~robots") or bool(self._robot)
         self._presence: Optional[RobotPresence] = None
         machines = read_machines()
         self._modules.note()
@@ -156,7 +156,7 @@ class MachineHost:
         """Those that this host serves, for its domain; and operator -> the variable that names its robot."""
         world = read_world(self._knowledge_base)
         machines = [fitted(machine, world) for machine in machines]
-        complete = bool(rospy.get_param("~complete", False))
+        complete = flag("~complete")
         robots = check_machines(machines, world, complete, self._robot)
         if self._robots:
             machines = [each for each in machines if (each.operator_name() in robots) == bool(self._robot)]

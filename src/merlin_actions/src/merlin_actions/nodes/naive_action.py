@@ -26,7 +26,7 @@ from merlin_planning.knowledge_client import (
 )
 from merlin_ros.alarms import wait_ticks
 from merlin_ros.node import on_master_lost, run_node
-from merlin_ros.parameters import number
+from merlin_ros.parameters import graph_name, number
 from merlin_sm.introspection import start_introspection
 from merlin_sm.states.merlin_state import SUCCEEDED
 
@@ -75,7 +75,7 @@ def main() -> int:
 
 
 def _start() -> None:
-    knowledge_base = rospy.get_param("~knowledge_base", DEFAULT_KNOWLEDGE_BASE)
+    knowledge_base = graph_name("~knowledge_base", DEFAULT_KNOWLEDGE_BASE)
     machines = read_machines()
     wait_for_knowledge_base(knowledge_base, number("~knowledge_base_wait", 30.0, 0.0))
     actions = [NaiveAction(machine, knowledge_base=knowledge_base) for machine in machines]

@@ -17,7 +17,7 @@ from merlin_planning.knowledge_client import (
     wait_for_knowledge_base,
 )
 from merlin_ros.node import run_node
-from merlin_ros.parameters import ParameterError, number
+from merlin_ros.parameters import ParameterError, graph_name, number, whole
 from merlin_ros.ros_alarm import RosAlarm
 
 KNOWLEDGE_BASE_WAIT = 20.0  # s, as ROSPlan's action interface
@@ -43,7 +43,7 @@ class SimulatedAction(ActionInterface):
         self._duration = number("~action_duration", -1.0, -math.inf)
         self._deviation = number("~action_duration_stddev", 0.0, 0.0)
         self._probability = number("~action_probability", 1.0, 0.0)
-        self._random = random.Random(rospy.get_param("~seed", None))
+        self._random = random.Random(whole("~seed", 0) if rospy.has_param("~seed") else None)
         wait_for_knowledge_base(knowledge_base, KNOWLEDGE_BASE_WAIT)
         super().__init__(
             operator,
@@ -90,7 +90,7 @@ def main() -> int:
 
 def _start() -> None:
     # Without its leading slash, as in ROSPlan; without the parameter that of the own namespace.
-    name = rospy.get_param("~knowledge_base", "")
-    action = SimulatedAction(f"/{str(name).lstrip('/')}" if name else DEFAULT_KNOWLEDGE_BASE)
+    name = graph_name("~knowledge_base")
+    action = SimulatedAction(f"/{name.lstrip('/')}" if name else DEFAULT_KNOWLEDGE_BASE)
     action.start()
     rospy.on_shutdown(action.shutdown)

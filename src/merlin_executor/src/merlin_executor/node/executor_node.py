@@ -15,7 +15,7 @@ from merlin_ros.health import HealthReporter
 from merlin_ros.master.master_link import ERRORS, bounded_master
 from merlin_ros.master.namesake import living_namesake
 from merlin_ros.node import keep_foreign_nodes, run_node
-from merlin_ros.parameters import ParameterError, number
+from merlin_ros.parameters import ParameterError, graph_name, number
 
 STATUS_TYPE = "merlin_msgs/ExecutorStatus"
 
@@ -27,15 +27,12 @@ def main() -> int:
 
 def _start() -> None:
     wait = number("~planning_system_wait", 30.0, 0.0)
-    knowledge = knowledge_client(rospy.get_param("~knowledge_base", DEFAULT_KNOWLEDGE_BASE))
-    dispatcher = rospy.get_param("~plan_dispatcher", "rosplan_plan_dispatcher")
+    knowledge = knowledge_client(graph_name("~knowledge_base", DEFAULT_KNOWLEDGE_BASE))
+    dispatcher = graph_name("~plan_dispatcher", "rosplan_plan_dispatcher")
     names = {
-        key: rospy.get_param(f"~{key}_interface", f"rosplan_{key}_interface")
-        for key in ("problem", "planner")
+        key: graph_name(f"~{key}_interface", f"rosplan_{key}_interface") for key in ("problem", "planner")
     }
-    planning = PlanningClient(
-        parser=rospy.get_param("~parsing_interface", "rosplan_parsing_interface"), **names
-    )
+    planning = PlanningClient(parser=graph_name("~parsing_interface", "rosplan_parsing_interface"), **names)
     if not knowledge.wait(wait):
         raise StageError(
             f"the planning system's knowledge base {knowledge.name} does not run after {wait:g} s; "

@@ -27,7 +27,7 @@ from merlin_monitor.web.robot_control import RobotControl
 from merlin_monitor.web.web_server import ServerError, WebServer
 from merlin_ros.health import OK, Health, HealthReporter
 from merlin_ros.node import on_master_replaced, run_node
-from merlin_ros.parameters import ParameterError, whole
+from merlin_ros.parameters import ParameterError, flag, whole
 
 #: Value of ~history for no history: roslaunch drops an argument that is empty.
 NO_HISTORY = "none"
@@ -49,12 +49,12 @@ def _start() -> None:
     limit = whole("~history_limit", 100_000, 100, 100_000_000)
     path = history_path(str(rospy.get_param("~history", "")))
     megabytes = whole("~history_megabytes", 500, 1, 1_000_000)
-    make_folder = bool(rospy.get_param("~make_folder", True))
+    make_folder = flag("~make_folder", True)
     state = MonitorModel(Inbox(rospy.logwarn), path, limit, make_folder, megabytes, session=_session())
     state.wording.sentences = sentences_of_node(RosSystem())
     panels = PanelBoard(state, _class_paths("~panels"), offered=True)
     operators = operators_of_node(RosSystem())
-    open_look = bool(rospy.get_param("~open_look", False))
+    open_look = flag("~open_look")
     check_lookers(host, operators is not None, open_look)
     # Operators may come later; the files of a monitor that never has any stay unwritten.
     control = Control(RobotControl(state)) if operators is not None else None

@@ -26,6 +26,7 @@ from merlin_monitor.web.robot_guards import RobotGuards, ask
 from merlin_monitor.web.robot_planning import RobotPlanning
 from merlin_planning.knowledge_client import knowledge_client
 from merlin_planning.knowledge_text import PDDLSyntaxError, parse_goal
+from merlin_ros.parameters import graph_name
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
 from merlin_ros.work.threads import start_thread
 
@@ -45,8 +46,8 @@ class RobotControl:
 
     def __init__(self, state: MonitorModel) -> None:
         self._state = state
-        executor = str(rospy.get_param("~executor", "merlin/execute"))
-        self._knowledge = knowledge_client(str(rospy.get_param("~knowledge_base", "rosplan_knowledge_base")))
+        executor = graph_name("~executor", "merlin/execute")
+        self._knowledge = knowledge_client(graph_name("~knowledge_base", "rosplan_knowledge_base"))
         self.planning: RobotPlanning = RobotPlanning(state, self._knowledge, self._report)
         """Plans, facts, breakpoints, outcomes of states."""
         self._client = MerlinExecutorClient(executor, knowledge_base=None)

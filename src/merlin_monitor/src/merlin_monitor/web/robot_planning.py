@@ -3,7 +3,6 @@
 
 from typing import Any, Callable, Dict, List, Sequence, Tuple
 
-import rospy
 from merlin_msgs.msg import PlannerStatus
 from merlin_msgs.srv import PreviewPlan
 
@@ -15,6 +14,7 @@ from merlin_monitor.web.page_control import ControlError
 from merlin_pddl.breakpoints import BreakpointError
 from merlin_planning.knowledge_client import KnowledgeClient, KnowledgeError, parse_changes
 from merlin_planning.knowledge_text import PDDLSyntaxError
+from merlin_ros.parameters import graph_name
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
 from merlin_sm.breakpoint_client import BreakpointClient, Stepped
 
@@ -42,9 +42,9 @@ class RobotPlanning:
         self._state = state
         self._knowledge = knowledge
         self._report = report
-        dispatcher = str(rospy.get_param("~plan_dispatcher", "rosplan_plan_dispatcher"))
+        dispatcher = graph_name("~plan_dispatcher", "rosplan_plan_dispatcher")
         self._breakpoints = BreakpointClient(knowledge, dispatcher=dispatcher)
-        planner = str(rospy.get_param("~planner_interface", "rosplan_planner_interface"))
+        planner = graph_name("~planner_interface", "rosplan_planner_interface")
         self._preview = ServiceProxy(f"{planner}/preview_plan", PreviewPlan, timeout=PREVIEW_ANSWERS)
 
     def plan(self, goal: str, without: Sequence[str], by: str) -> Dict[str, Any]:

@@ -29,7 +29,7 @@ from merlin_reactive.ros_messages import (
 )
 from merlin_ros.health import ERROR, OK, WARN, Health, HealthReporter
 from merlin_ros.node import run_node
-from merlin_ros.parameters import number
+from merlin_ros.parameters import graph_name, number
 
 SILENCE = 3.0  # s of ROS time without a scan after which something is wrong
 UNSURE = 0.5  # m of standard deviation of the position from which it does not know where it is
@@ -61,7 +61,7 @@ class LocalizationNode:
         self._pose = PromptPublisher("amcl_pose", PoseWithCovarianceStamped, latch=True)
         self._cloud = rospy.Publisher("particlecloud", PoseArray, queue_size=2)
         self._service = rospy.Service("global_localization", Empty, self._scatter)
-        self._map_topic = str(rospy.get_param("~map_topic", "/map"))
+        self._map_topic = graph_name("~map_topic", "/map")
         self._subscribers = [
             rospy.Subscriber(self._map_topic, OccupancyGrid, self._receive_map),
             rospy.Subscriber("initialpose", PoseWithCovarianceStamped, self._receive_pose),

@@ -34,7 +34,7 @@ from merlin_ros.actions.serial_action_server import SerialActionServer
 from merlin_ros.deadline import Deadline
 from merlin_ros.health import ERROR, Health, HealthReporter
 from merlin_ros.node import run_node
-from merlin_ros.parameters import number
+from merlin_ros.parameters import graph_name, number
 
 START_TIMEOUT = 10.0  # s of running time for the map to appear
 PATIENCE = 10.0  # s of running time that it stands without them before driving is given up
@@ -90,7 +90,7 @@ class NavigationNode:
         self._current = rospy.Publisher(f"{name}/current_goal", PoseStamped, queue_size=1)
         self._path = rospy.Publisher(f"{name}/plan", PathMessage, queue_size=1)
         self._goals = rospy.Publisher(f"{name}/goal", MoveBaseActionGoal, queue_size=1)
-        self._map_topic = str(rospy.get_param("~map_topic", "/map"))
+        self._map_topic = graph_name("~map_topic", "/map")
         self._subscribers = [
             rospy.Subscriber(self._map_topic, OccupancyGrid, self._receive_map),
             rospy.Subscriber("move_base_simple/goal", PoseStamped, self._receive_goal, tcp_nodelay=True),
@@ -110,7 +110,7 @@ class NavigationNode:
         return Health(ERROR, missing) if missing else Health()
 
     def _meet_others(self) -> Tuple[Optional[RightOfWay], Optional[WayExchange]]:
-        topic = str(rospy.get_param("~robot_ways", ""))
+        topic = graph_name("~robot_ways")
         if not topic:
             return None, None
         name = str(rospy.get_param("~robot", "")) or rospy.get_namespace().strip("/")

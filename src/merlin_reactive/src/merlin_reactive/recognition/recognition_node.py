@@ -29,7 +29,7 @@ from merlin_ros.actions.action_server import ServerGoal
 from merlin_ros.actions.serial_action_server import SerialActionServer
 from merlin_ros.health import OK, WARN, Health, HealthReporter
 from merlin_ros.node import run_node
-from merlin_ros.parameters import ParameterError, number
+from merlin_ros.parameters import ParameterError, graph_name, number
 
 
 class RecognitionNode:
@@ -42,10 +42,10 @@ class RecognitionNode:
         least = number("~least_score", LEAST_SCORE, 0.0)
         self._recognizer = ObjectRecognizer(_supports(), least, number("~tag_size", TAG, 0.005))
         self._frame = str(rospy.get_param("~global_frame", "map"))
-        topic = str(rospy.get_param("~image_topic", ""))
+        topic = graph_name("~image_topic")
         self._source: Union[CaptureSource, TopicSource] = CaptureSource()
         if topic:
-            info = str(rospy.get_param("~camera_info_topic", ""))
+            info = graph_name("~camera_info_topic")
             self._source = TopicSource(topic, info, number("~image_timeout", 5.0, 0.1))
         self._placement = CameraPlacement(self._frame)
         self._bridge = CvBridge()

@@ -16,7 +16,7 @@ from merlin_ros.actions.action_server import ServerGoal
 from merlin_ros.actions.client_goal import ClientGoal
 from merlin_ros.actions.serial_action_server import SerialActionServer
 from merlin_ros.node import run_node
-from merlin_ros.parameters import ParameterError, number
+from merlin_ros.parameters import ParameterError, graph_name, number
 from merlin_ros.publishing import publish
 
 SERVER_WAIT = 5.0  # s of running time
@@ -59,7 +59,7 @@ class SpeechRelay:
         kind, field = rospy.get_param("~type", "std_msgs/String"), rospy.get_param("~field", "data")
         self._form = Form(str(kind), str(field), rospy.get_param("~fields", {}))
         self._speed = number("~words_per_minute", 140, 40)
-        self._name = rospy.resolve_name(str(rospy.get_param("~to", "speech")))
+        self._name = rospy.resolve_name(graph_name("~to", "speech"))
         # Who asked, what speaks, and what ends the wait for it; replaced as a whole, by the worker only.
         self._speaking: Optional[Tuple[ServerGoal, ClientGoal, threading.Event]] = None
         if self._form.acts:
