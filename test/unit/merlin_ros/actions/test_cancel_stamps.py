@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Cancels that come before their goals, or of all up to a stamp while the clock jumps back; floods."""
+"""Cancels before their goals, or of all up to a stamp while the clock jumps back; floods; equal ids."""
 
 from typing import Any, Callable, Dict, Iterator, List
 
@@ -24,9 +24,9 @@ class Served:
         )
         self.server.start()
 
-    def send(self, name: str, stamp: float) -> None:
+    def send(self, name: str, stamp: float, client: str = "/other") -> None:
         goal_id = GoalID(id=name, stamp=rospy.Time(stamp))
-        self._topics.send("/listen/goal", ListenActionGoal(goal_id=goal_id))
+        self._topics.send("/listen/goal", ListenActionGoal(goal_id=goal_id), {"callerid": client})
 
     def cancel(self, name: str = "", stamp: float = 0) -> None:
         self._topics.send("/listen/cancel", GoalID(id=name, stamp=rospy.Time(stamp)))
@@ -134,3 +134,17 @@ def test_what_raises_in_a_cancel_has_not_stopped_the_goal(served: Served) -> Non
         if len(tried) < 3:
             assert served.status()["drive"] == "it is not stopped: RuntimeError: can't start new thread"
     assert len(tried) == 3, "what has stopped it is not called again"
+
+
+def test_a_goal_with_the_id_of_another_clients_goal_is_left_out_and_named(
+    served: Served, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    said: List[str] = []
+    monkeypatch.setattr(rospy, "logwarn", said.append)
+    served.send("1", 100, "/robot1/mission")
+    served.send("1", 101, "/robot1/mission")
+    assert not said
+    served.send("1", 102, "/robot2/mission")
+    assert served.names == ["1"]
+    (text,) = said
+    assert "a goal of /robot2/mission is left out: its id 1 is that of a goal of /robot1/mission" in text

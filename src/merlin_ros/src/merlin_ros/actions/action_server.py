@@ -291,9 +291,15 @@ class ActionServer:
                 goal_id.id = f"{rospy.get_name()}-unnamed-{next(_numbers)}"
             if goal_id.stamp.is_zero():
                 goal_id.stamp = rospy.Time.now()
-            if goal_id.id in self._goals:
-                return
             sender = str((getattr(message, "_connection_header", None) or {}).get("callerid", ""))
+            known = self._goals.get(goal_id.id)
+            if known is not None:  # its client gets the answers to the first one, as in actionlib
+                if known.sender != sender:
+                    rospy.logwarn(
+                        f"{self.name}: a goal of {sender} is left out: its id {goal_id.id} is that of a goal of "
+                        f"{known.sender}; give each client a node name, or an id generator, of its own"
+                    )
+                return
             self._order.look(rospy.Time.now().to_nsec())
             stamp = goal_id.stamp.to_nsec()
             goal = ServerGoal(self, goal_id, message.goal, sender, self._order.sent(stamp))
