@@ -296,8 +296,8 @@ class ActionServer:
             if known is not None:  # its client gets the answers to the first one, as in actionlib
                 if known.sender != sender:
                     rospy.logwarn(
-                        f"{self.name}: a goal of {sender} is left out: its id {goal_id.id} is that of a goal of "
-                        f"{known.sender}; give each client a node name, or an id generator, of its own"
+                        f"{self.name}: a goal of {sender} is left out: its id {goal_id.id} is that of a goal "
+                        f"of {known.sender}; each client has to make ids of its own"
                     )
                 return
             self._order.look(rospy.Time.now().to_nsec())
