@@ -5,9 +5,9 @@ from typing import List, Sequence
 
 import rospy
 
-from merlin_actions.core.application_check import ApplicationError, cannot_be_made
+from merlin_actions.core.application_check import ApplicationError
 from merlin_actions.merlin_action_sm import MerlinActionSM
-from merlin_ros.class_path import load_class
+from merlin_ros.class_path import cannot_be_made, load_class
 
 
 def read_machines() -> List[MerlinActionSM]:

@@ -4,10 +4,11 @@
 from typing import Any, Dict, Iterator, List, Mapping, Sequence, Tuple
 
 import smach
-from merlin_actions.core.application_check import ApplicationError, ApplicationWorld, Needs, cannot_be_made
+from merlin_actions.core.application_check import ApplicationError, ApplicationWorld, Needs
 from merlin_actions.core.robot_parameter import robot_parameter, with_robot
 from merlin_actions.merlin_action_sm import MerlinActionSM
 from merlin_pddl.checks.literals import Literal, calls_of, literals_of, renamed
+from merlin_ros.class_path import cannot_be_made
 from merlin_sm.autonomy import label_text
 from merlin_sm.states.action_state import ActionState
 from merlin_sm.states.knowledge import KnowledgeState

@@ -31,6 +31,20 @@ def load_function(path: str) -> Callable[..., Any]:
     return found
 
 
+def cannot_be_made(path: str, error: Exception) -> str:
+    """Why a class of an application cannot be instantiated, with its line that raised the error.
+
+    :param path: ``package.module:Class``.
+    :param error: which its constructor or its ``build`` has raised.
+    """
+    frames = traceback.extract_tb(error.__traceback__)
+    module = f"{path.partition(':')[0].replace('.', '/')}.py"
+    own = [frame for frame in frames if frame.name == "build" or frame.filename.endswith(module)]
+    place = f" ({Path(own[-1].filename).name}, line {own[-1].lineno})" if own else ""
+    said = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
+    return f"{path} cannot be made: {said}{place}"
+
+
 def _load(path: str) -> Any:
     module_name, colon, name = path.partition(":")
     if not colon:

@@ -61,6 +61,11 @@ class Unbuilt(MissionSM):
     pass
 
 
+class Misbuilt(MissionSM):
+    def build(self) -> None:
+        self.add_gaol_state("KITCHEN", KITCHEN)  # type: ignore[attr-defined]
+
+
 @pytest.fixture(autouse=True)
 def host(robot: FakeRobot, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(mission_host, "init_node", lambda name: None)
@@ -180,3 +185,12 @@ def test_the_command_line_names_a_class_of_a_module(
         assert mission_host.main(path) == 2
         (line,) = capsys.readouterr().err.splitlines()
         assert line.startswith("mission: ") and why in line
+
+
+def test_a_mission_whose_build_fails_is_one_line_that_names_its_place(capsys: Any) -> None:
+    assert mission_host.main("Misbuilt") == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert (
+        "Misbuilt cannot be made: AttributeError: 'Misbuilt' object has no attribute 'add_gaol_state'" in line
+    )
+    assert "(test_mission_host.py, line " in line

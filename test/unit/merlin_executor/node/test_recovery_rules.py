@@ -236,7 +236,6 @@ def test_a_mission_that_pauses_itself_ends_no_pause_that_an_operator_wants() -> 
     assert switch.set(False, asked=False).done and not switch.paused
 
 
-
 def test_several_bases_stand_when_all_that_have_a_guard_were_halted() -> None:
     none, halted, failed = Halt(False), Halt(True, True), Halt(True, False, "no")
     assert together([none, none]) == none

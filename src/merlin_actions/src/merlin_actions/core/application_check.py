@@ -5,8 +5,6 @@ Each mistake is one sentence: where it is, what is wrong, what to do.
 """
 
 import difflib
-import traceback
-from pathlib import Path
 from types import MappingProxyType
 from typing import Callable, Collection, Dict, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
@@ -202,17 +200,3 @@ def not_looked_at(classes: Sequence[Needs], world: ApplicationWorld) -> List[str
         if words
     ]
     return found
-
-
-def cannot_be_made(path: str, error: Exception) -> str:
-    """Why a class of actions cannot be instantiated, with the line of the class that raised the error.
-
-    :param path: ``package.module:Class``.
-    :param error: which its constructor or its ``build`` has raised.
-    """
-    frames = traceback.extract_tb(error.__traceback__)
-    module = f"{path.partition(':')[0].replace('.', '/')}.py"
-    own = [frame for frame in frames if frame.name == "build" or frame.filename.endswith(module)]
-    place = f" ({Path(own[-1].filename).name}, line {own[-1].lineno})" if own else ""
-    said = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
-    return f"{path} cannot be made: {said}{place}"

@@ -17,6 +17,7 @@ from merlin_executor.mission.hold_watch import HoldWatch
 from merlin_executor.mission.mission_reporter import MissionReporter
 from merlin_executor.mission.readiness import NotReady, wait_for_robot
 from merlin_planning.knowledge_client import KnowledgeError
+from merlin_ros.class_path import cannot_be_made
 from merlin_ros.health import HealthReporter
 from merlin_ros.node import CANNOT_BEGIN
 from merlin_ros.parameters import ParameterError, number
@@ -135,3 +136,6 @@ def _made(mission_class: Type[MissionNode]) -> MissionNode:
         return mission_class.from_parameters()
     except ValueError as error:
         raise ParameterError(str(error)) from error
+    except Exception as error:  # users' code
+        path = f"{mission_class.__module__}:{mission_class.__name__}"
+        raise ParameterError(cannot_be_made(path, error)) from error
