@@ -91,7 +91,11 @@ make_venv() {
   pybullet=$(grep '^pybullet' <<<"$wanted" || true)
   [ -z "$pybullet" ] || $pip install -q --no-deps --only-binary :all: "$pybullet" 2>.venv/pip.log || build_pybullet "$pybullet"
   $pip install -q -c .venv/constraints.txt -r <(echo "$wanted") 2>.venv/pip.log &&
-    $pip install -q --no-deps -r <(echo "$nodeps") 2>>.venv/pip.log || {
+    $pip install -q --no-deps -r <(echo "$nodeps") 2>>.venv/pip.log &&
+    # Its wheels are compiled for a newer numpy than that of Debian 11 and Ubuntu 20.04.
+    { .venv/bin/python -c 'import pyastar2d' 2>/dev/null ||
+      $pip install -q --no-deps --no-build-isolation --force-reinstall --no-binary pyastar2d \
+        -r <(grep '^pyastar2d' <<<"$nodeps") 2>>.venv/pip.log; } || {
     tail -n 5 .venv/pip.log >&2
     fail "pip could not install the packages of requirements.txt (network? a Python that docs/platforms.md does not have?)"
   }
