@@ -112,7 +112,8 @@ build_catkin() {
     # shellcheck disable=SC1090
     if [ -z "${CMAKE_PREFIX_PATH:-}" ] && [ -e "$setup" ]; then set +u; . "$setup"; set -u; fi
   done
-  # catkin and rospack find packages below src only.
+  # catkin and rospack find packages below src only. The links are not in git: what prepares a release would find a package twice.
+  ln -sfn ../test src/merlin_test
   if [ -n "$(tools/packages.sh --extras "$profile")" ]; then ln -sfn ../extras src/extras; else rm -f src/extras; fi
   local files key stamp=build/.built
   files=$(find -L src -name CATKIN_IGNORE -o \( -name CMakeLists.txt -o -name package.xml -o -name setup.py -o -name '*.msg' -o -name '*.srv' -o -name '*.action' -o -path '*/scripts/*' \) -type f | grep -v '^src/CMakeLists.txt$' | sort)
