@@ -22,6 +22,12 @@ def test_a_marker_is_read_for_the_python_that_is_asked_about(python: str, names:
     assert pins.wanted(LINES, python, "aarch64") == names
 
 
+def test_a_package_of_which_no_pin_holds_is_left_out() -> None:
+    lines = [*LINES, 'x==2; python_version >= "3.10"', 'x==1; python_version < "3.10"']
+    assert pins.left_out(lines, "3.9", "x86_64") == ["kairos-planner"]
+    assert pins.left_out(lines, "3.10", "x86_64") == []
+
+
 class Index:
     """pip, for which some pins have no wheel."""
 
