@@ -108,7 +108,7 @@ def test_the_container_runs_a_mission_as_an_ordinary_user(base: str, profile: st
         assert "nothing is wrong" in run(*command, *settings["Entrypoint"], *settings["Cmd"])
         run("buildah", "copy", container, str(ROOT / "tools/try_installed.sh"), "/opt/try_installed.sh")
         assert "goal (checked bathroom): done" in run(*command, "/opt/try_installed.sh")
-        if profile == "simulation":  # Mission 1 of the paper; it ends with 0 when each task ended as it should
+        if profile == "simulation":  # Mission 1: it ends with 0 when each task ended as it should
             run(*command, *settings["Entrypoint"], "rosrun", "merlin", "run", "home.launch", "rtf:=3")
     finally:
         run("buildah", "rm", container)
