@@ -149,4 +149,4 @@ lint: build
 	@$(IN) tools/lint.sh
 
 clean:
-	rm -rf build devel install .venv .venv-docs src/extras
+	rm -rf build devel install .venv .venv-docs src/extras src/merlin_test

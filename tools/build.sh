@@ -91,7 +91,11 @@ make_venv() {
   pybullet=$(grep '^pybullet' <<<"$wanted" || true)
   [ -z "$pybullet" ] || $pip install -q --no-deps --only-binary :all: "$pybullet" 2>.venv/pip.log || build_pybullet "$pybullet"
   $pip install -q -c .venv/constraints.txt -r <(echo "$wanted") 2>.venv/pip.log &&
-    $pip install -q --no-deps -r <(echo "$nodeps") 2>>.venv/pip.log || {
+    $pip install -q --no-deps -r <(echo "$nodeps") 2>>.venv/pip.log &&
+    # Its wheels are compiled for a newer numpy than that of Debian 11 and Ubuntu 20.04.
+    { .venv/bin/python -c 'import pyastar2d' 2>/dev/null ||
+      $pip install -q --no-deps --no-build-isolation --force-reinstall --no-binary pyastar2d \
+        -r <(grep '^pyastar2d' <<<"$nodeps") 2>>.venv/pip.log; } || {
     tail -n 5 .venv/pip.log >&2
     fail "pip could not install the packages of requirements.txt (network? a Python that docs/platforms.md does not have?)"
   }
@@ -108,7 +112,8 @@ build_catkin() {
     # shellcheck disable=SC1090
     if [ -z "${CMAKE_PREFIX_PATH:-}" ] && [ -e "$setup" ]; then set +u; . "$setup"; set -u; fi
   done
-  # catkin and rospack find packages below src only.
+  # catkin and rospack find packages below src only. The links are not in git: what prepares a release would find a package twice.
+  ln -sfn ../test src/merlin_test
   if [ -n "$(tools/packages.sh --extras "$profile")" ]; then ln -sfn ../extras src/extras; else rm -f src/extras; fi
   local files key stamp=build/.built
   files=$(find -L src -name CATKIN_IGNORE -o \( -name CMakeLists.txt -o -name package.xml -o -name setup.py -o -name '*.msg' -o -name '*.srv' -o -name '*.action' -o -path '*/scripts/*' \) -type f | grep -v '^src/CMakeLists.txt$' | sort)

@@ -63,6 +63,13 @@ def wanted(lines: Sequence[str], python: str, processor: str) -> List[str]:
     ]
 
 
+def left_out(lines: Sequence[str], python: str, processor: str) -> List[str]:
+    """The packages of which no pin holds there."""
+    held = {pin.split("==")[0] for pin in wanted(lines, python, processor)}
+    names = [Requirement(line).name for line in lines if line.strip() and not line.startswith("#")]
+    return [name for name in dict.fromkeys(names) if name not in held]
+
+
 def missing(platform: Platform, processor: str, profile: str) -> List[str]:
     """The pins that cannot be had there.
 
@@ -109,12 +116,15 @@ def main() -> int:
     parser.add_argument("--docs", action="store_true", help="write the table of robot into docs/platforms.md")
     asked = parser.parse_args()
     rows = [f"| Python | as in | {' | '.join(PROCESSORS)} |", "|---|---|" + "---|" * len(PROCESSORS)]
+    lines = "".join(_run(["tools/packages.sh", name, asked.profile]).stdout for name in LISTS).splitlines()
     try:
         for platform in PLATFORMS:
             cells = []
             for processor in PROCESSORS:
                 gone = missing(platform, processor, asked.profile)
+                left = left_out(lines, platform.python, processor)
                 cells.append(f"no wheel of {', '.join(gone)}" if gone else "all")
+                cells[-1] += f"; left out: {', '.join(left)}" if left else ""
             rows.append(f"| {platform.python} | {platform.system} | {' | '.join(cells)} |")
             print(f"pins: {rows[-1]}", file=sys.stderr)
     except IndexSilent as error:

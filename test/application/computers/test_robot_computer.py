@@ -82,7 +82,8 @@ def base(tmp_path: Path) -> Iterator[str]:
 
 
 @pytest.mark.skipif(bool(missing("debootstrap", "buildah")), reason=missing("debootstrap", "buildah"))
-def test_the_container_runs_a_mission_as_an_ordinary_user(base: str) -> None:
+@pytest.mark.parametrize("profile", ["robot", "simulation"])
+def test_the_container_runs_a_mission_as_an_ordinary_user(base: str, profile: str) -> None:
     chroot = ["--isolation", "chroot"]
     run(
         "buildah",
@@ -93,7 +94,7 @@ def test_the_container_runs_a_mission_as_an_ordinary_user(base: str) -> None:
         "--build-arg",
         f"BASE={base}-base",
         "--target",
-        "robot",
+        profile,
         "-t",
         base,
         ".",
@@ -107,5 +108,7 @@ def test_the_container_runs_a_mission_as_an_ordinary_user(base: str) -> None:
         assert "nothing is wrong" in run(*command, *settings["Entrypoint"], *settings["Cmd"])
         run("buildah", "copy", container, str(ROOT / "tools/try_installed.sh"), "/opt/try_installed.sh")
         assert "goal (checked bathroom): done" in run(*command, "/opt/try_installed.sh")
+        if profile == "simulation":  # Mission 1: it ends with 0 when each task ended as it should
+            run(*command, *settings["Entrypoint"], "rosrun", "merlin", "run", "home.launch", "rtf:=3")
     finally:
         run("buildah", "rm", container)

@@ -22,6 +22,12 @@ def test_a_marker_is_read_for_the_python_that_is_asked_about(python: str, names:
     assert pins.wanted(LINES, python, "aarch64") == names
 
 
+def test_a_package_of_which_no_pin_holds_is_left_out() -> None:
+    lines = [*LINES, 'x==2; python_version >= "3.10"', 'x==1; python_version < "3.10"']
+    assert pins.left_out(lines, "3.9", "x86_64") == ["kairos-planner"]
+    assert pins.left_out(lines, "3.10", "x86_64") == []
+
+
 class Index:
     """pip, for which some pins have no wheel."""
 
@@ -82,3 +88,13 @@ def test_a_table_that_is_no_longer_true_is_told_and_written(
     assert "| 3.8 | Ubuntu 20.04 | no wheel of pyastar2d==" in written and "| old |" not in written
     assert written.startswith("# Page\n") and written.endswith("the rest\n")
     assert run(page, monkeypatch) == 0
+
+
+@pytest.mark.parametrize("processor", pins.PROCESSORS)
+@pytest.mark.parametrize("platform", pins.PLATFORMS, ids=lambda platform: platform.python)
+def test_each_python_gets_one_version_of_each(platform: pins.Platform, processor: str) -> None:
+    lines = (pins.ROOT / "requirements-nodeps.txt").read_text(encoding="utf-8").splitlines()
+    names = [pin.split("==")[0] for pin in pins.wanted(lines, platform.python, processor)]
+    assert names.count("pyastar2d") == 1
+    newest = platform.python in ("3.11", "3.13")
+    assert names.count("pocketsphinx") == (1 if processor == "x86_64" or newest else 0)

@@ -11,7 +11,7 @@ from roslaunch.config import ROSLaunchConfig
 from roslaunch.core import RLException
 from roslaunch.xmlloader import XmlLoader
 
-from merlin.launch_request import known_arguments
+from merlin.launch_request import LaunchError, LaunchRequest, known_arguments
 
 LAUNCH = Path(rospkg.RosPack().get_path("merlin")) / "launch"
 ROBOT = {
@@ -182,3 +182,18 @@ def test_an_application_of_a_robot_needs_no_simulator(tmp_path: Path):
     assert "world_file" in known_arguments(file)
     config = load(file, on="robot", world_file=ROBOT["points_of_interest"])
     assert "/world/points_of_interest/kitchen/x" in config.params
+
+
+def test_a_name_that_the_file_sets_to_nothing_is_no_argument(tmp_path: Path):
+    """`others` of robots.launch is empty for one robot."""
+    with pytest.raises(LaunchError) as error:
+        LaunchRequest.from_command_line(["merlin", "robots.launch"])
+    assert str(error.value) == "robots.launch needs points_of_interest:=…"
+    with pytest.raises(LaunchError, match="robots.launch has no argument 'others'"):
+        LaunchRequest.from_command_line(["merlin", "robots.launch", "points_of_interest:=x", "others:=ann"])
+    file = tmp_path / "grouped.launch"
+    file.write_text(
+        '<launch><arg name="given" default=""/><group><arg name="fixed" value=""/></group></launch>',
+        encoding="utf-8",
+    )
+    assert known_arguments(file) == {"given": ""}

@@ -76,3 +76,21 @@ def test_after_the_end_nothing_is_started(recognizer: SpeechRecognizerProcess, o
     assert not Path(f"/proc/{process}").exists()
     with pytest.raises(SpeechRecognizerLost, match="shut down"):
         recognizer.understand(order)
+
+
+WITHOUT_LIBRARY = """
+import sys
+sys.modules["pocketsphinx"] = None  # as where pip has none: docs/platforms.md
+from merlin_reactive.listening.listen_node import main
+from merlin_reactive.listening.speech_recognizer import unknown_words
+print(unknown_words(["coffee"]), flush=True)
+sys.exit(main())
+"""
+
+
+def test_without_its_library_the_node_ends_with_a_sentence(master) -> None:
+    node = master.node(WITHOUT_LIBRARY)
+    assert node.ended() == 2
+    checked, said = [line for line in node.output.splitlines() if "no pocketsphinx, so nothing" in line]
+    assert checked.startswith("no pocketsphinx") and "/listen: there is no pocketsphinx" in said
+    assert "Traceback" not in node.output

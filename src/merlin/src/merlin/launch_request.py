@@ -146,7 +146,11 @@ def declared_arguments(launch_file: Path) -> Dict[str, Optional[str]]:
         found = roslaunch.arg_dump.get_args([str(launch_file)])
     except (RLException, rospkg.ResourceNotFound) as error:
         raise LaunchError(f"{launch_file}: {one_line(error)}") from error
-    return {name: default for name, (_doc, default) in found.items()}
+    # roslaunch lists a name whose fixed value is empty among the arguments that are required.
+    tree = ElementTree.parse(str(launch_file))
+    tags = [*tree.iterfind("arg"), *tree.iterfind(".//group/arg")]
+    fixed = {tag.get("name") for tag in tags if "value" in tag.attrib}
+    return {name: text for name, (_doc, text) in found.items() if text is not None or name not in fixed}
 
 
 def known_arguments(launch_file: Path, given: Mapping[str, str] = {}) -> Dict[str, Optional[str]]:

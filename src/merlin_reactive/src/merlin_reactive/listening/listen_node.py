@@ -10,7 +10,13 @@ import rospy
 from audio_common_msgs.msg import AudioData
 from merlin_msgs.msg import ListenAction, ListenFeedback, ListenResult
 
-from merlin_reactive.listening.speech_recognizer import THRESHOLD, GrammarError, UtteranceDetector
+from merlin_reactive.listening.speech_recognizer import (
+    MISSING,
+    THRESHOLD,
+    GrammarError,
+    UtteranceDetector,
+    available,
+)
 from merlin_reactive.listening.speech_recognizer_process import SpeechRecognizerLost, SpeechRecognizerProcess
 from merlin_reactive.ros_clock import RosClock
 from merlin_reactive.ros_messages import samples_of
@@ -28,9 +34,12 @@ class ListenNode:
     """Serves the action ``listen``.
 
     :raises ParameterError: a parameter cannot be used.
+    :raises SpeechRecognizerLost: the recogniser is not installed.
     """
 
     def __init__(self) -> None:
+        if not available():
+            raise SpeechRecognizerLost(f"there is {MISSING}")
         self._recognizer = SpeechRecognizerProcess(number("~threshold", THRESHOLD, -1.0))
         self._loud = number("~loudness", 400.0, 1.0)
         self._timeout = number("~timeout", 8.0, 0.1)
@@ -129,7 +138,7 @@ class ListenNode:
 
 def main() -> int:
     """The executable ``listen``; returns its exit code."""
-    return run_node("listen", _start)
+    return run_node("listen", _start, SpeechRecognizerLost)
 
 
 def _start() -> None:

@@ -2,12 +2,13 @@
 """Understands speech: pocketsphinx with a JSGF grammar, and the courage to say that it did not understand."""
 
 import functools
+import importlib
+import importlib.util
 import threading
 from dataclasses import dataclass
 from typing import Any, FrozenSet, List, Optional, Sequence, Tuple
 
 import numpy as np
-from pocketsphinx import Config, Decoder, get_model_path
 
 # A grammar alone turns every sound into one of its sentences. A free sequence of phones fits sounds that are
 # not in the grammar better than the grammar does: the score difference per frame decides. Measured (see
@@ -23,6 +24,16 @@ PADDING = 0.25  # s of silence around an utterance; the decoder wants some
 RATE = 16000  # samples per second
 SOUND_FRAME = RATE // 50  # samples whose loudness is looked at together
 QUIET_FRAMES = 30  # of them, quiet, that end an utterance: 0.6 s
+LIBRARY = "pocketsphinx"  # which pip does not have for each Python and processor
+MISSING = (
+    f"no {LIBRARY}, so nothing that is said can be understood here: install one that fits this Python, "
+    "run listen on another computer, or start without it (docs/platforms.md)"
+)
+
+
+def available() -> bool:
+    """Whether the decoder's library is installed."""
+    return importlib.util.find_spec(LIBRARY) is not None
 
 
 class GrammarError(Exception):
@@ -39,12 +50,15 @@ class Understanding:
 
 @functools.lru_cache(maxsize=None)
 def _dictionary() -> FrozenSet[str]:
-    with open(f"{get_model_path('en-us')}/cmudict-en-us.dict", encoding="utf-8") as lines:
+    library = importlib.import_module(LIBRARY)
+    with open(f"{library.get_model_path('en-us')}/cmudict-en-us.dict", encoding="utf-8") as lines:
         return frozenset(line.split(" ", 1)[0] for line in lines)
 
 
 def unknown_words(words: Sequence[str]) -> str:
     """What is wrong with words of a grammar; empty: the dictionary has all of them."""
+    if not available():
+        return MISSING
     known = _dictionary()
     missing = [word for word in dict.fromkeys(words) if word not in known]
     if not missing:
@@ -61,9 +75,12 @@ class SpeechRecognizer:
     def __init__(self, threshold: float = THRESHOLD) -> None:
         self._threshold = threshold
         self._lock = threading.Lock()  # the decoder has one state
-        model = get_model_path("en-us")
-        self._decoder = Decoder(
-            Config(hmm=f"{model}/en-us", dict=f"{model}/cmudict-en-us.dict", lm=None, loglevel="FATAL")
+        library = importlib.import_module(LIBRARY)
+        model = library.get_model_path("en-us")
+        self._decoder = library.Decoder(
+            library.Config(
+                hmm=f"{model}/en-us", dict=f"{model}/cmudict-en-us.dict", lm=None, loglevel="FATAL"
+            )
         )
         self._decoder.add_allphone_file("phones", f"{model}/en-us-phone.lm.bin")
         self._grammar: Optional[str] = None
