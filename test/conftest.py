@@ -17,6 +17,7 @@ from typing import Iterator, List, Tuple
 
 import pytest
 from hypothesis import settings
+from hypothesis.internal.scrutineer import SITE_PACKAGES_DIRS
 
 from merlin.local_names import launch_tool, use_loopback
 
@@ -31,6 +32,9 @@ from merlin_test.progress import Progress, longest_first, read_durations
 settings.register_profile("merlin", deadline=None, derandomize=True)
 settings.register_profile("search", deadline=None)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "merlin"))
+# Hypothesis tries the constants of modules that are ours. Else each worker reads a thousand more: Debian's
+# and those made of messages.
+SITE_PACKAGES_DIRS.update(Path(each).resolve() for each in sys.path if each.endswith("-packages"))
 
 #: What another workspace, or the robot that the user works with, has set in this shell; and what has the
 #: processes of tests print at once and compile what they import, unlike those of a user.
