@@ -25,6 +25,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "bench"))  # tools,
 
 from chaos.under_test import processes
 
+from merlin_test.compiled_tests import compile_tests
 from merlin_test.progress import Progress, longest_first, read_durations
 
 # A busy machine is slow, not wrong; how fast things are is for bench/ to say. The same examples each time:
@@ -75,8 +76,10 @@ def pytest_configure(config: pytest.Config) -> None:
         config.pluginmanager.register(Progress(read_durations(DURATIONS), workers, target))
     for name in FOREIGN:
         os.environ.pop(name, None)
-    # Else each worker compiles all tests, and each process of a test all messages, again and again.
+    # Else each process of a test compiles all messages, again and again.
     sys.dont_write_bytecode = False
+    if config.getoption("numprocesses", None):
+        compile_tests(config, (Path(each.split("::", 1)[0]) for each in config.args))
     use_loopback()
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
