@@ -5,6 +5,7 @@ Those whose name ends in ``_long`` are marked as long.
 """
 
 import contextlib
+import gc
 import os
 import re
 import shutil
@@ -13,7 +14,7 @@ import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
-from typing import Iterator, List, Tuple
+from typing import Generator, Iterator, List, Tuple
 
 import pytest
 from hypothesis import settings
@@ -83,6 +84,16 @@ def pytest_configure(config: pytest.Config) -> None:
     use_loopback()
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Generator[None, object, object]:
+    """What is collected stays: the search for garbage need not look at it again and again."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.enable()
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: List[pytest.Item]) -> None:
