@@ -5,6 +5,7 @@ Those whose name ends in ``_long`` are marked as long.
 """
 
 import contextlib
+import gc
 import os
 import re
 import shutil
@@ -13,10 +14,11 @@ import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
-from typing import Iterator, List, Tuple
+from typing import Generator, Iterator, List, Tuple
 
 import pytest
 from hypothesis import settings
+from hypothesis.internal.scrutineer import SITE_PACKAGES_DIRS
 
 from merlin.local_names import launch_tool, use_loopback
 
@@ -24,6 +26,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "bench"))  # tools,
 
 from chaos.under_test import processes
 
+from merlin_test.compiled_tests import compile_tests
 from merlin_test.progress import Progress, longest_first, read_durations
 
 # A busy machine is slow, not wrong; how fast things are is for bench/ to say. The same examples each time:
@@ -31,6 +34,9 @@ from merlin_test.progress import Progress, longest_first, read_durations
 settings.register_profile("merlin", deadline=None, derandomize=True)
 settings.register_profile("search", deadline=None)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "merlin"))
+# Hypothesis tries the constants of modules that are ours. Else each worker reads a thousand more: Debian's
+# and those made of messages.
+SITE_PACKAGES_DIRS.update(Path(each).resolve() for each in sys.path if each.endswith("-packages"))
 
 #: What another workspace, or the robot that the user works with, has set in this shell; and what has the
 #: processes of tests print at once and compile what they import, unlike those of a user.
@@ -71,11 +77,23 @@ def pytest_configure(config: pytest.Config) -> None:
         config.pluginmanager.register(Progress(read_durations(DURATIONS), workers, target))
     for name in FOREIGN:
         os.environ.pop(name, None)
-    # Else each worker compiles all tests, and each process of a test all messages, again and again.
+    # Else each process of a test compiles all messages, again and again.
     sys.dont_write_bytecode = False
+    if config.getoption("numprocesses", None):
+        compile_tests(config, (Path(each.split("::", 1)[0]) for each in config.args))
     use_loopback()
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Generator[None, object, object]:
+    """What is collected stays: the search for garbage need not look at it again and again."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.enable()
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: List[pytest.Item]) -> None:

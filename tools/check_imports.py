@@ -150,6 +150,7 @@ KEYS = {
     "jsonschema": "python3-jsonschema",
     "matplotlib": "python3-matplotlib",
     "numpy": "python3-numpy",
+    "_pytest": "python3-pytest",
     "pytest": "python3-pytest",
     "rospkg": "python3-rospkg",
     "scipy": "python3-scipy",

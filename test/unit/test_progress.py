@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a run of many tests says about itself: an estimate, and each failure at once; and what it keeps."""
 
+import importlib.util
 import os
 import sys
 import time
@@ -9,6 +10,7 @@ from typing import List
 
 import pytest
 
+from merlin_test.compiled_tests import compile_tests
 from merlin_test.progress import Progress, longest_first, read_durations
 
 FILES = {"a_test.py": 10.0, "b_test.py": 30.0}
@@ -110,3 +112,24 @@ def test_a_file_that_cannot_be_read_is_shown_at_once(progress: Progress, session
 def test_what_is_compiled_is_kept_for_other_workers_and_the_next_run() -> None:
     assert not sys.dont_write_bytecode
     assert "PYTHONDONTWRITEBYTECODE" not in os.environ
+
+
+def test_workers_find_tests_compiled(tmp_path: Path, request: pytest.FixtureRequest) -> None:
+    test = tmp_path / "part" / "test_a.py"
+    test.parent.mkdir()
+    test.write_text("assert (value := 3) == 3\n", encoding="utf-8")
+    wrong = tmp_path / "test_wrong.py"
+    wrong.write_text("def\n", encoding="utf-8")
+    compile_tests(request.config, [tmp_path])
+    (compiled,) = tmp_path.rglob("*.pyc")
+    before = compiled.stat()
+    hook = request.config.pluginmanager.rewrite_hook
+    spec = importlib.util.spec_from_file_location("test_a_compiled", test, loader=hook)
+    module = importlib.util.module_from_spec(spec)
+    hook.exec_module(module)
+    assert module.value == 3
+    assert compiled.stat() == before, "pytest has compiled it anew"
+    test.write_text("value = 4\n", encoding="utf-8")
+    compile_tests(request.config, [test])
+    (compiled,) = tmp_path.rglob("*.pyc")
+    assert compiled.stat().st_ino != before.st_ino
