@@ -81,9 +81,8 @@ class Recorder:
         marked = self._marked.is_set()
         if marked:
             self._marked.clear()
-        wall = (
-            self._clock()
-        )  # before the changes are taken: a frame of a time has all that was changed by then
+        # Before the changes are taken: a frame of a time has all that was changed by then.
+        wall = self._clock()
         version, changes = self._feed.take()
         kept = [change for change in changes.as_list() if change[0][0] not in LEFT_OUT]
         if not kept and not changes.whole and not marked and self._pack is not None:
