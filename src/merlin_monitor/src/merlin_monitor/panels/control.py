@@ -20,7 +20,7 @@ from merlin_ros.parameters import ParameterError
 
 #: Value of a parameter for: none; roslaunch drops an argument that is empty.
 NONE = "none"
-#: Names the file of the sentences for page, terminal view and rviz; of a recording its `file` and `text`.
+#: Names the file of the sentences for page, terminal view and rviz; recorded: its `file` and `text`.
 SENTENCES = "merlin/sentences"
 LONGEST = 4000  # characters of a goal
 MOST = 200  # goals
