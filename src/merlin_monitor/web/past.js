@@ -74,15 +74,18 @@ export class Past {
     return segment;
   }
 
-  // Shows what was shown at a time; with `after`, as soon as that time has been taken in.
-  async show(run, wall, after = false) {
+  // Shows what was shown at a time; with `after`, as soon as that time has been taken in. What comes when it is not
+  // wanted any more is not shown; returns whether it is.
+  async show(run, wall, after, wanted) {
     let segment = this.known(run, wall) || await this.fetch(run, wall);
     let index = place(segment.frames, wall);
     if (after && segment.frames[index][0] < wall) {
       if (index + 1 < segment.frames.length) index += 1;
       else if (segment.next !== null) [segment, index] = [this.known(run, segment.next) || await this.fetch(run, segment.next), 0];
     }
+    if (!wanted()) return false;
     this.put(segment, index);
+    return true;
   }
 
   // The same at once, if it is here.

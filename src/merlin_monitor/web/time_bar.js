@@ -72,11 +72,11 @@ export class TimeBar {
   // Shows a moment; the newest request wins.
   async go(run, wall, after = true, event = null) {
     const turn = ++this.turn;
+    this.wanted = after ? wall : 0;
     this.pause();
     try {
       if (!this.runs.some((known) => known.run === run)) this.runs = await ask("runs");
-      await this.past.show(run, wall, after);
-      if (turn !== this.turn) return;
+      if (!(await this.past.show(run, wall, after, () => turn === this.turn))) return;
       const other = this.run !== run;
       this.run = run;
       this.arrived(event);
@@ -229,8 +229,11 @@ export class TimeBar {
       if (this.playing) this.caption();
       return;
     }
+    const turn = this.turn;
     await this.look().catch(() => {});
     if (this.playing) this.caption();
+    // What belongs to an event may be recorded up to 0.2 s after it.
+    else if (turn === this.turn && this.past.segment && this.past.segment.next === null && this.past.wall < this.wanted) this.go(this.run, this.wanted, true, this.event);
     else this.draw();
   }
 

@@ -1,28 +1,34 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Two robots of a fleet over a real etcd: one is killed at work, and nothing is lost or done twice."""
+"""Two robots of a fleet over a real etcd: one dies, nothing is lost or done twice; one is stopped."""
 
+import json
 import os
 import shutil
 import signal
 import subprocess
 import tempfile
 import threading
+import time
 import unittest
+import urllib.error
+import urllib.request
+import xmlrpc.client
 
+import rosgraph
 import rospy
 from actionlib_msgs.msg import GoalStatus, GoalStatusArray
 from diagnostic_msgs.msg import DiagnosticArray
-from merlin_msgs.msg import ExecuteActionResult, KnowledgeChanges
+from merlin_msgs.msg import ExecuteActionResult, GuardStatus, KnowledgeChanges
+from std_srvs.srv import Trigger
 
 import rostest
 from merlin_executor.executor_client import MerlinExecutorClient, outcome_name
 from merlin_executor.goal_check import GoalError
-from merlin_fleet import fleet_client
 from merlin_fleet.core.records import Goal
 from merlin_fleet.fleet_client import ACHIEVED, FleetClient, FleetError
 from merlin_planning.knowledge_client import REMOVE, Update, fact, knowledge_client
-from merlin_test.etcd_process import EtcdProcess
+from merlin_test.etcd_process import DIRECT, EtcdProcess
 from merlin_test.topic_links import wait_for_publishers
 
 LIMIT = 120.0
@@ -44,6 +50,7 @@ class Fleet(unittest.TestCase):
         self.ended = {robot: [] for robot in ROBOTS}
         self.processes = {}
         self.learned = set()  # points that r1 has got from the fleet
+        self.guard = ""  # why r2's guard holds the base; empty: it does not
         rospy.Subscriber("/diagnostics", DiagnosticArray, self.take_health)
         results = []
         for robot in ROBOTS:
@@ -51,11 +58,17 @@ class Fleet(unittest.TestCase):
             results.append(rospy.Subscriber(f"{action}/result", ExecuteActionResult, self.take_result, robot))
             rospy.Subscriber(f"{action}/status", GoalStatusArray, self.take_status, robot)
         changes = rospy.Subscriber("/r1/rosplan_knowledge_base/changes", KnowledgeChanges, self.take_changes)
-        wait_for_publishers(changes, *results)
+        guard = rospy.Subscriber("/r2/merlin/guard", GuardStatus, self.take_guard)
+        wait_for_publishers(changes, guard, *results)
 
     def take_health(self, message):
         with self.changed:
             self.health.update({status.name: status.message for status in message.status})
+            self.changed.notify_all()
+
+    def take_guard(self, message):
+        with self.changed:
+            self.guard = message.reason if message.state == GuardStatus.STOPPED else ""
             self.changed.notify_all()
 
     def take_status(self, message, robot):
@@ -105,6 +118,73 @@ class Fleet(unittest.TestCase):
         if process.poll() is None:
             os.killpg(process.pid, signal.SIGKILL)
             process.wait()
+
+    def serve_page(self):
+        """The fleet's page in a process of its own; returns its address."""
+        command = ["rosrun", "merlin_fleet", "fleet", "page", "--hub", self.etcd.endpoint, "--fleet", "lab"]
+        page = subprocess.Popen(
+            [*command, "--operators", "none", "--port", "0"], stdout=subprocess.PIPE, start_new_session=True
+        )
+        self.processes["page"] = page
+        self.addCleanup(page.stdout.close)
+        self.addCleanup(self.kill, "page")
+        return page.stdout.readline().decode().split(" ")[0]
+
+    def press_stop(self, page):
+        """What the page says when r2's button is pressed, and whether it says so as done."""
+        request = urllib.request.Request(f"{page}control/stop", b'{"robot": "r2"}', method="POST")
+        try:
+            with DIRECT.open(request, timeout=LIMIT) as answer:
+                return True, json.load(answer)["done"]
+        except urllib.error.HTTPError as refused:
+            said = json.load(refused)["error"]
+            # A robot has 2 s to answer, which a busy machine may need.
+            return self.press_stop(page) if "it has not answered yet" in said else (False, said)
+
+    def until_shown(self, page, holds):
+        """Asks the page until something holds of what it shows of r2."""
+        end = time.monotonic() + LIMIT
+        while True:
+            with DIRECT.open(f"{page}state.json", timeout=LIMIT) as answer:
+                robot = json.load(answer)["state"]["fleet"]["robots"].get("r2")
+            if robot is not None and holds(robot):
+                return robot
+            self.assertLess(time.monotonic(), end, robot)
+            time.sleep(0.1)
+
+    def test_the_page_says_that_a_robot_stands_only_when_its_guard_holds_it(self):
+        page = self.serve_page()
+        self.join("r2")
+        release = rospy.ServiceProxy("/r2/merlin/release", Trigger)
+        self.addCleanup(release)
+        self.until_shown(page, lambda robot: robot["joined"])
+        done, said = self.press_stop(page)
+        self.assertRegex(said, r"^r2 stands: the base is held by a visitor at 127\.0\.0\.1")
+        self.assertTrue(done)
+        self.assertIn("a visitor at 127.0.0.1", self.guard, "it stands when this is said, not later")
+        self.until_shown(page, lambda robot: robot["hold"] and robot["stop"] is None)
+        self.assertTrue(release().success)
+        self.until_shown(page, lambda robot: not robot["hold"])
+
+        # A guard that hangs confirms nothing, and the page says so until it does.
+        pid = node_pid("/r2/merlin_guard")
+        self.addCleanup(os.kill, pid, signal.SIGCONT)
+        os.kill(pid, signal.SIGSTOP)
+        said = "r2: the stop is NOT confirmed: its guard has not confirmed it. Use the button on the robot."
+        self.assertEqual(self.press_stop(page), (False, said))
+        # The stop stays while the robot's part in the fleet is away, and when it is back.
+        self.processes["r2"].send_signal(signal.SIGINT)
+        self.assertEqual(self.processes["r2"].wait(LIMIT), 0)
+        self.assertTrue(self.until_shown(page, lambda robot: not robot["joined"])["stop"])
+        said = said.replace("its guard has not confirmed it", "it is not joined, and stops when it is back")
+        self.assertEqual(self.press_stop(page), (False, said))
+        self.join("r2")
+        robot = self.until_shown(page, lambda robot: robot["joined"])
+        self.assertTrue(robot["stop"] and not robot["hold"], robot)
+        os.kill(pid, signal.SIGCONT)
+        self.until(lambda: "a visitor" in self.guard, "the guard holds the base when it goes on")
+        self.until_shown(page, lambda robot: robot["hold"] and robot["stop"] is None)
+        self.assertTrue(release().success)
 
     @staticmethod
     def of_r1(requests):
@@ -163,11 +243,6 @@ class Fleet(unittest.TestCase):
                 self.client.send(text)
             with self.assertRaises(GoalError):
                 local.send(text)
-        # It stops when it is asked to; no guard runs here that could hold it.
-        fleet_client.STOPS = LIMIT
-        self.assertEqual(self.client.stop("r2"), (False, "its guard has not confirmed it"))
-        self.assertTrue(self.client.wait(lambda: self.client.status("r2")[1] is None, LIMIT))
-        self.assertEqual(self.client.status("r2")[0].trouble, "")
 
     def refused(self, text):
         try:
@@ -175,6 +250,11 @@ class Fleet(unittest.TestCase):
         except FleetError:
             return True
         return False
+
+
+def node_pid(name):
+    uri = rosgraph.Master("/fleet_test").lookupNode(name)
+    return xmlrpc.client.ServerProxy(uri).getPid("/fleet_test")[2]
 
 
 if __name__ == "__main__":

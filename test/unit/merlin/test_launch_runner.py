@@ -43,6 +43,18 @@ MISSION = """<launch>
 </launch>"""
 
 
+#: Hosts begin when there is a knowledge base, which this one never has.
+HOST = """<launch>
+  <param name="rosplan_knowledge_base/domain_path" value="$(find merlin)/pddl/home/domain.pddl"/>
+  <param name="rosplan_knowledge_base/problem_path" value="$(find merlin)/pddl/home/problem.pddl"/>
+  <node pkg="merlin_actions" type="simulated_base" name="base"/>
+  <node pkg="merlin_actions" type="fsm_host" name="host">
+    <rosparam param="actions">[merlin_home.actions.ask:Ask]</rosparam>
+    <param name="knowledge_base_wait" value="3600"/>
+  </node>
+</launch>"""
+
+
 class Run:
     """One run in a session of its own."""
 
@@ -125,6 +137,20 @@ def test_ends_with_the_missions_exit_code_and_shows_only_its_lines(tmp_path: Pat
         assert Path(err[0].rsplit("logs: ", 1)[1]).is_dir()
     else:
         assert err == []
+
+
+def test_says_what_no_node_says_of_the_application(tmp_path: Path) -> None:
+    launch = tmp_path / "host.launch"
+    launch.write_text(HOST)
+    started = Run(tmp_path, str(launch))
+    for line in started.process.stderr:
+        if "sound_play" in line:
+            break
+    assert line.startswith("merlin run: host.launch: state ")
+    assert "uses the action server 'sound_play', which the launch file does not start" in line
+    started.process.send_signal(signal.SIGINT)
+    code, _, _ = started.end()
+    assert (code, started.left()) == (130, [])
 
 
 #: Command lines, or the content of a launch file → what is said.

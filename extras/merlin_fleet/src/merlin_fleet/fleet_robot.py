@@ -73,7 +73,7 @@ class FleetRobot(Listener):
     :param learn: takes all facts of a predicate that another robot writes; returns at once.
     :param on_status: gets the robot's status in the fleet after each change; from the deciding thread.
     :param on_halt: stops the robot and holds its base, and returns at once; calls the function when that has
-        come true or failed, and :meth:`tell` has got a status that says so.
+        come true; until then the stop stays in the hub. :meth:`tell` gets a status that says how it went.
     :param on_failed: is called with the error when the deciding thread has failed; what ran is being stopped.
     """
 

@@ -2,9 +2,10 @@
 """The command `rosrun merlin check`: whether the parts of an application fit, before anything is started."""
 
 import os
+import signal
 import sys
 from pathlib import Path
-from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Tuple
+from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Set, Tuple
 
 from rosgraph.names import load_mappings
 from roslaunch.core import Node
@@ -40,6 +41,8 @@ from merlin_pddl.text_reader import PddlError, suggestion
 from merlin_ros.class_path import load_function
 from merlin_ros.node import end_node, init_node
 from merlin_ros.parameters import ParameterError
+from merlin_ros.processes.process_priority import lower_priority
+from merlin_ros.processes.process_tree import end_with
 from merlin_sm.states.navigation import point_faults
 
 MISSION = "mission"
@@ -51,8 +54,21 @@ LOAD_WORLD = "merlin_sim.world.world_file:load_world"
 EXIT_MISTAKES = 2
 
 
-def main() -> int:
-    """Checks the application of a launch file; returns the exit code, 2 when something is wrong."""
+def main_at_start() -> int:
+    """Says what no node of an application says that starts; in a process that its runner has started.
+
+    :return: the exit code.
+    """
+    end_with(os.getppid(), signal.SIGKILL)
+    lower_priority(19)
+    return main(at_start=True)
+
+
+def main(at_start: bool = False) -> int:
+    """Checks the application of a launch file; returns the exit code, 2 when something is wrong.
+
+    :param at_start: it is started at the same time, and its nodes say the rest.
+    """
     try:
         request = LaunchRequest.from_command_line(sys.argv[1:])
         config = LaunchConfig(request)
@@ -68,7 +84,7 @@ def main() -> int:
     sys.argv[1:] = []  # the arguments are not those of a node
     init_node("merlin_check", anonymous=True)
     try:
-        return report(request.launch_file.name, config)
+        return report(f"{'merlin run: ' * at_start}{request.launch_file.name}", config, at_start)
     finally:
         end_node("checked")
         master.stop()
@@ -89,6 +105,7 @@ class Findings:
     """What was found. Each sentence once, however many robots have it.
 
     :ivar mistakes: what has to be corrected, and the robots whose hosts have it; empty: no robot's own.
+    :ivar unsaid: those of them that no node says when it starts.
     :ivar robot: whose host is looked at.
     :ivar fits: what fits, and what was not looked at.
     :ivar points_read: whether the points of interest were judged, with the world that they are in.
@@ -96,6 +113,7 @@ class Findings:
 
     def __init__(self) -> None:
         self.mistakes: Dict[str, List[str]] = {}
+        self.unsaid: Set[str] = set()
         self.robot = ""
         self.fits: Dict[str, None] = {}
         self.points_read = False
@@ -134,10 +152,11 @@ class Findings:
         return self._tasks[name]
 
 
-def report(name: str, config: LaunchConfig) -> int:
+def report(name: str, config: LaunchConfig, at_start: bool = False) -> int:
     """Looks at all parts and prints what was found; returns the exit code.
 
     :param name: of the launch file, with which each line begins.
+    :param at_start: only warnings, and mistakes that no node says when it starts.
     """
     found = Findings()
     hosts = list(config.hosts())
@@ -151,13 +170,18 @@ def report(name: str, config: LaunchConfig) -> int:
         found.robot = str(config.param(f"{namespace}{host.name}/robot", ""))
         found.look(check_host, config, namespace, host)
     for line in found.fits:
-        print(line if ": warning: " in line else f"{name}: {line}")
+        if ": warning: " in line:
+            print(line, file=sys.stderr if at_start else sys.stdout)
+        elif not at_start:
+            print(f"{name}: {line}")
     for mistake, robots in found.mistakes.items():
+        if at_start and mistake not in found.unsaid:
+            continue
         whose = "" if "" in robots else f"robot {' and '.join(dict.fromkeys(robots))}: "
         print(f"{name}: {whose}{mistake}", file=sys.stderr)
     if found.mistakes:
         return EXIT_MISTAKES
-    if not any(node.name == MISSION for node in config.nodes):
+    if not at_start and not any(node.name == MISSION for node in config.nodes):
         print(f"{name}: no node is named 'mission': it runs until it is ended, and sends no goals itself")
     return 0
 
@@ -202,7 +226,10 @@ def check_host(found: Findings, config: LaunchConfig, namespace: str, host: Node
         for need in everything
         if need not in needs
     ]
-    mistakes = check_application([*needs, *elsewhere], world, bool(config.param(f"{own}/complete", False)))
+    complete = bool(config.param(f"{own}/complete", False))
+    mistakes = check_application([*needs, *elsewhere], world, complete)
+    said_by_host = check_application([*needs, *elsewhere], world._replace(servers=None, known={}), complete)
+    found.unsaid.update(set(mistakes).difference(said_by_host))
     mistakes += check_robots(everything, world, robots)
     if not robots:
         mistakes += unnamed_robots(domain, problem)
@@ -279,7 +306,9 @@ def check_page(found: Findings, config: LaunchConfig, node: Node) -> None:
     for goal in offered:
         fault = task.fault(goal.goal)
         if fault:
-            found.wrong(f"the list of goals {file}: {goal.goal} ({goal.name}): {fault}; correct it")
+            mistake = f"the list of goals {file}: {goal.goal} ({goal.name}): {fault}; correct it"
+            found.unsaid.add(mistake)
+            found.wrong(mistake)
 
 
 def _check_sentences(found: Findings, file: Path, config: LaunchConfig, node: Node) -> None:

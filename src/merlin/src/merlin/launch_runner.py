@@ -12,6 +12,7 @@ import contextlib
 import os
 import queue
 import signal
+import subprocess
 import sys
 import time
 from pathlib import Path
@@ -25,7 +26,7 @@ from roslaunch.pmon import ProcessListener
 from roslaunch.substitution_args import SubstitutionException
 
 from merlin.error_relay import ErrorRelay
-from merlin.launch_config import Loader, check_executables, check_files, check_scripts
+from merlin.launch_config import HOSTS, Loader, check_executables, check_files, check_scripts
 from merlin.launch_request import HelpWanted, LaunchError, LaunchRequest, one_line
 from merlin.linger import Page, keep, lingers, page_of, terminal
 from merlin.local_names import LOCALHOST, LOOPBACK, given_address, master_uri, resolves, use_loopback
@@ -48,6 +49,8 @@ TERMINATE_TIMEOUT = 1.0
 LOOK_FOR_SIGNALS = 0.5
 #: Wall seconds in which roslaunch reports a death for which it has ended a start.
 DEATH_REPORT = 10.0
+#: Program of the check beside a run.
+CHECK = "from merlin.check import main_at_start; raise SystemExit(main_at_start())"
 #: What helps where the user may not write to the folder of ROS.
 WRITABLE = "set ROS_HOME, and ROS_LOG_DIR if you use it, to a folder that you may write to"
 EXIT_FAILED = 1
@@ -177,6 +180,7 @@ class LaunchRun:
         self._missions: Dict[str, Optional[int]] = {}
         self._run_id = roslaunch.core.generate_run_id()
         self._page: Optional[Page] = None
+        self._check: Optional[subprocess.Popen[bytes]] = None
         self._user_ended = False
         self._began = time.time()
         self.log_folder = Path(rospkg.get_log_dir()) / self._run_id
@@ -234,6 +238,8 @@ class LaunchRun:
                 code = EXIT_REFUSED
             return code
         nodes = self._parent.config.nodes
+        if any((node.package, node.type) in HOSTS for node in nodes):
+            self._begin_check()
         self._page = page_of(nodes, self._parent.parameters())
         self._missions = {node.process_name: None for node in nodes if node.name == MISSION_NODE}
         if not self._missions:
@@ -246,6 +252,13 @@ class LaunchRun:
                 code = self._handle(self._events.get(timeout=LOOK_FOR_SIGNALS))
                 if code is not None:
                     return code
+
+    def _begin_check(self) -> None:
+        """Looks for what no node says of the application; the relay has what is found, as from a node."""
+        words = [str(self._request.launch_file), *self._request.words()]
+        command = [sys.executable, "-c", CHECK, *words]
+        # Out of reach of Ctrl-C, which would end it with a traceback.
+        self._check = subprocess.Popen(command, stdout=subprocess.DEVNULL, start_new_session=True)
 
     def _ended_while_it_started(self) -> Optional[int]:
         """The exit code if a required node died before all were started. roslaunch's error names another."""
@@ -298,6 +311,8 @@ class LaunchRun:
 
     def _stop(self) -> None:
         self._relay.mute()
+        if self._check is not None:
+            self._check.kill()
         if self._parent is not None:
             self._parent.shutdown()
         left: List[int] = end_children()

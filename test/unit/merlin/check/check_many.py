@@ -2,6 +2,7 @@
 """Checks one application after the other in this process.
 
 Each line of standard input is a JSON list: a folder of Python modules, and the words of `merlin check`.
+With `--at-start` it says what it says beside a run.
 Each line of standard output is another: exit code, standard output, standard error. An empty line ends it.
 """
 
@@ -25,8 +26,9 @@ def checked(folder: str, words: List[str]) -> list:
     sys.path.insert(0, folder)
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
         try:
-            request = LaunchRequest.from_command_line(words)
-            code = report(request.launch_file.name, LaunchConfig(request))
+            at_start = "--at-start" in words
+            request = LaunchRequest.from_command_line([word for word in words if word != "--at-start"])
+            code = report(request.launch_file.name, LaunchConfig(request), at_start)
         except LaunchError as error:
             code = 2
             print(error, file=err)

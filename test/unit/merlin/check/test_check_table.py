@@ -36,14 +36,14 @@ ROWS = rows()
 def guide(check: Any, tmp_path: Path) -> Callable[..., Any]:
     """What `check` says of a copy of the guide, in which a text of a file is replaced."""
 
-    def ask(file: str = "", old: str = "", new: str = "") -> Any:
+    def ask(file: str = "", old: str = "", new: str = "", *words: str) -> Any:
         folder = tmp_path / "guide"
         shutil.copytree(HERE / "guide", folder)
         if file:
             text = (folder / file).read_text()
             assert text.count(old) >= 1, f"{file} has no {old}"
             (folder / file).write_text(text.replace(old, new, 1))
-        return check(folder, str(folder / "guide.launch"))
+        return check(folder, str(folder / "guide.launch"), *words)
 
     return ask
 
@@ -62,3 +62,28 @@ def test_a_mistake_is_told_once(row: Row, guide: Any) -> None:
     assert said.count(row.said) == 1, said
     assert done.returncode == (0 if row.said.startswith(("warning:", "not looked at:")) else 2)
     assert "Traceback" not in done.stderr
+
+
+#: What no node of an application says when it starts.
+UNSAID = (
+    "a function without a value",
+    "an entry of a function",
+    "a word of a grammar",
+    "a class of recognize",
+    "a server that is not started",
+    "a goal of the page",
+    "an object of the sentences",
+)
+
+
+#: What one says; with it, the check beside it says it no second time.
+SAID = ("an operator without a class", "a goal of a mission", "an operator of the sentences", "YAML")
+
+
+@pytest.mark.parametrize(
+    "row", [row for row in ROWS if row.mistake in (*UNSAID, *SAID)], ids=lambda row: row.mistake
+)
+def test_beside_a_run_it_says_what_no_node_says(row: Row, guide: Any) -> None:
+    done = guide(row.file, row.old, row.new, "--at-start")
+    assert done.stdout == ""
+    assert (row.said in done.stderr) == (row.mistake in UNSAID), done.stderr

@@ -8,6 +8,7 @@ from typing import Any, Dict, List, Tuple
 import genpy
 import pytest
 import rosbag
+import rospy
 import yaml
 from geometry_msgs.msg import TransformStamped
 from merlin_msgs.msg import KnowledgeChanges, MissionStatus
@@ -17,8 +18,11 @@ from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 
 from merlin.replay import command
+from merlin.replay.recorded_state import recorded_parameters
 from merlin_monitor.bag.recorded_topics import KNOWLEDGE, PARAMETERS
 from merlin_monitor.bag.recording import BagRecording, RecordingError
+from merlin_monitor.listeners.ros_system import RosSystem
+from merlin_monitor.panels.control import sentences_of_node
 
 CHANGES = "/r1/rosplan_knowledge_base/changes"
 BEGIN = 100.0
@@ -40,7 +44,7 @@ def fixed(child: str) -> TFMessage:
     return TFMessage([transform])
 
 
-def record(path: Path, *messages: Tuple[str, Any, float], **more: str) -> Path:
+def record(path: Path, *messages: Tuple[str, Any, float], **more: Any) -> Path:
     """A bag with the parameters of a recording and these messages: topic, message, s after its begin."""
     with rosbag.Bag(str(path), "w") as bag:
         parameters = String(yaml.safe_dump({"/r1/world": {"points_of_interest": {}}, **more}))
@@ -92,12 +96,41 @@ def test_namespace_and_parameters_are_those_of_the_robot(tmp_path: Path) -> None
     assert BagRecording(tmp_path).length == recording.length  # the results folder
 
 
-def test_sentences_are_those_of_the_robot_where_their_file_is_here(tmp_path: Path) -> None:
+def test_a_recording_keeps_the_sentences_of_then(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     name, file = "/r1/merlin/sentences", tmp_path / "sentences.yaml"
+    warned: List[str] = []
+    monkeypatch.setattr(rospy, "logwarn", warned.append)
+    monkeypatch.setattr(rospy, "resolve_name", lambda name: f"/r1/{name}")
+    monkeypatch.setattr(
+        rospy, "get_param", lambda key, default: str(file) if key == "merlin/sentences" else default
+    )
+    file.write_text("operators: {greet: {en: greets}}")
+    bag = record(tmp_path / "run.bag", ("/r1/tf_static", fixed("laser"), 1.0), **recorded_parameters())
+    file.write_text("operators: {greet: {en: shouts}}")
+    parameters = BagRecording(bag).parameters
+    # As the page of a replay gets it.
+    monkeypatch.setattr(rospy, "get_param", lambda key, default: parameters.get(f"/r1/{key}", default))
+    assert sentences_of_node(RosSystem()).operators == {"greet": {"en": "greets"}}
+    # One of before, with the path only, has none, as the words there may be other ones by now.
     bag = record(tmp_path / "run.bag", ("/r1/tf_static", fixed("laser"), 1.0), **{name: str(file)})
     assert name not in BagRecording(bag).parameters
-    file.write_text("{}")
-    assert BagRecording(bag).parameters[name] == str(file)
+    assert not warned
+
+
+def test_sentences_that_cannot_be_read_are_not_recorded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "sentences.yaml"
+    warned: List[str] = []
+    monkeypatch.setattr(rospy, "logwarn", warned.append)
+    monkeypatch.setattr(rospy, "resolve_name", lambda name: f"/r1/{name}")
+    monkeypatch.setattr(
+        rospy, "get_param", lambda key, default: str(file) if key == "merlin/sentences" else default
+    )
+    assert recorded_parameters() == {}
+    file.write_text("operators: 5")
+    assert recorded_parameters() == {}
+    assert [str(file) in warning for warning in warned] == [True, True]
 
 
 def test_what_was_known_before_the_start_is_written_at_the_start_in_its_order(tmp_path: Path) -> None:

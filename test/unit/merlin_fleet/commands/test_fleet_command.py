@@ -69,6 +69,14 @@ class Lab:
         self.robots.append(robot)
         robot.start()
 
+    def write(self, *puts: Put) -> None:
+        """Writes records into the hub, as another program may do."""
+        hub = EtcdHub(Keys(self.fleet).root, [self.etcd.endpoint])
+        try:
+            hub.transact(Txn((), puts))
+        finally:
+            hub.close()
+
     def run(self, what: str, *arguments: str) -> int:
         return main([what, "--hub", self.etcd.endpoint, "--fleet", self.fleet, *arguments])
 
@@ -146,8 +154,7 @@ class LateNews:
 def test_records_that_are_strange_are_listed(lab: Lab, capsys: pytest.CaptureFixture) -> None:
     keys = Keys(lab.fleet)
     robot, goal = Profile("r7", heard=1e308), Goal("g7", ("(done\n\x1b[2Ja)",), 0.0)
-    puts = (Put(keys.key("robots", "r7"), encode(robot)), Put(keys.key("goals", "g7"), encode(goal)))
-    lab.client._hub.transact(Txn((), puts))
+    lab.write(Put(keys.key("robots", "r7"), encode(robot)), Put(keys.key("goals", "g7"), encode(goal)))
     assert lab.run("list") == 0
     listed = (
         "g7  open, no robot is joined  (done  [2Ja)\nrobot r7  not joined, last seen at 1e+308 s since 1970\n"
@@ -181,7 +188,7 @@ def test_a_goal_of_another_domain_is_refused_and_the_reason_is_shown(lab: Lab) -
 
 def test_the_command_sends_lists_follows_and_cancels(lab: Lab, capsys: pytest.CaptureFixture) -> None:
     robot = Profile("r1", ("a",), ("arm",))
-    lab.client._hub.transact(Txn((), (Put(Keys(lab.fleet).key("robots", "r1"), encode(robot)),)))
+    lab.write(Put(Keys(lab.fleet).key("robots", "r1"), encode(robot)))
     options = ("--deadline", "600", "--value", "2.5", "--robot", "r1", "--group", "a", "--needs", "arm")
     assert lab.run("send", "(done a)", *options) == 0
     goal_id = capsys.readouterr().out.strip()

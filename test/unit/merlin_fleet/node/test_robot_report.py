@@ -17,6 +17,7 @@ from merlin_fleet.node.executor_body import NO_EXECUTOR
 from merlin_fleet.node.robot_report import RobotReport, own_page
 from merlin_ros.master.master_link import ERRORS
 
+HELD = "the base is held by Ana since 0.0 s"
 LIMIT = 60.0  # s for anything that has to happen
 
 
@@ -31,6 +32,7 @@ class Robot:
         self.stamp = 0.0
         self.order: List[str] = []  # what a stop does
         self.answers = True  # the guard does
+        self.held = ""  # what the guard says of it
         self.parameters: Dict[str, Any] = {"/world/points_of_interest": {"hall": {"x": 1.5, "y": 2.0}}}
         self._receive: Dict[str, Callable[[Any], None]] = {}
         monkeypatch.setattr(rospy, "Subscriber", self._subscribe)
@@ -43,7 +45,6 @@ class Robot:
         monkeypatch.setattr(robot_report, "RobotGuards", lambda: self)
         monkeypatch.setattr(robot_report, "bounded_master", lambda: self)
         monkeypatch.setattr(robot_report, "LOOK", 0.02)
-        monkeypatch.setattr(robot_report, "FRESH", LIMIT)
         self.namespace = "/"
         self.report = RobotReport("merlin/execute", lambda: self.alive, "", self._take)
         self.report.start()
@@ -90,10 +91,19 @@ class Robot:
     def stop(self, by: str) -> None:
         self.order.append(f"stop by {by}")
 
-    def wait_held(self) -> Dict[str, bool]:
-        if self.answers:
-            self.say("merlin/guard", GuardStatus(state=GuardStatus.STOPPED, reason="stopped by Ana"))
-        return {"": self.answers}
+    def wait_held(self, limit: float = 1.0) -> Dict[str, bool]:
+        if self.answers and limit:
+            self.held = HELD  # the report hears of it when all that waits for it has heard
+        return {"": bool(self.held)}
+
+    def holders_now(self) -> str:
+        return self.held
+
+    def confirm(self, held: str) -> None:
+        """The guard says that it holds the base, or does not."""
+        self.held = held
+        state = GuardStatus.STOPPED if held else GuardStatus.IDLE
+        self.say("merlin/guard", GuardStatus(state=state, reason=held))
 
 
 @pytest.fixture
@@ -131,30 +141,38 @@ def test_what_is_not_known_is_not_said(robot: Robot) -> None:
     robot.until(lambda said: said.x is None)
 
 
-@pytest.mark.parametrize(("answers", "hold"), [(True, "the base is held by Ana since 0.0 s"), (False, "")])
-def test_a_stop_is_said_to_be_obeyed_with_what_the_guard_says(robot: Robot, answers: bool, hold: str) -> None:
-    robot.answers = answers
-    obeyed: List[Tuple[int, str]] = []
+def stopped(robot: Robot) -> Tuple[List[str], threading.Event]:
+    """Stops the robot; what it has said when it calls the stop obeyed, and whether it does."""
+    holds: List[str] = []
     done = threading.Event()
+    robot.report.halt(Halt("Ana", 5.0, 17), lambda: (holds.append(robot.said[-1].hold), done.set())[0])
+    return holds, done
 
-    def take() -> None:
-        obeyed.append((robot.said[-1].stop, robot.said[-1].hold))
-        done.set()
 
-    robot.report.halt(Halt("Ana", 5.0, 17), take)
+def test_a_stop_is_obeyed_when_the_status_says_how_the_guard_holds(robot: Robot) -> None:
+    holds, done = stopped(robot)
     assert done.wait(LIMIT)
     assert robot.order == ["stop by Ana", "cancel"]
-    assert robot.until(lambda said: said.stop == 17).hold == hold
-    assert obeyed[0][0] == 17
-    assert robot.report.hold() == hold, "it takes no goals meanwhile"
+    assert holds == [HELD]
+    assert robot.said[-1].stop == 17
+    assert robot.report.hold() == HELD, "it takes no goals meanwhile"
 
 
-def test_a_guard_that_says_nothing_more_confirms_nothing(
-    robot: Robot, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    robot.say("merlin/guard", GuardStatus(state=GuardStatus.STOPPED, reason="stopped by Ana"))
+def test_a_stop_is_not_obeyed_before_the_guard_confirms_it(robot: Robot) -> None:
+    robot.answers = False
+    _, done = stopped(robot)
+    assert robot.until(lambda said: said.stop == 17).hold == ""
+    robot.confirm("")  # it is back, and has not heard of the stop yet
+    assert not done.is_set()
+    robot.confirm(HELD)
+    assert done.is_set()
+    robot.until(lambda said: said.hold == HELD)
+
+
+def test_a_guard_that_says_nothing_more_confirms_nothing(robot: Robot) -> None:
+    robot.confirm(HELD)
     robot.until(lambda said: bool(said.hold))
-    monkeypatch.setattr(robot_report, "FRESH", 0.0)
+    robot.held = ""
     robot.until(lambda said: not said.hold)
 
 

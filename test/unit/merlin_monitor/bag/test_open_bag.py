@@ -70,11 +70,12 @@ def reports(name: str) -> DiagnosticArray:
     return DiagnosticArray(status=[DiagnosticStatus(name=f"{name}: life", message="well")])
 
 
-def record(path: Path, begin: float, *told: Told, panels: Any = ()) -> Path:
+def record(path: Path, begin: float, *told: Told, panels: Any = (), **more: Any) -> Path:
     """A bag of the robot ann: topics, messages, s after the begin, nodes that published them."""
     parameters = {
         "/ann/world": {"points_of_interest": {"kitchen": KITCHEN}},
         "/ann/merlin_monitor/panels": list(panels),
+        **more,
     }
     first = (f"/ann/{PARAMETERS}", String(yaml.safe_dump(parameters)), 0.0, "/ann/recorded_state")
     with rosbag.Bag(str(path), "w") as bag:
@@ -148,6 +149,15 @@ def test_any_moment_is_what_the_bag_has_told_until_then(tmp_path: Path) -> None:
     assert not opened.at(BEGIN + 4.0)["said"]["entries"]
     assert late["map"]["points"]["kitchen"][:2] == [4.0, 2.0]
     assert {panel["name"] for panel in late["meta"]["panels"]} > {"now", "plan", "map", "machines"}
+
+
+@pytest.mark.usefixtures("no_master")
+def test_its_words_are_those_of_the_sentences_in_the_bag(tmp_path: Path) -> None:
+    kept = {"file": "/nowhere/sentences.yaml", "text": "predicates: {served: {en: the tea is there}}"}
+    status = stamped(ExecutorStatus(state=ExecutorStatus.RUNNING, goals=["(served)"]), BEGIN + 1)
+    told = ("/ann/merlin/status", status, 1.0, "/ann/executor")
+    opened = Opened(record(tmp_path / "run.bag", BEGIN, told, **{"/ann/merlin/sentences": kept}))
+    assert "the tea is there" in json.dumps(opened.at(BEGIN + 1.0))
 
 
 @pytest.mark.usefixtures("no_master")

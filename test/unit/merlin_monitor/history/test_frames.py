@@ -1,16 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """What was shown comes back: any changes, any moment; bounded, and readable after any end."""
 
+import itertools
 import json
 import sqlite3
 import threading
 from pathlib import Path
-from typing import Any, Dict, List, Tuple
+from typing import Any, Callable, Dict, List, Tuple
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from merlin_monitor.bag.bag_import import RecordedModel
 from merlin_monitor.history.event_log import Neighbour
 from merlin_monitor.history.frames import Frame
 from merlin_monitor.history.history_file import VERSION, HistoryError
@@ -40,12 +42,14 @@ class Recorded:
         self.path = folder / "history.sqlite"
         self.store = HistoryStore(self.path, 100, **options)
         self.tick = 0.0
+        self.meanwhile: Callable[[], Any] = lambda: None
         self.store.now = lambda: self.tick  # type: ignore[assignment, misc]
         self.recorder = Recorder(self.tree, self.store.add_frame, self._clock)
         self.recorder._feed = self.tree.subscribe(lambda: None)  # its thread is not started: frames are ours
         self.states: List[Tuple[float, Dict[str, Any]]] = []
 
     def _clock(self) -> float:
+        self.meanwhile()
         self.tick += 1.0
         return self.tick
 
@@ -99,6 +103,36 @@ def test_any_moment_is_what_was_shown_then(
             assert state_at(reader, run, wall + 0.5) == state
         assert state_at(reader, run, 1.0) == recorded.states[0][1]
         reader.close()
+
+
+def test_an_event_leads_to_what_it_is_about_although_that_was_recorded_before_it(tmp_path: Path) -> None:
+    clock = itertools.count(100.0)
+    model = RecordedModel(tmp_path / "h", lambda: next(clock), print)
+    model.start()
+    for number in (1, 2):
+        model.tree.set("now", "doing", number)
+        model.record()  # a frame of the recorder's thread, between a change and the report of it
+        model.report(Event("action", f"doing {number}", 0.0))
+        model.record()
+    model.settle()
+    assert model.history is not None
+    for event in model.history.export().result(LIMIT):
+        frames = json.loads(model.history.segment(event["run"], 1e12).result(LIMIT) or "")["frames"]
+        first = next(wall for wall, *_ in frames if wall >= event["wall"])
+        assert f"doing {state_at(model.history, event['run'], first)['now']['doing']}" == event["text"]
+    model.stop()
+
+
+def test_a_frame_has_all_that_was_changed_by_its_time(tmp_path: Path) -> None:
+    recorded = Recorded(tmp_path)
+    for number in range(3):
+        # While a frame is taken, another thread changes something, before the time that the frame gets.
+        recorded.meanwhile = lambda number=number: recorded.tree.set("plan", "number", number)
+        recorded.recorder.mark()
+        recorded.recorder.take()
+        reader = recorded.store
+        assert state_at(reader, reader.run, recorded.tick)["plan"]["number"] == number
+    recorded.store.close()
 
 
 def test_more_changes_than_a_feed_keeps_are_a_whole_state(tmp_path: Path) -> None:

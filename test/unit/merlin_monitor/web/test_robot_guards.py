@@ -8,7 +8,7 @@ import rospy
 from merlin_msgs.msg import GuardStatus
 
 from merlin_monitor.web import robot_guards
-from merlin_monitor.web.robot_guards import START, RobotGuards
+from merlin_monitor.web.robot_guards import FRESH, START, RobotGuards
 
 
 class Robots:
@@ -99,3 +99,12 @@ def test_what_was_released_is_not_taken_up(robots: Robots) -> None:
     monitor.release()
     robots.say("tom", stopped_by="Ana")
     assert not monitor.stop_stands
+
+
+def test_who_holds_now_is_what_a_guard_says_that_still_speaks(robots: Robots) -> None:
+    monitor = robots.monitor()
+    assert monitor.holders_now() == ""
+    robots.say("merlin", stopped_by="Ana")
+    assert monitor.holders_now().startswith("the base is held by Ana")
+    robots.now += FRESH + 0.1
+    assert monitor.holders_now() == "" and monitor.holders_but("Bob")

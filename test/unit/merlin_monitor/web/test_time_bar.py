@@ -46,21 +46,22 @@ def does(served: Served, number: int, mark: str = "") -> None:
     tree.set("now", "said", {"doing": f"doing {number}"})
     tree.set("now", "doing", f"doing {number}")
     served.state.report(Event("action", f"event {number}", float(number), {}, mark))
-    recorded(served, f"doing {number}")
+    assert served.state.history is not None
+    recorded(served, f"doing {number}", served.state.history.now())
 
 
-def recorded(served: Served, doing: str) -> None:
-    """Waits until this is in the history."""
+def recorded(served: Served, doing: str, since: float) -> None:
+    """Waits until this is in the history, as shown then or later; s since 1970."""
     history = served.state.history
     assert history is not None
     end = time.monotonic() + LIMIT
     while time.monotonic() < end:
         segment = json.loads(history.segment(history.run, 1e12).result(LIMIT) or "null")
         if segment is not None:
-            state = segment["frames"][0][2]
-            for _, _, changes, _ in segment["frames"][1:]:
+            (_, _, state, _), *later = segment["frames"]
+            for _, _, changes, _ in later:
                 apply_changes(state, changes)
-            if state["now"]["doing"] == doing:
+            if state["now"]["doing"] == doing and segment["frames"][-1][0] >= since:
                 return
         time.sleep(0.02)
     raise AssertionError("the recorder does not record")
@@ -141,6 +142,41 @@ def test_keys_lead_from_event_to_event_and_back_to_the_present(shown: Served, br
     assert not visit.page.is_visible("#past-banner") and "#" not in visit.page.url
     assert not visit.page.title().startswith("PAST")
     assert visit.complaints == []
+    visit.close()
+
+
+def test_a_moment_that_comes_late_is_not_shown_any_more(shown: Served, browser: Any) -> None:
+    for number in range(4):
+        does(shown, number, "failure" if number == 1 else "")
+    visit = Visit(browser, shown.url)
+    visit.wait_text("#now-doing", "doing 3")
+    visit.wait_text("#connection", "live")
+    other = visit.page.locator(".event", has_text="event 2").locator("a.at").get_attribute("href")
+    for leave, doing in (("live", "doing 3"), (other, "doing 2")):
+        held: List[Any] = []
+        visit.page.route("**/past/segment?*", lambda route: held.append(route), times=1)  # noqa: B023
+        visit.page.keyboard.press("Shift+F")  # to event 1
+        while not held:
+            visit.page.wait_for_timeout(20)
+        if leave == "live":
+            visit.page.keyboard.press("l")
+        else:
+            visit.page.evaluate("(hash) => { location.hash = hash; }", leave)
+            past(visit, doing)
+        with visit.page.expect_response("**/past/segment?*") as answer:
+            held[0].continue_()
+        answer.value.finished()
+        # What the page makes of it is drawn with the next frame.
+        visit.page.evaluate("() => fetch('past/runs').then((answer) => answer.json())")
+        visit.page.evaluate(
+            "() => new Promise((drawn) => requestAnimationFrame(() => requestAnimationFrame(drawn)))"
+        )
+        assert visit.text("#now-doing") == doing
+        assert visit.page.is_visible("#past-banner") == (leave != "live")
+        visit.page.keyboard.press("l")
+        visit.page.reload()  # without the segments that it has
+        visit.wait_text("#now-doing", "doing 3")
+        visit.wait_text("#connection", "live")
     visit.close()
 
 

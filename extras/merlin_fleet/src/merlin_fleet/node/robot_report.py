@@ -12,13 +12,12 @@ import tf2_ros
 from actionlib_msgs.msg import GoalID
 from merlin_msgs.msg import ExecutorStatus, GuardStatus
 
-from merlin_executor.core.base_hold import hold_words
 from merlin_fleet.core.records import STATUS, Halt, Status
 from merlin_fleet.node.executor_body import NO_EXECUTOR
 from merlin_monitor.access.web_access import is_loopback
 from merlin_monitor.listeners.ros_system import RosSystem
 from merlin_monitor.state.map_section import read_points
-from merlin_monitor.web.robot_guards import FRESH, RobotGuards
+from merlin_monitor.web.robot_guards import RobotGuards
 from merlin_ros.master.master_link import ERRORS, bounded_master
 
 LOOK = 2.0  # s between two looks where it is
@@ -60,8 +59,8 @@ class RobotReport:
         self._changed = threading.Condition()  # guards the fields below
         self._executor: Optional[ExecutorStatus] = None
         self._guard: Optional[GuardStatus] = None
-        self._guard_at = 0.0
         self._stop = 0
+        self._obeyed: Optional[Callable[[], None]] = None  # of a stop that the guard has not confirmed
         self._news = True
         self._closed = False
         rospy.Subscriber("merlin/status", ExecutorStatus, self._take_executor, tcp_nodelay=True)
@@ -81,17 +80,13 @@ class RobotReport:
     def halt(self, halt: Halt, obeyed: Callable[[], None]) -> None:
         """Has the guard hold the base until a release there, and cancels all requests; returns at once.
 
-        :param obeyed: called when the status says how it went.
+        :param obeyed: called when the guard has confirmed it. The status says after 1 s whether it has.
         """
         threading.Thread(target=self._halt, args=(halt, obeyed), name="fleet halt", daemon=True).start()
 
     def hold(self) -> str:
         """How the base is held, as a sentence; empty: its guard does not say so now."""
-        with self._changed:
-            guard, silence = self._guard, time.monotonic() - self._guard_at
-            if guard is None or guard.state != GuardStatus.STOPPED or silence > FRESH:
-                return ""
-            return _short(hold_words("", guard.reason, guard.since.to_sec()))
+        return _short(self._guards.holders_now())
 
     def _halt(self, halt: Halt, obeyed: Callable[[], None]) -> None:
         self._guards.stop(halt.by)
@@ -99,9 +94,18 @@ class RobotReport:
         rospy.logwarn(f"{halt.by} stops this robot from the fleet's page; it is held until merlin/release")
         self._guards.wait_held()
         with self._changed:
-            self._stop = halt.revision
+            self._stop, self._obeyed = halt.revision, obeyed
         self._say(self._status())
-        obeyed()
+        self._look_whether_held()
+
+    def _look_whether_held(self) -> None:
+        """A stop stays in the hub until the guard has confirmed it, also over a new start of either."""
+        held = all(self._guards.wait_held(0.0).values())
+        with self._changed:
+            obeyed = self._obeyed if held else None
+            self._obeyed = None if held else self._obeyed
+        if obeyed is not None:
+            obeyed()
 
     def _take_executor(self, message: ExecutorStatus) -> None:
         with self._changed:
@@ -110,10 +114,11 @@ class RobotReport:
 
     def _take_guard(self, message: GuardStatus) -> None:
         with self._changed:
-            before, self._guard, self._guard_at = self._guard, message, time.monotonic()
+            before, self._guard = self._guard, message
             if before is None or (before.state, before.reason) != (message.state, message.reason):
                 self._news = True
                 self._changed.notify()
+        self._look_whether_held()
 
     def _work(self) -> None:
         said, said_at = Status(), -math.inf

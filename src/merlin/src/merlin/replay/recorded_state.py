@@ -4,7 +4,7 @@
 It begins together with ``rosbag record``; see ``record.launch``.
 """
 
-from typing import Any, Dict
+from typing import Any, Dict, Optional
 
 import rospy
 import yaml
@@ -13,14 +13,16 @@ from rosplan_knowledge_msgs.msg import KnowledgeItem
 from std_msgs.msg import String
 
 from merlin_monitor.bag.recorded_topics import KNOWLEDGE, PARAMETERS
-from merlin_monitor.panels.control import SENTENCES
+from merlin_monitor.listeners.ros_system import RosSystem
+from merlin_monitor.panels.control import SENTENCES, path_of_node
+from merlin_monitor.text.sentences import read_sentences
 from merlin_planning.knowledge_client import KnowledgeClient
 from merlin_ros.node import run_node
 from merlin_ros.robot_values import ROBOTS
 from merlin_ros.service_proxy import ServiceError
 
 #: Parameters that the page and rviz read, below the robot's namespace.
-READ = ("world", "robot_description", ROBOTS, SENTENCES)
+READ = ("world", "robot_description", ROBOTS)
 #: Parameters of the monitor that say what it shows; its address and its operators are its own.
 MONITOR = ("panels", "map_topic", "people_topic", "global_frame", "base_frame")
 #: Named as the client that made what was known when the recording began.
@@ -34,7 +36,7 @@ def main() -> int:
 
 def _start() -> Any:
     parameters = rospy.Publisher(PARAMETERS, String, queue_size=1, latch=True)
-    parameters.publish(String(yaml.safe_dump(_parameters())))
+    parameters.publish(String(yaml.safe_dump(recorded_parameters())))
     publisher = rospy.Publisher(KNOWLEDGE, KnowledgeChanges, queue_size=1, latch=True)
     client = KnowledgeClient(str(rospy.get_param("~knowledge_base", "rosplan_knowledge_base")))
 
@@ -66,7 +68,23 @@ def _instance(kind: str, name: str) -> KnowledgeItem:
     return KnowledgeItem(knowledge_type=KnowledgeItem.INSTANCE, instance_type=kind, instance_name=name)
 
 
-def _parameters() -> Dict[str, Any]:
+def recorded_parameters() -> Dict[str, Any]:
+    """Parameters by their global names; the sentences as a file with its text."""
     wanted = [*READ, *(f"merlin_monitor/{name}" for name in MONITOR)]
     found = {rospy.resolve_name(name): rospy.get_param(name, None) for name in wanted}
+    found[rospy.resolve_name(SENTENCES)] = _sentences()
     return {name: value for name, value in found.items() if value is not None}
+
+
+def _sentences() -> Optional[Dict[str, str]]:
+    """File and text of the sentences, since the file may change; None: there are none."""
+    file = path_of_node(RosSystem(), SENTENCES)
+    if file is None:
+        return None
+    try:
+        text = file.read_text(encoding="utf-8")
+        read_sentences(file, text)
+    except (OSError, ValueError) as error:
+        rospy.logwarn(f"the recording has no sentences: {error}")
+        return None
+    return {"file": str(file), "text": text}

@@ -77,7 +77,7 @@ class BagRecording:
 
     :ivar path: of the bag.
     :ivar namespace: of the robot, without slashes at its ends.
-    :ivar parameters: by absolute name; a file of sentences only where it is on this computer, too.
+    :ivar parameters: by absolute name; the sentences as `file` and `text`, not in older recordings.
     :ivar topics: name → type.
     :ivar begin, end: s of ROS time.
     :ivar length: s.
@@ -110,7 +110,7 @@ class BagRecording:
         self.written = self.path.stat().st_mtime
         self.namespace = states[0][: -len(PARAMETERS)].strip("/")
         for message in self.of_topic(states[0]):
-            self.parameters = _found_here(yaml.safe_load(message.read().data))
+            self.parameters = _kept(yaml.safe_load(message.read().data))
         self._check_versions(checksums)
 
     def write(self, target: Path, start: float = 0.0) -> None:
@@ -252,9 +252,9 @@ def parameter_tree(parameters: Dict[str, Any]) -> Dict[str, Any]:
     return tree
 
 
-def _found_here(parameters: Dict[str, Any]) -> Dict[str, Any]:
+def _kept(parameters: Dict[str, Any]) -> Dict[str, Any]:
     return {
         name: value
         for name, value in parameters.items()
-        if not name.endswith(f"/{SENTENCES}") or Path(str(value)).is_file()
+        if not name.endswith(f"/{SENTENCES}") or isinstance(value, dict)
     }

@@ -20,7 +20,7 @@ from merlin_ros.parameters import ParameterError
 
 #: Value of a parameter for: none; roslaunch drops an argument that is empty.
 NONE = "none"
-#: Names the file of the sentences for the page, the terminal view and rviz.
+#: Names the file of the sentences for page, terminal view and rviz; recorded: its `file` and `text`.
 SENTENCES = "merlin/sentences"
 LONGEST = 4000  # characters of a goal
 MOST = 200  # goals
@@ -150,8 +150,11 @@ def sentences_of_node(ros: RosSystem, needed: bool = True) -> Sentences:
         file of a robot is not on each computer.
     :raises ParameterError: when it cannot be used.
     """
-    path = path_of_node(ros, SENTENCES)
+    recorded = ros.parameter(SENTENCES, "")
     try:
+        if isinstance(recorded, dict):
+            return read_sentences(Path(str(recorded.get("file"))), str(recorded.get("text")))
+        path = path_of_node(ros, SENTENCES)
         return Sentences() if path is None else read_sentences(path)
     except SentencesError as error:
         if needed:

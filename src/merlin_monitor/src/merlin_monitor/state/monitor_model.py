@@ -137,6 +137,7 @@ class MonitorModel:
         self.on_event(event)
         if self.history is not None:
             self.history.add(event)
+            self._recorder.mark()
 
     def _keep_picture(self, name: str, version: str, picture: bytes) -> None:
         if self.history is not None:

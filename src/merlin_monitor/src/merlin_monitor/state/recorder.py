@@ -32,6 +32,7 @@ class Recorder:
         self._put = put
         self._clock = clock
         self._changed = threading.Event()
+        self._marked = threading.Event()
         self._stopped = threading.Event()
         self._segment, self._number = segment, 0
         self._room = 0  # characters that the segment may still take
@@ -49,6 +50,14 @@ class Recorder:
     def follow(self) -> None:
         """Begins without a thread: the caller takes the frames."""
         self._feed = self._tree.subscribe(self._changed.set)
+
+    def mark(self) -> None:
+        """Has the next frame put also when nothing changes: it is of the time of an event, or later.
+
+        What an event is about may be in a frame from before it, and the one after it be about something else.
+        """
+        self._marked.set()
+        self._changed.set()
 
     def stop(self) -> None:
         """Records what has changed until now, and ends."""
@@ -68,13 +77,17 @@ class Recorder:
                 return
 
     def take(self) -> None:
-        """Puts a frame for the changes until now, if there are any."""
+        """Puts a frame for the changes until now, if there are any, or an event."""
+        marked = self._marked.is_set()
+        if marked:
+            self._marked.clear()
+        # Before the changes are taken: a frame of a time has all that was changed by then.
+        wall = self._clock()
         version, changes = self._feed.take()
         kept = [change for change in changes.as_list() if change[0][0] not in LEFT_OUT]
-        if not kept and not changes.whole and self._pack is not None:
+        if not kept and not changes.whole and not marked and self._pack is not None:
             return
         text = _compact(kept)
-        wall = self._clock()
         if changes.whole or len(text) > self._room or wall > self._until:
             self._begin_segment(wall)
             # What changed since the feed was read is in here, and comes again: that changes nothing.

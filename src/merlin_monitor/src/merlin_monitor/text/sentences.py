@@ -3,7 +3,7 @@
 
 import re
 from pathlib import Path
-from typing import Any, Dict, Iterable, List, Mapping, NamedTuple, Sequence, Set, Tuple
+from typing import Any, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
 
 from merlin_monitor.text.yaml_file import YamlFileError, read_yaml
 from merlin_pddl.text_reader import suggestion
@@ -52,13 +52,14 @@ class Sentences(NamedTuple):
     optional: Sequence[str] = ()
 
 
-def read_sentences(path: Path) -> Sentences:
+def read_sentences(path: Path, text: Optional[str] = None) -> Sentences:
     """The sentences of a file; none where it has comments only.
 
+    :param text: that it had when something was recorded; None: it is read now.
     :raises SentencesError: when it cannot be used.
     """
     try:
-        found = read_yaml(path, FILE)
+        found = read_yaml(path, FILE, text)
     except YamlFileError as error:
         raise SentencesError([str(error)]) from error
     reader = _Reader(f"{FILE} {path}")

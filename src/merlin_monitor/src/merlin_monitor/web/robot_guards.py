@@ -66,21 +66,29 @@ class RobotGuards:
             if not guard.confirmed:
                 guard.stops.publish(String(by))
 
-    def wait_held(self) -> Dict[str, bool]:
-        """Waits at most 1 s for the guards to confirm a stop; returns which have, by their robots."""
+    def wait_held(self, limit: float = ANSWERS) -> Dict[str, bool]:
+        """Waits for the guards to confirm a stop; returns which have, by their robots.
+
+        :param limit: s of wall time.
+        """
         with self._changed:
-            self._changed.wait_for(
-                lambda: all(guard.confirmed for guard in self._counting().values()), ANSWERS
-            )
+            self._changed.wait_for(lambda: all(guard.confirmed for guard in self._counting().values()), limit)
             return {robot: guard.confirmed for robot, guard in self._counting().items()}
 
     def holders_but(self, by: str) -> str:
         """Who holds bases beside an operator, and since when; empty: no other operator."""
+        return self._holders(lambda guard, reason: holder_of(reason) != by)
+
+    def holders_now(self) -> str:
+        """Who holds bases, and since when; empty: no guard says so now."""
+        return self._holders(lambda guard, reason: not guard.silent)
+
+    def _holders(self, counts: Callable[["_Guard", str], bool]) -> str:
         with self._changed:
             return " and ".join(
                 hold_words(robot, guard.status.reason, guard.status.since.to_sec())
                 for robot, guard in self._guards.items()
-                if guard.status is not None and guard.stopped and holder_of(guard.status.reason) != by
+                if guard.status is not None and guard.stopped and counts(guard, guard.status.reason)
             )
 
     def release(self) -> Dict[str, str]:
