@@ -12,11 +12,11 @@ from merlin_msgs.msg import DispatchStatus
 
 from merlin_pddl.checks import validate
 from merlin_rosplan.nodes.planner_interface import PlannerInterface
-from merlin_rosplan.planning import planner_presets
+from merlin_rosplan.planning import planner_engines
+from merlin_rosplan.planning.planner import PlannerState
 from merlin_rosplan.planning.planner_command import parse_command
 from merlin_rosplan.planning.planner_engines import _parts as parts_of
-from merlin_rosplan.planning.planner_presets import expand, is_preset
-from merlin_rosplan.planning.planning_outcome import PlannerState
+from merlin_rosplan.planning.planner_engines import expand, is_preset
 
 ROOT = Path(__file__).parents[3]
 PLANNERS = (ROOT / "docs" / "planners.md").read_text()
@@ -55,9 +55,9 @@ def test_the_commands_that_install_planners_name_packages_and_variable_of_the_co
     assert shlex.split(venv)[:3] == ["python3", "-m", "venv"]
     program, verb, *packages = shlex.split(pip)
     assert (program, verb) == (f"{folder}/bin/pip", "install")
-    looked_in = {preset.package for preset in planner_presets._PRESETS.values()} | {"unified_planning"}
+    looked_in = {preset.package for preset in planner_engines._PRESETS.values()} | {"unified_planning"}
     assert {package.replace("-", "_") for package in packages} == looked_in
-    assert export == f"export {planner_presets.PLANNERS}={folder}"
+    assert export == f"export {planner_engines.PLANNERS}={folder}"
     assert subprocess.run(["bash", "-n", "-c", block], check=False).returncode == 0
 
 

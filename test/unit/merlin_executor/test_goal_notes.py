@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from merlin_executor.goals.goal_notes import GoalNotes
+from merlin_executor.goals.goal_ledger import GoalNotes
 
 
 def test_what_is_noted_is_on_the_disk_before_the_goal_is_added(

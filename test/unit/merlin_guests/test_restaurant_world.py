@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from merlin_guests.restaurant_world import restaurant_world
+from merlin_guests.players_node import restaurant_world
 from merlin_sim.world.world_file import WorldError, find_world
 
 

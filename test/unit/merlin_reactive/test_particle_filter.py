@@ -10,7 +10,7 @@ import pytest
 from merlin_reactive.localization.particle_filter import FilterSettings, Localizer, ParticleFilter
 from merlin_reactive.occupancy_grid import OCCUPIED, OccupancyGrid
 from merlin_reactive.pose import Pose, wrap
-from merlin_sim.robot.ray_casting import ScanOutlines
+from merlin_sim.robot.lidar import ScanOutlines
 from merlin_sim.world.survey import map_of
 from merlin_sim.world.world_file import load_world
 

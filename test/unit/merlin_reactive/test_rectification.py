@@ -10,8 +10,7 @@ import pytest
 from cv_bridge import CvBridge
 from sensor_msgs.msg import CameraInfo, Image
 
-from merlin_reactive.recognition.image_source import NoPicture
-from merlin_reactive.recognition.rectification import rectified
+from merlin_reactive.recognition.image_source import NoPicture, rectified
 
 BRIDGE = CvBridge()
 K = [300.0, 0.0, 160.0, 0.0, 300.0, 120.0, 0.0, 0.0, 1.0]

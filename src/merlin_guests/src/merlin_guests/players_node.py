@@ -12,18 +12,43 @@ from rospy.core import is_shutdown_requested
 
 from merlin_guests.barman import NAME as BARMAN
 from merlin_guests.barman import Barman
-from merlin_guests.guest import Guest
+from merlin_guests.guest import CHAIR_NAME, Guest
 from merlin_guests.house import BAR, House
-from merlin_guests.places import Places
-from merlin_guests.restaurant_world import restaurant_world
-from merlin_guests.schedule import DISTURBANCES, GuestPlan, ScheduleError, make_schedule
+from merlin_guests.places import ENTRANCE_DOOR, Places
+from merlin_guests.schedule import DISTURBANCES, TABLES, GuestPlan, ScheduleError, make_schedule
 from merlin_guests.stage import Closed, PlayError, Stage
 from merlin_ros.node import init_node
 from merlin_ros.parameters import ParameterError, number, whole
 from merlin_ros.service_proxy import ServiceError
 from merlin_ros.work.threads import start_thread
-from merlin_sim.world.world_file import WorldError
+from merlin_sim.world.world_file import WorldError, find_world, load_world
 from merlin_sim.world.world_model import World
+
+
+def restaurant_world(name: str) -> World:
+    """Loads a world in which a restaurant can be played.
+
+    :param name: a world file, or the name of one of merlin_sim.
+    :raises WorldError: when it cannot be read, or lacks what the players use.
+    """
+    path = find_world(name)
+    world = load_world(path)
+    missing = _missing(world)
+    if missing:
+        raise WorldError(f"{path} is not a restaurant: it has no {', no '.join(missing)}")
+    return world
+
+
+def _missing(world: World) -> List[str]:
+    furniture = [solid.name for solid in (*world.furniture, *world.unmapped)]
+    needed = (
+        ("door", [ENTRANCE_DOOR], [door.name for door in world.doors]),
+        ("piece of furniture", [BAR, *TABLES, CHAIR_NAME], furniture),
+        ("person", [BARMAN], [person.name for person in world.people]),
+        ("point of interest", ["entrance", "bar", *TABLES], world.points_of_interest),
+    )
+    return [f"{what} {name!r}" for what, names, there in needed for name in names if name not in there]
+
 
 STARTUP = 60.0  # s of wall time for the simulator and the voices
 LISTENED = 20.0  # s of running time to wait for a subscriber of the events

@@ -4,7 +4,7 @@
 import pytest
 from merlin_msgs.msg import ListenResult, RecognizeResult
 
-from merlin_actions.testing.scripted_results import ScriptedResults
+from merlin_actions.testing.result_script import ScriptedResults
 from merlin_sm.states.recognition import recognized
 
 

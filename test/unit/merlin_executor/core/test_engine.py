@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from merlin_executor.core.engine import Engine, Job, Stages
 from merlin_executor.core.outcome import Outcome, Verdict
 from merlin_executor.goal_check import GoalError, check_atom
-from merlin_executor.goals.goal_notes import GoalNotes, NotesError
+from merlin_executor.goals.goal_ledger import GoalNotes, NotesError
 
 LONG = 60.0
 

@@ -7,7 +7,7 @@ import pytest
 from diagnostic_msgs.msg import KeyValue
 from rosplan_knowledge_msgs.msg import DomainAssignment, DomainFormula, DomainOperator, KnowledgeItem
 
-from merlin_monitor.web.hand_changes import HandChanges
+from merlin_monitor.web.robot_planning import HandChanges
 from merlin_planning.knowledge_client import function_value, parse_changes
 from merlin_planning.knowledge_text import to_pddl
 

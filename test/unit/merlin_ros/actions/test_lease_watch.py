@@ -14,6 +14,7 @@ from merlin_ros.actions.client_goal import ClientGoal
 from merlin_ros.actions.lease import LeaseState
 from merlin_ros.actions.lease_watch import LeaseWatch
 from merlin_ros.alarms import Alarm
+from merlin_ros.work import threads
 
 LONG = 60.0
 
@@ -66,6 +67,19 @@ def test_a_change_that_cannot_be_dealt_with_hides_no_later_one(
     assert [lost.get(timeout=LONG) for _ in range(2)] == ["goal of /a", "goal of /b"]
     watch.shutdown()
     assert "'owners /drive/lease'" in caplog.text and "ValueError: broken" in caplog.text
+
+
+def test_a_watch_that_is_only_asked_starts_no_thread(
+    watched: Watched, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    started: List[str] = []
+    monkeypatch.setattr(threads, "start_thread", lambda name, *_: started.append(name))
+    watch = LeaseWatch("dispatch/lease")
+    watched.receive(Lease(owner="/a", life="1", held=["goal"], suspended=[]))
+    watched.receive(Lease(owner="/a", life="2", held=[], suspended=[]))  # another life: the goal is lost
+    assert watch.state("goal") is LeaseState.LOST
+    assert not started
+    watch.shutdown()
 
 
 def test_the_end_of_a_goal_stays_its_end_when_its_client_fails(monkeypatch: pytest.MonkeyPatch) -> None:

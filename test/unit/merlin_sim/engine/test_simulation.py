@@ -12,7 +12,7 @@ from merlin_reactive.pose import Pose
 from merlin_sim.engine.simulation import RobotSpec, Simulation
 from merlin_sim.robot.camera import CameraModel
 from merlin_sim.robot.diff_drive import OdometryNoise
-from merlin_sim.robot.ray_casting import ScanOutlines
+from merlin_sim.robot.lidar import ScanOutlines
 from merlin_sim.world.world_file import load_world
 from merlin_sim.world.world_model import DoorEvent, MoveEvent, Person, Solid
 

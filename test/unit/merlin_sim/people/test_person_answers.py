@@ -6,8 +6,7 @@ import math
 import pytest
 
 from merlin_reactive.seeded_random import draw
-from merlin_sim.people.listener import HearingPerson, nearest
-from merlin_sim.people.person_answers import Answers
+from merlin_sim.people.listener import Answers, HearingPerson, nearest
 
 
 def random():

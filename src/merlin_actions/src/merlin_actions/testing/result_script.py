@@ -3,6 +3,8 @@
 
 from typing import Any, Callable, Dict, List, Mapping, Sequence
 
+from genpy.message import MessageException, fill_message_args
+
 from merlin_ros.robot_values import texts
 
 Fields = Dict[str, Any]
@@ -54,3 +56,28 @@ _READERS: Dict[str, Callable[[Sequence[Any]], List[Fields]]] = {
     "answers": _answers,
     "sees": _sees,
 }
+
+
+class ScriptedResults:
+    """The results of an action's goals, one after the other; the last one stays.
+
+    :param result_class: the generated ``...Result`` class.
+    :param script: see :func:`fields_of`.
+    :raises ValueError: when the script does not fit the result.
+    """
+
+    def __init__(self, result_class: type, script: Mapping[str, Any]) -> None:
+        self._class = result_class
+        self._fields = fields_of(script)
+        for number in range(len(self._fields)):
+            self.result(number)
+
+    def result(self, number: int) -> Any:
+        """The result of the goal of that number, counted from 0."""
+        message = self._class()
+        fields = self._fields[min(number, len(self._fields) - 1)]
+        try:
+            fill_message_args(message, [fields])
+        except (MessageException, TypeError, ValueError) as error:
+            raise ValueError(f"{self._class.__name__} cannot be {fields}: {error}") from None
+        return message

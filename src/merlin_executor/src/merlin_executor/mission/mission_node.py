@@ -13,7 +13,7 @@ from rospy.core import is_shutdown_requested
 
 from merlin_executor.core.mission_arguments import arguments_of
 from merlin_executor.executor_client import MerlinExecutorClient
-from merlin_executor.mission.hold_watch import HoldWatch
+from merlin_executor.mission.mission_pause import HoldWatch
 from merlin_executor.mission.mission_reporter import MissionReporter
 from merlin_executor.mission.readiness import NotReady, wait_for_robot
 from merlin_planning.knowledge_client import KnowledgeError

@@ -5,13 +5,49 @@ import threading
 from typing import Callable, List, Optional
 
 import rospy
+from merlin_msgs.msg import ExecutorStatus
 from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
 
 from merlin_executor.executor_request import ExecutorRequest
-from merlin_executor.mission.hold_watch import HoldWatch
 from merlin_executor.mission.mission_progress import PauseSwitch, Switched
 from merlin_executor.resending import END
 from merlin_ros.deadline import Deadline
+
+
+class HoldWatch:
+    """Follows ``merlin/status``.
+
+    :param changed: guards its fields, and is notified when the Executor has said something.
+    """
+
+    def __init__(self, changed: threading.Condition) -> None:
+        self._changed = changed
+        self.waits = ""
+        """What the Executor waits for, a sentence; empty: no base is held."""
+        self.releases = 0
+        """How many holds have ended so far."""
+        self._status = rospy.Subscriber("merlin/status", ExecutorStatus, self._receive, tcp_nodelay=True)
+
+    def wait_released(self, tell: Callable[[str], None]) -> None:
+        """Waits until no base is held, or the node shuts down.
+
+        :param tell: called with what it waits for, unless it does not wait.
+        """
+        with self._changed:
+            if self.waits:
+                tell(self.waits)
+            Deadline(None).wait(self._changed, lambda: not self.waits)
+
+    def close(self) -> None:
+        """Ends its subscription."""
+        self._status.unregister()
+
+    def _receive(self, status: ExecutorStatus) -> None:
+        with self._changed:
+            self.releases += bool(self.waits and not status.waits)
+            self.waits = status.waits
+            self._changed.notify_all()
+
 
 #: What a mission does when an operator stops the robot or cancels its goals: it waits for the release, or to
 #: be resumed, and sends them again; it goes on without them; (END) it ends.

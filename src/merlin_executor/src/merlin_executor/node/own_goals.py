@@ -8,8 +8,7 @@ from typing import Deque, List, Optional, Sequence, Union
 import rospy
 from rosplan_knowledge_msgs.msg import KnowledgeItem
 
-from merlin_executor.goals.goal_ledger import GoalLedger
-from merlin_executor.goals.goal_notes import GoalNotes, NotesError
+from merlin_executor.goals.goal_ledger import GoalLedger, GoalNotes, NotesError
 from merlin_planning.knowledge_client import ADD_GOAL, REMOVE_GOAL, KnowledgeClient, KnowledgeError, Update
 from merlin_planning.knowledge_text import PDDLSyntaxError, parse_goal, to_pddl
 from merlin_ros.actions.lease_holder import LIFE, LeaseHolder

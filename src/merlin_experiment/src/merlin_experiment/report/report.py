@@ -8,6 +8,7 @@ from typing import List, Sequence
 
 from merlin_experiment.mission.real_time_factor import SPEECH_AHEAD
 from merlin_experiment.report.analysis import Analysis, Key
+from merlin_experiment.report.figures import figures_section
 from merlin_experiment.report.markdown import (
     APPROACH_NAMES,
     four_figures,
@@ -19,7 +20,6 @@ from merlin_experiment.report.markdown import (
     table,
 )
 from merlin_experiment.report.paper_results import DISTANCE, TIME, paper_ratio
-from merlin_experiment.report.report_figures import figures_section
 from merlin_experiment.report.sensitivity import (
     check_section,
     early_cancel_section,

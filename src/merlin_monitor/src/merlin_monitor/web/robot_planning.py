@@ -1,22 +1,99 @@
 # SPDX-License-Identifier: Apache-2.0
 """What operators ask of planning system and machines: plans, facts, breakpoints, outcomes of states."""
 
-from typing import Any, Callable, Dict, List, Sequence, Tuple
+from typing import Any, Callable, Dict, Iterable, List, Mapping, Optional, Sequence, Set, Tuple
 
 from merlin_msgs.msg import PlannerStatus
 from merlin_msgs.srv import PreviewPlan
+from rosplan_knowledge_msgs.msg import DomainOperator, KnowledgeItem
 
 from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_monitor.text.fact_text import action_text
 from merlin_monitor.text.phrase import Phrase, in_english, say, with_reason
-from merlin_monitor.web.hand_changes import HandChanges
 from merlin_monitor.web.page_control import ControlError
 from merlin_pddl.breakpoints import BreakpointError
-from merlin_planning.knowledge_client import KnowledgeClient, KnowledgeError, parse_changes
+from merlin_planning.knowledge_client import REMOVE, KnowledgeClient, KnowledgeError, Update, parse_changes
 from merlin_planning.knowledge_text import PDDLSyntaxError
 from merlin_ros.parameters import graph_name
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
 from merlin_sm.breakpoint_client import BreakpointClient, Stepped
+
+Key = Tuple[str, ...]  # name and objects, lower-case
+#: Of an operator: what is needed until its end, and what it changes.
+_FIELDS = [f"{when}_{kind}_condition" for when in ("over_all", "at_end") for kind in ("simple", "neg")] + [
+    f"{when}_{kind}_effects" for when in ("at_start", "at_end") for kind in ("add", "del", "assign")
+]
+
+
+class HandChanges:
+    """Changes that are not made yet, beside the knowledge as it is.
+
+    :param knowledge: is asked what holds now.
+    :param updates: facts that become true or false, and values.
+    :raises ServiceError: the knowledge base does not answer.
+    """
+
+    def __init__(self, knowledge: KnowledgeClient, updates: Sequence[Update]) -> None:
+        self._knowledge = knowledge
+        self.new: List[Update] = []
+        """Those that change anything."""
+        back = []
+        for update in updates:
+            before, after = self._before(update.item), _after(update)
+            if before != after:
+                self.new.append(update)
+                if before is not None:  # a number that there was not cannot be taken away
+                    back.append(_text(update.item, before))
+        self.back = f"(and {' '.join(back)})" if len(back) > 1 else "".join(back)
+        """What sets all of it back, as PDDL text; empty: nothing can be set back."""
+
+    def contradicted(self, running: Iterable[Mapping[str, Any]]) -> str:
+        """The running actions that need or change the same, as PDDL text; empty: none.
+
+        :param running: name and parameters of each action.
+        :raises ServiceError: the knowledge base does not answer.
+        """
+        changed = {_key(update.item) for update in self.new}
+        return "; ".join(
+            action_text(action)
+            for action in running
+            if changed & _touched(self._knowledge.operator(action["name"]), dict(action["parameters"]))
+        )
+
+    def _before(self, item: KnowledgeItem) -> Optional[float]:
+        if item.knowledge_type == KnowledgeItem.FACT:
+            return float(self._knowledge.query([item])[0])
+        values = {_key(each): each.function_value for each in self._knowledge.functions(item.attribute_name)}
+        return values.get(_key(item))
+
+
+def _after(update: Update) -> float:
+    if update.item.knowledge_type == KnowledgeItem.FACT:
+        return float(update.kind != REMOVE)
+    return float(update.item.function_value)
+
+
+def _text(item: KnowledgeItem, value: float) -> str:
+    term = f"({' '.join([item.attribute_name, *(pair.value for pair in item.values)])})"
+    if item.knowledge_type == KnowledgeItem.FACT:
+        return term if value else f"(not {term})"
+    return f"(= {term} {value!r})"
+
+
+def _key(item: KnowledgeItem) -> Key:
+    return (item.attribute_name.lower(), *(pair.value.lower() for pair in item.values))
+
+
+def _touched(operator: DomainOperator, parameters: Dict[str, str]) -> Set[Key]:
+    bound = {label.lower(): value.lower() for label, value in parameters.items()}
+    found = set()
+    for field in _FIELDS:
+        for formula in getattr(operator, field):
+            term = getattr(formula, "LHS", formula)
+            names = [pair.key.lower() for pair in term.typed_parameters]
+            found.add((term.name.lower(), *(bound.get(name, name) for name in names)))
+    return found
+
 
 PREVIEW_ANSWERS = 13.0  # s of wall time; the planner stops after 10 s
 _NO_PLAN = {

@@ -6,6 +6,8 @@ import threading
 from typing import List, Optional, Tuple
 
 import rospy
+import tf2_geometry_msgs  # noqa: F401 - teaches tf2 to transform PoseStamped
+import tf2_ros
 from geometry_msgs.msg import PoseStamped
 from move_base_msgs.msg import MoveBaseAction, MoveBaseActionGoal, MoveBaseFeedback, MoveBaseGoal
 from nav_msgs.msg import OccupancyGrid, Odometry
@@ -13,7 +15,6 @@ from nav_msgs.msg import Path as PathMessage
 from nav_msgs.srv import GetPlan, GetPlanRequest, GetPlanResponse
 from std_srvs.srv import Empty, EmptyRequest, EmptyResponse
 
-from merlin_reactive.navigation.navigation_goal import NavigationGoalError, goal_pose
 from merlin_reactive.navigation.navigator import (
     NO_CONTROL_TEXT,
     NO_PLAN_TEXT,
@@ -28,13 +29,46 @@ from merlin_reactive.navigation.velocity_gate import VelocityGate
 from merlin_reactive.navigation.way_exchange import WayExchange
 from merlin_reactive.pose import Point, Pose, wrap
 from merlin_reactive.robot_state import RobotState, StateError, velocity_of
-from merlin_reactive.ros_messages import grid_of, path_message, pose_of, stamped
+from merlin_reactive.ros_messages import bad_rotation, grid_of, path_message, pose_of, stamped
 from merlin_ros.actions.action_server import ServerGoal
 from merlin_ros.actions.serial_action_server import SerialActionServer
 from merlin_ros.deadline import Deadline
 from merlin_ros.health import ERROR, Health, HealthReporter
 from merlin_ros.node import run_node
 from merlin_ros.parameters import graph_name, number
+
+INVALID_QUATERNION_TEXT = "Aborting on goal because it was sent with an invalid quaternion"
+
+
+class NavigationGoalError(Exception):
+    """A goal that can never be driven to; the text is the answer to the client."""
+
+
+def goal_pose(target: PoseStamped, frame: str, buffer: tf2_ros.Buffer) -> Pose:
+    """The goal in the global frame.
+
+    :raises NavigationGoalError: bad orientation, not finite, or a frame that tf does not know.
+    """
+    reason = bad_rotation(target.pose.orientation)
+    if reason:
+        raise NavigationGoalError(f"{INVALID_QUATERNION_TEXT}: {reason}")
+    position = target.pose.position
+    if not (math.isfinite(position.x) and math.isfinite(position.y)):
+        raise NavigationGoalError(f"The goal position ({position.x}, {position.y}) is not finite")
+    own = target.header.frame_id.lstrip("/")
+    if not own:
+        raise NavigationGoalError(f"The goal has no frame; {frame} is what it should be in")
+    if own == frame:
+        return pose_of(target.pose)
+    latest = PoseStamped(header=target.header, pose=target.pose)
+    latest.header.frame_id, latest.header.stamp = own, rospy.Time(0)
+    try:
+        return pose_of(buffer.transform(latest, frame).pose)
+    except tf2_ros.TransformException as error:
+        raise NavigationGoalError(
+            f"The goal is in the frame {own}, which cannot be transformed to {frame}: {error}"
+        ) from error
+
 
 START_TIMEOUT = 10.0  # s of running time for the map to appear
 PATIENCE = 10.0  # s of running time that it stands without them before driving is given up

@@ -13,7 +13,7 @@ from vision_msgs.msg import Detection3D, Detection3DArray, ObjectHypothesisWithP
 
 from merlin_reactive.recognition.camera_placement import CameraPlacement, NotPlaced
 from merlin_reactive.recognition.camera_view import CameraView
-from merlin_reactive.recognition.image_source import CaptureSource, NoPicture, TopicSource
+from merlin_reactive.recognition.image_source import CaptureSource, NoPicture, TopicSource, rectified
 from merlin_reactive.recognition.object_recognizer import (
     LEAST_SCORE,
     SUPPORTS,
@@ -22,7 +22,6 @@ from merlin_reactive.recognition.object_recognizer import (
     annotated,
     check_classes,
 )
-from merlin_reactive.recognition.rectification import rectified
 from merlin_reactive.recognition.sighting import Sighting
 from merlin_reactive.recognition.tags import TAG
 from merlin_ros.actions.action_server import ServerGoal

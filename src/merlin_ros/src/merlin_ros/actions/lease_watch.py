@@ -17,14 +17,15 @@ class LeaseWatch:
     """Watches the leases of the goals of one server.
 
     :param topic: ``<action>/lease``.
-    :param on_change: called with each change, in order, in a thread of this watch without its lock.
+    :param on_change: called with each change, in order, in a thread of this watch without its lock; None: the
+        states are only asked for.
     :param lose_after: s of an owner's silence after which its goals are lost.
     """
 
     def __init__(
         self,
         topic: str,
-        on_change: Callable[[LeaseChange], None] = lambda change: None,
+        on_change: Optional[Callable[[LeaseChange], None]] = None,
         lose_after: float = LOSE_AFTER,
     ) -> None:
         self.topic = rospy.resolve_name(topic)
@@ -68,7 +69,7 @@ class LeaseWatch:
         while True:
             with self._lock:
                 change = LeaseChange(goal, self._book.state(goal), self._book.reason(goal))
-            if change.state in (told, LeaseState.FOREIGN):
+            if change.state in (told, LeaseState.FOREIGN) or self._on_change is None:
                 return
             self._on_change(change)
             # If it has changed since, the thread of the changes may have said so before this.
@@ -114,8 +115,9 @@ class LeaseWatch:
             self._looks = every(TICK, self._look)
 
     def _add(self, changes: List[LeaseChange]) -> None:
-        for change in changes:
-            self._changes.put(self._on_change, change)
+        if self._on_change is not None:
+            for change in changes:
+                self._changes.put(self._on_change, change)
 
     def _look(self) -> None:
         with self._lock:

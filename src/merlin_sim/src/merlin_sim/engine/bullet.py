@@ -1,11 +1,36 @@
 # SPDX-License-Identifier: Apache-2.0
 """PyBullet without a window, quiet, and robots for it."""
 
+import contextlib
+import ctypes
+import os
+import sys
 from tempfile import NamedTemporaryFile
-from typing import Any, Dict, List, Tuple
+from typing import Any, Dict, Iterator, List, Tuple
 
-from merlin_sim.engine.muted_output import muted_output
 from merlin_sim.rendering.appearance import Part, Parts, Shape
+
+
+@contextlib.contextmanager
+def muted_output() -> Iterator[None]:
+    """Sends the descriptors of standard output and error to nowhere meanwhile; exceptions pass."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    kept = [(stream, os.dup(stream)) for stream in (1, 2)]
+    try:
+        for stream, _ in kept:
+            os.dup2(nowhere, stream)
+        yield
+    finally:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        ctypes.CDLL(None).fflush(None)  # what C's own buffer still holds belongs to the silence
+        for stream, copy in kept:
+            os.dup2(copy, stream)
+            os.close(copy)
+        os.close(nowhere)
+
 
 with muted_output():  # the engine greets on standard output when it is imported
     import pybullet

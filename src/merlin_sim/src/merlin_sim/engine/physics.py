@@ -11,8 +11,7 @@ import numpy as np
 
 from merlin_reactive.pose import Pose
 from merlin_reactive.recognition.object_classes import PERSON
-from merlin_sim.engine.bullet import BASE, links_seen, load_robot, new_engine, place_of
-from merlin_sim.engine.muted_output import muted_output
+from merlin_sim.engine.bullet import BASE, links_seen, load_robot, muted_output, new_engine, place_of
 from merlin_sim.rendering.appearance import WALL, Parts, floor, parts_of
 from merlin_sim.rendering.shot import Shot
 from merlin_sim.robot.camera import CAMERA_LINK, Camera, CameraPose

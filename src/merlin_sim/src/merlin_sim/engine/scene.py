@@ -10,7 +10,7 @@ from typing import Dict, Iterator, List, Optional, Tuple
 from merlin_reactive.pose import Point, Pose, wrap
 from merlin_reactive.recognition.object_classes import PERSON
 from merlin_sim.engine.physics import Physics, RobotBody
-from merlin_sim.robot.ray_casting import ScanOutlines
+from merlin_sim.robot.lidar import ScanOutlines
 from merlin_sim.world.world_model import Solid, World, WorldObject
 from merlin_sim.world.world_places import ROBOT_RADIUS
 

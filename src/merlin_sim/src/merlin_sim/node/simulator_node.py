@@ -39,8 +39,7 @@ from merlin_sim.engine.physics import PhysicsError
 from merlin_sim.engine.simulation import PHYSICS_RATE, Simulation
 from merlin_sim.node.pacer import Pacer
 from merlin_sim.node.pending_pictures import PendingPictures
-from merlin_sim.node.robot_interface import RobotInterface
-from merlin_sim.node.sensor_messages import grid_message
+from merlin_sim.node.robot_interface import RobotInterface, grid_message
 from merlin_sim.node.sim_parameters import read_parameters, read_robots
 from merlin_sim.node.world_services import WorldServices
 from merlin_sim.rendering.renderer import Renderer
