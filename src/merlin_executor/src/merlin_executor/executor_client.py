@@ -11,6 +11,7 @@ from merlin_executor.core.outcome import outcome_name
 from merlin_executor.core.request_limits import check_size
 from merlin_executor.executor_request import ExecutorRequest
 from merlin_executor.goal_check import GoalError, check_goals
+from merlin_executor.request_times import When, ros_time
 from merlin_executor.resending import END, checked
 from merlin_planning.knowledge_client import DEFAULT_KNOWLEDGE_BASE, knowledge_client
 from merlin_planning.knowledge_text import parse_goal, to_pddl
@@ -93,6 +94,8 @@ class MerlinExecutorClient:
         on_client_lost: Optional[int] = None,
         on_lost: Optional[str] = None,
         by: str = "",
+        not_before: Optional[When] = None,
+        deadline: Optional[When] = None,
     ) -> ExecutorRequest:
         """Sends goals and returns at once.
 
@@ -103,6 +106,10 @@ class MerlinExecutorClient:
         :param on_client_lost: CANCEL or GO_ON; None: as the client does by default.
         :param on_lost: END or RESEND; None: as the client does by default.
         :param by: the person on whose behalf it is sent, for all that show it; empty: the client's own.
+        :param not_before: before which it does not begin, a ROS time, or s from now; None: at once.
+        :param deadline: by which the goals have to hold, likewise; when it passes, the request ends as LATE.
+            None: there is none.
+        :raises ValueError: for a time that is not one, or not in the future.
         :raises PDDLSyntaxError: for text that is not a PDDL goal.
         :raises RequestTooLarge: for more than the Executor takes.
         :raises GoalError: for goals that the domain or the world does not know.
@@ -111,7 +118,6 @@ class MerlinExecutorClient:
         check_size(texts, len(items))
         if self._knowledge is not None:
             check_goals([*(item for text in texts for item in parse_goal(text)), *items], self._knowledge)
-        self._on_send([*texts, *map(to_pddl, items)])
         goal = ExecuteGoal(
             goals=texts,
             items=items,
@@ -119,7 +125,10 @@ class MerlinExecutorClient:
             on_interrupt=on_interrupt,
             on_client_lost=self._on_client_lost if on_client_lost is None else on_client_lost,
             by=by,
+            not_before=ros_time(not_before, "not_before"),
+            deadline=ros_time(deadline, "deadline"),
         )
+        self._on_send([*texts, *map(to_pddl, items)])
         request = ExecutorRequest(self._client, goal, on_done, on_feedback, on_lost or self.on_lost)
         with self._lock:
             self._requests = [known for known in self._requests if not known.done] + [request]
