@@ -296,6 +296,22 @@ class Executor(unittest.TestCase):
         self.assertTrue(request.wait(LONG))
         self.assertOutcome(request.result, "CANCELLED")
 
+    def test_a_deadline_stops_the_robot_and_the_next_request_begins_at_its_time(self):
+        """One waits for its time, the other runs until its deadline: ROS time, and no further event."""
+        begin = rospy.Time.now() + rospy.Duration(9.0)
+        waiting = self.client.send("(checked kitchen)", not_before=begin)
+        late = self.driving("(checked bathroom)", deadline=6.0)  # the other one does not keep it waiting
+        told = self.status.wait(lambda status: status.request == late.id and status.expected_end.to_sec())
+        self.assertIn("after its deadline", told.late)
+        self.assertTrue(late.wait(LONG))
+        self.assertOutcome(late.result, "LATE")
+        self.assertEqual(late.state, GoalStatus.ABORTED)
+        self.held.end()
+        self.assertTrue(waiting.wait(LONG))
+        self.assertOutcome(waiting.result, "SUCCEEDED")
+        began = next(status for status in self.status.messages if status.request == waiting.id)
+        self.assertGreaterEqual(began.header.stamp, begin)
+
     def test_what_makes_no_sense_is_refused_before_it_is_sent(self):
         for goal in (
             "(checked moon)",

@@ -46,6 +46,14 @@ def test_what_runs_before_it_is_named(progress: SendProgress, said: List[str]) -
     assert said == ["waits: (checked hall) runs"]
 
 
+def test_a_request_that_waits_and_can_no_longer_be_on_time_says_why(
+    progress: SendProgress, said: List[str]
+) -> None:
+    progress.executor(OTHER)
+    progress.feedback(ExecuteFeedback(reason="(checked hall) is expected to run until 195.0 s"))
+    assert said == ["waits: (checked hall) runs", "(checked hall) is expected to run until 195.0 s"]
+
+
 def test_a_paused_executor_is_named(progress: SendProgress, said: List[str]) -> None:
     progress.executor(ExecutorStatus(state=IDLE, paused=True))
     assert len(said) == 1 and "the Executor is paused" in said[0] and "merlin/resume" in said[0]

@@ -52,7 +52,7 @@ def test_a_deadline_by_a_wrong_clock_is_refused(
     where: str,
 ) -> None:
     monkeypatch.setattr(fleet_client, "time", WrongClock(off))
-    assert main(["send", "--hub", etcd.endpoint, "(done a)", "--deadline", "600"]) == 2
+    assert main(["send", "--hub", etcd.endpoint, "(done a)", "--begin-by", "600"]) == 2
     said = f"fleet send: the clock of this machine is 3[56]\\d\\d s {where} the hub's: .*\n"
     assert re.fullmatch(said, capsys.readouterr().err)
     assert main(["send", "--hub", etcd.endpoint, "(done a)"]) == 0
@@ -62,7 +62,7 @@ def test_a_robot_with_a_wrong_clock_says_so_and_the_goal_waits(
     etcd: EtcdProcess, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     client = FleetClient("lab", [etcd.endpoint])
-    goal = client.send("(done a)", deadline=6000.0)
+    goal = client.send("(done a)", begin_by=6000.0)
     monkeypatch.setattr(fleet_robot, "time", WrongClock(7200.0))
     statuses: List[FleetStatus] = []
     agent = Agent("lab", Profile("r1"), uuid.uuid4().hex, Outbox(), RULES)

@@ -104,7 +104,7 @@ class FleetClient(Listener):
         self,
         goals: Union[str, Sequence[str]],
         value: float = 0.0,
-        deadline: Optional[float] = None,
+        begin_by: Optional[float] = None,
         on_done: Optional[Callable[[FleetRequest], None]] = None,
         sender: str = "",
         **more: Any,
@@ -112,17 +112,17 @@ class FleetClient(Listener):
         """Sends goals, as PDDL text; returns when the hub has them on its disk.
 
         :param value: goals of a greater one are taken and begun first.
-        :param deadline: s from now; a goal that is not begun by then ends as MISSED.
+        :param begin_by: s from now; a goal that is not begun by then ends as MISSED.
         :param on_done: called once with the ended request, in another thread; must not block.
         :param sender: the sender, beside this machine and its user.
         :param more: `robot`, `groups`, `needs`, `domain`, `finish` and `tries` of
             :class:`merlin_fleet.core.records.Goal`.
         :raises FleetError: for what is not a goal, for a robot that there is not, for a goal that no robot's
-            domain and objects allow, for a deadline by a clock that is far from the hub's, and when the hub
+            domain and objects allow, for `begin_by` by a clock that is far from the hub's, and when the hub
             did not take it.
         """
         texts = (goals,) if isinstance(goals, str) else tuple(goals)
-        if deadline is not None:
+        if begin_by is not None:
             self._check_clock()
         now = time.time()
         goal = Goal(
@@ -131,7 +131,7 @@ class FleetClient(Listener):
             now,
             self._named(sender),
             value=value,
-            deadline=None if deadline is None else now + deadline,
+            deadline=None if begin_by is None else now + begin_by,
             **more,
         )
         try:
@@ -352,12 +352,14 @@ class FleetClient(Listener):
     def _check_clock(self) -> None:
         """Compares the clock of this machine with the hub's, where the hub tells its time.
 
-        :raises FleetError: when it is so wrong that robots would take a deadline of it for another one.
+        :raises FleetError: when it is so wrong that robots would take a time of it for another one.
         """
         with contextlib.suppress(HubError):
             off = time.time() - self._hub.time()
             if abs(off) > CLOCK_MARGIN:
-                raise FleetError(f"the clock of this machine is {difference(off)}: no deadline can be given")
+                raise FleetError(
+                    f"the clock of this machine is {difference(off)}: no time to begin by can be given"
+                )
 
     def _named(self, sender: str) -> str:
         return f"{sender} ({self._sender})" if sender else self._sender

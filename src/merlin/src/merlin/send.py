@@ -12,6 +12,7 @@ from merlin.send_progress import SendProgress
 from merlin_executor.executor_client import DROP, RESUME, MerlinExecutorClient, outcome_name
 from merlin_executor.executor_request import ExecutorRequest
 from merlin_executor.goal_check import GoalError
+from merlin_executor.request_times import Written, at_time, read_time
 from merlin_planning.knowledge_client import DEFAULT_KNOWLEDGE_BASE, KnowledgeError
 from merlin_ros.service_proxy import ServiceError
 
@@ -30,6 +31,12 @@ def main() -> int:
     parser.add_argument("goal", nargs="+", help='PDDL, one or many: "(checked kitchen)"')
     parser.add_argument("--priority", type=int, default=0, help="a higher one interrupts what runs")
     parser.add_argument("--timeout", type=float, metavar="S", help="cancel them after this time")
+    parser.add_argument(
+        "--not-before", type=_time, metavar="TIME", help="begin then: 10min from now, or 14:30"
+    )
+    parser.add_argument(
+        "--deadline", type=_time, metavar="TIME", help="end as LATE what does not hold by then"
+    )
     parser.add_argument("--drop", action="store_true", help="drop them when they are interrupted")
     parser.add_argument("--robot", help="namespace of the robot, where there are several")
     given = parser.parse_args()
@@ -47,6 +54,8 @@ def _send(given: argparse.Namespace, robot: str) -> int:
         priority=given.priority,
         on_interrupt=DROP if given.drop else RESUME,
         on_feedback=progress.feedback,
+        not_before=at_time(given.not_before, "--not-before"),
+        deadline=at_time(given.deadline, "--deadline"),
     )
     progress.follow(robot.rstrip("/"), request)
     rospy.on_shutdown(lambda: _cancel(request))
@@ -65,6 +74,13 @@ def _send(given: argparse.Namespace, robot: str) -> int:
         return EXIT_INTERRUPTED
     achieved = result.outcome in (ExecuteResult.SUCCEEDED, ExecuteResult.ALREADY_TRUE)
     return 0 if achieved else EXIT_NOT_ACHIEVED
+
+
+def _time(text: str) -> Written:
+    try:
+        return read_time(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
 
 
 def _cancel(request: ExecutorRequest) -> None:

@@ -77,6 +77,8 @@ class SendProgress:
             return f"held at the breakpoint {status.held}"
         if status.request == request.id:
             return guard.warning if guard is not None else ""
+        if self._feedback is not None and self._feedback.reason and not self._feedback.stage:
+            return self._feedback.reason  # while it waits
         if status.paused and status.state == ExecutorStatus.IDLE:
             return "waits: the Executor is paused; `rosservice call merlin/resume` lets it go on"
         return f"waits: {', '.join(status.goals)} runs" if status.request and status.goals else ""

@@ -12,6 +12,7 @@ from merlin_executor.core.outcome import outcome_name
 from merlin_executor.core.request_limits import check_size
 from merlin_executor.executor_request import ExecutorRequest
 from merlin_executor.goal_check import GoalError, check_goals
+from merlin_executor.request_times import When, ros_time
 from merlin_executor.resending import END, RESEND, RETURN_WAIT, checked
 from merlin_planning.knowledge_client import DEFAULT_KNOWLEDGE_BASE, knowledge_client
 from merlin_planning.knowledge_text import parse_goal, to_pddl
@@ -97,6 +98,8 @@ class MerlinExecutorClient:
         on_lost: Optional[str] = None,
         by: str = "",
         given_up: Optional[threading.Event] = None,
+        not_before: Optional[When] = None,
+        deadline: Optional[When] = None,
     ) -> ExecutorRequest:
         """Sends goals and returns at once.
 
@@ -108,6 +111,10 @@ class MerlinExecutorClient:
         :param on_lost: END or RESEND; None: as the client does by default.
         :param by: the person on whose behalf it is sent, for all that show it; empty: the client's own.
         :param given_up: ends the wait for the knowledge base when it is set.
+        :param not_before: before which it does not begin, a ROS time, or s from now; None: at once.
+        :param deadline: by which the goals have to hold, likewise; when it passes, the request ends as LATE.
+            None: there is none.
+        :raises ValueError: for a time that is not one, or not in the future.
         :raises PDDLSyntaxError: for text that is not a PDDL goal.
         :raises RequestTooLarge: for more than the Executor takes.
         :raises GoalError: for goals that the domain or the world does not know.
@@ -125,7 +132,6 @@ class MerlinExecutorClient:
                 lambda: rospy.logwarn(f"goals wait for the knowledge base, at most {RETURN_WAIT:g} s"),
                 given_up,
             )
-        self._on_send([*texts, *map(to_pddl, items)])
         goal = ExecuteGoal(
             goals=texts,
             items=items,
@@ -133,7 +139,10 @@ class MerlinExecutorClient:
             on_interrupt=on_interrupt,
             on_client_lost=self._on_client_lost if on_client_lost is None else on_client_lost,
             by=by,
+            not_before=ros_time(not_before, "not_before"),
+            deadline=ros_time(deadline, "deadline"),
         )
+        self._on_send([*texts, *map(to_pddl, items)])
         request = ExecutorRequest(self._client, goal, on_done, on_feedback, on_lost)
         with self._lock:
             self._requests = [known for known in self._requests if not known.done] + [request]

@@ -1,19 +1,21 @@
 // SPDX-License-Identifier: Apache-2.0
 // The goals that are served and that wait.
-import { byId, el, keyed, part, setHidden, setText } from "../dom.js";
+import { byId, clockText, el, keyed, part, setHidden, setText } from "../dom.js";
 import { say, t } from "../texts.js";
 
 export function show(section, { store, control }) {
   section.append(el("ol", { id: "queue-list", class: "rows" }), el("p", { id: "queue-empty", class: "empty" }, t("No goals wait.")));
   const draw = () => {
-    const { now = {}, queue = {} } = store.state;
+    const { now = {}, queue = {}, meta = {} } = store.state;
+    const at = (time) => ({ time: clockText(time + (meta.clock_set || 0)) });
+    const times = (of) => [say(of.late), of.not_before && t("not before {time}", at(of.not_before)), of.deadline && t("done by {time}", at(of.deadline)), of.expected_begin && t("expected to begin at {time}", at(of.expected_begin)), of.expected_end && t("expected to end at {time}", at(of.expected_end))];
     const executor = now.executor || {};
     const requests = [];
     if (executor.request) {
-      requests.push({ request: executor.request, goals: executor.goals, words: executor.words, priority: executor.priority, running: true, note: `${t(executor.state)}, ${t("{done} of {count} steps done", { done: executor.done, count: executor.total })}` });
+      requests.push({ request: executor.request, goals: executor.goals, words: executor.words, priority: executor.priority, running: true, note: [t(executor.state), t("{done} of {count} steps done", { done: executor.done, count: executor.total }), ...times(executor)].filter(Boolean).join(", ") });
     }
     for (const waiting of queue.waiting || []) {
-      const words = [waiting.interrupted && t("interrupted"), say(waiting.waits) || t("waits"), waiting.on_interrupt === "drop" && t("dropped when interrupted"), t("asked for by {client}", { client: waiting.by })];
+      const words = [waiting.interrupted && t("interrupted"), say(waiting.waits) || t("waits"), waiting.on_interrupt === "drop" && t("dropped when interrupted"), t("asked for by {client}", { client: waiting.by }), ...times(waiting)];
       requests.push({ ...waiting, note: words.filter(Boolean).join(", ") });
     }
     const count = (queue.waiting || []).length;

@@ -9,7 +9,7 @@ import rospy
 
 from merlin_ros.work.threads import start_thread
 
-LONGEST = 3600.0  # s that the alarm sleeps at once: Python cannot wait for more than some hundred years
+LONGEST = 60.0  # s that the alarm sleeps at once: a wall clock that is set forward is seen by then
 
 
 class RosAlarm:

@@ -14,7 +14,8 @@ def test_the_verb_says_what_the_outcome_says(outcome: Outcome, accepted: bool) -
     answer = answer_for(outcome, accepted)
     assert (answer is ClientAnswer.SUCCEED) == outcome.achieved
     assert (answer is ClientAnswer.CANCEL) == (outcome in (Outcome.CANCELLED, Outcome.DROPPED))
-    assert (answer is ClientAnswer.REJECT) == (outcome is Outcome.REFUSED and not accepted)
+    never_ran = outcome in (Outcome.REFUSED, Outcome.LATE) and not accepted
+    assert (answer is ClientAnswer.REJECT) == never_ran
 
 
 def test_a_request_that_cannot_be_read_is_refused_unless_it_was_taken_back() -> None:

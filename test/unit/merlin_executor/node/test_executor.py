@@ -10,6 +10,7 @@ import rospy
 from actionlib_msgs.msg import GoalStatus
 from diagnostic_msgs.msg import KeyValue
 from merlin_msgs.msg import ExecuteGoal, ExecuteResult, ExecutorStatus
+from rosplan_dispatch_msgs.msg import ActionDispatch
 from rosplan_knowledge_msgs.msg import ExprBase, KnowledgeItem
 
 from merlin_executor.core.outcome import Outcome, Verdict, outcome_name
@@ -32,13 +33,14 @@ class Goal:
         self.status = GoalStatus.PENDING
         self.cancel_requested = False
         self.ends: List[tuple] = []
+        self.told: List[str] = []
         self.ended = threading.Event()
 
     def accept(self) -> None:
         self.status = GoalStatus.ACTIVE
 
     def feedback(self, feedback: Any) -> None:
-        pass
+        self.told.append(feedback.reason)
 
     def _end(self, status: int, result: ExecuteResult) -> bool:
         self.ends.append((status, outcome_name(result.outcome), result.reason))
@@ -162,7 +164,8 @@ class Bench:
         ):
             monkeypatch.setattr(executor_module, name, made)
         monkeypatch.setattr(rospy, "Publisher", lambda *_, **__: None)
-        monkeypatch.setattr(rospy.Time, "now", lambda: rospy.Time(1))
+        self.now = 1.0
+        monkeypatch.setattr(rospy.Time, "now", lambda: rospy.Time.from_sec(self.now))
         for level in ("loginfo", "logwarn", "logerr"):
             monkeypatch.setattr(rospy, level, lambda *_: None)
         self.executor = Executor(self.knowledge, None)  # type: ignore[arg-type]
@@ -173,6 +176,13 @@ class Bench:
 
     def serve_pause(self, switch: Callable[[bool], None]) -> None:
         self.pause = switch
+
+    def queue(self) -> List[Any]:
+        """The requests of the last message on the queue."""
+        return next(message.requests for message in reversed(self.statuses) if hasattr(message, "requests"))
+
+    def status(self) -> Any:
+        return next(message for message in reversed(self.statuses) if hasattr(message, "steps_total"))
 
     def send(self, goal: Goal) -> Goal:
         self.callbacks["goal"](goal)
@@ -398,3 +408,57 @@ def test_while_a_base_is_held_requests_wait_and_the_status_says_for_what(bench: 
     assert "the base is held by Ana since 14:03:07" in waits and waits[-1] == ""
     bench.machine.end(Verdict(Outcome.SUCCEEDED))
     assert goal.end()[1] == "SUCCEEDED"
+
+
+def test_a_request_that_waits_ends_at_its_deadline_and_is_told_before(bench: Bench) -> None:
+    first = bench.run(Goal("(checked kitchen)"))
+    action = ActionDispatch(name="drive", dispatch_time=0.0, duration=60.0)
+    bench.machine.running[0].take_plan([action])  # it is expected to end at 61
+    times = {"not_before": rospy.Time(2), "deadline": rospy.Time(31)}
+    second = bench.send(Goal("(checked hall)", **times))
+    late = "(checked kitchen) is expected to run until 61.0 s, and the deadline of this one is 31.0 s"
+    assert second.told == [late]
+    queued = bench.queue()[0]
+    assert (queued.not_before, queued.deadline, queued.expected_begin, queued.late) == (
+        rospy.Time(2),
+        rospy.Time(31),
+        rospy.Time(61),
+        late,
+    )
+    bench.now = 31.0
+    bench.pause(False)  # any event, and the alarm
+    missed = "late: its goals do not hold by its deadline 31.0 s"
+    assert second.end() == (GoalStatus.REJECTED, "LATE", missed)
+    bench.machine.end(Verdict(Outcome.SUCCEEDED))
+    assert first.end()[1] == "SUCCEEDED" and bench.queue() == []
+
+
+def test_a_request_that_runs_is_told_and_stopped_at_its_deadline(bench: Bench) -> None:
+    goal = bench.run(Goal("(checked kitchen)", deadline=rospy.Time(31)))
+    action = ActionDispatch(name="drive", dispatch_time=0.0, duration=60.0)
+    bench.machine.running[0].take_plan([action])
+    bench.pause(False)
+    status = bench.status()
+    assert (status.deadline, status.expected_end) == (rospy.Time(31), rospy.Time(61))
+    late = "its plan is expected to end at 61.0 s, after its deadline 31.0 s"
+    assert status.late == late and goal.told[-1] == late
+    bench.now = 31.0
+    bench.pause(False)
+    missed = "late: its goals do not hold by its deadline 31.0 s"
+    assert goal.end() == (GoalStatus.ABORTED, "LATE", missed)
+
+
+def test_a_request_begins_when_its_time_has_come_without_another_event(bench: Bench) -> None:
+    goal = bench.send(Goal("(checked kitchen)", not_before=rospy.Time(1, 50_000_000)))
+    assert not bench.machine.begun.acquire(blocking=False)
+    bench.now = 1.05
+    assert bench.machine.begun.acquire(timeout=LONG)
+    bench.machine.end(Verdict(Outcome.SUCCEEDED, "done"))
+    assert goal.end()[1] == "SUCCEEDED"
+
+
+def test_a_deadline_that_has_passed_is_refused(bench: Bench) -> None:
+    bench.now = 40.0
+    why = "its deadline 31.0 s passed 9 s ago"
+    goal = bench.send(Goal("(checked kitchen)", deadline=rospy.Time(31)))
+    assert goal.end() == (GoalStatus.REJECTED, "REFUSED", why)

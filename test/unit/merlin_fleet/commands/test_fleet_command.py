@@ -189,7 +189,7 @@ def test_a_goal_of_another_domain_is_refused_and_the_reason_is_shown(lab: Lab) -
 def test_the_command_sends_lists_follows_and_cancels(lab: Lab, capsys: pytest.CaptureFixture) -> None:
     robot = Profile("r1", ("a",), ("arm",))
     lab.write(Put(Keys(lab.fleet).key("robots", "r1"), encode(robot)))
-    options = ("--deadline", "600", "--value", "2.5", "--robot", "r1", "--group", "a", "--needs", "arm")
+    options = ("--begin-by", "600", "--value", "2.5", "--robot", "r1", "--group", "a", "--needs", "arm")
     assert lab.run("send", "(done a)", *options) == 0
     goal_id = capsys.readouterr().out.strip()
     assert lab.client.wait(lambda: lab.client.news(goal_id), LIMIT)
@@ -309,8 +309,12 @@ def test_mistakes_are_one_clear_line(
 @pytest.mark.parametrize(
     ("option", "message"),
     [
-        (("--deadline", "soon"), "argument --deadline: soon is not a number"),
-        (("--deadline", "-1"), "argument --deadline: -1 is not a time in the future"),
+        (("--begin-by", "soon"), "argument --begin-by: soon is not a number"),
+        (("--begin-by", "-1"), "argument --begin-by: -1 is not a time in the future"),
+        (
+            ("--deadline", "600"),
+            "is not done by a time; --begin-by 600 ends it unless it is begun then",
+        ),
         (("--value", "inf"), "argument --value: inf is not a number"),
     ],
 )

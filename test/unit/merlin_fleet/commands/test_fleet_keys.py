@@ -179,7 +179,7 @@ def test_robots_and_clients_work_with_their_rights(
     try:
         assert fleet(["send", *given, "--follow", "(done a)"]) == 0
         assert fleet(["send", *given, "--follow", "--finish", "(done b)"]) == 0
-        assert fleet(["send", *given, "--follow", "--deadline", "0.5", "--needs", "wings", "(done c)"]) == 1
+        assert fleet(["send", *given, "--follow", "--begin-by", "0.5", "--needs", "wings", "(done c)"]) == 1
     finally:
         for robot, _ in robots:
             robot.close()

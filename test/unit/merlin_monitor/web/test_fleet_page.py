@@ -355,7 +355,7 @@ def test_nothing_is_done_for_others(lab: Lab) -> None:
         ("send", {}, "Write a goal"),
         ("send", {"goal": "(done a"}, "goal:1:1: "),
         ("send", {"goal": 7}, "goal is a text"),
-        ("send", {"goal": "(done a)", "deadline": -1}, "must lie in the future"),
+        ("send", {"goal": "(done a)", "begin_by": -1}, "must lie in the future"),
         ("send", {"goal": "(done a)", "value": "high"}, "value is a number"),
         ("send", {"goal": "(done a)", "value": 10**400}, "value is a number"),
         ("send", {"goal": "(done a)", "deadline": 10**400}, "deadline is a number"),

@@ -61,7 +61,8 @@ def _parser() -> argparse.ArgumentParser:
     actions = parser.add_subparsers(dest="what", required=True)
     send = actions.add_parser("send", parents=[hub], help="send a goal; prints its id")
     send.add_argument("goal", nargs="+", help='PDDL, one or many: "(checked kitchen)"')
-    send.add_argument("--deadline", type=_seconds, metavar="S", help="not begun by then, it ends as MISSED")
+    send.add_argument("--begin-by", type=_seconds, metavar="S", help="not begun by then, it ends as MISSED")
+    send.add_argument("--deadline", type=_no_deadline, help=argparse.SUPPRESS)
     send.add_argument("--value", type=_number, default=0.0, metavar="V", help="greater ones come first")
     send.add_argument("--robot", default="", metavar="NAME", help="the only robot that may do it")
     send.add_argument("--group", action="append", default=[], help="for a robot of it; may be repeated")
@@ -160,6 +161,12 @@ def _seconds(text: str) -> float:
     return value
 
 
+def _no_deadline(text: str) -> float:
+    raise argparse.ArgumentTypeError(
+        f"a goal of a fleet is not done by a time; --begin-by {text} ends it unless it is begun then"
+    )
+
+
 def _tls(given: argparse.Namespace) -> Optional[Tls]:
     files = Tls(given.ca, given.certificate, given.key)
     if any(files) and not all(files):
@@ -175,7 +182,7 @@ def _send(client: FleetClient, given: argparse.Namespace) -> int:
         "domain": given.domain,
     }
     request = client.send(
-        given.goal, value=given.value, deadline=given.deadline, finish=given.finish, **wanted
+        given.goal, value=given.value, begin_by=given.begin_by, finish=given.finish, **wanted
     )
     print(request.id, flush=True)
     prospect = client.prospect(Goal("", tuple(given.goal), 0.0, "", **wanted))

@@ -24,7 +24,7 @@ class FleetControl:
         """Carries out a request; returns a sentence, ``done``.
 
         :param what: who, send, cancel or stop.
-        :param fields: of a goal: goal, robot, groups, needs, value, deadline, finish; its id: request; robot.
+        :param fields: of a goal: goal, robot, groups, needs, value, begin_by, finish; its id: request; robot.
         :param by: the operator.
         :raises ControlError: it cannot be done.
         """
@@ -45,13 +45,13 @@ class FleetControl:
         goal = _text(fields, "goal", LONGEST_GOAL)
         if not goal:
             raise ControlError("Write a goal, like (checked kitchen).")
-        deadline = _number(fields, "deadline")
-        if deadline is not None and deadline <= 0.0:
-            raise ControlError("A deadline must lie in the future, in s from now.")
+        begin_by = _number(fields, "begin_by")
+        if begin_by is not None and begin_by <= 0.0:
+            raise ControlError("The time to begin by must lie in the future, in s from now.")
         request = self._client.send(
             goal,
             value=_number(fields, "value") or 0.0,
-            deadline=deadline,
+            begin_by=begin_by,
             sender=by,
             robot=_text(fields, "robot"),
             groups=_words(fields, "groups"),

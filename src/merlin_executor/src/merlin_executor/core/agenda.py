@@ -2,20 +2,25 @@
 """The agenda of the Executor: which request runs, which wait, which stop. Events in, decisions out.
 
 Pure and not thread-safe. Every request that was received gets exactly one :class:`AgendaAnswer`; at most one
-runs.
+runs. Of equal priorities the one with the earliest deadline begins first, then the oldest; but one that could
+have begun for the overtake limit is not overtaken any more by those that could begin later.
 """
 
+import math
 from enum import Enum
-from typing import Generic, List, NamedTuple, Optional, Tuple, TypeVar, Union
+from typing import Callable, Generic, List, NamedTuple, Optional, Tuple, TypeVar, Union
 
 from merlin_executor.core.outcome import Outcome, Stop, StopKind, Verdict
 from merlin_executor.core.request_limits import why_full
+from merlin_executor.core.time_window import ALWAYS, Outlook, TimeWindow, outlook_waiting
 from merlin_pddl.breakpoints import Breakpoints
 
 CANCELLED = Stop(StopKind.CANCELLED)
 STOPPED = "cancelled"
 NOT_BEGUN = "cancelled before it began"
 NOT_RESUMED = "cancelled before it went on"
+#: s of ROS time for which requests of equal priority may overtake one that could begin.
+OVERTAKE_LIMIT = 600.0
 
 
 def client_was_lost(reason: str) -> bool:
@@ -34,11 +39,13 @@ class Client(Enum):
 class Ticket:
     """What the agenda knows of a request.
 
-    :param order: number of arrival; equal priorities run in this order.
+    :param order: number of arrival; equal priorities with equal deadlines run in this order.
     :param priority: higher is more urgent.
     :param resumes: whether it runs again after an interruption; otherwise it is dropped.
     :param goes_on: whether it continues without its client.
     :param sender: the node of its client; empty: not known.
+    :param window: when it may run.
+    :ivar ready_since: when it could first begin, in the agenda's own time; None: it could not yet.
     """
 
     def __init__(
@@ -48,12 +55,15 @@ class Ticket:
         resumes: bool = True,
         goes_on: bool = True,
         sender: str = "",
+        window: TimeWindow = ALWAYS,
     ) -> None:
         self.order = order
         self.priority = priority
         self.resumes = resumes
         self.goes_on = goes_on
         self.sender = sender
+        self.window = window
+        self.ready_since: Optional[float] = None
         self.interrupted = False
         self.client = Client.ALIVE
         self.stop: Optional[Stop] = None
@@ -64,9 +74,9 @@ class Ticket:
         return ""
 
     @property
-    def urgency(self) -> Tuple[int, int]:
-        """Sorts tickets: the most urgent, then the oldest, first."""
-        return -self.priority, self.order
+    def expected_end(self) -> Optional[float]:
+        """When its run is expected to end, s of ROS time; None: not known."""
+        return None
 
     @property
     def may_run(self) -> bool:
@@ -94,9 +104,19 @@ Decision = Union[AgendaAnswer, StopRun]
 
 
 class Agenda(Generic[T]):
-    """The requests of one Executor."""
+    """The requests of one Executor.
 
-    def __init__(self) -> None:
+    :param clock: ROS time, s; may be set back and forward.
+    :param overtake_limit: s for which requests of equal priority may overtake one that could begin.
+    """
+
+    def __init__(
+        self, clock: Callable[[], float] = lambda: 0.0, overtake_limit: float = OVERTAKE_LIMIT
+    ) -> None:
+        self._clock = clock
+        self._overtake_limit = overtake_limit
+        self._now = clock()
+        self._elapsed = 0.0  # s of ROS time, without what the clock was set back
         self._waiting: List[T] = []
         self._running: Optional[T] = None
         self._closing = False
@@ -125,6 +145,25 @@ class Agenda(Generic[T]):
         """Whether no further request begins."""
         return self._closing
 
+    @property
+    def next_change(self) -> Optional[float]:
+        """ROS time, s, at which :meth:`elapse` has to be called; None: time alone changes nothing."""
+        windows = [ticket.window for ticket in self._waiting]
+        times = [window.deadline for window in windows]
+        times += [window.not_before for window in windows if window.not_before > self._now]
+        running = self._running
+        if running is not None and not (running.stop and running.stop.is_final):
+            times.append(running.window.deadline)
+        first = min(times, default=math.inf)
+        return first if first < math.inf else None
+
+    def outlook(self, ticket: T) -> Outlook:
+        """What can be expected of a request that waits."""
+        running = self._running
+        goes_first = running is None or running.priority < ticket.priority
+        before, end = ("", None) if running is None or goes_first else (running.text, running.expected_end)
+        return outlook_waiting(ticket.window, ticket is self._waiting[0], before, end)
+
     # --- events ---------------------------------------------------------------------------------------
 
     def receive(self, ticket: T, cancelled: bool = False) -> List[Decision]:
@@ -137,8 +176,9 @@ class Agenda(Generic[T]):
         if cancelled:
             return [AgendaAnswer(ticket, Verdict(Outcome.CANCELLED, NOT_BEGUN))]
         full = why_full([other.sender for other in self._waiting], ticket.sender)
-        if full:
-            return [AgendaAnswer(ticket, Verdict(Outcome.REFUSED, full))]
+        why = full or ticket.window.why_refused(self._clock())
+        if why:
+            return [AgendaAnswer(ticket, Verdict(Outcome.REFUSED, why))]
         self._queue(ticket)
         return self._interrupt()
 
@@ -164,6 +204,19 @@ class Agenda(Generic[T]):
         if client is Client.GONE:
             return self.cancel(ticket, Stop(StopKind.CLIENT_LOST, reason))
         return self._interrupt()
+
+    def elapse(self) -> List[Decision]:
+        """Time has passed, or the clock was set: what is late ends, and what may begin now may interrupt."""
+        self._look()
+        late = [ticket for ticket in self._waiting if ticket.window.deadline <= self._now]
+        self._waiting = [ticket for ticket in self._waiting if ticket not in late]
+        decisions: List[Decision] = [
+            AgendaAnswer(ticket, Verdict(Outcome.LATE, ticket.window.missed)) for ticket in late
+        ]
+        running = self._running
+        if running is not None and running.window.deadline <= self._now:
+            return [*decisions, *self._stop(Stop(StopKind.LATE, running.window.missed))]
+        return [*decisions, *self._interrupt()]
 
     def pause(self, paused: bool) -> List[Decision]:
         """Sets or ends the pause, in which no further request begins. The running request continues."""
@@ -205,7 +258,8 @@ class Agenda(Generic[T]):
         reason = f"{STOPPED}: {stop.reason}" if stop.kind is StopKind.CLIENT_LOST else stop.reason
         reason = f"{reason}; {verdict.trouble}" if verdict.trouble else reason
         if stop.is_final:
-            return [AgendaAnswer(ticket, Verdict(Outcome.CANCELLED, reason))]
+            outcome = Outcome.LATE if stop.kind is StopKind.LATE else Outcome.CANCELLED
+            return [AgendaAnswer(ticket, Verdict(outcome, reason))]
         if not ticket.resumes:
             return [AgendaAnswer(ticket, Verdict(Outcome.DROPPED, reason))]
         if self._closing:
@@ -227,14 +281,36 @@ class Agenda(Generic[T]):
     # --- the rules ------------------------------------------------------------------------------------
 
     def _queue(self, ticket: T) -> None:
-        self._waiting = sorted([*self._waiting, ticket], key=lambda waiting: waiting.urgency)
+        self._waiting.append(ticket)
+        self._look()
+
+    def _look(self) -> None:
+        """Looks at the clock and puts what waits in the order in which it would run now."""
+        now = self._clock()
+        self._elapsed += max(0.0, now - self._now)
+        self._now = now
+        for ticket in self._waiting:
+            if ticket.ready_since is None and ticket.window.not_before <= now:
+                ticket.ready_since = self._elapsed
+        self._waiting.sort(key=self._place)
+
+    def _place(self, ticket: T) -> Tuple[float, ...]:
+        window, priority, order = ticket.window, -ticket.priority, ticket.order
+        if window.not_before > self._now:
+            return 1, window.not_before, priority, window.deadline, order
+        since = ticket.ready_since
+        if since is not None and self._elapsed - since >= self._overtake_limit:
+            return 0, priority, 0, since, order
+        return 0, priority, 1, window.deadline, order
 
     @property
     def _resting(self) -> bool:
         return self._paused or self._hold
 
     def _next(self) -> Optional[T]:
-        return next((ticket for ticket in self._waiting if ticket.may_run), None)
+        self._look()
+        ready = (t for t in self._waiting if t.may_run and t.window.is_open(self._now))
+        return next(ready, None)
 
     def _interrupt(self) -> List[Decision]:
         """Stops what runs when something more urgent may run."""

@@ -25,7 +25,7 @@ def answer_for(outcome: Outcome, accepted: bool) -> ClientAnswer:
         return ClientAnswer.SUCCEED
     if outcome in (Outcome.CANCELLED, Outcome.DROPPED):
         return ClientAnswer.CANCEL
-    if outcome is Outcome.REFUSED and not accepted:
+    if outcome in (Outcome.REFUSED, Outcome.LATE) and not accepted:
         return ClientAnswer.REJECT
     return ClientAnswer.ABORT
 

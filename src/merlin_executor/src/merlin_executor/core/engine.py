@@ -11,6 +11,7 @@ from typing import Callable, Generic, List, Optional, Tuple, TypeVar, cast
 
 from merlin_executor.core.agenda import Agenda, AgendaAnswer, Decision, StopRun, Ticket
 from merlin_executor.core.outcome import Outcome, StopKind, Verdict, crashed
+from merlin_executor.core.time_window import Outlook
 from merlin_pddl.breakpoints import Breakpoints
 from merlin_ros.alarms import wait_ticks
 from merlin_ros.work.threads import start_thread
@@ -71,6 +72,8 @@ class Engine(Generic[J]):
     :param on_end: called with the verdict on each run that has ended, before it is published.
     :param on_answered: called likewise behind the answer: with the request, the verdict, and the error if it
         crashed.
+    :param agenda: decides; None: one without a clock.
+    :param wake_at: called with the ROS time, s, at which :meth:`look` has to be called; None: not at all.
     """
 
     def __init__(
@@ -80,6 +83,8 @@ class Engine(Generic[J]):
         on_queue: Callable[[], None],
         on_end: Callable[[J, Verdict], None],
         on_answered: Callable[[J, Verdict, Optional[BaseException]], None],
+        agenda: Optional[Agenda[J]] = None,
+        wake_at: Callable[[Optional[float]], None] = lambda when: None,
     ) -> None:
         self._stages = stages
         self._on_status = on_status
@@ -87,7 +92,8 @@ class Engine(Generic[J]):
         self._on_end = on_end
         self._on_answered = on_answered
         self._changed = threading.Condition()  # guards the agenda
-        self._agenda: Agenda[J] = Agenda()
+        self._agenda: Agenda[J] = agenda or Agenda()
+        self._wake_at = wake_at
         self._over = threading.Event()  # the worker has ended
 
     def start(self) -> None:
@@ -123,12 +129,22 @@ class Engine(Generic[J]):
         with self._changed:
             return self._agenda.waiting
 
+    def outlooks(self) -> List[Tuple[J, Outlook]]:
+        """The requests that wait, as :attr:`waiting`, and what can be expected of each."""
+        with self._changed:
+            return [(request, self._agenda.outlook(request)) for request in self._agenda.waiting]
+
+    def look(self) -> None:
+        """Time has passed: decides what that changes."""
+        self.decide(lambda agenda: [])
+
     def decide(self, event: Callable[[Agenda[J]], List[Decision]]) -> None:
         """Puts an event on the agenda and carries out what that decides; from any thread."""
         with self._changed:
-            decisions = event(self._agenda)
+            decisions = [*self._agenda.elapse(), *event(self._agenda)]
             if any(isinstance(decision, StopRun) for decision in decisions):
                 self._tell(self._stages.cancel)
+            self._set_alarm()
             self._changed.notify_all()
         self._tell(self._on_queue)
         for decision in decisions:
@@ -150,6 +166,7 @@ class Engine(Generic[J]):
         while True:
             with self._changed:
                 request = self._agenda.begin()
+                self._set_alarm()
                 held = self._agenda.breakpoints.held
                 if request is None and held == reported:
                     if self._agenda.closing:
@@ -169,6 +186,10 @@ class Engine(Generic[J]):
                 continue
             verdict, error = (crashed(unprepared), unprepared) if unprepared else self._run(request)
             self._finish(request, verdict, error)
+
+    def _set_alarm(self) -> None:
+        """Called with the lock held, whenever the agenda has changed."""
+        self._tell(lambda: self._wake_at(self._agenda.next_change))
 
     def _prepare(self, request: J) -> Optional[BaseException]:
         """Prepares a run, before a cancel can reach it; called with the lock held.
@@ -204,6 +225,7 @@ class Engine(Generic[J]):
         """Ends a run, and its request unless that runs again."""
         with self._changed:
             decisions = self._agenda.ended(verdict)
+            self._set_alarm()
             self._changed.notify_all()
         final = next((answer.verdict for answer in decisions if isinstance(answer, AgendaAnswer)), None)
         shown = final or Verdict(Outcome.CANCELLED, StopKind.INTERRUPTED.value)

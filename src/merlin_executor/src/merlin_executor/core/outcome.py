@@ -20,6 +20,7 @@ class Outcome(IntEnum):
     CANCEL_TIMEOUT = 9
     INTERNAL = 10
     NO_PLAN = 11
+    LATE = 12
 
     @property
     def achieved(self) -> bool:
@@ -50,6 +51,7 @@ class StopKind(Enum):
     CANCELLED = "cancelled by its client"
     CLIENT_LOST = "its client is gone"
     INTERRUPTED = "interrupted by a more urgent request"
+    LATE = "its deadline has passed"
     SHUTDOWN = "the executor shuts down"
 
 

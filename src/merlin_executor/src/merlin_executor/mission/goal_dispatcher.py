@@ -31,6 +31,7 @@ from merlin_executor.mission.goal_state import ACHIEVED, EXECUTOR_WAIT, GoalStat
 from merlin_executor.mission.mission_node import MissionNode
 from merlin_executor.mission.mission_pause import WAIT, MissionPause
 from merlin_executor.mission.mission_reporter import MissionReporter
+from merlin_executor.request_times import with_ros_times
 from merlin_executor.resending import RESEND
 from merlin_planning.knowledge_client import KnowledgeError
 from merlin_ros.ros_alarm import call_after
@@ -127,11 +128,12 @@ class GoalDispatcher(MissionNode):
         """Sends goals and waits until they hold.
 
         :param timeout: s of ROS time, after which they are cancelled; None: as long as it takes.
-        :param options: priority, on_interrupt, … of :meth:`MerlinExecutorClient.send`.
+        :param options: priority, on_interrupt, deadline, … of :meth:`MerlinExecutorClient.send`.
         :return: the Executor's result; CANCELLED for goals that an operator has cancelled, with SKIP.
         :raises MissionFailed: when they do not.
         """
         text = goals if isinstance(goals, str) else " ".join(map(str, goals))
+        options = with_ros_times(options)
         again = True
         while again:
             self._pause.wait(self._cancelled.is_set)

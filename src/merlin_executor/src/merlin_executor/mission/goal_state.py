@@ -10,6 +10,7 @@ from merlin_executor.core.outcome import Outcome, outcome_name
 from merlin_executor.executor_client import RESUME, Goals, MerlinExecutorClient
 from merlin_executor.executor_request import ExecutorRequest
 from merlin_executor.mission.mission_pause import MissionPause
+from merlin_executor.request_times import When, with_ros_times
 from merlin_executor.resending import RESEND
 from merlin_planning.knowledge_client import KnowledgeError
 from merlin_planning.knowledge_text import PDDLSyntaxError
@@ -38,6 +39,8 @@ class GoalState(MerlinState):
     :param on_lost: END or RESEND, what happens when the Executor is lost meanwhile; None: as the client does.
     :param pause: of the mission: while it is paused, the goals are not sent; it also decides what becomes of
         goals that an operator has cancelled.
+    :param not_before, deadline: of the request, as of :meth:`MerlinExecutorClient.send`; numbers are s from
+        when the state begins.
     """
 
     def __init__(
@@ -49,6 +52,8 @@ class GoalState(MerlinState):
         client: Optional[MerlinExecutorClient] = None,
         pause: Optional[MissionPause] = None,
         on_lost: Optional[str] = None,
+        not_before: Optional[When] = None,
+        deadline: Optional[When] = None,
     ) -> None:
         listed = [goals] if callable(goals) or isinstance(goals, str) else list(goals)
         self._keys = keys_of([goal for goal in listed if isinstance(goal, str)], keys)
@@ -58,6 +63,7 @@ class GoalState(MerlinState):
         self._on_interrupt = on_interrupt
         self._pause = pause or MissionPause(lambda paused: None)
         self._on_lost = on_lost
+        self._times = {"not_before": not_before, "deadline": deadline}
         self._client = client or MerlinExecutorClient(on_lost=RESEND)
 
     def run(self, userdata: Any) -> str:
@@ -74,6 +80,10 @@ class GoalState(MerlinState):
             return NOTHING
         if not self._client.wait_for_executor(EXECUTOR_WAIT):
             return self.fail(f"no executor within {EXECUTOR_WAIT:g} s")
+        try:
+            times = with_ros_times(self._times)
+        except ValueError as error:
+            return self.fail(str(error))
         again = True
         while again:
             self.interruptible(self._pause.wake)
@@ -85,7 +95,12 @@ class GoalState(MerlinState):
             self.interruptible(given_up.set)
             try:
                 request = self._client.send(
-                    goals, self._priority, self._on_interrupt, on_lost=self._on_lost, given_up=given_up
+                    goals,
+                    self._priority,
+                    self._on_interrupt,
+                    on_lost=self._on_lost,
+                    given_up=given_up,
+                    **times,
                 )
             except (ValueError, PDDLSyntaxError, ServiceError) as error:
                 self.interruptible(None)

@@ -22,7 +22,7 @@ from merlin_msgs.msg import (
 from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
 
 from merlin_executor.core.activity import LONGEST_REASON, Activity
-from merlin_executor.core.agenda import Agenda, Client, Decision
+from merlin_executor.core.agenda import OVERTAKE_LIMIT, Agenda, Client, Decision
 from merlin_executor.core.answering import unreadable
 from merlin_executor.core.engine import Engine
 from merlin_executor.core.outcome import Outcome, Verdict, crashed
@@ -48,6 +48,7 @@ from merlin_ros.call_scope import CallScope
 from merlin_ros.health import OK, WARN, Health
 from merlin_ros.master.master_link import ERRORS, bounded_master
 from merlin_ros.publishing import publish
+from merlin_ros.ros_alarm import RosAlarm
 from merlin_ros.service_proxy import ServiceError
 from merlin_sm.introspection import start_introspection
 from merlin_sm.states.planning import CALL_GRACE
@@ -73,6 +74,8 @@ class Executor:
     :param stand_wait: s of running time for the base to come to rest after everything has ended.
     :param stuck_after: s of running time without an action under way, after which a plan is given up at a
         dispatcher that would wait for ever; zero or less: never.
+    :param overtake_limit: s of ROS time for which requests of equal priority with earlier deadlines may
+        overtake one that could begin.
     :raises OSError: when that file cannot be written.
     """
 
@@ -87,6 +90,7 @@ class Executor:
         return_wait: float = 8.0,
         stand_wait: float = STAND_WAIT,
         stuck_after: float = STUCK_AFTER,
+        overtake_limit: float = OVERTAKE_LIMIT,
     ) -> None:
         self._knowledge = knowledge
         self._max_replans = max_replans
@@ -104,15 +108,23 @@ class Executor:
         self._server = ActionServer(
             "merlin/execute", ExecuteAction, self._receive, self._cancel, self._owner, _ended_by_server
         )
+        self._alarm = RosAlarm(lambda: self._engine.look(), "request times")
         self._engine: Engine[Request] = Engine(
-            self._machine, self._publish_status, self._publish_queue, self._ended, self._log
+            self._machine,
+            self._publish_status,
+            self._publish_queue,
+            self._ended,
+            self._log,
+            Agenda(rospy.get_time, overtake_limit),
+            self._alarm.set,
         )
         self._activity = Activity()
         self._lock = threading.Lock()  # guards the two fields below
         self._unread: Set[str] = set()  # goals that are not requests yet
         self._checks: Dict[str, CallScope] = {}  # goal -> the calls that check it
         self._order = itertools.count()
-        self._publishing = threading.Lock()  # keeps published statuses and queues in order
+        self._publishing = threading.Lock()  # keeps published statuses and queues in order; guards the field
+        self._expected_end: Optional[float] = None  # of the running request, as the queue was told last
 
     def start(self) -> None:
         """Puts right what a killed Executor left and begins to serve."""
@@ -135,6 +147,7 @@ class Executor:
     def shutdown(self) -> None:
         """Cancels what runs, answers what waits, and stops serving."""
         self._engine.shutdown(END_WAIT)
+        self._alarm.shutdown()
         self._server.shutdown()
         self._introspection.stop()
 
@@ -269,20 +282,33 @@ class Executor:
                 status.steps_total = len(request.plan)
                 status.replans = request.course.replans
                 status.reason = request.course.replan_reason
+                request.runs(status.running)
+                outlook = request.outlook
+                status.deadline = request.goal.goal.deadline
+                status.expected_end = rospy.Time.from_sec(outlook.end or 0.0)
+                status.late = outlook.late
                 request.goal.feedback(
                     ExecuteFeedback(
                         stage=status.stage,
                         running=status.running,
                         steps_done=status.steps_done,
                         steps_total=status.steps_total,
-                        reason=status.reason,
+                        reason="; ".join(filter(None, (status.reason, status.late))),
                     )
                 )
             publish(self._status_publisher, status)
+            shifted = request is not None and request.expected_end != self._expected_end
+        if shifted and self._engine.waiting:
+            self._publish_queue()
 
     def _publish_queue(self) -> None:
         with self._publishing:
-            message = GoalQueue(requests=[request.queued_goal() for request in self._engine.waiting])
+            running = self._engine.running
+            self._expected_end = running.expected_end if running is not None else None
+            outlooks = self._engine.outlooks()
+            for request, outlook in outlooks:
+                request.tell(outlook)
+            message = GoalQueue(requests=[request.queued_goal(outlook) for request, outlook in outlooks])
             message.header.stamp = rospy.Time.now()
             publish(self._queue_publisher, message)
 

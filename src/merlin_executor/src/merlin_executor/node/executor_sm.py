@@ -107,7 +107,7 @@ class ExecutorSM(MerlinSM, Stages[Request]):
         self.add(REMOVE_GOALS, make("remove_goals", _OUTCOMES, self._finish))
 
     def _take_plan(self, actions: Sequence[ActionDispatch]) -> None:
-        self.request.plan = list(actions)
+        self.request.take_plan(actions)
 
     def take_result(self, result: DispatchResult) -> None:
         """Notes how a dispatch has ended."""

@@ -1,11 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """A goal of ``merlin/execute``, and the answer to it."""
 
-from typing import List
+import math
+from typing import List, Optional, Sequence
 
 import rospy
 from actionlib_msgs.msg import GoalStatus
-from merlin_msgs.msg import ExecuteGoal, ExecuteResult, QueuedGoal, StageTime
+from merlin_msgs.msg import (
+    ExecuteFeedback,
+    ExecuteGoal,
+    ExecuteResult,
+    QueuedGoal,
+    RunningAction,
+    StageTime,
+)
 from rosplan_dispatch_msgs.msg import ActionDispatch
 from rosplan_knowledge_msgs.msg import KnowledgeItem
 
@@ -14,6 +22,7 @@ from merlin_executor.core.course import Course
 from merlin_executor.core.engine import Job
 from merlin_executor.core.outcome import Verdict
 from merlin_executor.core.request_limits import check_size
+from merlin_executor.core.time_window import Outlook, PlanTimes, TimeWindow, outlook_running
 from merlin_planning.knowledge_text import parse_goal, to_pddl
 from merlin_ros.actions.action_server import ServerGoal
 
@@ -36,6 +45,7 @@ class Request(Job):
             resumes=wanted.on_interrupt == ExecuteGoal.RESUME,
             goes_on=wanted.on_client_lost == ExecuteGoal.GO_ON,
             sender=goal.sender,
+            window=TimeWindow(wanted.not_before.to_sec(), wanted.deadline.to_sec() or math.inf),
         )
         self.goal = goal
         tokens = [len(side.tokens) for item in wanted.items for side in (item.ineq.LHS, item.ineq.RHS)]
@@ -47,6 +57,18 @@ class Request(Job):
         self.queued = rospy.Time.now()
         self.course = Course(max_replans)
         self.plan: List[ActionDispatch] = []
+        self._times = PlanTimes()
+        self._late = ""  # as its client was told last, while it waits
+
+    @property
+    def expected_end(self) -> Optional[float]:
+        """When its plan is expected to end, s of ROS time; None: not known."""
+        return self._times.end
+
+    @property
+    def outlook(self) -> Outlook:
+        """What can be expected of it while it runs."""
+        return outlook_running(self.window, self.expected_end)
 
     @property
     def text(self) -> str:
@@ -56,7 +78,18 @@ class Request(Job):
     def begin(self) -> None:
         """A run begins: the first, or after an interruption."""
         self.course.begin()
-        self.plan = []
+        self.take_plan([])
+
+    def take_plan(self, actions: Sequence[ActionDispatch]) -> None:
+        """Its plan is carried out from now on; none: it has no plan."""
+        self.plan = list(actions)
+        steps = [(action.action_id, action.dispatch_time, action.duration) for action in actions]
+        self._times.begin(steps, rospy.get_time())
+
+    def runs(self, actions: Sequence[RunningAction]) -> None:
+        """Takes the actions that are under way."""
+        if self.plan:
+            self._times.dispatched((action.action_id, action.dispatched.to_sec()) for action in actions)
 
     def accept(self) -> None:
         """Accepts the goal at the action server: the request runs."""
@@ -73,7 +106,13 @@ class Request(Job):
         }
         return verbs[answer_for(verdict.outcome, accepted)](self._result(verdict), verdict.reason)
 
-    def queued_goal(self) -> QueuedGoal:
+    def tell(self, outlook: Outlook) -> None:
+        """Tells its client, while it waits, when it can no longer be on time, or can be again."""
+        if outlook.late != self._late:
+            self._late = outlook.late
+            self.goal.feedback(ExecuteFeedback(reason=outlook.late))
+
+    def queued_goal(self, outlook: Outlook) -> QueuedGoal:
         """Its state in the queue."""
         return QueuedGoal(
             request=self.goal.id,
@@ -83,6 +122,10 @@ class Request(Job):
             interrupted=self.interrupted,
             queued=self.queued,
             by=self.goal.goal.by,
+            not_before=self.goal.goal.not_before,
+            deadline=self.goal.goal.deadline,
+            expected_begin=rospy.Time.from_sec(outlook.begin or 0.0),
+            late=outlook.late,
         )
 
     def _result(self, verdict: Verdict) -> ExecuteResult:

@@ -125,6 +125,7 @@ class NowSection:
             "held": message.held,
             "waits": getattr(message, "waits", ""),
             "breakpoints": list(message.breakpoints),
+            **self._times(message, "deadline", "expected_end"),
             "running": [
                 {
                     "id": action.action_id,
@@ -213,6 +214,7 @@ class NowSection:
                 "interrupted": request.interrupted,
                 "queued": request.queued.to_sec(),
                 "by": getattr(request, "by", ""),
+                **self._times(request, "not_before", "deadline", "expected_begin"),
             }
             for request in message.requests
         ]
@@ -453,3 +455,10 @@ class NowSection:
             stage = executor["stage"]
             chain.append(["stage", say(STAGES[stage]) if stage in STAGES else stage])
         return chain
+
+    def _times(self, message: Any, *names: str) -> Dict[str, Any]:
+        """Times of a request, s of ROS time, zero where there is none, and why it is late."""
+        times = {name: getattr(message, name, None) for name in names}  # a bag may be older
+        late = getattr(message, "late", "")
+        shown = {name: time.to_sec() if time else 0.0 for name, time in times.items()}
+        return {**shown, "late": self._wording.reason(late) if late else ""}

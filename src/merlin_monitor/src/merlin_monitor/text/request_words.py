@@ -21,6 +21,7 @@ OUTCOMES = (
     "cancel timeout",
     "internal",
     "no plan",
+    "late",
 )
 #: Outcomes that are not failures → what the time bar takes them for.
 MARKS = {"succeeded": "", "already true": "", "cancelled": "cancel", "dropped": "cancel"}

@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: Apache-2.0
+"""When a request may run, and when its plan is expected to end. Pure; times are s of ROS time."""
+
+import math
+from typing import Dict, Iterable, NamedTuple, Optional, Tuple
+
+from merlin_executor.core.base_hold import clock_text
+
+SHORTEST = 0.01  # s; a plan whose actions all take less has no durations
+
+
+class TimeWindow(NamedTuple):
+    """From when to when a request may run."""
+
+    not_before: float = 0.0
+    """It does not begin earlier; zero: at once."""
+    deadline: float = math.inf
+    """Its goals have to hold by then."""
+
+    def is_open(self, now: float) -> bool:
+        """Whether it may run now."""
+        return self.not_before <= now < self.deadline
+
+    def why_refused(self, now: float) -> str:
+        """Why no request can have this window, as a sentence; empty: one can."""
+        by = clock_text(self.deadline) if self.deadline < math.inf else ""
+        if self.deadline <= now:
+            return f"its deadline {by} passed {now - self.deadline:.0f} s ago"
+        if self.deadline <= self.not_before:
+            return f"its deadline {by} is not after {clock_text(self.not_before)}, when it may begin"
+        return ""
+
+    @property
+    def missed(self) -> str:
+        """What is said when the deadline has passed."""
+        return f"late: its goals do not hold by its deadline {clock_text(self.deadline)}"
+
+
+ALWAYS = TimeWindow()
+
+
+class Outlook(NamedTuple):
+    """What can be expected of a request."""
+
+    begin: Optional[float] = None
+    """When it begins; None: not known, or it runs."""
+    end: Optional[float] = None
+    """When it ends; None: not known."""
+    late: str = ""
+    """Why it can no longer be on time, as a sentence; empty: it may be."""
+
+
+def outlook_running(window: TimeWindow, end: Optional[float]) -> Outlook:
+    """The outlook of a request that runs.
+
+    :param end: when its plan is expected to end; None: not known.
+    """
+    if end is None or end <= window.deadline:
+        return Outlook(end=end)
+    by = clock_text(window.deadline)
+    return Outlook(end=end, late=f"its plan is expected to end at {clock_text(end)}, after its deadline {by}")
+
+
+def outlook_waiting(window: TimeWindow, is_next: bool, before: str, end: Optional[float]) -> Outlook:
+    """The outlook of a request that waits.
+
+    :param is_next: whether it is the first of those that wait.
+    :param before: the goals of the request that runs and that it has to wait for; empty: there is none.
+    :param end: when that one is expected to end; None: not known.
+    """
+    if not before:
+        return Outlook(window.not_before if is_next and window.not_before else None)
+    if end is None:
+        return Outlook()
+    begin = max(end, window.not_before)
+    late = ""
+    if end >= window.deadline:
+        by = clock_text(window.deadline)
+        late = f"{before} is expected to run until {clock_text(end)}, and the deadline of this one is {by}"
+    return Outlook(begin if is_next else None, late=late)
+
+
+class _Timed(NamedTuple):
+    starts: Dict[int, float]  # of each action, s since the begin of the plan
+    length: float  # s; zero: not known
+    origin: float
+
+
+class PlanTimes:
+    """When the plan of a request is expected to end: as planned, later by what its actions are late."""
+
+    def __init__(self) -> None:
+        self._plan = _Timed({}, 0.0, 0.0)  # replaced as a whole: other threads read it
+
+    def begin(self, steps: Iterable[Tuple[int, float, float]], now: float) -> None:
+        """A plan is carried out from now on; one without actions: there is none.
+
+        :param steps: of each action its id, its start, s since the begin of the plan, and its duration, s.
+        """
+        listed = list(steps)
+        timed = any(duration > SHORTEST for _, _, duration in listed)
+        length = max(start + duration for _, start, duration in listed) if timed else 0.0
+        self._plan = _Timed({number: start for number, start, _ in listed}, length, now)
+
+    def dispatched(self, actions: Iterable[Tuple[int, float]]) -> None:
+        """Takes the actions under way: of each its id, and when it was dispatched."""
+        plan = self._plan
+        origins = [at - plan.starts[number] for number, at in actions if number in plan.starts]
+        if origins:
+            self._plan = plan._replace(origin=max(origins))
+
+    @property
+    def end(self) -> Optional[float]:
+        """When it is expected to end; None: there is no plan, or its actions have no durations."""
+        plan = self._plan
+        return plan.origin + plan.length if plan.length else None
