@@ -3,7 +3,6 @@
 """merlin_sm's transport over real connections: actions, services, and servers that die."""
 
 import os
-import queue
 import signal
 import threading
 import time
