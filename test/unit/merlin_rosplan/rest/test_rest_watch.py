@@ -4,7 +4,10 @@
 import pytest
 from rest_world import RestWorld, planned
 
+from merlin_pddl.knowledge import FunctionValue, Instance
 from merlin_pddl.plan_text import OUTDATED
+from merlin_rosplan.dispatch.dispatch_schedule import SequentialSchedule
+from merlin_rosplan.rest.rest_watch import PlanWatch
 
 DOMAIN = """(define (domain house) (:requirements :adl :typing :durative-actions :numeric-fluents
     :derived-predicates)
@@ -124,8 +127,6 @@ def test_a_value_counts_where_no_step_changes_it(tour):
 
 
 def _value(name, value):
-    from merlin_pddl.knowledge import FunctionValue
-
     return FunctionValue(name, (), float(value))
 
 
@@ -136,8 +137,6 @@ def _last(world):
 
 
 def test_an_object_that_is_removed_is_noticed():
-    from merlin_pddl.knowledge import Instance
-
     world = world_of(*TOUR)
     world.start(0)
     with world.store.transaction() as change:
@@ -215,6 +214,13 @@ def test_steps_that_belong_together_are_skipped_together():
     assert set(world.watch.skipped) == {2, 4}, "the way there and back needs a new plan to be saved"
 
 
+def test_without_goals_no_step_is_skipped():
+    world = world_of(*TOUR, goal="(and)")
+    world.start(0)
+    world.make("(checked kitchen)", "(checked hall)")
+    assert world.watch.look() is None and not world.watch.skipped
+
+
 def test_a_goal_that_comes_true_ends_the_plan(tour):
     tour.make("(checked hall)", "(checked kitchen)")
     verdict = tour.watch.look()
@@ -237,6 +243,16 @@ def test_a_goal_that_held_and_goes_is_noticed():
     world.start(0)
     world.make("(not (checked base))")
     assert world.watch.look().reason == f"{OUTDATED}its goal is not reached: (checked base) does not hold"
+
+
+def test_a_change_before_the_dispatch_counts_for_steps_and_not_for_goals():
+    problem_of = world_of(*TOUR)
+    problem_of.make("(not (open d2))")
+    late = PlanWatch(SequentialSchedule(problem_of.actions), problem_of, frozenset({"open", "wet"}))
+    assert "step 3, (drive d2 hall kitchen), cannot be carried out" in late.look().reason
+    assert late.look() is None
+    goal = world_of("(check base)")
+    assert PlanWatch(SequentialSchedule(goal.actions), goal, frozenset({"checked"})).look() is None
 
 
 def test_over_a_knowledge_base_that_lists_no_executions_nothing_is_judged(tour):

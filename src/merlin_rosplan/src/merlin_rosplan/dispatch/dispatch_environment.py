@@ -123,22 +123,17 @@ class DispatchReport:
         :param unanswered: actions whose interfaces did not answer the cancel.
         """
         total = len(schedule.actions)
+        reason = failure.reason if failure is not None else f"{steps_done} of {total} actions done"
         if state is None:
             if failure is None:
                 state = DispatchState.RUNNING if running or not schedule.finished else DispatchState.SUCCEEDED
             elif failure.state == DispatchState.CANCELLED and schedule.finished:
                 state = DispatchState.SUCCEEDED
+                reason = "the last action had ended when the cancel came through"
             else:
                 state = failure.state
-        reason = failure.reason if failure is not None else f"{steps_done} of {total} actions done"
-        if failure is not None and failure.state == DispatchState.SUCCEEDED and unanswered:
-            state = DispatchState.FAILED
-        elif (
-            failure is not None
-            and failure.state == DispatchState.CANCELLED
-            and state == DispatchState.SUCCEEDED
-        ):
-            reason = "the last action had ended when the cancel came through"
+                if unanswered and state == DispatchState.SUCCEEDED:
+                    state = DispatchState.FAILED
         if unanswered:
             reason += f"; no answer to the cancel from {', '.join(map(str, unanswered))}"
         failed = failure.action if failure is not None else None

@@ -267,7 +267,10 @@ class PlanWatch(RestWatch):
         """Which steps are not needed, and what is missing all the same.
 
         A step may go whose effect came true by itself, or that cannot start; then those that only served it.
+        Without goals it is not known what a step is for.
         """
+        if look.goals == _NO_GOALS:
+            return self._skipped, false
         first = [
             action_id
             for action_id in self._waiting()
