@@ -10,10 +10,10 @@ from typing import Any, Dict, List
 import rospy
 from measuring.figures import figure
 from measuring.ros_process import RosMaster
-from planning.bench_dispatch import KB, PLACES, START_LIMIT, Dispatcher, chain, chain_domain, chain_problem
 from rosplan_dispatch_msgs.msg import ActionDispatch
 
 from merlin_planning.knowledge_client import ADD, REMOVE, KnowledgeClient, Update, fact
+from planning.bench_dispatch import KB, PLACES, START_LIMIT, Dispatcher, chain, chain_domain, chain_problem
 
 FACTS = 10_000
 STEPS = 100

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A dispatch whose plan no longer fits the world: what is stopped, skipped and reported."""
 
-from dispatch_world import PLAN_ID, PATIENT, Run
+from dispatch_world import PATIENT, PLAN_ID, Run
 from rest_world import RestWorld, planned
 
 from merlin_rosplan.dispatch.dispatch import PlanDispatch

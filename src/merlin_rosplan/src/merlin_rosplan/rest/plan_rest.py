@@ -55,8 +55,9 @@ class PlanRest:
     """The happenings of a plan: what each needs, and what it changes.
 
     Facts are followed through the plan. A numeric, quantified, disjunctive or derived condition is judged
-    where no earlier step of the rest changes what it reads, and a fact where none may change it conditionally. The
-    end of an action that runs is not judged: what is needed then its machine may bring about.
+    where no earlier step of the rest changes what it reads, and a fact where none may change it
+    conditionally. The end of an action that runs is not judged: what is needed then its machine may bring
+    about.
 
     :param order: the start (False) and the end (True) of each action, in the order of the plan.
     :param models: the ground actions by id.
