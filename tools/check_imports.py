@@ -101,7 +101,7 @@ LAYERS: Dict[str, Tuple[str, ...]] = {
     "merlin_sm": (".", "states", "holding trees", "breakpoint_client state_factory"),
     "merlin_rosplan": (
         "knowledge planning dispatch",
-        "storage supervision",
+        "storage supervision rest",
         "messages transport",
         "dispatcher",
         "nodes",
@@ -134,7 +134,7 @@ WITHOUT_ROS: Dict[str, str] = {
     "merlin_executor": "core goals",
     "merlin_fleet": "core testing",
     "merlin_monitor": "access history truth",
-    "merlin_rosplan": "knowledge planning dispatch storage supervision",
+    "merlin_rosplan": "knowledge planning dispatch storage supervision rest",
 }
 #: Likewise, package → those of its modules and sub-packages that such a one may import.
 MODULES_WITHOUT_ROS: Dict[str, str] = {"merlin_ros": "alarms robot_values work processes"}

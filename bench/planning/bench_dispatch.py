@@ -135,12 +135,16 @@ class Dispatcher:
         if not self._parse(path).plan_parsed:
             raise RuntimeError(f"{path} was not parsed")
 
+    def dispatch_parsed(self) -> bool:
+        """Dispatches what was parsed; whether that succeeded."""
+        return bool(self._dispatch().success)
+
     def dispatch(self, path: str) -> float:
         """Seconds to run a whole plan."""
         self.parse(path)
         self.interfaces.begin()
         start = time.perf_counter()
-        if not self._dispatch().success:
+        if not self.dispatch_parsed():
             raise RuntimeError("the dispatch failed")
         return time.perf_counter() - start
 

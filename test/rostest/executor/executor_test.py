@@ -267,15 +267,29 @@ class Executor(unittest.TestCase):
         change = self.changes.wait(lambda change: change.header.stamp >= begun and checked(change.added))
         undone = f"(checked {checked(change.added)[0]})"
         self.knowledge.remove_facts(undone)
-        self.held.end()
+        # At once: the drive to the second would never end.
         told = self.dispatches.wait(
             lambda status: status.header.stamp >= begun and status.state == DispatchStatus.IDLE
         )
-        self.assertEqual((told.unmet_goals, told.failed_action), ([undone], ""), told)
+        self.held.end()
+        self.assertEqual(
+            told.reason, f"the plan no longer fits: its goal is not reached: {undone} does not hold"
+        )
+        self.assertIn(undone, told.unmet_goals)
         self.assertTrue(request.wait(LONG))
         self.assertOutcome(request.result, "SUCCEEDED")
         self.assertEqual(request.result.replans, 1)
         self.assertTrue(self.knowledge.holds(undone))
+
+    def test_a_goal_that_comes_true_by_itself_ends_its_request(self):
+        self.assertIn(self.client.execute("(robot_at kitchen)", LONG).outcome, ACHIEVED)
+        request = self.driving("(checked bathroom)")
+        self.knowledge.add_facts("(checked bathroom)")
+        self.assertTrue(request.wait(LONG))
+        self.assertOutcome(request.result, "SUCCEEDED")
+        self.assertEqual(request.result.replans, 0)
+        self.held.wait_stopped()
+        self.assertEqual(self.knowledge.facts("robot_at"), ["(robot_at anywhere)"])
 
     def test_a_cancel_reaches_a_request_that_waits_before_it_is_planned_again(self):
         self.unreachable_dorm_room()

@@ -8,6 +8,9 @@ from typing import Dict, Iterable, List, Optional, Tuple
 #: Duration that stands for an action without one, s.
 NO_DURATION = 0.001
 
+#: How the reason begins with which a dispatcher ends a plan because the world has changed.
+OUTDATED = "the plan no longer fits: "
+
 #: The latest time and longest duration of a plan, s: ROS counts its seconds in 32 bits.
 LONGEST = 1e9
 

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from merlin_executor.core.course import Course, StageEnd
 from merlin_executor.core.outcome import Outcome
 from merlin_executor.core.replanning import REPLAN_WAIT, Failure, Replanning
+from merlin_pddl.plan_text import OUTDATED
 
 STAGES = ["SETTLE", "ADD_GOALS", "GENERATE_PROBLEM", "PLAN", "PARSE_PLAN", "DISPATCH_PLAN"]
 
@@ -174,6 +175,19 @@ def test_the_same_failure_is_not_tried_a_third_time() -> None:
     decision = policy.failed(failure)
     assert not decision.again
     assert decision.reason == "the way is blocked (2 times for the same reason)"
+
+
+def test_a_plan_that_no_longer_fits_is_replaced_at_once_and_a_bounded_number_of_times() -> None:
+    course = Course(max_replans=3)
+    course.begin()
+    for expected in (True, True, True, False):
+        run(
+            course,
+            ("DISPATCH_PLAN", "failed", f"{OUTDATED}step 2, (go b), cannot be carried out: (open) ..."),
+        )
+        decision = course.replan()
+        assert (decision.again, decision.wait) == (expected, 0.0)
+    assert course.replans == 3
 
 
 def test_other_failures_are_bounded_and_wait_longer_each_time() -> None:

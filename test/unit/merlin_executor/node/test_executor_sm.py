@@ -8,6 +8,7 @@ from typing import Any, Callable, List, Sequence
 
 import pytest
 import rospy
+from rosplan_dispatch_msgs.msg import ActionDispatch
 
 from merlin_executor.core import replanning
 from merlin_executor.core.course import Course
@@ -94,6 +95,8 @@ class Bench:
         self.without: List[List[str]] = []  # of each planning
         self.unsolvable = False  # when something is left out
         self.held = False
+        self.plan: List[ActionDispatch] = []
+        self.waited_standing = False
         self.waits, self.woken = threading.Event(), threading.Event()
         self.now = 0.0  # s of running time, where a test counts it
         self.patience: List[float] = []  # s for which the planning system was waited for
@@ -101,14 +104,17 @@ class Bench:
             read_ahead=lambda: None,
             generate_problem=lambda: None,
             plan=self._plan,
-            parse_plan=lambda: [],
+            parse_plan=lambda: self.plan,
             wait_back=self._wait_back,
+        )
+        self.dispatcher = SimpleNamespace(
+            dispatch=self._dispatch, available=lambda: not self.troubles, steps_done=0
         )
         self.machine = ExecutorSM(
             PlanningSystem(
                 self.knowledge,  # type: ignore[arg-type]
                 planning,  # type: ignore[arg-type]
-                SimpleNamespace(dispatch=self._dispatch, available=lambda: not self.troubles),  # type: ignore[arg-type]
+                self.dispatcher,  # type: ignore[arg-type]
                 SimpleNamespace(rest=self._rest),  # type: ignore[arg-type]
                 self,  # type: ignore[arg-type]
                 0.1,
@@ -123,6 +129,7 @@ class Bench:
     # --- the guards
 
     def wait_standing(self) -> bool:
+        self.waited_standing = True
         return True
 
     def brake(self, reason: str) -> None:
@@ -216,6 +223,17 @@ def test_what_was_given_up_is_planned_around(bench: Bench) -> None:
     bench.results = [SAID_NO]
     assert bench.run().outcome is Outcome.SUCCEEDED
     assert bench.without == [[], ["(ask ann)"]]
+
+
+@pytest.mark.parametrize(("done", "waits"), [(0, True), (1, False)])
+def test_with_a_goal_that_came_true_on_the_way_the_base_has_to_stand(
+    bench: Bench, done: int, waits: bool
+) -> None:
+    bench.plan = [ActionDispatch()]
+    bench.dispatcher.steps_done = done
+    bench.results = [DispatchResult(True)]
+    assert bench.run().outcome is Outcome.SUCCEEDED
+    assert bench.waited_standing is waits
 
 
 def test_while_a_base_is_held_nothing_is_planned_again(bench: Bench) -> None:

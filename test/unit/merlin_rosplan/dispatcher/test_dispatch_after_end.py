@@ -95,6 +95,7 @@ class Beginning(Dispatcher):
         super().__init__()
         self._busy, self._unwanted, self._dispatch, self._goal = False, False, None, None
         self._breakpoints = self._plan = None  # type: ignore[assignment]
+        self._missed, self._watches_rest = frozenset(), False
         self._owner = SimpleNamespace(end=lambda: None, attach=lambda dispatch, key: None)
         self._settler = SimpleNamespace(settle=lambda plan_id, actions: None)
         self._topics = SimpleNamespace(

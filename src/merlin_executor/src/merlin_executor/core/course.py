@@ -6,6 +6,7 @@ from typing import Dict, List, NamedTuple, Sequence, Tuple
 from merlin_executor.core.awaited import Absence
 from merlin_executor.core.outcome import Outcome, Verdict
 from merlin_executor.core.replanning import Failure, ReplanDecision, Replanning
+from merlin_pddl.plan_text import OUTDATED
 
 SETTLE = "SETTLE"
 PLAN = "PLAN"
@@ -125,7 +126,10 @@ class Course:
         failed = (end.stage, end.outcome) == (DISPATCH_PLAN, "failed")
         if not failed and not (end.gone and end.outcome == "aborted"):
             return ReplanDecision(False, reason=end.reason)
-        decision = self._replanning.failed(Failure(end.reason, self.action, end.gone, self.no_retry))
+        outdated = end.reason.startswith(OUTDATED)
+        decision = self._replanning.failed(
+            Failure(end.reason, self.action, end.gone, self.no_retry, outdated)
+        )
         if not decision.again:
             self.end = end._replace(reason=decision.reason)
         return decision

@@ -21,6 +21,8 @@ class Failure(NamedTuple):
     """A part of the planning system is gone."""
     no_retry: str = ""
     """Which actions another try cannot help, as PDDL text with ``*`` for any argument; empty: it may help."""
+    outdated: bool = False
+    """Nothing failed: the world has changed, and the rest of the plan does not fit it."""
 
 
 class ReplanDecision(NamedTuple):
@@ -67,6 +69,9 @@ class Replanning:
         if self.count >= self._limit:
             times = f" (planned again {_times(self.count)})" if self._limit else ""
             return ReplanDecision(False, reason=failure.reason + times)
+        if failure.outdated:
+            self.count += 1
+            return ReplanDecision(True)
         if same >= SAME_FAILURE and not failure.gone:
             # The world has not changed enough for another end, or the planner would have found another way.
             return ReplanDecision(False, reason=f"{failure.reason} ({same} times for the same reason)")

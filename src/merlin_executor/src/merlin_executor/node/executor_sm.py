@@ -131,7 +131,7 @@ class ExecutorSM(MerlinSM, Stages[Request]):
         if verdict.outcome is Outcome.CANCEL_TIMEOUT:
             told = course.timed_out or self.request.stop is None
             verdict = unstopped(course.unstopped, guard.halt(), verdict.reason if told else "")
-        elif course.may_move and not verdict.outcome.achieved and not guard.wait_standing():
+        elif course.may_move and self._stopped_early(verdict) and not guard.wait_standing():
             verdict = still_moving(verdict, guard.halt())
         if not course.unreachable and not course.timed_out:
             trouble = self._remove_goals(REMOVE_LIMIT if self.request.stop is None else REMOVE_LIMIT_STOPPED)
@@ -139,6 +139,10 @@ class ExecutorSM(MerlinSM, Stages[Request]):
         # Otherwise they are removed later: the answer does not wait for what does not answer.
         self._verdict = verdict
         return verdict.outcome.name.lower()
+
+    def _stopped_early(self, verdict: Verdict) -> bool:
+        """Whether an action may have been stopped: a goal may come true while the base drives."""
+        return not verdict.outcome.achieved or self._system.dispatcher.steps_done < len(self.request.plan)
 
     @property
     def left(self) -> bool:

@@ -26,6 +26,7 @@ from merlin_rosplan.dispatch.dispatch_environment import (
     Feedback,
     FeedbackStatus,
     KnowledgeChanged,
+    RestWatch,
     Tick,
     together,
 )
@@ -48,6 +49,8 @@ class PlanDispatch:
         ROSPlan's own interfaces, which do not set it: it counts once the interface has taken the action.
     :param events: where events come from, for a simulation that keeps its own time; None: a queue of its own.
     :param breakpoints: actions before which it is held; after a change of them it has to get a :class:`Tick`.
+    :param watch: judges whether the rest of the plan still fits the world; None: each action is judged at its
+        start.
     """
 
     def __init__(
@@ -58,8 +61,10 @@ class PlanDispatch:
         plan_id: int = 0,
         events: "Optional[queue.Queue[Event]]" = None,
         breakpoints: Optional[Breakpoints] = None,
+        watch: Optional[RestWatch] = None,
     ) -> None:
         self.plan_id = plan_id
+        self._watch = watch
         self._schedule = schedule
         self._environment = environment
         self._limits = limits
@@ -128,6 +133,9 @@ class PlanDispatch:
 
     def _loop(self) -> None:
         while self._failure is None:
+            self._look_at_rest()
+            if self._failure is not None:
+                return
             looked = self._start_ready()
             if not self._running:
                 self._failure = self._failure or self._robot_left
@@ -177,6 +185,8 @@ class PlanDispatch:
             if self._suspended.is_set() or self._robot_left is not None:
                 return now
             ready = [action for action in self._schedule.ready(now) if action.id not in tried]
+            if self._watch is not None and self._watch.skipped and self._skip(ready, now):
+                continue
             if self._breakpoints.armed:
                 held = self._breakpoints.held
                 ready = [ready[index] for index in self._breakpoints.admit([str(each) for each in ready])]
@@ -194,6 +204,30 @@ class PlanDispatch:
             if waiting:
                 self._fail(f"the plan cannot continue: no action runs, and {waiting[0]} waits forever")
         return now
+
+    def _skip(self, ready: List[PlannedAction], now: float) -> bool:
+        """Passes over what is not needed any more; whether there was something."""
+        assert self._watch is not None
+        skipped = [action for action in ready if action.id in self._watch.skipped]
+        for action in skipped:
+            self._schedule.started(action.id, now)
+            self._schedule.ended(action.id, now)
+            self._watch.ended(action.id)
+            self._done += 1
+            self._unpublished = True
+        return bool(skipped)
+
+    def _look_at_rest(self) -> None:
+        verdict = None if self._watch is None else self._watch.look()
+        if verdict is None:
+            return
+        if verdict.achieved:
+            self._failure = DispatchFailure(DispatchState.SUCCEEDED, verdict.reason)
+            return
+        robot = ""
+        if verdict.action is not None and verdict.unmet is not None:
+            robot = self._environment.robot_left(verdict.action, verdict.unmet)
+        self._fail(verdict.reason, verdict.action, robot)
 
     def _see_starts(self, now: float) -> None:
         for action_id in self._schedule.awaited():
@@ -232,6 +266,8 @@ class PlanDispatch:
         for record in records:
             self._coming.came(record.action.id)
             self._running[record.action.id] = record
+            if self._watch is not None:
+                self._watch.started(record.action.id)
         for record in records:
             action = self._last = record.action
             self._environment.send(action)
@@ -251,6 +287,8 @@ class PlanDispatch:
             elif isinstance(event, Feedback):
                 self._feedback(event)
             elif isinstance(event, KnowledgeChanged):
+                if self._watch is not None:
+                    self._watch.changed(event)
                 self._changes = together(self._changes, event.names)
                 for record in self._running.values():
                     record.changed(event.names)
@@ -284,6 +322,8 @@ class PlanDispatch:
             del self._running[feedback.action_id]
             self._check_end(record)
             self._schedule.ended(feedback.action_id, self._environment.now())
+            if self._watch is not None:
+                self._watch.ended(feedback.action_id)
         elif status == FeedbackStatus.FAILED:
             del self._running[feedback.action_id]
             named = feedback.reason.startswith(str(record.action))

@@ -4,12 +4,24 @@
 import abc
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import TYPE_CHECKING, Any, FrozenSet, List, NamedTuple, Optional, Sequence, Tuple, Union
+from typing import (
+    TYPE_CHECKING,
+    AbstractSet,
+    Any,
+    FrozenSet,
+    List,
+    Mapping,
+    NamedTuple,
+    Optional,
+    Sequence,
+    Tuple,
+    Union,
+)
 
 from merlin_rosplan.dispatch.dispatch_schedule import PlannedAction, Schedule
 
 if TYPE_CHECKING:  # a dispatcher answers before it has operators
-    from merlin_rosplan.dispatch.operator_model import ActionModel, Conditions
+    from merlin_rosplan.dispatch.operator_model import ActionModel, Conditions, PlanTerm
 
 
 class FeedbackStatus(IntEnum):
@@ -67,7 +79,10 @@ class DispatchLimits:
 
 @dataclass(frozen=True)
 class DispatchFailure:
-    """Why a dispatch stops before its end: FAILED or CANCELLED, a sentence, and the action that failed."""
+    """Why a dispatch stops before its end, a sentence, and the action that failed.
+
+    SUCCEEDED: what it was for came true by itself.
+    """
 
     state: DispatchState
     reason: str
@@ -108,16 +123,17 @@ class DispatchReport:
         :param unanswered: actions whose interfaces did not answer the cancel.
         """
         total = len(schedule.actions)
+        reason = failure.reason if failure is not None else f"{steps_done} of {total} actions done"
         if state is None:
             if failure is None:
                 state = DispatchState.RUNNING if running or not schedule.finished else DispatchState.SUCCEEDED
             elif failure.state == DispatchState.CANCELLED and schedule.finished:
                 state = DispatchState.SUCCEEDED
+                reason = "the last action had ended when the cancel came through"
             else:
                 state = failure.state
-        reason = failure.reason if failure is not None else f"{steps_done} of {total} actions done"
-        if failure is not None and state == DispatchState.SUCCEEDED:
-            reason = "the last action had ended when the cancel came through"
+                if unanswered and state == DispatchState.SUCCEEDED:
+                    state = DispatchState.FAILED
         if unanswered:
             reason += f"; no answer to the cancel from {', '.join(map(str, unanswered))}"
         failed = failure.action if failure is not None else None
@@ -125,8 +141,54 @@ class DispatchReport:
 
     @property
     def success(self) -> bool:
-        """Whether every action of the plan succeeded."""
+        """Whether every action of the plan succeeded, or was not needed any more."""
         return self.state == DispatchState.SUCCEEDED
+
+
+class PlanGoals(NamedTuple):
+    """What a plan is for."""
+
+    literals: "Conditions"
+    reads: FrozenSet[str] = frozenset()
+    """Predicates and functions that the other goals depend on."""
+
+
+class RestVerdict(NamedTuple):
+    """The rest of a plan need not, or cannot, be carried out."""
+
+    reason: str
+    """One sentence."""
+    achieved: bool = False
+    """All goals hold."""
+    action: Optional[PlannedAction] = None
+    """The action that cannot start any more."""
+    unmet: "Optional[Conditions]" = None
+    """What that action lacks."""
+
+
+class RestWatch(abc.ABC):
+    """Watches whether the rest of a plan still fits the world. Used in the thread of the dispatch only."""
+
+    @property
+    @abc.abstractmethod
+    def skipped(self) -> AbstractSet[int]:
+        """Actions that are not needed any more."""
+
+    @abc.abstractmethod
+    def changed(self, change: "KnowledgeChanged") -> None:
+        """The knowledge base has changed."""
+
+    @abc.abstractmethod
+    def started(self, action_id: int) -> None:
+        """An action was sent."""
+
+    @abc.abstractmethod
+    def ended(self, action_id: int) -> None:
+        """An action has succeeded, or was skipped."""
+
+    @abc.abstractmethod
+    def look(self) -> Optional[RestVerdict]:
+        """Judges what has changed since the last look; None: the plan goes on."""
 
 
 class DispatchEnvironment(abc.ABC):
@@ -182,6 +244,25 @@ class DispatchEnvironment(abc.ABC):
         """
         return None
 
+    def held(self) -> "Optional[Mapping[int, FrozenSet[PlanTerm]]]":
+        """The actions of this dispatch whose effects have begun and not ended, by id.
+
+        With each the facts, lower-case, that are as they are only while it runs. None: not known.
+        """
+        return None
+
+    def goals(self) -> "Optional[PlanGoals]":
+        """What the plan is for; None when it is not known."""
+        return None
+
+    def goals_hold(self) -> bool:
+        """Whether there are goals, and all hold now."""
+        return False
+
+    def objects(self) -> Optional[FrozenSet[str]]:
+        """All objects and constants, lower-case; None when they are not known."""
+        return None
+
     def robot_left(self, action: PlannedAction, unmet: "Conditions") -> str:
         """The robot of an action that cannot start because that robot takes no actions; empty: it does."""
         return ""
@@ -223,10 +304,12 @@ class CancelRequest(NamedTuple):
 class KnowledgeChanged(NamedTuple):
     """The knowledge base changed; `names` of predicates and functions, None when it does not say.
 
-    No names: something was applied that changed nothing.
+    No names: something was applied that changed nothing. The empty name stands for objects.
     """
 
     names: Optional[FrozenSet[str]] = None
+    facts: FrozenSet[Tuple[Tuple[str, ...], bool]] = frozenset()
+    """The facts among the changes, as predicate and objects in lower case, and whether each holds now."""
 
 
 def together(names: Optional[FrozenSet[str]], more: Optional[FrozenSet[str]]) -> Optional[FrozenSet[str]]:

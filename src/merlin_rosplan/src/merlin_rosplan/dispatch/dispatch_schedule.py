@@ -64,6 +64,12 @@ class Schedule(abc.ABC):
     def finished(self) -> bool:
         """Whether every action has succeeded."""
 
+    def happenings(self) -> List[Tuple[int, bool]]:
+        """The start (False) and the end (True) of every action, by its id, in the order of the plan."""
+        timed = [(each.time, True, each.id) for each in self.actions.values()]
+        timed += [(each.time + each.duration, False, each.id) for each in self.actions.values()]
+        return [(action_id, not is_start) for _, is_start, action_id in sorted(timed)]
+
     def begin(self, now: float) -> None:  # noqa: B027 - nothing to do is a fine default
         """Called when the plan starts. ``now`` is ROS time, s."""
 
@@ -121,6 +127,10 @@ class SequentialSchedule(Schedule):
     def finished(self) -> bool:
         """Whether every action has succeeded."""
         return self._next >= len(self._order) and not self._running
+
+    def happenings(self) -> List[Tuple[int, bool]]:
+        """Each action ends before the next one starts."""
+        return [(action.id, at_end) for action in self._order for at_end in (False, True)]
 
     def ready(self, now: float) -> List[PlannedAction]:
         """The next action, when the one before it has ended."""

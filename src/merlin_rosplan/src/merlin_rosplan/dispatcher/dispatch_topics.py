@@ -3,7 +3,19 @@
 
 import threading
 import time
-from typing import TYPE_CHECKING, Callable, Dict, FrozenSet, List, Optional, Sequence, Set, Tuple
+from typing import (
+    TYPE_CHECKING,
+    Callable,
+    Dict,
+    FrozenSet,
+    List,
+    Mapping,
+    Optional,
+    Sequence,
+    Set,
+    Tuple,
+    TypeVar,
+)
 
 import rospy
 from diagnostic_msgs.msg import KeyValue
@@ -26,6 +38,7 @@ from merlin_rosplan.dispatch.dispatch_environment import (
     DispatchReport,
     DispatchState,
     FeedbackStatus,
+    PlanGoals,
     PlanKnowledgeError,
 )
 from merlin_rosplan.dispatch.dispatch_schedule import BindingError, PlannedAction
@@ -36,6 +49,7 @@ if TYPE_CHECKING:  # imported when there is a plan
     from merlin_rosplan.dispatch.operator_model import ActionModel, Conditions, PlanTerm
     from merlin_rosplan.dispatcher.plan_knowledge import PlanKnowledge
 
+_Answer = TypeVar("_Answer")
 SHUTDOWN_DEADLINE = 1.0  # s that running interfaces get to answer when the node ends
 _WIRE_STATES = {
     DispatchState.RUNNING: DispatchStatus.RUNNING,
@@ -202,6 +216,22 @@ class DispatchTopics(DispatchEnvironment):
         """Asks a knowledge base of ours for its open executions."""
         return self._knowledge().begun(self.plan_id, action.id)
 
+    def held(self) -> "Optional[Mapping[int, FrozenSet[PlanTerm]]]":
+        """Asks a knowledge base of ours for its open executions."""
+        return _known(lambda: self._knowledge().held(self.plan_id))
+
+    def goals(self) -> Optional[PlanGoals]:
+        """Asks the knowledge base."""
+        return _known(self._knowledge().goals)
+
+    def goals_hold(self) -> bool:
+        """Asks the knowledge base."""
+        return _known(self._knowledge().goals_hold)
+
+    def objects(self) -> Optional[FrozenSet[str]]:
+        """Asks the knowledge base."""
+        return _known(self._knowledge().objects)
+
     def robot_left(self, action: PlannedAction, unmet: "Conditions") -> str:
         """The robot of the action whose ``(available ?robot)`` does not hold; the bridges keep that fact."""
         named = {value.lower() for _, value in action.parameters if value.lower() in self._robots}
@@ -295,6 +325,13 @@ class DispatchTopics(DispatchEnvironment):
                 dispatched=self._dispatched.get(action.id, rospy.Time()),
             )
         return shown
+
+
+def _known(answer: Callable[[], _Answer]) -> _Answer:
+    try:
+        return answer()
+    except PlanKnowledgeError as error:
+        raise DispatchError(str(error)) from error
 
 
 def _is_available(atom: "PlanTerm") -> bool:

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a knowledge base says of its changes, for a dispatch."""
 
-from typing import TYPE_CHECKING, Any, Callable, Iterable
+from typing import TYPE_CHECKING, Any, Callable, Dict, Iterable, Tuple
 
 from merlin_msgs.msg import KnowledgeChanges
-from rosplan_knowledge_msgs.msg import StatusUpdate
+from rosplan_knowledge_msgs.msg import KnowledgeItem, StatusUpdate
 
 from merlin_rosplan.dispatch.dispatch_environment import KnowledgeChanged
 from merlin_rosplan.transport.component import Component
@@ -34,19 +34,30 @@ class KnowledgeEvents:
         component.subscriber(f"{name}/status/update", StatusUpdate, self._receive_update)
 
     def _changed(self, change: "StateChange") -> None:
-        from merlin_pddl.knowledge import Instance
+        from merlin_pddl.knowledge import Fact, Instance
 
         rows = (*change.added, *change.removed, *change.changed)
-        self._tell(change.cleared, ("" if isinstance(row, Instance) else row.name for row in rows))
+        facts = {row.key: False for row in change.removed if isinstance(row, Fact)}
+        facts.update((row.key, not row.negative) for row in change.added if isinstance(row, Fact))
+        self._tell(change.cleared, ("" if isinstance(row, Instance) else row.name for row in rows), facts)
 
     def _receive_changes(self, message: KnowledgeChanges) -> None:
         items = (*message.added, *message.removed, *message.changed)
-        self._tell(message.cleared, (item.attribute_name for item in items))
+        facts = {_key(item): False for item in message.removed if item.knowledge_type == item.FACT}
+        facts.update(
+            (_key(item), not item.is_negative) for item in message.added if item.knowledge_type == item.FACT
+        )
+        self._tell(message.cleared, (item.attribute_name for item in items), facts)
 
     def _receive_update(self, _: StatusUpdate) -> None:
         # A knowledge base that publishes the changes themselves says there what they were.
         connected = self._changes.get_num_connections() > 0
         self._put(KnowledgeChanged(frozenset() if connected else None))
 
-    def _tell(self, cleared: Any, names: Iterable[str]) -> None:
-        self._put(KnowledgeChanged(None if cleared else frozenset(name.lower() for name in names)))
+    def _tell(self, cleared: Any, names: Iterable[str], facts: Dict[Tuple[str, ...], bool]) -> None:
+        changed = None if cleared else frozenset(name.lower() for name in names)
+        self._put(KnowledgeChanged(changed, frozenset(facts.items())))
+
+
+def _key(item: KnowledgeItem) -> Tuple[str, ...]:
+    return tuple(word.lower() for word in (item.attribute_name, *(value.value for value in item.values)))

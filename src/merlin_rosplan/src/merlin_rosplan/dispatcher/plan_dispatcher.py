@@ -5,7 +5,7 @@ import dataclasses
 import functools
 import threading
 import traceback
-from typing import TYPE_CHECKING, Any, Callable, Optional, Type
+from typing import TYPE_CHECKING, Any, Callable, FrozenSet, Optional, Type
 
 import rospy
 from merlin_msgs.srv import Breakpoints as BreakpointsSrv
@@ -36,6 +36,7 @@ from merlin_rosplan.dispatch.dispatch_environment import (
     Event,
     Feedback,
     FeedbackStatus,
+    KnowledgeChanged,
     PlanKnowledgeError,
     Tick,
 )
@@ -77,6 +78,8 @@ class PlanDispatcher(Component):
         self._ending = False  # the end of a dispatch is published shortly before it is no longer busy
         self._goal: Optional[ServerGoal] = None
         self._unwanted = False  # cancelled before there was a dispatch to stop
+        self._missed: FrozenSet[str] = frozenset()  # names that have changed since the last dispatch
+        self._watches_rest = bool(self.param("watch_rest", True))
         self._limits = DispatchLimits(
             acknowledge=limit(self.number("ack_timeout", 2.0, 0.0)),
             accept=limit(self.number("accept_timeout", 10.0, 0.0)),
@@ -126,6 +129,7 @@ class PlanDispatcher(Component):
     def prepare(self) -> None:
         """Imports what the first dispatch needs."""
         from merlin_rosplan.dispatch import dispatch  # noqa: F401
+        from merlin_rosplan.rest import rest_watch  # noqa: F401
 
         _ = self._knowledge
 
@@ -305,11 +309,19 @@ class PlanDispatcher(Component):
 
     def _run_plan(self) -> DispatchReport:
         from merlin_rosplan.dispatch.dispatch import PlanDispatch
+        from merlin_rosplan.rest.rest_watch import PlanWatch
 
         plan = self._take_plan()
         schedule = self.make_schedule(plan)
+        with self._state:
+            missed, self._missed = self._missed, frozenset()
         dispatch = PlanDispatch(
-            schedule, self._topics, self._limits, self._topics.begin(), breakpoints=self._breakpoints
+            schedule,
+            self._topics,
+            self._limits,
+            self._topics.begin(),
+            breakpoints=self._breakpoints,
+            watch=PlanWatch(schedule, self._topics, missed) if self._watches_rest else None,
         )
         with self._state:
             self._dispatch = dispatch
@@ -389,8 +401,10 @@ class PlanDispatcher(Component):
         self._put(Tick())
 
     def _put(self, event: Event) -> None:
-        """Passes an event to the dispatch that runs, if one does."""
+        """Passes an event to the dispatch that runs; the next one gets what it would miss."""
         with self._state:
             dispatch = self._dispatch
+            if dispatch is None and isinstance(event, KnowledgeChanged) and event.names:
+                self._missed |= event.names
         if dispatch is not None:
             dispatch.put(event)

@@ -24,17 +24,17 @@ from merlin_msgs.srv import ListExecutions
 from rosplan_knowledge_msgs.msg import KnowledgeItem
 from rosplan_knowledge_msgs.srv import GetAttributeService
 
-from merlin_pddl.domain import Domain
+from merlin_pddl.domain import Domain, depends_on
 from merlin_pddl.domain_reader import read_domain
 from merlin_pddl.evaluation import assigned
-from merlin_pddl.formula import Comparison
+from merlin_pddl.formula import And, Atom, Comparison
 from merlin_pddl.knowledge import ASSIGN, Fact, FunctionValue, Instance, Timed
 from merlin_pddl.text_reader import PddlError
 from merlin_planning.knowledge_client import CALL_LIMIT, KnowledgeClient, fact
 from merlin_planning.knowledge_text import to_pddl
 from merlin_ros.master.master_link import ERRORS, bounded_master, get_param
 from merlin_ros.service_proxy import ServiceError
-from merlin_rosplan.dispatch.dispatch_environment import PlanKnowledgeError
+from merlin_rosplan.dispatch.dispatch_environment import PlanGoals, PlanKnowledgeError
 from merlin_rosplan.dispatch.operator_model import ActionModel, Conditions, PlanTerm
 from merlin_rosplan.dispatch.plan_graph import TimedLiteral, TimedValue
 from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
@@ -200,16 +200,56 @@ class PlanKnowledge:
 
     def begun(self, plan_id: int, action_id: int) -> Optional[bool]:
         """Whether an action's execution is open; None when the knowledge base does not list executions."""
+        try:
+            held = self.held(plan_id)
+        except PlanKnowledgeError:
+            return None
+        return None if held is None else action_id in held
+
+    def held(self, plan_id: int) -> Optional[Dict[int, FrozenSet[PlanTerm]]]:
+        """The actions of a dispatch whose executions are open, by id.
+
+        With each the facts, lower-case, that are as they are only while it runs. None when the knowledge base
+        does not list executions.
+        """
         if self._lists is None:
             self._lists = self._executions.available()
         if not self._lists:
             return None
-        try:
-            executions = self._executions("").executions
-        except ServiceError:
+        found: Dict[int, FrozenSet[PlanTerm]] = {}
+        for execution in _answer(lambda: self._executions("").executions):
+            plan, _, rest = execution.token.partition("/")
+            action = rest.partition("/")[0]
+            if plan == str(plan_id) and action.isdigit():
+                words = [
+                    text.replace("(not ", "").strip("() ").lower().split() for text in execution.meanwhile
+                ]
+                found[int(action)] = frozenset(PlanTerm(each[0], tuple(each[1:])) for each in words if each)
+        return found
+
+    def goals(self) -> Optional[PlanGoals]:
+        """What plans are for; None where it is not known which predicates are derived."""
+        domain = (
+            getattr(Component.in_process(self._client.name), "domain", None) or self._domain_file.domain()
+        )
+        if domain is None:
             return None
-        token = f"{plan_id}/{action_id}/"
-        return any(execution.token.startswith(token) for execution in executions)
+        literals = Conditions()
+        reads: Set[str] = set()
+        for item in _answer(self._client.goals):
+            name = item.attribute_name.lower()
+            if item.knowledge_type == KnowledgeItem.FACT and name not in domain.derived:
+                atom = (_term(item),)
+                literals += Conditions(negative=atom) if item.is_negative else Conditions(positive=atom)
+            else:
+                words = to_pddl(item).lower().replace("(", " ").replace(")", " ").split()
+                reads |= depends_on(And(tuple(Atom(word, ()) for word in words)), domain.derived)
+        return PlanGoals(literals, frozenset(reads))
+
+    def goals_hold(self) -> bool:
+        """Whether there are goals, and all hold now."""
+        goals = _answer(self._client.goals)
+        return bool(goals) and all(self.query(goals))
 
 
 def _timed(row: Timed) -> Union[TimedLiteral, TimedValue]:

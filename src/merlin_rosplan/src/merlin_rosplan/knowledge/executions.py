@@ -39,6 +39,8 @@ class OpenExecution(NamedTuple):
     owner: str
     #: ns of ROS time
     began: int
+    #: what is as it is only while it runs
+    meanwhile: Tuple[Fact, ...] = ()
 
 
 def open_executions(state: KnowledgeTables, owner: str = "") -> List[OpenExecution]:
@@ -53,6 +55,7 @@ def open_executions(state: KnowledgeTables, owner: str = "") -> List[OpenExecuti
             tuple((label, value) for label, value in row.data.get("parameters", ())),
             row.data.get("owner", ""),
             row.data["since"],
+            tuple(Fact(name, tuple(args), negative) for name, args, negative in row.data.get("holds", ())),
         )
         for row in state.executions.all()
         if not row.data.get("ended")
