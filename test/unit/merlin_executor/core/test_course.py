@@ -183,7 +183,7 @@ def test_a_plan_that_no_longer_fits_is_replaced_at_once_and_a_bounded_number_of_
     for expected in (True, True, True, False):
         run(
             course,
-            ("DISPATCH_PLAN", "failed", f"{OUTDATED}step 2, (go b), cannot be carried out: (open) ..."),
+            ("DISPATCH_PLAN", "failed", f"(go b): {OUTDATED}step 2, (go b), cannot be ..."),
         )
         decision = course.replan()
         assert (decision.again, decision.wait) == (expected, 0.0)

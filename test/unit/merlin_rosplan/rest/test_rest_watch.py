@@ -136,6 +136,12 @@ def _last(world):
     return world.watch.look().reason
 
 
+def test_a_robot_that_leaves_does_not_end_the_plan_of_the_others(tour):
+    tour.robot_of = lambda action, unmet: "ann"
+    tour.make("(not (open d2))")
+    assert tour.watch.look() is None
+
+
 def test_an_object_that_is_removed_is_noticed():
     world = world_of(*TOUR)
     world.start(0)

@@ -126,7 +126,7 @@ class Course:
         failed = (end.stage, end.outcome) == (DISPATCH_PLAN, "failed")
         if not failed and not (end.gone and end.outcome == "aborted"):
             return ReplanDecision(False, reason=end.reason)
-        outdated = end.reason.startswith(OUTDATED)
+        outdated = OUTDATED in end.reason  # behind the action, where one is named
         decision = self._replanning.failed(
             Failure(end.reason, self.action, end.gone, self.no_retry, outdated)
         )

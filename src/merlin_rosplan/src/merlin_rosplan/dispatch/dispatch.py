@@ -224,10 +224,7 @@ class PlanDispatch:
         if verdict.achieved:
             self._failure = DispatchFailure(DispatchState.SUCCEEDED, verdict.reason)
             return
-        robot = ""
-        if verdict.action is not None and verdict.unmet is not None:
-            robot = self._environment.robot_left(verdict.action, verdict.unmet)
-        self._fail(verdict.reason, verdict.action, robot)
+        self._fail(verdict.reason, verdict.action)
 
     def _see_starts(self, now: float) -> None:
         for action_id in self._schedule.awaited():

@@ -162,8 +162,6 @@ class RestVerdict(NamedTuple):
     """All goals hold."""
     action: Optional[PlannedAction] = None
     """The action that cannot start any more."""
-    unmet: "Optional[Conditions]" = None
-    """What that action lacks."""
 
 
 class RestWatch(abc.ABC):

@@ -252,8 +252,10 @@ class PlanWatch(RestWatch):
         unmet = []
         some = next(iter(actions.values()))
         asked = [(actions.get(need.step, some), need.condition) for need in needs]
-        for need, false in zip(needs, self._environment.false_of_each(asked) if asked else []):
-            if false.empty:
+        for need, (action, _), false in zip(
+            needs, asked, self._environment.false_of_each(asked) if asked else []
+        ):
+            if false.empty or self._environment.robot_left(action, false):  # the others go on without it
                 continue
             if self._environment.next_change(need.names, math.inf) is not None:
                 self._timed |= need.names
@@ -304,7 +306,7 @@ class PlanWatch(RestWatch):
     def _verdict(self, need: Need) -> RestVerdict:
         action = self._schedule.actions.get(need.step)
         what = "its goal is not reached" if action is None else f"{self._step(action)} cannot be carried out"
-        return RestVerdict(f"{OUTDATED}{what}: {need.condition.as_false()}", False, action, need.condition)
+        return RestVerdict(f"{OUTDATED}{what}: {need.condition.as_false()}", False, action)
 
     def _step(self, action: PlannedAction) -> str:
         number = [action_id for action_id, at_end in self._order if not at_end].index(action.id) + 1
