@@ -268,9 +268,13 @@ class NodeWorld:
         return run
 
     def _has_ended(self) -> bool:
-        """Whether the statuses of a whole dispatch have come; one of the dispatch before may come late."""
+        """Whether the statuses of a whole dispatch have come; one of the dispatch before may come late.
+
+        A plan that does not fit the world from the beginning is never RUNNING.
+        """
         states = [status.state for status in self._statuses]
-        return DispatchStatus.RUNNING in states and states[-1] == DispatchStatus.IDLE
+        began = DispatchStatus.RUNNING in states or any("no longer fits" in s.reason for s in self._statuses)
+        return began and states[-1] == DispatchStatus.IDLE
 
     def _bring_about(self, model: Model, now: float) -> None:
         updates = [Update(REMOVE, fact(name)) for name in FACTS]

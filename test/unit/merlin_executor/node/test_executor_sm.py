@@ -125,6 +125,7 @@ class Bench:
         self.request = SimpleNamespace(
             course=Course(3), items=KITCHEN, plan=[], stop=None, goal=SimpleNamespace(id="goal")
         )
+        self.request.take_plan = lambda actions: setattr(self.request, "plan", list(actions))
 
     # --- the guards
 

@@ -39,8 +39,8 @@ class OpenExecution(NamedTuple):
     owner: str
     #: ns of ROS time
     began: int
-    #: what is as it is only while it runs
-    meanwhile: Tuple[Fact, ...] = ()
+    #: literals that hold only while it runs, as PDDL text
+    meanwhile: Tuple[str, ...] = ()
 
 
 def open_executions(state: KnowledgeTables, owner: str = "") -> List[OpenExecution]:
@@ -55,7 +55,9 @@ def open_executions(state: KnowledgeTables, owner: str = "") -> List[OpenExecuti
             tuple((label, value) for label, value in row.data.get("parameters", ())),
             row.data.get("owner", ""),
             row.data["since"],
-            tuple(Fact(name, tuple(args), negative) for name, args, negative in row.data.get("holds", ())),
+            tuple(
+                Fact(name, tuple(args), negative).text() for name, args, negative in row.data.get("holds", ())
+            ),
         )
         for row in state.executions.all()
         if not row.data.get("ended")

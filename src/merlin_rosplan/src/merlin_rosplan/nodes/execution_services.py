@@ -73,7 +73,7 @@ class ExecutionServices:
                     parameters=[KeyValue(key=label, value=value) for label, value in found.parameters],
                     owner=found.owner,
                     began=genpy.Time(0, found.began),
-                    meanwhile=[fact.text() for fact in found.meanwhile],
+                    meanwhile=list(found.meanwhile),
                 )
                 for found in self._store.executions(request.owner)
             ]
