@@ -119,7 +119,7 @@ CASES: List[Case] = [
     Case("the last one decides: delete", GIVE + SPOIL, "", "0 give 2|0 spoil 5", "(and (not (a)) (c))", "0e<1e"),
     Case("at-end condition", GIVE + lasting("await", end="(a)", ends="(b)"), "", "0 give 3|0 await 5", "(b)", "0e<1e"),
     Case("at-end condition that its own end breaks", GIVE + lasting("use", end="(a)", ends="(not (a)) (b)"), "", "0 give 3|0 use 5", "(b)", "0e<1e"),
-    Case("an end without its condition", lasting("use", end="(a)", ends="(a) (b)"), "", "0 use 3", "(b)", "simple fails (a).does.not.hold esterel fails (a).does.not.hold"),
+    Case("an end without its condition", lasting("use", end="(a)", ends="(a) (b)"), "", "0 use 3", "(b)", "simple fails at.its.end esterel fails at.its.end"),
     Case("negative over all", lasting("keep", over="(not (a))", ends="(b)") + GIVE, "", "0 keep 3|1 give 4", "(and (a) (b))", "0e<1e"),
     Case("a match and a fuse", MATCH + MEND, "(unused) (free)", "0 light 8|0.001 mend 5", "(a)", "0s<1s 1e<0e drift simple fails does.not.hold"),
     Case("a second match waits", MATCH + MATCH2 + MEND + MEND2, "(unused) (unused2) (free)", "0 light 8|0.001 mend 5|1.002 light2 8|5.002 mend2 3.9", "(and (a) (b))", "1e<2s 3e<2e drift simple fails does.not.hold"),
