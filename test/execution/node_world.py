@@ -25,6 +25,7 @@ from semantics import Event
 
 from merlin_actions.action_interface import ActionInterface
 from merlin_actions.core.ending import Closing, Ending
+from merlin_pddl.plan_text import OUTDATED
 from merlin_planning.knowledge_client import ADD, REMOVE, Update, fact, function_value, knowledge_client
 from merlin_ros.ros_alarm import RosAlarm
 from merlin_ros.service_proxy import ServiceProxy
@@ -273,7 +274,7 @@ class NodeWorld:
         A plan that does not fit the world from the beginning is never RUNNING.
         """
         states = [status.state for status in self._statuses]
-        began = DispatchStatus.RUNNING in states or any("no longer fits" in s.reason for s in self._statuses)
+        began = DispatchStatus.RUNNING in states or any(OUTDATED in s.reason for s in self._statuses)
         return began and states[-1] == DispatchStatus.IDLE
 
     def _bring_about(self, model: Model, now: float) -> None:
