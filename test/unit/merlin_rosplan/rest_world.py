@@ -126,9 +126,7 @@ class RestWorld(World):
         if not self.lists_executions:
             return None
         return {
-            int(found.token.split("/")[1]): frozenset(
-                PlanTerm(each.key[0], each.key[1:]) for each in found.meanwhile
-            )
+            int(found.token.split("/")[1]): frozenset(map(_term, found.meanwhile))
             for found in self.store.executions()
         }
 
@@ -151,3 +149,8 @@ class RestWorld(World):
 
     def objects(self):
         return frozenset(name.lower() for name in self.store.objects())
+
+
+def _term(text):
+    name, *objects = text.replace("(not ", "").strip("() ").split()
+    return PlanTerm(name, tuple(objects))
