@@ -33,6 +33,8 @@ class Need(NamedTuple):
     step: int
     """The action id, or :data:`GOAL`."""
     condition: Conditions
+    at_end: bool = False
+    """Whether it is an at-end condition."""
 
     @property
     def names(self) -> FrozenSet[str]:
@@ -127,8 +129,10 @@ class PlanRest:
         if found is None:
             model = self._models[action_id]
             first = model.at_start + over_all_before_start(model)
-            needed = model.over_all + model.at_end if at_end else first
-            found = self._needed[action_id, at_end] = _each(action_id, needed)
+            found = _each(action_id, model.over_all if at_end else first)
+            if at_end:
+                found += [need._replace(at_end=True) for need in _each(action_id, model.at_end)]
+            self._needed[action_id, at_end] = found
         return found
 
 

@@ -305,8 +305,9 @@ class PlanWatch(RestWatch):
 
     def _verdict(self, need: Need) -> RestVerdict:
         action = self._schedule.actions.get(need.step)
+        when = "at its end " if need.at_end else ""
         what = "its goal is not reached" if action is None else f"{self._step(action)} cannot be carried out"
-        return RestVerdict(f"{OUTDATED}{what}: {need.condition.as_false()}", False, action)
+        return RestVerdict(f"{OUTDATED}{what}: {when}{need.condition.as_false()}", False, action)
 
     def _step(self, action: PlannedAction) -> str:
         number = [action_id for action_id, at_end in self._order if not at_end].index(action.id) + 1
