@@ -13,10 +13,10 @@ from merlin_msgs.msg import DispatchStatus
 from merlin_pddl.checks import validate
 from merlin_rosplan.nodes.planner_interface import PlannerInterface
 from merlin_rosplan.planning import planner_engines
-from merlin_rosplan.planning.planner import PlannerState
 from merlin_rosplan.planning.planner_command import parse_command
 from merlin_rosplan.planning.planner_engines import _parts as parts_of
 from merlin_rosplan.planning.planner_engines import expand, is_preset
+from merlin_rosplan.planning.planning_outcome import PlannerState
 
 ROOT = Path(__file__).parents[3]
 PLANNERS = (ROOT / "docs" / "planners.md").read_text()

@@ -311,7 +311,7 @@ def test_only_for_listed_goals_it_is_looked_why_they_are_open(
 
 def test_operators_send_and_cancel(lab: Lab) -> None:
     lab.start()
-    fields = {"goal": " (done a) ", "groups": "ward, night", "needs": "arm", "value": 2, "deadline": 60.0}
+    fields = {"goal": " (done a) ", "groups": "ward, night", "needs": "arm", "value": 2, "begin_by": 60.0}
     answer = ask(
         lab.server.address,
         "control/send",
@@ -358,7 +358,8 @@ def test_nothing_is_done_for_others(lab: Lab) -> None:
         ("send", {"goal": "(done a)", "begin_by": -1}, "must lie in the future"),
         ("send", {"goal": "(done a)", "value": "high"}, "value is a number"),
         ("send", {"goal": "(done a)", "value": 10**400}, "value is a number"),
-        ("send", {"goal": "(done a)", "deadline": 10**400}, "deadline is a number"),
+        ("send", {"goal": "(done a)", "deadline": 60.0}, "deadline is called begin_by"),
+        ("send", {"goal": "(done a)", "begin_by": 10**400}, "begin_by is a number"),
         ("send", {"goal": "(done a)", "robot": "a/b"}, "is not a word of letters"),
         ("send", {"goal": "(done a)", "needs": "a" * 201}, "at most 200 characters"),
         ("cancel", {"request": "nothing"}, "there is no goal 'nothing'"),

@@ -265,3 +265,9 @@ def test_over_a_knowledge_base_that_lists_no_executions_nothing_is_judged(tour):
     tour.lists_executions = False
     tour.make("(not (open d2))")
     assert tour.watch.look() is None
+
+
+def test_a_plan_without_steps_has_no_rest():
+    world = world_of(goal="(at base)")
+    world.make("(not (at base))")
+    assert world.watch.look() is None

@@ -10,7 +10,8 @@ import pytest
 
 from merlin_pddl.domain_reader import read_domain
 from merlin_pddl.problem_reader import read_problem
-from merlin_rosplan.planning.planner import PlannerSettings, PlannerState
+from merlin_rosplan.planning.planner import PlannerSettings
+from merlin_rosplan.planning.planning_outcome import PlannerState
 from merlin_rosplan.supervision.plan_preview import BUSY, PREVIEW_LIMIT, Previews, steps_of
 
 HOME = Path(__file__).resolve().parents[4] / "pddl" / "home"

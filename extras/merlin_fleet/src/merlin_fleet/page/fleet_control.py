@@ -45,6 +45,8 @@ class FleetControl:
         goal = _text(fields, "goal", LONGEST_GOAL)
         if not goal:
             raise ControlError("Write a goal, like (checked kitchen).")
+        if "deadline" in fields:
+            raise ControlError("deadline is called begin_by: s from now within which the goal has to begin.")
         begin_by = _number(fields, "begin_by")
         if begin_by is not None and begin_by <= 0.0:
             raise ControlError("The time to begin by must lie in the future, in s from now.")

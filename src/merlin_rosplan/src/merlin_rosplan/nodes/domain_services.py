@@ -1,24 +1,28 @@
 # SPDX-License-Identifier: Apache-2.0
 """The services of a knowledge base that return the domain."""
 
-from typing import Any, Callable, Dict
+from typing import Callable, Dict
 
 import rospy
 from rosplan_knowledge_msgs.msg import DomainFormula, DomainOperator
 from rosplan_knowledge_msgs.srv import (
     GetDomainAttributeService,
+    GetDomainAttributeServiceRequest,
     GetDomainAttributeServiceResponse,
     GetDomainNameService,
+    GetDomainNameServiceRequest,
     GetDomainNameServiceResponse,
     GetDomainOperatorDetailsService,
     GetDomainOperatorDetailsServiceRequest,
     GetDomainOperatorDetailsServiceResponse,
     GetDomainOperatorService,
+    GetDomainOperatorServiceRequest,
     GetDomainOperatorServiceResponse,
     GetDomainPredicateDetailsService,
     GetDomainPredicateDetailsServiceRequest,
     GetDomainPredicateDetailsServiceResponse,
     GetDomainTypeService,
+    GetDomainTypeServiceRequest,
     GetDomainTypeServiceResponse,
 )
 
@@ -37,46 +41,54 @@ class DomainServices:
     """
 
     def __init__(self, component: Component, domain: Domain, sensed: Callable[[str], bool]) -> None:
+        self._domain = domain
         self._sensed = sensed
         self._predicates: Dict[str, DomainFormula] = {
             name: signature_message(domain, found) for name, found in domain.predicates.items()
         }
+        self._functions = [signature_message(domain, found) for found in domain.functions.values()]
         self._operators: Dict[str, DomainOperator] = {
             name: operator_message(domain, found) for name, found in domain.operators.items()
         }
-        name = GetDomainNameServiceResponse(domain.name)
-        types = GetDomainTypeServiceResponse(*types_message(domain))
-        predicates = GetDomainAttributeServiceResponse(list(self._predicates.values()))
-        functions = GetDomainAttributeServiceResponse(
-            [signature_message(domain, found) for found in domain.functions.values()]
-        )
-        operators = GetDomainOperatorServiceResponse([found.formula for found in self._operators.values()])
-        component.service("domain/name", GetDomainNameService, lambda _: name)
-        component.service("domain/types", GetDomainTypeService, lambda _: types)
-        component.service("domain/predicates", GetDomainAttributeService, lambda _: predicates)
-        component.service("domain/functions", GetDomainAttributeService, lambda _: functions)
-        component.service("domain/operators", GetDomainOperatorService, lambda _: operators)
+        component.service("domain/name", GetDomainNameService, self._name)
+        component.service("domain/types", GetDomainTypeService, self._types)
+        component.service("domain/predicates", GetDomainAttributeService, self._all_predicates)
+        component.service("domain/functions", GetDomainAttributeService, self._all_functions)
+        component.service("domain/operators", GetDomainOperatorService, self._all_operators)
         component.service("domain/operator_details", GetDomainOperatorDetailsService, self._operator)
         component.service("domain/predicate_details", GetDomainPredicateDetailsService, self._predicate)
+
+    def _name(self, _request: GetDomainNameServiceRequest) -> GetDomainNameServiceResponse:
+        return GetDomainNameServiceResponse(self._domain.name)
+
+    def _types(self, _request: GetDomainTypeServiceRequest) -> GetDomainTypeServiceResponse:
+        return GetDomainTypeServiceResponse(*types_message(self._domain))
+
+    def _all_predicates(
+        self, _request: GetDomainAttributeServiceRequest
+    ) -> GetDomainAttributeServiceResponse:
+        return GetDomainAttributeServiceResponse(list(self._predicates.values()))
+
+    def _all_functions(self, _request: GetDomainAttributeServiceRequest) -> GetDomainAttributeServiceResponse:
+        return GetDomainAttributeServiceResponse(self._functions)
+
+    def _all_operators(self, _request: GetDomainOperatorServiceRequest) -> GetDomainOperatorServiceResponse:
+        return GetDomainOperatorServiceResponse([found.formula for found in self._operators.values()])
 
     def _operator(
         self, request: GetDomainOperatorDetailsServiceRequest
     ) -> GetDomainOperatorDetailsServiceResponse:
-        return GetDomainOperatorDetailsServiceResponse(_found("operator", self._operators, request.name))
+        found = self._operators.get(request.name.lower())
+        if found is None:
+            hint = suggestion(request.name.lower(), self._operators)
+            raise rospy.ServiceException(f"the domain has no operator '{request.name[:80]}'{hint}")
+        return GetDomainOperatorDetailsServiceResponse(found)
 
     def _predicate(
         self, request: GetDomainPredicateDetailsServiceRequest
     ) -> GetDomainPredicateDetailsServiceResponse:
-        found = _found("predicate", self._predicates, request.name)
+        found = self._predicates.get(request.name.lower())
+        if found is None:
+            hint = suggestion(request.name.lower(), self._predicates)
+            raise rospy.ServiceException(f"the domain has no predicate '{request.name[:80]}'{hint}")
         return GetDomainPredicateDetailsServiceResponse(found, self._sensed(request.name))
-
-
-def _found(kind: str, table: Dict[str, Any], name: str) -> Any:
-    """The row of a name.
-
-    :raises rospy.ServiceException: there is none.
-    """
-    if name.lower() not in table:
-        hint = suggestion(name.lower(), table)
-        raise rospy.ServiceException(f"the domain has no {kind} '{name[:80]}'{hint}")
-    return table[name.lower()]

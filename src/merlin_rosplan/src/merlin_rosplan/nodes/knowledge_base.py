@@ -35,7 +35,8 @@ from merlin_ros.work.threads import start_thread
 from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
 from merlin_rosplan.knowledge.knowledge_store import JournalError, KnowledgeStore
 from merlin_rosplan.knowledge.transaction import StateChange
-from merlin_rosplan.messages.knowledge_messages import KnowledgeReader, KnowledgeWriter, UpdateReader
+from merlin_rosplan.messages.knowledge_messages import KnowledgeReader, KnowledgeWriter
+from merlin_rosplan.messages.update_messages import UpdateReader
 from merlin_rosplan.messages.wire_items import AnyItem, UpdateArray, bounded, refuse_too_many
 from merlin_rosplan.nodes.domain_services import DomainServices
 from merlin_rosplan.nodes.execution_services import ExecutionServices

@@ -16,7 +16,8 @@ from merlin_rosplan.knowledge.foreseen import after_actions
 from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
 from merlin_rosplan.messages.knowledge_snapshot import KnowledgeBaseError
 from merlin_rosplan.nodes.world_reader import WorldReader
-from merlin_rosplan.planning.planner import PlannerSettings, PlannerState, PlanningOutcome
+from merlin_rosplan.planning.planner_settings import PlannerSettings
+from merlin_rosplan.planning.planning_outcome import PlannerState, PlanningOutcome
 from merlin_rosplan.supervision.plan_preview import Previews, steps_of
 from merlin_rosplan.transport.component import Component
 

@@ -14,7 +14,9 @@ from merlin_pddl.plan_text import NO_DURATION, PlanStep, restore_case
 from merlin_pddl.text_reader import PddlError
 from merlin_rosplan.planning.metric_goal import MetricGoal
 from merlin_rosplan.planning.plan_shortcuts import PlanShortcuts, has_detours
-from merlin_rosplan.planning.planner import Attempt, PlannerSettings, PlannerState, Task
+from merlin_rosplan.planning.planner import Attempt, Task
+from merlin_rosplan.planning.planner_settings import PlannerSettings
+from merlin_rosplan.planning.planning_outcome import PlannerState
 
 Plan = List[PlanStep]
 

@@ -60,7 +60,7 @@ class PlanWatch(RestWatch):
         self._environment = environment
         self._order = schedule.happenings()
         self._made: Optional[PlanRest] = None
-        self._off = False
+        self._off = not schedule.actions
         self._ended: Set[int] = set()
         self._running: Set[int] = set()
         self._skipped: FrozenSet[int] = frozenset()

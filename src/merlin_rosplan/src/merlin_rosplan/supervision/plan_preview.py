@@ -13,7 +13,8 @@ from merlin_pddl.problem import Problem
 from merlin_pddl.problem_reader import parse_condition
 from merlin_pddl.problem_writer import write_problem
 from merlin_pddl.text_reader import PddlError
-from merlin_rosplan.planning.planner import PlannerSettings, PlannerState, PlanningOutcome
+from merlin_rosplan.planning.planner_settings import PlannerSettings
+from merlin_rosplan.planning.planning_outcome import PlannerState, PlanningOutcome
 from merlin_rosplan.supervision.scratch_folder import ScratchFolder
 from merlin_rosplan.supervision.supervised_planning import Planning
 
