@@ -3,7 +3,7 @@
 
 import threading
 from types import SimpleNamespace
-from typing import Any, Callable, Dict, List, Optional
+from typing import Any, Callable, Dict, Iterator, List, Optional
 
 import pytest
 import rospy
@@ -199,8 +199,10 @@ class Bench:
 
 
 @pytest.fixture
-def bench(monkeypatch: pytest.MonkeyPatch) -> Bench:
-    return Bench(monkeypatch)
+def bench(monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
+    made = Bench(monkeypatch)
+    yield made
+    made.executor.shutdown()
 
 
 def test_a_pause_lets_the_running_request_go_on_and_keeps_the_next_one_waiting(bench: Bench) -> None:
