@@ -117,10 +117,20 @@ def shown(state: Dict[str, Any]) -> Dict[str, Any]:
     }
 
 
+ENDED = "home mission 1 has ended: every task ended as listed"
+
+
+def last_doing(state: Dict[str, Any]) -> str:
+    """What a recording shows last. On a busy machine it goes on for seconds after its nodes have ended."""
+    now = state["now"]
+    silent = now["doing"].startswith("not known: ")
+    return str(now["because"].replace("before: ", "") if silent else now["doing"])
+
+
 def ended_as(state: Dict[str, Any], live: Dict[str, Any]) -> bool:
     """Whether a page shows the end of the mission, and all that was shown at it."""
     try:
-        return "has ended" in state["now"]["doing"] and shown(state) == shown(live)
+        return "has ended" in last_doing(state) and shown(state) == shown(live)
     except KeyError:  # one of its parts has published nothing yet
         return False
 
@@ -145,7 +155,7 @@ def check_replay(tmp_path: Path, live: Dict[str, Any]) -> None:
             (*_, (_, odometry, _)) = bag.read_messages("/ground_truth")
             (*_, (_, ended, _)) = bag.read_messages("/merlin/mission")
         assert (ended.state, ended.description) == (MissionStatus.SUCCEEDED, "every task ended as listed")
-        assert state["now"]["doing"] == "home mission 1 has ended: every task ended as listed", state["now"]
+        assert last_doing(state) == ENDED, state["now"]
         assert shown(state) == shown(live)
         where = odometry.pose.pose.position
         assert state["map"]["robot"][:2] == pytest.approx([where.x, where.y], abs=0.2)
@@ -161,7 +171,7 @@ def check_opened_bag(tmp_path: Path, live: Dict[str, Any]) -> None:
     file = tmp_path / "opened.sqlite"
     BagImport(BagRecording(tmp_path / "results" / "run.bag"), file).run()
     state = last_moment(file)
-    assert state["now"]["doing"] == "home mission 1 has ended: every task ended as listed", state["now"]
+    assert last_doing(state) == ENDED, state["now"]
     assert shown(state) == shown(live)
 
 
