@@ -22,6 +22,7 @@ class Part(Component):
         values = [self.param(name) for name in ("flat", "deep/inner", "list")] + [self.param("deep")["inner"]]
         values += [self.param("missing", 5), self.param("flat/below", 6), self.param("/elsewhere")]
         values += [self.number("small", 1.0)]
+        self.flag("sure", True)
         print("read", *values, flush=True)
         for name in ("one", "two", "three"):
             self.service(name, Empty, lambda _: None)
@@ -68,6 +69,19 @@ def test_the_services_of_a_component_come_together_when_it_is_complete(master: A
     assert node.expect("then") == "then 9"
     assert node.end() == 0
     assert not services(master)
+
+
+@pytest.mark.parametrize("given, code", [("false", 2), ([], 2), (0, 0), (False, 0)])
+def test_a_text_is_neither_true_nor_false(master: Any, given: Any, code: int) -> None:
+    for name, value in {**PARAMS, "sure": given}.items():
+        master.api.setParam("/test", f"/part/{name}", value)
+    master.api.setParam("/test", "/elsewhere", 4)
+    node = master.node(COMPONENT)
+    if code:
+        assert node.ended() == code
+        assert f"the parameter /part/sure is {given!r}; it has to be true or false" in node.output
+    else:
+        node.expect("making")
 
 
 def test_a_component_that_cannot_start_announces_nothing(master: Any) -> None:

@@ -28,12 +28,12 @@ class EsterelPlanDispatcher(PlanDispatcher):
         self._drawer: Optional[PlanGraphDrawer] = None  # plans may arrive before the other fields are set
         self._bounds, self._fraction = False, 0.0
         super().__init__(scope)
-        self._bounds = bool(self.param("timeout_actions", False))
+        self._bounds = self.flag("timeout_actions", False)
         self._fraction = self.number("action_timeout_fraction", 0.0, 0.0)
         self._drawer = self.own(
             PlanGraphDrawer(
                 self.resolve(str(self.param("plan_graph_topic", "plan_graph"))),
-                bool(self.param("display_edge_type", False)),
+                self.flag("display_edge_type", False),
             )
         )
         with self._state:

@@ -79,7 +79,7 @@ class PlanDispatcher(Component):
         self._goal: Optional[ServerGoal] = None
         self._unwanted = False  # cancelled before there was a dispatch to stop
         self._missed: FrozenSet[str] = frozenset()  # names that have changed since the last dispatch
-        self._watches_rest = bool(self.param("watch_rest", True))
+        self._watches_rest = self.flag("watch_rest", True)
         self._limits = DispatchLimits(
             acknowledge=limit(self.number("ack_timeout", 2.0, 0.0)),
             accept=limit(self.number("accept_timeout", 10.0, 0.0)),
@@ -88,7 +88,7 @@ class PlanDispatcher(Component):
             over_all_grace=self.number("over_all_grace", 1.0, 0.0),
             settle=self.number("settle_time", 2.0, 0.0),
         )
-        self._allow_redispatch = bool(self.param("allow_redispatch", False))
+        self._allow_redispatch = self.flag("allow_redispatch", False)
         self._breakpoints = Breakpoints()
         self._topics = DispatchTopics(
             self,

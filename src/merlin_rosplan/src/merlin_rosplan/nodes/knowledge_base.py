@@ -75,7 +75,7 @@ class KnowledgeBase(Component):
     def __init__(self, scope: str = KNOWLEDGE_BASE) -> None:
         super().__init__(scope)
         self.domain = self._read_domain()
-        self.strict = bool(self.param("strict", True))
+        self.strict = self.flag("strict", True)
         self.param("use_unknowns", False)  # ROSPlan reads it and never uses it
         max_items = int(self.number("max_items", MAX_ITEMS, 0))
         self.store = self._make_store()
@@ -126,7 +126,7 @@ class KnowledgeBase(Component):
 
     def _make_store(self) -> KnowledgeStore:
         path = self._state_path(str(self.param("state_file", "")))
-        reset = bool(self.param("reset_state", False))
+        reset = self.flag("reset_state", False)
         try:
             journal = StateFile(path, self.domain, reset) if path else None
             store = KnowledgeStore(self.domain, self.strict, ros_nanoseconds, journal, self._warn)
@@ -164,7 +164,7 @@ class KnowledgeBase(Component):
             return
         try:
             problem = read_problem(str(path), self.domain)
-            if not bool(self.param("problem_goals", True)):
+            if not self.flag("problem_goals", True):
                 problem.goals.clear()  # a file must state one; a mission brings its own
             self.store.load_problem(problem, rospy.get_name())
         except (PddlError, UpdateRefused) as error:

@@ -35,7 +35,7 @@ class PlanParser(Component):
         self._text = ""
         self._new = False
         self._parsing = threading.Lock()  # one plan at a time, published in the order of the calls
-        self._strict = bool(self.param("strict", True))
+        self._strict = self.flag("strict", True)
         self.read_params()
         topic = self.resolve(str(self.param("plan_topic", "complete_plan")))
         self._plan = self.publisher(topic, self.plan_class, queue_size=1, latch=True)

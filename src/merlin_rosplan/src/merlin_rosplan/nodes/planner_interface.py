@@ -55,7 +55,7 @@ class PlannerInterface(Component):
         self._numbers = itertools.count(1)
         self._folder = ScratchFolder("planner_interface")
         self._settings = self._read_settings()
-        self._strict = bool(self.param("strict", True))
+        self._strict = self.flag("strict", True)
         topic = self.resolve(str(self.param("planner_topic", "planner_output")))
         self._output = self.publisher(topic, String, queue_size=1, latch=True)
         self._hand_over = self.own(Handover.sender(topic))
@@ -117,10 +117,10 @@ class PlannerInterface(Component):
 
     def _read_settings(self) -> PlannerSettings:
         return PlannerSettings(
-            fallback=bool(self.param("planner_fallback", True)),
+            fallback=self.flag("planner_fallback", True),
             time_limit=self.number("time_limit", 60.0, 0.0),
             anytime=self.number("anytime", 0.2, 0.0),
-            check_input=bool(self.param("check_input", True)),
+            check_input=self.flag("check_input", True),
             memory_limit=self.number("memory_limit", 4096.0, 0.0),
             output_limit=self.number("output_limit", 64.0, 0.0),
         )

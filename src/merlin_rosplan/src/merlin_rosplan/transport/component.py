@@ -117,6 +117,18 @@ class Component(metaclass=_ComponentType):
             )
         return float(value)
 
+    def flag(self, name: str, default: bool) -> bool:
+        """A parameter that must be true or false; 1 and 0 count as these.
+
+        :raises ComponentError: it is something else; a text as `false` would count as true.
+        """
+        value = self.param(name, default)
+        if value not in (True, False):
+            raise ComponentError(
+                f"the parameter {self.resolve(name)} is {value!r}; it has to be true or false"
+            )
+        return bool(value)
+
     @staticmethod
     def in_process(scope: str) -> Optional["Component"]:
         """The component of that global scope, if it lives in this process: it can be read without ROS."""
