@@ -74,6 +74,8 @@ def test_the_limits_of_the_page_are_the_defaults():
         def number(self, name, default, *_):
             return default
 
+        flag = number
+
     settings = PlannerInterface._read_settings(Defaults())
     found = {names(cells[0])[0].lstrip("~"): float(cells[1].split()[0]) for cells in rows("Limits")}
     assert found == {name: getattr(settings, name) for name in found} and len(found) == 4
