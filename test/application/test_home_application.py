@@ -171,7 +171,7 @@ def check_opened_bag(tmp_path: Path, live: Dict[str, Any]) -> None:
     file = tmp_path / "opened.sqlite"
     BagImport(BagRecording(tmp_path / "results" / "run.bag"), file).run()
     state = last_moment(file)
-    assert last_doing(state) == ENDED, state["now"]
+    assert state["now"]["doing"] == ENDED, state["now"]
     assert shown(state) == shown(live)
 
 
