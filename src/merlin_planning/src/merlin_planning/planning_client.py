@@ -220,17 +220,21 @@ class PlanningClient:
             raise StageError(f"{PROBLEM} answered, but no problem appeared on {self._problem.topic}")
 
     def plan(
-        self, interruptible: Interruptible, without: Sequence[str] = (), after: Sequence[str] = ()
+        self,
+        interruptible: Interruptible,
+        without: Sequence[str] = (),
+        after: Optional[Sequence[str]] = None,
     ) -> PlanningResult:
         """Calls the planner. The interruption cancels the planner.
 
         ROSPlan's own planner interface knows neither wish: ERROR.
 
         :param without: actions that it has to do without, as PDDL text with ``*`` for any argument.
-        :param after: actions that run, as PDDL text in the order of their ends. The plan begins where they
-            end, and does not contain them; see :meth:`.dispatch_client.DispatchClient.exchange`.
+        :param after: actions that run, as PDDL text in the order of their ends: the plan begins where they
+            have ended, and does not contain them. None: it is not one for
+            :meth:`.dispatch_client.DispatchClient.exchange`; for that one an empty list may be right.
         """
-        wishes = bool(without or after)
+        wishes = bool(without) or after is not None
         client = self._client_for(wishes)
         if not client.alive and not client.wait_for_server(HAND_OVER):
             if wishes and self._client.alive:
@@ -244,7 +248,7 @@ class PlanningClient:
         ended = threading.Event()
         goal: Any = self._goal()
         if wishes:
-            goal = PlanWithoutGoal(goal, list(without), list(after))
+            goal = PlanWithoutGoal(goal, list(without), list(after or ()), after is not None)
         sent = client.send(goal, on_done=lambda _: ended.set())
         cancelled = threading.Event()
 
