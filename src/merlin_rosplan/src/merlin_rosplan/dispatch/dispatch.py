@@ -380,8 +380,6 @@ class PlanDispatch:
             schedule.started(record.action.id, now, seen)
             if watch is not None:
                 watch.started(record.action.id)
-        if watch is not None:
-            watch.changed(KnowledgeChanged())  # since the plan was made anything may have
         self._report()
         return ""
 

@@ -225,7 +225,7 @@ class PlanDispatcher(Component):
         from merlin_rosplan.rest.rest_watch import PlanWatch
 
         schedule = self.make_schedule(plan, ongoing)
-        return schedule, PlanWatch(schedule, self._topics) if self._watches_rest else None
+        return schedule, PlanWatch(schedule, self._topics, None) if self._watches_rest else None
 
     def _accept(self, goal: ServerGoal) -> None:
         is_free = self._occupy(goal)
