@@ -136,7 +136,7 @@ def test_the_suite_has_as_many_cases_as_the_page_says(monkeypatch):
 def test_the_exchange_of_the_page_is_that_of_the_clients(monkeypatch):
     monkeypatch.setattr("rospy.Time.now", lambda: None)
     (block,) = re.findall(r"```python\n(.*?)```", DISPATCH, re.DOTALL)
-    dispatcher, planning = create_autospec(DispatchClient), create_autospec(PlanningClient)
+    dispatcher, planning = (create_autospec(kind, instance=True) for kind in (DispatchClient, PlanningClient))
     dispatcher.running, planning.parse_plan.return_value = [RunningAction(name="sing")], ["a step"]
     known = {"dispatcher": dispatcher, "planning": planning, "dispatched_action": dispatched_action}
     exec(block, {**known, "interruptible": print})
