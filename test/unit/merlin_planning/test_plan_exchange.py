@@ -16,7 +16,10 @@ from merlin_ros.service_proxy import ServiceUnavailable
 
 LONG = 60.0
 NOTHING = "carries out no plan of this node"
-PLAN = [ActionDispatch(action_id=2, plan_id=7, name="ask"), ActionDispatch(action_id=3, plan_id=7, name="ask")]
+PLAN = [
+    ActionDispatch(action_id=2, plan_id=7, name="ask"),
+    ActionDispatch(action_id=3, plan_id=7, name="ask"),
+]
 
 
 class Driven:
@@ -24,7 +27,7 @@ class Driven:
 
     def __init__(self, dispatcher: Any, dispatching: Any) -> None:
         self.world = dispatcher
-        self.ends: "queue.Queue[Any]" = queue.Queue()
+        self.ends: queue.Queue[Any] = queue.Queue()
         dispatcher.on_dispatch = self.ends.put
         self.client = dispatcher.client()
         dispatcher.status(DispatchStatus.RUNNING)
@@ -99,7 +102,9 @@ def test_a_refusal_says_why_and_the_plan_goes_on(dispatcher: Any, driven: Driven
     assert driven.end().goal_achieved
 
 
-def test_nothing_is_exchanged_without_a_dispatch_or_behind_its_cancel(dispatcher: Any, driven: Driven) -> None:
+def test_nothing_is_exchanged_without_a_dispatch_or_behind_its_cancel(
+    dispatcher: Any, driven: Driven
+) -> None:
     driven.client.cancel()
     for client in (driven.client, dispatcher.client()):
         assert NOTHING in client.exchange(PLAN, [])

@@ -20,7 +20,9 @@ def further(*objects, first=10):
 
 
 def wish(plan, *keep):
-    return Exchange(frozenset(keep), lambda ongoing: (SequentialSchedule(continued_list(plan, ongoing)), None))
+    return Exchange(
+        frozenset(keep), lambda ongoing: (SequentialSchedule(continued_list(plan, ongoing)), None)
+    )
 
 
 def exchanged(run, plan, *keep):

@@ -354,7 +354,7 @@ class PlanDispatch:
 
     @property
     def _leaving(self) -> bool:
-        """Whether an action that is not part of the plan has not stopped yet: then the world is not settled."""
+        """Whether an action has not stopped yet that is not part of the plan: the world is not settled."""
         return any(record.leaving is not None for record in self._running.values())
 
     def _take_plan(self, wish: Exchange) -> str:

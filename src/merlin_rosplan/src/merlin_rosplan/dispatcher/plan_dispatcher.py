@@ -65,8 +65,8 @@ SLACK = 1.0  # s beyond the cancel deadline for the dispatch of a lost owner to 
 class PlanDispatcher(Component):
     """Base of both dispatchers.
 
-    Services ``dispatch_plan``, ``cancel_dispatch``, ``exchange_plan``, ``breakpoints``; action server ``dispatch_plan_action``;
-    topics ``action_dispatch``, ``dispatch_status`` and what the subclass adds.
+    Services ``dispatch_plan``, ``cancel_dispatch``, ``exchange_plan``, ``breakpoints``; action server
+    ``dispatch_plan_action``; topics ``action_dispatch``, ``dispatch_status`` and what the subclass adds.
     """
 
     plan_class: Type[Any] = CompletePlan
