@@ -362,10 +362,9 @@ class PlanDispatch:
         if self._robot_left is not None:
             return self._robot_left.reason
         running = [record for record in self._running.values() if record.leaving is None]
-        schedule, watch = wish.make(wish.ongoing([record.action for record in running], self._succeeded))
-        if (schedule.actions.keys() - self._running.keys()) & self._used:
-            return "the ids of its actions were used before: it was not planned as one that follows"
+        ongoing = wish.ongoing([record.action for record in running], self._succeeded, self._used)
         applied = [each.seen_at_once or each.start_applied(self._environment) for each in running]
+        schedule, watch = wish.make(ongoing)
         self._used |= schedule.actions.keys()
         self._schedule, self._watch = schedule, watch
         self._coming = ComingConditions(self._environment, schedule, self._limits.settle)

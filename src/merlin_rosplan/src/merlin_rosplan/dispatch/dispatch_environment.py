@@ -358,9 +358,13 @@ class Exchange:
         finally:
             self.ended.set()
 
-    def ongoing(self, running: Sequence[PlannedAction], succeeded: AbstractSet[int]) -> Ongoing:
+    def ongoing(
+        self, running: Sequence[PlannedAction], succeeded: AbstractSet[int], used: AbstractSet[int]
+    ) -> Ongoing:
         """The actions that run, sorted.
 
+        :param succeeded: ids of the actions that have.
+        :param used: all ids that any action has had.
         :raises PlanError: one that shall go on neither runs nor is among those that have succeeded, by ids.
         """
         lost = self.keep - succeeded - {action.id for action in running}
@@ -368,7 +372,7 @@ class Exchange:
             ids = ", ".join(map(str, sorted(lost)))
             raise PlanError(f"the plan counts on action {ids}, which neither runs nor has succeeded")
         kept = tuple(action for action in running if action.id in self.keep)
-        return Ongoing(kept, tuple(action for action in running if action.id not in self.keep))
+        return Ongoing(kept, tuple(action for action in running if action.id not in self.keep), used)
 
 
 class Tick(NamedTuple):

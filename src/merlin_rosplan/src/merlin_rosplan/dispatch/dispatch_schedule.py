@@ -3,7 +3,7 @@
 
 import abc
 from dataclasses import dataclass, field
-from typing import Any, Dict, Iterable, List, NamedTuple, Optional, Sequence, Tuple
+from typing import AbstractSet, Any, Dict, Iterable, List, NamedTuple, Optional, Sequence, Tuple
 
 
 class PlanError(ValueError):
@@ -43,6 +43,8 @@ class Ongoing(NamedTuple):
     """They go on: the plan counts on them, and does not contain them."""
     others: Sequence[PlannedAction] = ()
     """They go on where the plan begins with them."""
+    used: AbstractSet[int] = frozenset()
+    """Ids that the actions of the plan may not have."""
 
 
 class Overtaken(NamedTuple):

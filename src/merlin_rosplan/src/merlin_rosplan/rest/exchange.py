@@ -5,7 +5,7 @@ import dataclasses
 from typing import Callable, List, Sequence
 
 from merlin_pddl.plan_text import PlanStep
-from merlin_rosplan.dispatch.dispatch_schedule import Ongoing, PlannedAction
+from merlin_rosplan.dispatch.dispatch_schedule import Ongoing, PlanError, PlannedAction
 from merlin_rosplan.dispatch.operator_model import ActionModel
 from merlin_rosplan.dispatch.plan_graph import MIN_BOUND, EdgeType, Node, NodeType, PlanGraph
 from merlin_rosplan.dispatch.plan_graph_builder import build_graph
@@ -14,7 +14,10 @@ LONG_PLAN = 50  # actions; behind a running one a longer plan has no edges that 
 
 
 def continued_list(actions: Sequence[PlannedAction], ongoing: Ongoing) -> List[PlannedAction]:
-    """A plan of one action after the other, behind those that go on."""
+    """A plan of one action after the other, behind those that go on.
+
+    :raises PlanError: an action of the plan has the id of another one.
+    """
     first = _taken_up(actions, ongoing, lambda index: index == 0 and not ongoing.kept)
     return [*_before(ongoing.kept), *first]
 
@@ -33,6 +36,7 @@ def continued_graph(
     :param actions: its actions, by index.
     :param operator: gives the ground model of an action.
     :return: the actions by index, in `graph` as it is then.
+    :raises PlanError: an action of the plan has the id of another one.
     """
     starts = {node.action: node for node in graph.nodes if node.type == NodeType.ACTION_START}
     ends = {node.action: node for node in graph.nodes if node.type == NodeType.ACTION_END}
@@ -86,6 +90,8 @@ def _taken_up(
     actions: Sequence[PlannedAction], ongoing: Ongoing, is_first: Callable[[int], bool]
 ) -> List[PlannedAction]:
     """The actions of the plan; what runs already stands for the step that the plan begins with."""
+    if any(action.id in ongoing.used for action in actions):
+        raise PlanError("the ids of its actions were used before: it was not planned as one that follows")
     found = list(actions)
     for running in ongoing.others:
         for index, action in enumerate(actions):
