@@ -7,6 +7,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+import rospy
 from actionlib_msgs.msg import GoalID, GoalStatus
 from merlin_msgs.msg import DispatchStatus
 from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback
@@ -65,7 +66,8 @@ class Driven:
 
 
 @pytest.fixture
-def driven(dispatcher: Any, dispatching: Any) -> Driven:
+def driven(dispatcher: Any, dispatching: Any, monkeypatch: pytest.MonkeyPatch) -> Driven:
+    monkeypatch.setattr(rospy.Time, "now", rospy.Time)
     return Driven(dispatcher, dispatching)
 
 
