@@ -110,7 +110,7 @@ class Planner(unittest.TestCase):
             (["(navigate * bathroom)"], "UNSOLVABLE"),
             (["(fly * bathroom)"], "INVALID"),
         ):
-            sent = client.send(PlanWithoutGoal(self.goal(goal), without))
+            sent = client.send(PlanWithoutGoal(plan=self.goal(goal), without=without))
             self.assertTrue(sent.wait(LONG))
             self.assertEqual(sent.result.result_status, state, sent.text)
             if state == "SOLVED":
@@ -125,6 +125,25 @@ class Planner(unittest.TestCase):
         with self.changed:
             fits = "(navigate anywhere bathroom)"
             self.assertTrue(self.changed.wait_for(lambda: fits in self.plans[-1].lower(), LONG), self.plans)
+
+    def test_a_plan_begins_where_what_runs_ends(self):
+        client = ActionClient(f"{NODE}/plan_without", PlanWithoutAction)
+        self.assertTrue(client.wait_for_server(LONG))
+        drive = "(navigate anywhere dorm_room)"
+        for after, state in (([drive], "SOLVED"), (["(fly dorm_room)"], "INVALID")):
+            sent = client.send(PlanWithoutGoal(plan=self.goal("(checked dorm_room)"), after=after))
+            self.assertTrue(sent.wait(LONG))
+            self.assertEqual(sent.result.result_status, state, sent.text)
+        self.assertIn("what runs cannot be planned after: unknown operator 'fly'", sent.text)
+
+        def found():
+            return [plan for plan in self.plans if plan.startswith(f"; after {drive}\n")]
+
+        with self.changed:
+            self.assertTrue(self.changed.wait_for(found, LONG), self.plans)
+        steps = found()[0].split("\n", 1)[1]
+        self.assertIn("(ask dorm_room)", steps)
+        self.assertNotIn("navigate", steps)
 
     def test_a_plan_is_published_and_latched(self):
         self.assertTrue(self.plan("(checked kitchen)"))

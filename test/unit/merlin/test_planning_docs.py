@@ -5,12 +5,16 @@ import re
 import shlex
 import subprocess
 from pathlib import Path
+from unittest.mock import create_autospec
 
 import pytest
 import yaml
-from merlin_msgs.msg import DispatchStatus
+from merlin_msgs.msg import DispatchStatus, RunningAction
 
 from merlin_pddl.checks import validate
+from merlin_planning.action_messages import dispatched_action
+from merlin_planning.dispatch_client import DispatchClient
+from merlin_planning.planning_client import PlanningClient
 from merlin_rosplan.nodes.planner_interface import PlannerInterface
 from merlin_rosplan.planning import planner_engines
 from merlin_rosplan.planning.planner_command import parse_command
@@ -127,3 +131,14 @@ def test_the_suite_has_as_many_cases_as_the_page_says(monkeypatch):
         re.search(r"<rosparam>(.*?)</rosparam>", (EXECUTION / "conformance.test").read_text(), re.DOTALL)[1]
     )
     assert set(few["cases"]) <= {case.name for case in CASES}
+
+
+def test_the_exchange_of_the_page_is_that_of_the_clients(monkeypatch):
+    monkeypatch.setattr("rospy.Time.now", lambda: None)
+    (block,) = re.findall(r"```python\n(.*?)```", DISPATCH, re.DOTALL)
+    dispatcher, planning = (create_autospec(kind, instance=True) for kind in (DispatchClient, PlanningClient))
+    dispatcher.running, planning.parse_plan.return_value = [RunningAction(name="sing")], ["a step"]
+    known = {"dispatcher": dispatcher, "planning": planning, "dispatched_action": dispatched_action}
+    exec(block, {**known, "interruptible": print})
+    planning.plan.assert_called_with(print, after=["(sing)"])
+    dispatcher.exchange.assert_called_with(["a step"], keep=dispatcher.running)

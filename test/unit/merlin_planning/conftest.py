@@ -33,6 +33,7 @@ class DispatcherWorld:
         self.passed = 0.0  # s that the clock is ahead
         self.on_dispatch: Callable[[Callable[[object], None]], None] = lambda ended: None
         self.on_cancel: Callable[[], None] = lambda: None
+        self.on_exchange: Callable[..., Any] = lambda **fields: SimpleNamespace(refused="")
         self.on_look: Callable[[], None] = lambda: None
 
     def client(self, **options: Any) -> DispatchClient:
@@ -62,8 +63,10 @@ class DispatcherWorld:
             def available(self) -> bool:
                 return world.there
 
-            def __call__(self) -> Any:
+            def __call__(self, **fields: Any) -> Any:
                 world.calls.append(name.rsplit("/", 1)[-1])
+                if fields:
+                    return world.on_exchange(**fields)
                 if name.endswith("cancel_dispatch"):
                     world.on_cancel()
                     if not world.takes_cancel:
@@ -79,13 +82,14 @@ class DispatcherWorld:
         def send(goal: Any, ended: Callable[[ClientGoal], None], owner: Any = None) -> Any:
             self.calls.append("goal")
             self.on_dispatch(ended)
-            return SimpleNamespace(cancel=cancel)
+            return SimpleNamespace(cancel=cancel, id="goal 1")
 
         return SimpleNamespace(
             wait_for_server=lambda *_: True,
             missing="",
             send=send,
             give_up=lambda goal, why: self.calls.append("given up"),
+            hand_over=lambda goal, owner: self.calls.append(f"{goal.id} for {owner}"),
         )
 
     def watch(self, topic: str, *changed: Callable[[LeaseChange], None]) -> Any:

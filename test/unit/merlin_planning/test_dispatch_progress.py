@@ -263,3 +263,29 @@ def test_the_result_says_that_another_try_cannot_help() -> None:
         progress.dispatched(Action(1, 1, "Prescribe", ("Ann",)))
         progress.answered(1, 1, DispatchAnswer.FAILED, information)
         assert progress.result(Reply(), "(prescribe ann)", "no").no_retry == no_retry
+
+
+def test_what_another_plan_drops_is_stopped_without_a_failure() -> None:
+    progress = book(NAVIGATE, WAVE)
+    progress.exchange({2, 3})
+    assert progress.answered(1, 7, DispatchAnswer.FAILED, CANCELLED)
+    assert progress.failed == "" and [*progress.running] == [2]
+    progress.answered(2, 7, DispatchAnswer.FAILED, {"reason": "stuck"})
+    assert progress.failed == "(wave)" and progress.failed_by_itself
+
+
+def test_what_is_dropped_and_does_not_stop_is_named() -> None:
+    progress = book(NAVIGATE)
+    progress.exchange({3})
+    progress.answered(1, 7, DispatchAnswer.FAILED, STUCK)
+    assert progress.result(Reply()).unstopped == ("(navigate hall kitchen)",)
+
+
+def test_the_steps_count_anew_with_another_plan_unless_it_is_refused() -> None:
+    progress = book(NAVIGATE, WAVE)
+    progress.answered(1, 7, DispatchAnswer.SUCCEEDED, {})
+    take_back = progress.exchange({3})
+    assert progress.steps_done == 0
+    take_back()
+    progress.answered(2, 7, DispatchAnswer.FAILED, {"reason": "stuck"})
+    assert (progress.steps_done, progress.failed) == (1, "(wave)")

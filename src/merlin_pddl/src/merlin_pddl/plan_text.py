@@ -11,6 +11,9 @@ NO_DURATION = 0.001
 #: How the reason begins with which a dispatcher ends a plan because the world has changed.
 OUTDATED = "the plan no longer fits: "
 
+#: How a plan begins that is to follow what runs now; PDDL text of actions comes behind it.
+AFTER = "; after"
+
 #: The latest time and longest duration of a plan, s: ROS counts its seconds in 32 bits.
 LONGEST = 1e9
 

@@ -7,6 +7,7 @@ from typing import Callable, List, Optional, Sequence
 
 import rospy
 from merlin_msgs.msg import DispatchStatus, RunningAction
+from merlin_msgs.srv import ExchangePlan
 from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback, NonBlockingDispatchAction
 from rospy.core import is_shutdown_requested
 from std_srvs.srv import Empty
@@ -32,6 +33,7 @@ SLACK = 1.0  # s that a dispatcher gets beyond its own cancel deadline
 STUCK_AFTER = 20.0  # s of running time without an action under way, for a dispatcher without status
 FOREIGN_WAIT = 6.0  # s of running time for the plan of another client to end, where a cancel has no limit
 OWNER_LOOK = 0.5  # s between two looks whether the owner of a foreign dispatch still lives
+EXCHANGE_LIMIT = 12.0  # s for the dispatcher to exchange a plan; it gives up before
 LISTEN = 1.0  # s after which a client has received the lease of any other owner of the dispatch
 INTERRUPTED = "cancelled while another plan was carried out"
 WITHDRAWN = "cancelled before the plan was dispatched"
@@ -64,6 +66,7 @@ class DispatchClient:
         self.cancel_deadline = cancel_deadline
         self._on_change = on_change
         self._cancel = ServiceProxy(f"{dispatcher}/cancel_dispatch", Empty, timeout=2.0)
+        self._exchange = ServiceProxy(f"{dispatcher}/exchange_plan", ExchangePlan, timeout=EXCHANGE_LIMIT)
         self._begun = running_time()
         self._changed = threading.Condition()  # guards the fields below
         self._progress = DispatchProgress()
@@ -199,6 +202,54 @@ class DispatchClient:
             rospy.logwarn(f"{self.name} did not have the new plan yet; dispatching again")
             result = self._dispatch_once(interruptible, plan, owner)
         return result
+
+    @property
+    def can_exchange(self) -> bool:
+        """Whether the dispatcher can replace the rest of a plan while actions go on; ROSPlan's own cannot.
+
+        Asks the master.
+        """
+        return self._kind.reports and self._exchange.available()
+
+    def exchange(
+        self, plan: Sequence[ActionDispatch], keep: Sequence[RunningAction], owner: Optional[str] = None
+    ) -> str:
+        """Replaces the rest of the plan that another thread dispatches, without a stop of what goes on.
+
+        First the new plan is made: :attr:`running` is looked at, these actions are given to
+        :meth:`.planning_client.PlanningClient.plan` as `after`, and the plan is parsed. Then this is called.
+        What runs and is neither in `keep` nor a first step of the new plan is cancelled; what has not begun
+        is dropped. The steps of the new plan begin when their conditions allow, behind what goes on where
+        they need its effects.
+
+        The call of :meth:`dispatch` goes on, and returns how the new plan ends; a cancel stops all of it.
+
+        :param plan: the one that was parsed last.
+        :param keep: of :attr:`running`: the actions that the new plan counts on. One that has succeeded
+            meanwhile does no harm; with one that has failed the exchange is refused.
+        :param owner: id of the goal of this process's own server on whose behalf the dispatch runs from now
+            on; None: as before.
+        :return: why the plan is not exchanged, as a sentence; empty: the new plan runs.
+        """
+        kept = {action.action_id for action in keep}
+        with self._changed:
+            goal = self._kind.goal() if self._active and not self._cancelling else ""
+            if not goal:
+                return f"{PART} {self.name} carries out no plan of this node that it could exchange"
+            progress = self._progress
+            take_back = progress.exchange({*kept, *(action.action_id for action in plan)})
+        try:
+            refused = str(self._exchange(goal=goal, keep=sorted(kept)).refused)
+        except ServiceError as error:
+            refused = f"{PART} does not exchange its plan: {error}"
+        with self._changed:
+            if refused:
+                take_back()
+            elif progress is self._progress and self._active:
+                self._kind.goal(owner)
+        if not refused:
+            self._on_change()
+        return refused
 
     def cancel(self) -> None:
         """Cancels the running dispatch; before it runs, as soon as it does. Never blocks.

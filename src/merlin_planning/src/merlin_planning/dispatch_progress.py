@@ -5,7 +5,7 @@ Pure: messages go in as plain values. :mod:`merlin_planning.dispatch_client` is 
 """
 
 from enum import Enum
-from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
+from typing import Any, Callable, Container, Dict, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
 
 PART = "the planning system's plan dispatcher"
 #: Name of a dispatched action that cancels another one, or all of them.
@@ -117,6 +117,7 @@ class DispatchProgress:
         self._early: Dict[int, List[EarlyAnswer]] = {}  # action id -> answers, the first of them TAKEN
         self._unstopped: List[str] = []
         self._no_retry: Dict[str, str] = {}  # a failed action -> which actions cannot help
+        self._counted: Optional[Container[int]] = None  # actions whose failure counts; None: all
 
     @property
     def begun(self) -> bool:
@@ -136,6 +137,21 @@ class DispatchProgress:
     def stop(self) -> None:
         """The dispatch is to be cancelled: an action that fails from now on was cancelled."""
         self._stopping = True
+
+    def exchange(self, counted: Container[int]) -> Callable[[], None]:
+        """Another plan is to take the place of the rest; the steps done count anew.
+
+        :param counted: ids of the actions of the new plan and of those that go on. The others are cancelled
+            by the dispatcher, which is no failure.
+        :return: takes it back.
+        """
+        done, before = self.steps_done, self._counted
+        self.steps_done, self._counted = 0, counted
+
+        def take_back() -> None:
+            self.steps_done, self._counted = self.steps_done + done, before
+
+        return take_back
 
     def stand_still(self, seconds: float) -> None:
         """The dispatch is given up: nothing was under way, nothing failed, and it did not end."""
@@ -179,6 +195,8 @@ class DispatchProgress:
         reason = information.get("reason", NO_REASON)
         if information.get(STOPPED, "").lower() == NO:
             self._unstopped.append(action.text)
+        if self._counted is not None and action_id not in self._counted:
+            return True
         final = information.get(FINAL, "")
         if final:
             self._no_retry[ground_text(action.text)] = action.text if final.lower() == YES else final

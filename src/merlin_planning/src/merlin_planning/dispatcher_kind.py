@@ -67,6 +67,13 @@ class DispatcherKind(ABC):
     def started(self, progress: DispatchProgress) -> bool:
         """True when the dispatcher is known to have begun the dispatch: a cancel before would be lost."""
 
+    def goal(self, owner: Optional[str] = None) -> str:
+        """Id of the goal that is the present dispatch; empty: it is none.
+
+        :param owner: id of the goal on whose behalf it runs from now on; None: as before.
+        """
+        return ""
+
     def failure_grace(self, slack: Optional[float]) -> Optional[float]:
         """Time for it to end after an action failed, s of running time; None: no limit.
 
@@ -125,6 +132,13 @@ class ReportingDispatcher(DispatcherKind):
         goal, self._goal = self._goal, None
         if hangs and goal is not None:
             self._server.give_up(goal, "its dispatch does not end")
+
+    def goal(self, owner: Optional[str] = None) -> str:
+        """The one that was sent."""
+        goal = self._goal
+        if goal is not None and owner is not None:
+            self._server.hand_over(goal, owner)
+        return "" if goal is None else goal.id
 
     @property
     def busy(self) -> bool:

@@ -219,16 +219,27 @@ class PlanningClient:
         if self._problem.wait_newer(count, HAND_OVER) is None:
             raise StageError(f"{PROBLEM} answered, but no problem appeared on {self._problem.topic}")
 
-    def plan(self, interruptible: Interruptible, without: Sequence[str] = ()) -> PlanningResult:
+    def plan(
+        self,
+        interruptible: Interruptible,
+        without: Sequence[str] = (),
+        after: Optional[Sequence[str]] = None,
+    ) -> PlanningResult:
         """Calls the planner. The interruption cancels the planner.
 
-        :param without: actions that it has to do without, as PDDL text with ``*`` for any argument. ROSPlan's
-            own planner interface knows no such wish: ERROR.
+        ROSPlan's own planner interface knows neither wish: ERROR.
+
+        :param without: actions that it has to do without, as PDDL text with ``*`` for any argument.
+        :param after: actions that run, as PDDL text in the order of their ends: the plan begins where they
+            have ended, and does not contain them. None: it is not one for
+            :meth:`.dispatch_client.DispatchClient.exchange`; for that one an empty list may be right.
         """
-        client = self._client_for(without)
+        wishes = bool(without) or after is not None
+        client = self._client_for(wishes)
         if not client.alive and not client.wait_for_server(HAND_OVER):
-            if without and self._client.alive:
-                return PlanningResult(Planned.ERROR, f"{PLANNER} cannot leave actions out of a plan")
+            if wishes and self._client.alive:
+                what = "leave actions out of a plan" if without else "plan from where actions end"
+                return PlanningResult(Planned.ERROR, f"{PLANNER} cannot {what}")
             reason = f"{PLANNER} is not there: no action server {client.name}"
             return PlanningResult(Planned.ERROR, reason, gone=True)
         count = self._output.count
@@ -236,8 +247,8 @@ class PlanningClient:
             self._status = None
         ended = threading.Event()
         goal: Any = self._goal()
-        if without:
-            goal = PlanWithoutGoal(goal, list(without))
+        if wishes:
+            goal = PlanWithoutGoal(goal, list(without), list(after or ()), after is not None)
         sent = client.send(goal, on_done=lambda _: ended.set())
         cancelled = threading.Event()
 
@@ -257,8 +268,8 @@ class PlanningClient:
             return PlanningResult(Planned.SOLVED)
         return self._failure(sent.text, sent.status)
 
-    def _client_for(self, without: Sequence[str]) -> ActionClient:
-        if not without:
+    def _client_for(self, wishes: bool) -> ActionClient:
+        if not wishes:
             return self._client
         if self._without is None:  # seldom wanted
             self._without = ActionClient(f"{self._planner}/plan_without", PlanWithoutAction)

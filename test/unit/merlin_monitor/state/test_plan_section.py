@@ -149,3 +149,22 @@ def test_a_dispatch_that_overtakes_its_plan_counts() -> None:
     plan.dispatched(begun, 21.0)
     plan.planned(*sequential_steps(PLAN), 30.0)
     assert states(tree) == {"0": "waiting", "1": "waiting"}
+
+
+def test_what_goes_on_is_shown_in_front_of_the_plan_that_follows() -> None:
+    tree, plan, _ = section()
+    drive = ("from", "hall"), ("to", "kitchen")
+    plan.planned(*sequential_steps(PLAN), 10.0)
+    plan.dispatched(dispatch(0, "navigate", *drive, plan=7), 11.0)
+    further = CompletePlan([dispatch(2, "ask", ("p", "bath")), dispatch(3, "ask", ("p", "hall"))])
+    plan.planned(*sequential_steps(further), 12.0)
+    goes_on = running(0, "navigate", *drive)
+    for _ in range(2):
+        plan.dispatcher(DispatchStatus(state=DispatchStatus.RUNNING, plan_id=7, running=[goes_on]), 12.1)
+    assert tree.get("plan", "order") == ["0", "2", "3"]
+    assert states(tree) == {"0": "dispatched", "2": "waiting", "3": "waiting"}
+    assert tree.get("plan", "steps", "0", "began") == 11.0
+    plan.feedback(feedback(0, 2, plan=7), 20.0)
+    plan.dispatched(dispatch(2, "ask", ("p", "bath"), plan=7), 20.1)
+    assert states(tree) == {"0": "succeeded", "2": "dispatched", "3": "waiting"}
+    assert plan.step("(ask bath)") == 2 and plan.count == 3

@@ -9,10 +9,17 @@ from pathlib import Path
 import pytest
 
 from merlin_pddl.domain_reader import read_domain
-from merlin_pddl.problem_reader import read_problem
+from merlin_pddl.problem_reader import parse_problem, read_problem
 from merlin_rosplan.planning.planner import PlannerSettings
 from merlin_rosplan.planning.planning_outcome import PlannerState
-from merlin_rosplan.supervision.plan_preview import BUSY, PREVIEW_LIMIT, Previews, steps_of
+from merlin_rosplan.supervision.plan_preview import (
+    BUSY,
+    LATER_ERRORS,
+    PREVIEW_LIMIT,
+    Previews,
+    steps_of,
+    write_later_problem,
+)
 
 HOME = Path(__file__).resolve().parents[4] / "pddl" / "home"
 DOMAIN = str(HOME / "domain.pddl")
@@ -83,3 +90,18 @@ def test_one_at_a_time_and_the_end_of_the_node_ends_it(previews, tmp_path):
     previews.shutdown()
     thread.join(LONG)
     assert [outcome.state for outcome in outcomes] == [PlannerState.CANCELLED]
+
+
+def test_a_problem_begins_where_what_runs_ends():
+    drive = "(navigate anywhere kitchen)"
+    domain = read_domain(DOMAIN)
+    later = parse_problem(write_later_problem(DOMAIN, str(HOME / "problem.pddl"), [drive]), domain)
+    now = read_problem(HOME / "problem.pddl", domain)
+    facts = {fact.text() for fact in later.facts}
+    assert "(robot_at kitchen)" in facts and later.goals == now.goals and later.metric == now.metric
+
+
+@pytest.mark.parametrize("after", ["(fly kitchen)", "(navigate kitchen)", ""])
+def test_what_cannot_be_planned_after_says_why(after):
+    with pytest.raises(LATER_ERRORS, match="unknown operator|parameters"):
+        write_later_problem(DOMAIN, str(HOME / "problem.pddl"), [after])

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The section of the plan: its steps with state and time, replans, the planner and the dispatcher."""
 
+import math
 from typing import Any, Dict, List, Mapping, Optional, Sequence, Set, Tuple
 
 from merlin_monitor.state.history_events import Reporter, sentence
@@ -48,6 +49,7 @@ class PlanSection:
         self._tree = tree
         self._report = report
         self._steps: Dict[int, Dict[str, Any]] = {}
+        self._replaced: Dict[int, Dict[str, Any]] = {}  # the steps of the plan before
         self._edges: Edges = []
         self._dispatch = 0  # number of the dispatch the steps' states belong to; 0: not known
         self._plans = 0
@@ -93,24 +95,11 @@ class PlanSection:
             kept = {message.plan_id for message, _ in missed}
             self._early = {key: answer for key, answer in self._early.items() if key[0] in kept}
         self._edges = edges
-        self._steps = {
-            step.id: {
-                "id": step.id,
-                "name": step.name,
-                "text": step.text,
-                **self._words(step.name, step.parameters),
-                "parameters": [list(pair) for pair in step.parameters],
-                "start": step.start,
-                "duration": step.duration,
-                "state": WAITING,
-            }
-            for step in steps
-        }
+        self._replaced, self._steps = self._steps, {step.id: self._shown(step) for step in steps}
         self._tree.set(SECTION, "number", self._plans)
         self._tree.set(SECTION, "at", at)
         self._tree.set(SECTION, "edges", [[str(before), str(after)] for before, after in edges])
-        self._tree.set(SECTION, "order", [str(step.id) for step in steps])
-        self._tree.set(SECTION, "steps", {str(key): step for key, step in self._steps.items()})
+        self._show_steps()
         before = [step["text"] for step in self._kept.get("steps", {}).values()]
         if steps and sorted(before) != sorted(step.text for step in steps):
             self._report(sentence("plan", self._words_of_plan(), at))
@@ -177,6 +166,8 @@ class PlanSection:
             self._follow(message.plan_id)
         if first and self._plans == 1:
             self._take_up(message)
+        if message.state and self._plans:
+            self._show_earlier(message.running)
         now_running = {action.action_id: action for action in message.running}
         for identity, action in now_running.items():
             step = self._steps.get(identity)
@@ -197,6 +188,38 @@ class PlanSection:
                 "reason": message.reason,
             },
         )
+
+    def _show_earlier(self, running: Sequence[Any]) -> None:
+        """Shows what goes on of a plan before in front of the one that follows it, whose ids are higher."""
+        first = min(self._steps, default=math.inf)
+        earlier = {}
+        for action in running:
+            if action.action_id < first:
+                parameters = [(parameter.key, parameter.value) for parameter in action.parameters]
+                made = self._shown(ShownStep(action.action_id, action.name, parameters, 0.0, 0.0))
+                was = self._replaced.get(action.action_id, {})
+                known = was.get("text") == made["text"]
+                earlier[action.action_id] = {**was, "start": 0.0} if known else made
+        if earlier:
+            self._steps = {**earlier, **self._steps}
+            self._show_steps()
+
+    def _shown(self, step: ShownStep) -> Dict[str, Any]:
+        """A step that waits, as the state has it."""
+        return {
+            "id": step.id,
+            "name": step.name,
+            "text": step.text,
+            **self._words(step.name, step.parameters),
+            "parameters": [list(pair) for pair in step.parameters],
+            "start": step.start,
+            "duration": step.duration,
+            "state": WAITING,
+        }
+
+    def _show_steps(self) -> None:
+        self._tree.set(SECTION, "order", [str(key) for key in self._steps])
+        self._tree.set(SECTION, "steps", {str(key): step for key, step in self._steps.items()})
 
     def planner(self, message: Any, at: float) -> None:
         """Takes a message with the fields of merlin_msgs/PlannerStatus."""

@@ -218,6 +218,13 @@ class ActionClient:
             raise
         return sent
 
+    def hand_over(self, goal: ClientGoal, owner: str) -> None:
+        """From now on a goal runs on behalf of another goal of this process's own server."""
+        with self._changed:
+            if goal.id in self._goals:  # one that has ended is leased no more
+                goal.owner = owner
+                self._lease.hold(goal.id, owner)
+
     def give_up(self, goal: ClientGoal, why: str) -> None:
         """Ends a goal as LOST here; the server is asked to stop it, and it no longer has an owner."""
         with self._changed:

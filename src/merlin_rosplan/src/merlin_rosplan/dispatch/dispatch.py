@@ -5,6 +5,7 @@ One thread runs a dispatch and decides; all other threads only put events into i
 and no decision is made with a lock held. All events in the queue are handled before conditions are checked.
 """
 
+import contextlib
 import logging
 import math
 import queue
@@ -23,6 +24,7 @@ from merlin_rosplan.dispatch.dispatch_environment import (
     DispatchReport,
     DispatchState,
     Event,
+    Exchange,
     Feedback,
     FeedbackStatus,
     KnowledgeChanged,
@@ -78,6 +80,8 @@ class PlanDispatch:
         self._robot_left: Optional[DispatchFailure] = None  # what runs continues, and nothing else starts
         self._began = 0.0
         self._done = 0
+        self._succeeded: Set[int] = set()
+        self._used = set(schedule.actions)  # ids that no action of another plan may have
         self._unpublished = False  # whether the report has changed since it was published
         self._changes: Optional[FrozenSet[str]] = _NOTHING  # names that changed since over-all was checked
         self._last: Optional[PlannedAction] = None
@@ -96,6 +100,12 @@ class PlanDispatch:
         """Stops the dispatch: no further action starts, running ones get a cancel."""
         self._cancelled.set()
         self._events.put(CancelRequest(reason))
+
+    def exchange(self, wish: Exchange) -> None:
+        """Has another plan take the place of what has not begun; the wish says how that ended."""
+        self._events.put(wish)
+        if self.ended.is_set():  # nothing else would answer it
+            self._refuse_late()
 
     def suspend(self, suspended: bool) -> None:
         """While it is suspended no further action starts; what runs continues."""
@@ -129,6 +139,7 @@ class PlanDispatch:
             if self._last is not None:
                 self._environment.close(self._last)
             self.ended.set()
+            self._refuse_late()
         return self._report()
 
     def _loop(self) -> None:
@@ -182,7 +193,7 @@ class PlanDispatch:
         now = self._environment.now()
         while not self._cancelled.is_set():
             self._see_starts(now)
-            if self._suspended.is_set() or self._robot_left is not None:
+            if self._suspended.is_set() or self._robot_left is not None or self._leaving:
                 return now
             ready = [action for action in self._schedule.ready(now) if action.id not in tried]
             if self._watch is not None and self._watch.skipped and self._skip(ready, now):
@@ -218,7 +229,7 @@ class PlanDispatch:
         return bool(skipped)
 
     def _look_at_rest(self) -> None:
-        verdict = None if self._watch is None else self._watch.look()
+        verdict = None if self._watch is None or self._leaving else self._watch.look()
         if verdict is None:
             return
         if verdict.achieved:
@@ -283,6 +294,8 @@ class PlanDispatch:
                 self._failure = DispatchFailure(DispatchState.CANCELLED, event.reason)
             elif isinstance(event, Feedback):
                 self._feedback(event)
+            elif isinstance(event, Exchange):
+                event.carry_out(self._take_plan)
             elif isinstance(event, KnowledgeChanged):
                 if self._watch is not None:
                     self._watch.changed(event)
@@ -308,6 +321,9 @@ class PlanDispatch:
         if record is None or feedback.plan_id not in (0, self.plan_id):
             return  # of an earlier run, or a repeated answer
         status = feedback.status
+        if record.leaving is not None:
+            self._unpublished = True
+            return self._answer(feedback)
         final = status in (FeedbackStatus.SUCCEEDED, FeedbackStatus.FAILED)
         if final and not record.taken and feedback.plan_id != self.plan_id:
             return  # latched since an earlier run: interfaces report that they have taken an action first
@@ -315,6 +331,7 @@ class PlanDispatch:
             if record.is_affected(self._changes):  # while it still ran
                 self._check_over_all([record])
             self._done += 1
+            self._succeeded.add(feedback.action_id)
             self._unpublished = True
             del self._running[feedback.action_id]
             self._check_end(record)
@@ -332,6 +349,44 @@ class PlanDispatch:
                 record.applied = self._environment.deadline(self._limits.settle)
             record.taken = True
             record.alive = self._environment.deadline(self._limits.liveness)
+
+    # --- another plan -------------------------------------------------------------------------------
+
+    @property
+    def _leaving(self) -> bool:
+        """Whether an action has not stopped yet that is not part of the plan: the world is not settled."""
+        return any(record.leaving is not None for record in self._running.values())
+
+    def _take_plan(self, wish: Exchange) -> str:
+        """Goes on with another plan, and cancels what runs and is not part of it; returns why not."""
+        if self._robot_left is not None:
+            return self._robot_left.reason
+        running = [record for record in self._running.values() if record.leaving is None]
+        ongoing = wish.ongoing([record.action for record in running], self._succeeded, self._used)
+        applied = [each.seen_at_once or each.start_applied(self._environment) for each in running]
+        schedule, watch = wish.make(ongoing)
+        self._used |= schedule.actions.keys()
+        self._schedule, self._watch = schedule, watch
+        self._coming = ComingConditions(self._environment, schedule, self._limits.settle)
+        self._done, self._overtaken = 0, {}
+        self._began = now = self._environment.now()
+        schedule.begin(now)
+        for record, seen in zip(running, applied):
+            if record.action.id not in schedule.actions:
+                record.leaving = self._environment.deadline(self._limits.cancel)
+                self._environment.send_cancel(record.action)
+                continue
+            schedule.started(record.action.id, now, seen)
+            if watch is not None:
+                watch.started(record.action.id)
+        self._report()
+        return ""
+
+    def _refuse_late(self) -> None:
+        """Answers the wishes that come behind the end."""
+        with contextlib.suppress(queue.Empty):
+            while True:
+                self._answer(self._events.get_nowait())
 
     # --- what must not happen -----------------------------------------------------------------------
 
@@ -417,12 +472,14 @@ class PlanDispatch:
         del self._running[record.action.id]
 
     def _answer(self, feedback: Event) -> None:
+        if isinstance(feedback, Exchange):
+            feedback.carry_out(lambda _: "the plan ends, or has ended")
         if not isinstance(feedback, Feedback):
             return
         record = self._running.get(feedback.action_id)
         if record is None or feedback.plan_id not in (0, self.plan_id):
             return
-        if feedback.status == FeedbackStatus.SUCCEEDED:
+        if feedback.status == FeedbackStatus.SUCCEEDED and record.leaving is None:
             self._done += 1
             self._schedule.ended(feedback.action_id, self._environment.now())
         if feedback.status in (FeedbackStatus.SUCCEEDED, FeedbackStatus.FAILED):

@@ -2,12 +2,14 @@
 """What a dispatch reports and needs: states, report, the events that it reacts to, and its environment."""
 
 import abc
+import threading
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import (
     TYPE_CHECKING,
     AbstractSet,
     Any,
+    Callable,
     FrozenSet,
     List,
     Mapping,
@@ -18,7 +20,7 @@ from typing import (
     Union,
 )
 
-from merlin_rosplan.dispatch.dispatch_schedule import PlannedAction, Schedule
+from merlin_rosplan.dispatch.dispatch_schedule import Ongoing, PlanError, PlannedAction, Schedule
 
 if TYPE_CHECKING:  # a dispatcher answers before it has operators
     from merlin_rosplan.dispatch.operator_model import ActionModel, Conditions, PlanTerm
@@ -315,8 +317,66 @@ def together(names: Optional[FrozenSet[str]], more: Optional[FrozenSet[str]]) ->
     return None if names is None or more is None else names | more
 
 
+class Exchange:
+    """A wish that another plan takes the place of what has not begun. Thread-safe.
+
+    :param keep: ids of the actions that go on.
+    :param make: called in the dispatch's thread; gives the new schedule, in which what runs and is part of it
+        has kept its ids, and its watch. May raise PlanError or DispatchError: the plan of before goes on.
+    """
+
+    def __init__(
+        self,
+        keep: FrozenSet[int],
+        make: Callable[[Ongoing], Tuple[Schedule, Optional[RestWatch]]],
+    ) -> None:
+        self.keep = keep
+        self.make = make
+        self.ended = threading.Event()
+        self.refusal = ""  # of use once it has ended: why it was not carried out, one sentence
+        self._lock = threading.Lock()  # guards the field below
+        self._open = True
+
+    def take_back(self) -> bool:
+        """Its client no longer waits; False: it was taken, and its end follows."""
+        with self._lock:
+            taken, self._open = self._open, False
+        return taken
+
+    def carry_out(self, act: "Callable[[Exchange], str]") -> None:
+        """Ends it, unless it was taken back.
+
+        :param act: returns why it was not carried out, or raises that; empty: it was.
+        """
+        if not self.take_back():
+            return
+        self.refusal = "the plan cannot be exchanged"
+        try:
+            self.refusal = act(self)
+        except (PlanError, DispatchError) as error:
+            self.refusal = str(error)
+        finally:
+            self.ended.set()
+
+    def ongoing(
+        self, running: Sequence[PlannedAction], succeeded: AbstractSet[int], used: AbstractSet[int]
+    ) -> Ongoing:
+        """The actions that run, sorted.
+
+        :param succeeded: ids of the actions that have.
+        :param used: all ids that any action has had.
+        :raises PlanError: one that shall go on neither runs nor is among those that have succeeded, by ids.
+        """
+        lost = self.keep - succeeded - {action.id for action in running}
+        if lost:
+            ids = ", ".join(map(str, sorted(lost)))
+            raise PlanError(f"the plan counts on action {ids}, which neither runs nor has succeeded")
+        kept = tuple(action for action in running if action.id in self.keep)
+        return Ongoing(kept, tuple(action for action in running if action.id not in self.keep), used)
+
+
 class Tick(NamedTuple):
     """The time asked for by ``wake_at`` has come."""
 
 
-Event = Union[Feedback, CancelRequest, KnowledgeChanged, Tick]
+Event = Union[Feedback, CancelRequest, KnowledgeChanged, Exchange, Tick]

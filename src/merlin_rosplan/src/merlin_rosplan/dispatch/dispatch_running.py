@@ -50,6 +50,7 @@ class Running:
     unheard: Set[str] = field(
         default_factory=set
     )  # names its start effects change, of which no change was seen
+    leaving: Optional[Any] = None  # until then it has to have stopped: another plan does without it
     look: bool = True  # whether it is worth asking again for its start effects
 
     @staticmethod
@@ -116,11 +117,13 @@ class Running:
 
     def is_affected(self, changes: Optional[FrozenSet[str]]) -> bool:
         """Whether its over-all conditions depend on what has changed; None: anything may have."""
-        return bool(self.names) and (changes is None or bool(self.names & changes))
+        return bool(self.names) and self.leaving is None and (changes is None or bool(self.names & changes))
 
     def fault(self, environment: DispatchEnvironment, limits: DispatchLimits) -> Optional[Fault]:
         """Why it has to be given up, if it has to."""
         action = self.action
+        if self.leaving is not None and self.leaving.remaining() <= 0:
+            return Fault(f"{action} was cancelled and did not stop within {limits.cancel:g} s")
         silence = environment.seconds_silent(action.name)
         unanswered = self._unanswered()
         dead = self.is_dead(silence, limits.liveness)
@@ -145,11 +148,11 @@ class Running:
         if not self.taken:
             first = self.acknowledge.remaining()
             patience = first if first > 0 else min(self.accept.remaining(), 1.0)
-        return patience if self.grace is None else min(patience, self.grace.remaining())
+        return min([patience, *(each.remaining() for each in (self.grace, self.leaving) if each is not None)])
 
     def asks_again(self) -> bool:
         """Whether it may have to be sent once more; true once."""
-        again = self._unanswered() and not self.sent_again
+        again = self._unanswered() and not self.sent_again and self.leaving is None
         self.sent_again |= again
         return again
 

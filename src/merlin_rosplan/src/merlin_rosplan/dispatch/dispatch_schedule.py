@@ -3,7 +3,7 @@
 
 import abc
 from dataclasses import dataclass, field
-from typing import Any, Dict, Iterable, List, NamedTuple, Optional, Tuple
+from typing import AbstractSet, Any, Dict, Iterable, List, NamedTuple, Optional, Sequence, Tuple
 
 
 class PlanError(ValueError):
@@ -34,6 +34,17 @@ class PlannedAction:
 
     def __str__(self) -> str:
         return "(" + " ".join((self.name,) + tuple(value for _, value in self.parameters)) + ")"
+
+
+class Ongoing(NamedTuple):
+    """The actions that run when a plan takes the place of another one."""
+
+    kept: Sequence[PlannedAction] = ()
+    """They go on: the plan counts on them, and does not contain them."""
+    others: Sequence[PlannedAction] = ()
+    """They go on where the plan begins with them."""
+    used: AbstractSet[int] = frozenset()
+    """Ids that the actions of the plan may not have."""
 
 
 class Overtaken(NamedTuple):

@@ -155,15 +155,15 @@ class DispatchTopics(DispatchEnvironment):
         self._dispatched[action.id] = rospy.Time.now()
         with self._open_lock:
             self._open[action.id] = action
-        publish(self._actions, self._message(action, action.name))
+        publish(self._actions, self.message(action, action.name))
 
     def send_cancel(self, action: PlannedAction) -> None:
         """Publishes ``cancel_action`` for the action."""
-        publish(self._actions, self._message(action, CANCEL_ACTION))
+        publish(self._actions, self.message(action, CANCEL_ACTION))
 
     def close(self, action: PlannedAction) -> None:
         """Publishes the tombstone: latched in place of the last action."""
-        publish(self._actions, self._message(action, CANCEL_ACTION))
+        publish(self._actions, self.message(action, CANCEL_ACTION))
 
     def publish_feedback(self, action: PlannedAction, status: FeedbackStatus) -> None:
         """Publishes feedback of our own, marked as such."""
@@ -274,7 +274,8 @@ class DispatchTopics(DispatchEnvironment):
         """What names an action in leases."""
         return f"{self.plan_id}/{action.id}"
 
-    def _message(self, action: PlannedAction, name: str) -> ActionDispatch:
+    def message(self, action: PlannedAction, name: str) -> ActionDispatch:
+        """An action as it is dispatched under a name."""
         return ActionDispatch(
             action_id=action.id,
             plan_id=self.plan_id,

@@ -5,17 +5,22 @@ from typing import Optional
 
 from rosplan_dispatch_msgs.msg import ActionDispatch, CompletePlan, EsterelPlan
 
-from merlin_rosplan.dispatch.dispatch_schedule import PlannedAction, Schedule, SequentialSchedule
-from merlin_rosplan.dispatcher.plan_dispatcher import SCOPE, PlanDispatcher
+from merlin_rosplan.dispatch.dispatch_schedule import Ongoing, PlannedAction, Schedule, SequentialSchedule
+from merlin_rosplan.dispatcher.plan_dispatcher import NOTHING, SCOPE, PlanDispatcher
 from merlin_rosplan.messages.plan_graph_drawer import PlanGraphDrawer
 
 
 class SimplePlanDispatcher(PlanDispatcher):
     """Runs a CompletePlan, one action after the other."""
 
-    def make_schedule(self, plan: CompletePlan) -> Schedule:
+    def make_schedule(self, plan: CompletePlan, ongoing: Ongoing = NOTHING) -> Schedule:
         """The list, in its order."""
-        return SequentialSchedule(planned_action(message) for message in plan.plan)
+        actions = [planned_action(message) for message in plan.plan]
+        if ongoing != NOTHING:
+            from merlin_rosplan.rest.exchange import continued_list
+
+            actions = continued_list(actions, ongoing)
+        return SequentialSchedule(actions)
 
 
 class EsterelPlanDispatcher(PlanDispatcher):
@@ -48,18 +53,19 @@ class EsterelPlanDispatcher(PlanDispatcher):
 
         super().prepare()
 
-    def make_schedule(self, plan: EsterelPlan) -> Schedule:
+    def make_schedule(self, plan: EsterelPlan, ongoing: Ongoing = NOTHING) -> Schedule:
         """The graph; with `~timeout_actions` its time bounds are kept."""
         from merlin_rosplan.dispatch.dispatch_graph import GraphSchedule
         from merlin_rosplan.messages.plan_graph_messages import graph_from_message
 
         graph, messages = graph_from_message(plan)
-        schedule = GraphSchedule(
-            graph,
-            [planned_action(message) for message in messages],
-            self._bounds,
-            self._fraction,
-        )
+        actions = [planned_action(message) for message in messages]
+        if ongoing != NOTHING:
+            from merlin_rosplan.rest.exchange import continued_graph
+
+            actions = continued_graph(graph, actions, ongoing, self._topics.operator)
+            messages += [self._topics.message(action, action.name) for action in ongoing.kept]
+        schedule = GraphSchedule(graph, actions, self._bounds, self._fraction)
         if self._drawer is not None:
             self._drawer.show(graph, messages, schedule)
         return schedule

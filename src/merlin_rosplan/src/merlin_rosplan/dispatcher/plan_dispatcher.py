@@ -5,10 +5,11 @@ import dataclasses
 import functools
 import threading
 import traceback
-from typing import TYPE_CHECKING, Any, Callable, FrozenSet, Optional, Type
+from typing import TYPE_CHECKING, Any, Callable, FrozenSet, Optional, Tuple, Type
 
 import rospy
 from merlin_msgs.srv import Breakpoints as BreakpointsSrv
+from merlin_msgs.srv import ExchangePlan, ExchangePlanRequest, ExchangePlanResponse
 from rosplan_dispatch_msgs.msg import (
     ActionFeedback,
     CompletePlan,
@@ -34,13 +35,15 @@ from merlin_rosplan.dispatch.dispatch_environment import (
     DispatchReport,
     DispatchState,
     Event,
+    Exchange,
     Feedback,
     FeedbackStatus,
     KnowledgeChanged,
     PlanKnowledgeError,
+    RestWatch,
     Tick,
 )
-from merlin_rosplan.dispatch.dispatch_schedule import PlanError, Schedule
+from merlin_rosplan.dispatch.dispatch_schedule import Ongoing, PlanError, Schedule
 from merlin_rosplan.dispatcher.dispatch_owner import DispatchOwner
 from merlin_rosplan.dispatcher.dispatch_settler import DispatchSettler
 from merlin_rosplan.dispatcher.dispatch_topics import SHUTDOWN_DEADLINE, DispatchTopics
@@ -54,14 +57,16 @@ if TYPE_CHECKING:  # what carries out a plan is imported when the node serves
 
 SCOPE = "rosplan_plan_dispatcher"
 IN_FLIGHT = 0.5  # s for which a call waits for a plan that may be on its way
+EXCHANGE_LIMIT = 5.0  # s for a dispatch to take another plan; and for it to go on with that one
+NOTHING = Ongoing()
 SLACK = 1.0  # s beyond the cancel deadline for the dispatch of a lost owner to end
 
 
 class PlanDispatcher(Component):
     """Base of both dispatchers.
 
-    Services ``dispatch_plan``, ``cancel_dispatch``, ``breakpoints``; action server ``dispatch_plan_action``;
-    topics ``action_dispatch``, ``dispatch_status`` and what the subclass adds.
+    Services ``dispatch_plan``, ``cancel_dispatch``, ``exchange_plan``, ``breakpoints``; action server
+    ``dispatch_plan_action``; topics ``action_dispatch``, ``dispatch_status`` and what the subclass adds.
     """
 
     plan_class: Type[Any] = CompletePlan
@@ -123,6 +128,7 @@ class PlanDispatcher(Component):
         self._server.start()
         self.service("dispatch_plan", DispatchService, self._serve)
         self.service("cancel_dispatch", Empty, self._serve_cancel)
+        self.service("exchange_plan", ExchangePlan, self._serve_exchange)
         breakpoints = BreakpointService(self._breakpoints, self._breakpoints_changed)
         self.service("breakpoints", BreakpointsSrv, breakpoints.answer)
 
@@ -158,10 +164,12 @@ class PlanDispatcher(Component):
 
     # --- for subclasses ---------------------------------------------------------------------------
 
-    def make_schedule(self, plan: Any) -> Schedule:
+    def make_schedule(self, plan: Any, ongoing: Ongoing = NOTHING) -> Schedule:
         """The schedule of a plan message.
 
+        :param ongoing: the actions that run meanwhile. The schedule contains those that go on.
         :raises PlanError: the plan cannot be dispatched.
+        :raises DispatchError: it cannot be found out what has to wait for what runs.
         """
         raise NotImplementedError
 
@@ -192,6 +200,32 @@ class PlanDispatcher(Component):
             # As in ROSPlan the answer is not news of the end: that comes from dispatch_plan.
             dispatch.cancel("cancelled by cancel_dispatch")
         return EmptyResponse()
+
+    def _serve_exchange(self, request: ExchangePlanRequest) -> ExchangePlanResponse:
+        with self._state:
+            dispatch, goal = self._dispatch, self._goal
+        if dispatch is None or goal is None or (goal.id, goal.sender) != (request.goal, caller(request)):
+            return ExchangePlanResponse("the dispatcher carries out no plan for this goal of this client")
+        try:
+            plan = self._take_plan()
+        except PlanError as error:
+            return ExchangePlanResponse(str(error))
+        wish = Exchange(frozenset(request.keep), functools.partial(self._continue, plan))
+        dispatch.exchange(wish)
+        if not Deadline(EXCHANGE_LIMIT).wait_event(wish.ended) and wish.take_back():
+            return ExchangePlanResponse(f"the dispatch took no other plan within {EXCHANGE_LIMIT:g} s")
+        if not Deadline(EXCHANGE_LIMIT).wait_event(wish.ended):
+            return ExchangePlanResponse("the dispatch does not say whether it goes on with the other plan")
+        refused = f"the plan is not exchanged: {wish.refusal}" if wish.refusal else ""
+        rospy.loginfo("%s: %s", self.scope, refused or "goes on with another plan")
+        return ExchangePlanResponse(refused)
+
+    def _continue(self, plan: Any, ongoing: Ongoing) -> Tuple[Schedule, Optional[RestWatch]]:
+        """Schedule and watch of a plan that takes the place of another; in the thread of the dispatch."""
+        from merlin_rosplan.rest.rest_watch import PlanWatch
+
+        schedule = self.make_schedule(plan, ongoing)
+        return schedule, PlanWatch(schedule, self._topics, None) if self._watches_rest else None
 
     def _accept(self, goal: ServerGoal) -> None:
         is_free = self._occupy(goal)

@@ -6,7 +6,7 @@ from typing import Dict, List, Set, Tuple
 from diagnostic_msgs.msg import KeyValue
 from rosplan_dispatch_msgs.msg import ActionDispatch, CompletePlan, EsterelPlan
 
-from merlin_pddl.plan_text import PlanStep, PlanTextError, parse_plan
+from merlin_pddl.plan_text import AFTER, PlanStep, PlanTextError, parse_plan
 from merlin_pddl.text_reader import suggestion
 from merlin_rosplan.dispatch.operator_model import ActionModel, BindingError, PlanTerm
 from merlin_rosplan.dispatch.plan_graph import TimedValue
@@ -28,6 +28,7 @@ class PlanReader:
 
     def __init__(self, knowledge_base: str) -> None:
         self._knowledge = PlanKnowledge(knowledge_base)
+        self._free = 0  # from here on no plan has had an action of this id
 
     def actions(self, text: str) -> CompletePlan:
         """A list of actions, in the order of time.
@@ -36,7 +37,7 @@ class PlanReader:
         :raises: one of :data:`ERRORS`.
         """
         steps = parse_plan(text)
-        return CompletePlan(plan=_messages(steps, self._ground(steps)))
+        return CompletePlan(plan=self._messages(text, steps, self._ground(steps)))
 
     def graph(self, text: str, epsilon: float, full_graph_limit: float, as_rosplan: bool) -> EsterelPlan:
         """A graph of starts and ends, with the timed literals that the knowledge base waits for.
@@ -56,7 +57,29 @@ class PlanReader:
             values = self._knowledge.values(_compared(ground))
         reduce = len(steps) > full_graph_limit
         graph = build_graph(steps, ground, timed, epsilon, reduce, values, as_rosplan)
-        return graph_to_message(graph, _messages(steps, actions))
+        return graph_to_message(graph, self._messages(text, steps, actions))
+
+    def _messages(
+        self, text: str, steps: List[PlanStep], actions: List[LiftedAndGround]
+    ) -> List[ActionDispatch]:
+        """The actions of a plan; parameters carry the operator's labels.
+
+        Ids count from 0. Those of a plan that follows what runs now differ from all before.
+        """
+        first = self._free if text.startswith(AFTER) else 0
+        self._free = max(self._free, first + len(steps))
+        return [
+            ActionDispatch(
+                action_id=first + index,
+                name=step.name,
+                parameters=[
+                    KeyValue(key=label, value=value) for label, value in zip(operator.labels, step.arguments)
+                ],
+                duration=step.duration,
+                dispatch_time=step.time,
+            )
+            for index, (step, (operator, _)) in enumerate(zip(steps, actions))
+        ]
 
     def _ground(self, steps: List[PlanStep]) -> List[LiftedAndGround]:
         operators: Dict[str, ActionModel] = {}
@@ -90,19 +113,3 @@ def _compared(actions: List[ActionModel]) -> Set[str]:
         for entry in conditions.comparisons
         for name in entry.functions
     }
-
-
-def _messages(steps: List[PlanStep], actions: List[LiftedAndGround]) -> List[ActionDispatch]:
-    """The actions of a plan; ids count from 0, parameters carry the operator's labels."""
-    return [
-        ActionDispatch(
-            action_id=index,
-            name=step.name,
-            parameters=[
-                KeyValue(key=label, value=value) for label, value in zip(operator.labels, step.arguments)
-            ],
-            duration=step.duration,
-            dispatch_time=step.time,
-        )
-        for index, (step, (operator, _)) in enumerate(zip(steps, actions))
-    ]

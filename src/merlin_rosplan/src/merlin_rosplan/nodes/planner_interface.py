@@ -17,6 +17,7 @@ from rosplan_dispatch_msgs.srv import PlanningService, PlanningServiceRequest, P
 from std_msgs.msg import String
 from std_srvs.srv import Empty, EmptyRequest, EmptyResponse, Trigger
 
+from merlin_pddl.plan_text import AFTER
 from merlin_ros.actions.action_server import ServerGoal
 from merlin_ros.actions.serial_action_server import SerialActionServer
 from merlin_ros.health import OK, WARN, Health
@@ -150,24 +151,29 @@ class PlannerInterface(Component):
 
     def _execute(self, goal: ServerGoal) -> None:
         feedback = PlanFeedback(current_phase="planning", current_status="RUNNING")
-        self._end(goal, goal.goal, PlanResult, (), feedback)
+        self._end(goal, goal.goal, PlanResult, feedback)
 
     def _execute_without(self, goal: ServerGoal) -> None:
         feedback = PlanWithoutFeedback(current_phase="planning", current_status="RUNNING")
-        self._end(goal, goal.goal.plan, PlanWithoutResult, tuple(goal.goal.without), feedback)
+        wanted = goal.goal
+        after = tuple(wanted.after) if wanted.after or wanted.further else None
+        self._end(goal, wanted.plan, PlanWithoutResult, feedback, tuple(wanted.without), after)
 
     def _end(
         self,
         goal: ServerGoal,
         wanted: PlanGoal,
         result_class: Type[Any],
-        without: Sequence[str],
         feedback: Any,
+        without: Sequence[str] = (),
+        after: Optional[Sequence[str]] = None,
     ) -> None:
         """Plans for a goal and answers it.
 
-        :param without: see :class:`PlannerSettings`.
         :param feedback: is published when the planner works.
+        :param without: see :class:`PlannerSettings`.
+        :param after: actions that run, as PDDL text: the plan begins where they have ended; None: it is not
+            to follow what runs.
         """
         request = PlanningServiceRequest(
             wanted.domain_path,
@@ -178,7 +184,7 @@ class PlannerInterface(Component):
         )
         if not (wanted.domain_path or wanted.problem_path or wanted.use_problem_topic):
             request = self._request_of_params()
-        outcome = self._plan(request, goal, without, lambda: goal.feedback(feedback))
+        outcome = self._plan(request, goal, without, after, lambda: goal.feedback(feedback))
         result = result_class(result_status=outcome.state.name)
         text = outcome.reason
         if outcome.solved:
@@ -208,10 +214,11 @@ class PlannerInterface(Component):
         request: PlanningServiceRequest,
         goal: Optional[ServerGoal] = None,
         without: Sequence[str] = (),
+        after: Optional[Sequence[str]] = None,
         on_begin: Callable[[], None] = lambda: None,
     ) -> PlanningOutcome:
         with self._planning_lock:
-            outcome = self._plan_one(request, goal, without, on_begin)
+            outcome = self._plan_one(request, goal, without, after, on_begin)
         with self._state:
             self._last = outcome
         self._report(
@@ -242,6 +249,7 @@ class PlannerInterface(Component):
         request: PlanningServiceRequest,
         goal: Optional[ServerGoal],
         without: Sequence[str],
+        after: Optional[Sequence[str]],
         on_begin: Callable[[], None],
     ) -> PlanningOutcome:
         problem_path = request.problem_path
@@ -259,6 +267,15 @@ class PlannerInterface(Component):
                 return PlanningOutcome(
                     PlannerState.SOLVED, f"there is no file {path[:200]} (~strict is false)"
                 )
+        if after:
+            from merlin_rosplan.supervision.plan_preview import LATER_ERRORS, write_later_problem
+
+            try:
+                later = os.path.join(self._folder.name, "later.pddl")
+                _write(later, write_later_problem(domain_path, problem_path, after))
+                problem_path = later
+            except LATER_ERRORS as error:
+                return PlanningOutcome(PlannerState.INVALID, f"what runs cannot be planned after: {error}")
         from merlin_rosplan.supervision.supervised_planning import Planning
 
         settings = dataclasses.replace(
@@ -285,7 +302,9 @@ class PlannerInterface(Component):
             self._warned.add(planning.warning)
             rospy.logwarn("%s: %s", self.scope, planning.warning)
         if outcome.solved:
-            message = String(outcome.plan)
+            # One line, whatever the texts are: the parser numbers such a plan's actions on.
+            heading = "" if after is None else f"{' '.join([AFTER, *' '.join(after).split()])}\n"
+            message = String(heading + outcome.plan)
             self._hand_over.hand_over(message)
             self._output.publish(message)
         return outcome

@@ -49,12 +49,15 @@ class PlanWatch(RestWatch):
 
     :param schedule: of the plan.
     :param environment: gives operators and answers.
-    :param missed: names that changed since the dispatch before: the plan may be older. Whether it still leads
-        to the goals is not judged by these.
+    :param missed: names that changed since the dispatch before, or since the plan was made; None: any may
+        have. Whether the plan leads to the goals is not judged by these.
     """
 
     def __init__(
-        self, schedule: Schedule, environment: DispatchEnvironment, missed: FrozenSet[str] = frozenset()
+        self,
+        schedule: Schedule,
+        environment: DispatchEnvironment,
+        missed: Optional[FrozenSet[str]] = frozenset(),
     ) -> None:
         self._schedule = schedule
         self._environment = environment
@@ -127,7 +130,7 @@ class PlanWatch(RestWatch):
             return None
         if names is not None and self._missed:
             names &= self._watched
-        known, self._missed = not self._missed, frozenset()
+        known, self._missed = self._missed == frozenset(), frozenset()
         self._timed.clear()
         try:
             for _ in range(_LOOKS):

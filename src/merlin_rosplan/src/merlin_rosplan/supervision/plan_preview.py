@@ -7,12 +7,15 @@ from pathlib import Path
 from typing import Optional, Sequence, Tuple
 
 from merlin_pddl.domain import Domain
+from merlin_pddl.domain_reader import read_domain
 from merlin_pddl.knowledge import conjuncts
 from merlin_pddl.plan_text import NO_DURATION, PlanStep, parse_plan
 from merlin_pddl.problem import Problem
-from merlin_pddl.problem_reader import parse_condition
+from merlin_pddl.problem_reader import parse_condition, parse_problem
 from merlin_pddl.problem_writer import write_problem
 from merlin_pddl.text_reader import PddlError
+from merlin_rosplan.knowledge.foreseen import after_actions
+from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
 from merlin_rosplan.planning.planner_settings import PlannerSettings
 from merlin_rosplan.planning.planning_outcome import PlannerState, PlanningOutcome
 from merlin_rosplan.supervision.scratch_folder import ScratchFolder
@@ -20,6 +23,8 @@ from merlin_rosplan.supervision.supervised_planning import Planning
 
 #: Longest time for a plan that is only looked at, s: its reader waits for it.
 PREVIEW_LIMIT = 10.0
+#: What :func:`write_later_problem` raises; each with a text that says it.
+LATER_ERRORS = (PddlError, UpdateRefused, OSError)
 BUSY = "another plan is being looked for, only to be shown; ask again when it is there"
 
 
@@ -122,3 +127,15 @@ def write_goal_problem(domain: Domain, problem: Problem, goals: Sequence[str]) -
     problem.goals = [part for text in goals for part in conjuncts(parse_condition(text, domain, objects))]
     problem.instance_goals = []
     return write_problem(problem, domain)
+
+
+def write_later_problem(domain_path: str, problem_path: str, after: Sequence[str]) -> str:
+    """The problem of a file as PDDL text, from where actions that run now have ended.
+
+    :param after: see :func:`.foreseen.after_actions`.
+    :raises PddlError, UpdateRefused, OSError: as a sentence, what cannot be read or does not fit.
+    """
+    domain = read_domain(domain_path)
+    with open(problem_path, encoding="utf-8", errors="replace") as file:
+        problem = parse_problem(file.read(), domain, problem_path, constraints=True)
+    return write_problem(after_actions(domain, problem, after), domain)

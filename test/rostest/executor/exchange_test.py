@@ -1,0 +1,175 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""Another plan takes the place of the rest of one that runs, and the robot drives on."""
+
+import threading
+import unittest
+
+import rospy
+from actionlib_msgs.msg import GoalID
+from merlin_msgs.msg import DispatchStatus
+from merlin_msgs.srv import ExchangePlan
+from move_base_msgs.msg import MoveBaseActionGoal
+from rosplan_dispatch_msgs.msg import ActionDispatch
+from std_msgs.msg import String
+
+import rostest
+from merlin_planning.dispatch_client import DispatchClient
+from merlin_planning.planning_client import Planned, PlanningClient
+from merlin_ros.service_proxy import ServiceProxy
+from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
+from merlin_test.held_drives import HeldDrives
+from merlin_test.topic_links import wait_for_publishers
+
+LONG = 60.0
+GOALS = ["(checked kitchen)", "(checked bathroom)"]
+HOLDS = "(in_service)"
+
+
+def text(action):
+    return f"({' '.join([action.name, *(entry.value for entry in action.parameters)])})"
+
+
+class Heard:
+    """The messages of a topic from now on."""
+
+    def __init__(self, topic, kind):
+        self.messages = []
+        self._changed = threading.Condition()
+        self._subscriber = rospy.Subscriber(topic, kind, self._receive, tcp_nodelay=True)
+        wait_for_publishers(self._subscriber)
+
+    def _receive(self, message):
+        with self._changed:
+            self.messages.append(message)
+            self._changed.notify_all()
+
+    def wait(self, fits):
+        with self._changed:
+            assert self._changed.wait_for(lambda: any(map(fits, self.messages)), LONG), self.messages[-5:]
+            return next(filter(fits, self.messages))
+
+
+class Exchange(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.knowledge = MerlinROSPlanAssistant()
+        assert cls.knowledge.knowledge.wait(LONG)
+        cls.planning = PlanningClient()
+        cls.planning.wait(LONG)
+        cls.changed = threading.Condition()
+        cls.dispatcher = DispatchClient(on_change=cls.notify)
+        assert cls.dispatcher.wait_status(LONG) and cls.dispatcher.can_exchange
+        cls.held = HeldDrives()
+        cls.drives = Heard("move_base/goal", MoveBaseActionGoal)
+        cls.cancels = Heard("move_base/cancel", GoalID)
+        cls.dispatched = Heard("rosplan_plan_dispatcher/action_dispatch", ActionDispatch)
+        cls.status = Heard("rosplan_plan_dispatcher/dispatch_status", DispatchStatus)
+        cls.graph = Heard("rosplan_plan_dispatcher/plan_graph", String)
+
+    @classmethod
+    def notify(cls):
+        with cls.changed:
+            cls.changed.notify_all()
+
+    def setUp(self):
+        self.addCleanup(self.knowledge.remove_goals, [*GOALS, HOLDS])
+        self.addCleanup(self.held.end)
+        self.knowledge.remove_facts([*GOALS, *self.knowledge.facts("robot_at")])
+        self.knowledge.add_facts("(robot_at main_door)")
+        for heard in (self.drives, self.cancels, self.dispatched, self.status, self.graph):
+            heard.messages.clear()
+        self.interrupt = lambda: None
+        self.results = []
+
+    def plan(self, goal, after=None):
+        self.knowledge.add_goals(goal)
+        self.planning.generate_problem()
+        result = self.planning.plan(lambda _: None, after=after)
+        self.assertIs(result.verdict, Planned.SOLVED, result.reason)
+        return self.planning.parse_plan()
+
+    def driving(self):
+        """Begins a plan; returns its thread and the drive that runs."""
+        self.held.hold()
+        plan = self.plan(GOALS[0])
+
+        def interruptible(interrupt):
+            self.interrupt = interrupt or self.interrupt
+
+        thread = threading.Thread(
+            target=lambda: self.results.append(self.dispatcher.dispatch(interruptible, plan)), daemon=True
+        )
+        thread.start()
+        self.held.wait_driving()
+        with self.changed:
+            self.assertTrue(self.changed.wait_for(lambda: self.dispatcher.running, LONG))
+        (drive,) = self.dispatcher.running
+        self.assertEqual(text(drive), "(navigate main_door kitchen)")
+        return thread, drive
+
+    def result(self, thread):
+        thread.join(LONG)
+        self.assertFalse(thread.is_alive(), "the dispatch does not end")
+        return self.results[0]
+
+    def exchanged(self, drive):
+        """Has the bathroom checked, too, behind a drive that goes on; returns the plan."""
+        plan = self.plan(GOALS[1], [text(drive)])
+        self.assertNotIn(text(drive), map(text, plan))
+        self.assertEqual(self.dispatcher.exchange(plan, [drive]), "")
+        return plan
+
+    def test_a_drive_goes_on_and_the_new_steps_follow(self):
+        thread, drive = self.driving()
+        plan = self.exchanged(drive)
+        self.status.wait(lambda status: status.steps_total == len(plan) + 1)
+        self.graph.wait(lambda each: "(main_door,kitchen)" in each.data and "(bathroom)" in each.data)
+        self.assertEqual(self.cancels.messages, [])
+        self.held.end()
+        result = self.result(thread)
+        self.assertTrue(result.goal_achieved, result.reason)
+        self.assertTrue(all(map(self.knowledge.holds, GOALS)))
+        self.assertEqual(self.dispatcher.steps_done, len(plan) + 1)
+        sent = [message for message in self.dispatched.messages if message.name != "cancel_action"]
+        self.assertEqual([text(each) for each in sent], [text(drive), *map(text, plan)])
+        self.assertEqual({each.plan_id for each in sent}, {drive.plan_id})
+        self.assertEqual(len({each.action_id for each in sent}), len(sent))
+        self.assertEqual(self.cancels.messages, [])
+        drives = [each for each in sent if each.name == "navigate"]
+        self.assertEqual(len(self.drives.messages), len(drives))
+
+    def test_a_cancel_behind_the_exchange_stops_the_drive(self):
+        thread, drive = self.driving()
+        self.exchanged(drive)
+        self.interrupt()
+        self.held.wait_stopped()
+        result = self.result(thread)
+        self.assertTrue(result.cancelled and not result.unstopped, result.reason)
+        self.assertEqual(self.knowledge.facts("robot_at"), ["(robot_at anywhere)"])
+
+    def test_a_drive_that_is_not_part_of_the_new_plan_stops_before_that_begins(self):
+        thread, drive = self.driving()
+        self.knowledge.remove_goals(GOALS[0])
+        self.assertEqual(self.dispatcher.exchange(self.plan(HOLDS, []), []), "")
+        self.held.wait_stopped()
+        result = self.result(thread)
+        self.assertTrue(result.goal_achieved, result.reason)
+        self.assertEqual(len(self.drives.messages), 1)
+
+    def test_the_plan_of_another_client_is_left_alone(self):
+        thread, drive = self.driving()
+        plan = self.plan(GOALS[1], [text(drive)])
+        other = DispatchClient()
+        self.assertIn("carries out no plan of this node", other.exchange(plan, [drive]))
+        exchange = ServiceProxy("rosplan_plan_dispatcher/exchange_plan", ExchangePlan)
+        refused = exchange(goal="of another client", keep=[drive.action_id]).refused
+        self.assertIn("carries out no plan for this goal", refused)
+        self.held.end()
+        self.assertEqual(self.result(thread).unmet, (GOALS[1],))
+        self.assertEqual(self.dispatcher.steps_done, 2)
+
+
+if __name__ == "__main__":
+    rospy.init_node("exchange_test")
+    rostest.rosrun("merlin_test", "exchange", Exchange)

@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Another plan in place of the rest of one that a client has dispatched."""
+
+import queue
+import time
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+import rospy
+from actionlib_msgs.msg import GoalID, GoalStatus
+from merlin_msgs.msg import DispatchStatus
+from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback
+
+from merlin_ros.actions.client_goal import ClientGoal
+from merlin_ros.service_proxy import ServiceUnavailable
+
+LONG = 60.0
+NOTHING = "carries out no plan of this node"
+PLAN = [
+    ActionDispatch(action_id=2, plan_id=7, name="ask"),
+    ActionDispatch(action_id=3, plan_id=7, name="ask"),
+]
+
+
+class Driven:
+    """A client whose plan has come as far as that two actions run."""
+
+    def __init__(self, dispatcher: Any, dispatching: Any) -> None:
+        self.world = dispatcher
+        self.ends: queue.Queue[Any] = queue.Queue()
+        dispatcher.on_dispatch = self.ends.put
+        self.client = dispatcher.client()
+        dispatcher.status(DispatchStatus.RUNNING)
+        dispatcher.status(DispatchStatus.IDLE)
+        self.run = dispatching(self.client, owner="request 1")
+        self.ended = self.ends.get(timeout=LONG)
+        for number, name in enumerate(("drive", "sing")):
+            dispatcher.heard["/dispatcher/action_dispatch"](
+                ActionDispatch(action_id=number, plan_id=7, name=name)
+            )
+
+    def exchange(self, *args: Any) -> str:
+        """As soon as the client knows the goal that it has sent."""
+        end = time.monotonic() + LONG
+        while True:
+            refused = self.client.exchange(*args)
+            if NOTHING not in refused or time.monotonic() > end:
+                return refused
+            time.sleep(0.01)
+
+    @property
+    def drive(self) -> Any:
+        return self.client.running[0]
+
+    def feedback(self, number: int, status: int) -> None:
+        self.world.heard["/dispatcher/action_feedback"](
+            ActionFeedback(action_id=number, plan_id=7, status=status)
+        )
+
+    def end(self) -> Any:
+        goal = ClientGoal(GoalID(), lambda goal: None, None, None)
+        goal.finish(GoalStatus.SUCCEEDED, "", SimpleNamespace(goal_achieved=True))
+        self.ended(goal)
+        return self.run.result()
+
+
+@pytest.fixture
+def driven(dispatcher: Any, dispatching: Any, monkeypatch: pytest.MonkeyPatch) -> Driven:
+    monkeypatch.setattr(rospy.Time, "now", rospy.Time)
+    return Driven(dispatcher, dispatching)
+
+
+def test_the_dispatch_goes_on_with_the_new_plan(dispatcher: Any, driven: Driven) -> None:
+    asked = {}
+
+    def exchange(**fields: Any) -> Any:
+        asked.update(fields)
+        driven.feedback(1, 10)  # what is dropped may stop before the answer is here
+        return SimpleNamespace(refused="")
+
+    dispatcher.on_exchange = exchange
+    assert driven.client.can_exchange
+    assert driven.exchange(PLAN, [driven.drive], "request 2") == ""
+    assert asked == {"goal": "goal 1", "keep": [0]}
+    assert dispatcher.calls == ["goal", "exchange_plan", "goal 1 for request 2"]
+    assert [action.name for action in driven.client.running] == ["drive"]
+    driven.feedback(0, 2)
+    result = driven.end()
+    assert result.goal_achieved and driven.client.steps_done == 1
+
+
+@pytest.mark.parametrize("refuses", [True, False])
+def test_a_refusal_says_why_and_the_plan_goes_on(dispatcher: Any, driven: Driven, refuses: bool) -> None:
+    def exchange(**fields: Any) -> Any:
+        if refuses:
+            return SimpleNamespace(refused="it ends")
+        raise ServiceUnavailable("it does not answer")
+
+    dispatcher.on_exchange = exchange
+    refused = driven.exchange(PLAN, [driven.drive], "request 2")
+    assert refused.endswith("it ends" if refuses else "does not exchange its plan: it does not answer")
+    assert dispatcher.calls == ["goal", "exchange_plan"]
+    assert driven.end().goal_achieved
+
+
+def test_nothing_is_exchanged_without_a_dispatch_or_behind_its_cancel(
+    dispatcher: Any, driven: Driven
+) -> None:
+    driven.client.cancel()
+    for client in (driven.client, dispatcher.client()):
+        assert NOTHING in client.exchange(PLAN, [])
+    assert "exchange_plan" not in dispatcher.calls
+    driven.end()
+
+
+def test_a_dispatcher_of_rosplan_cannot(dispatcher: Any) -> None:
+    assert not dispatcher.client().can_exchange

@@ -1,0 +1,202 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A plan that takes the place of the rest of another: what goes on, what stops, and what follows."""
+
+import dataclasses
+
+import pytest
+from dispatch_world import LONG, WORK, Run, World, actions, parallel
+
+from merlin_rosplan.dispatch.dispatch_environment import DispatchState, Exchange, FeedbackStatus
+from merlin_rosplan.dispatch.dispatch_schedule import Ongoing, PlanError, SequentialSchedule
+from merlin_rosplan.rest.exchange import continued_list
+
+
+def further(*objects, first=10):
+    """The actions of another plan, with ids of their own."""
+    return [
+        dataclasses.replace(action, id=first + number, parameters=(("x", name),))
+        for number, (name, action) in enumerate(zip(objects, actions(*["work"] * len(objects))))
+    ]
+
+
+def wish(plan, *keep):
+    return Exchange(
+        frozenset(keep), lambda ongoing: (SequentialSchedule(continued_list(plan, ongoing)), None)
+    )
+
+
+def exchanged(run, plan, *keep):
+    asked = wish(plan, *keep)
+    run.dispatch.exchange(asked)
+    assert asked.ended.wait(LONG)
+    return asked.refusal
+
+
+def begun(*names):
+    """A dispatch whose first action runs."""
+    world = World(WORK)
+    run = Run(world, SequentialSchedule(actions(*names)))
+    world.wait("action", 0)
+    run.feedback(0, FeedbackStatus.ENABLED)
+    return world, run
+
+
+def succeed(world, run, number):
+    world.wait("action", number)
+    run.feedback(number, FeedbackStatus.ENABLED)
+    run.feedback(number, FeedbackStatus.SUCCEEDED)
+
+
+def sent(world):
+    return [entry for entry in world.published if not entry[0].startswith("own")]
+
+
+def test_what_runs_goes_on_and_the_new_steps_follow():
+    world, run = begun("work", "work")
+    assert exchanged(run, further("a", "b"), 0) == ""
+    assert [str(action) for action in world.reports[-1].running] == ["(work o0)"]
+    assert world.reports[-1].steps_total == 3
+    run.feedback(0, FeedbackStatus.SUCCEEDED)
+    succeed(world, run, 10)
+    succeed(world, run, 11)
+    report = run.report()
+    assert report.success and report.steps_done == 3
+    assert sent(world) == [("action", 0), ("action", 10), ("action", 11), ("tombstone", 11)]
+
+
+def test_a_plan_without_steps_ends_with_what_goes_on():
+    world, run = begun("work", "work")
+    assert exchanged(run, [], 0) == ""
+    run.feedback(0, FeedbackStatus.SUCCEEDED)
+    assert run.report().success and sent(world) == [("action", 0), ("tombstone", 0)]
+
+
+def test_what_is_not_named_is_stopped_before_the_new_plan_begins():
+    world, run = begun("work", "work")
+    assert exchanged(run, further("a")) == ""
+    world.wait("cancel", 0)
+    assert ("action", 10) not in world.published
+    run.feedback(0, FeedbackStatus.FAILED, reason="cancelled")
+    succeed(world, run, 10)
+    report = run.report()
+    assert report.success and report.steps_done == 1
+    assert sent(world) == [("action", 0), ("cancel", 0), ("action", 10), ("tombstone", 10)]
+
+
+def test_an_action_that_the_new_plan_begins_with_goes_on_as_its_first_step():
+    world, run = begun("work", "work")
+    assert exchanged(run, further("O0", "b")) == ""
+    run.feedback(0, FeedbackStatus.SUCCEEDED)
+    succeed(world, run, 11)
+    report = run.report()
+    assert report.success and report.steps_done == 2
+    assert sent(world) == [("action", 0), ("action", 11), ("tombstone", 11)]
+
+
+def test_an_action_that_does_not_stop_fails_the_plan():
+    world = World(WORK)
+    run = Run(world, SequentialSchedule(actions("work", "work")), cancel=0.05)
+    world.wait("action", 0)
+    assert exchanged(run, further("a")) == ""
+    report = run.report()
+    assert report.state is DispatchState.FAILED and ("action", 10) not in world.published
+    assert report.reason.startswith("(work o0) was cancelled and did not stop within 0.05 s")
+    assert [str(action) for action in report.unanswered] == ["(work o0)"]
+
+
+def test_an_action_that_goes_on_and_fails_fails_the_new_plan():
+    world, run = begun("work", "work")
+    assert exchanged(run, further("a"), 0) == ""
+    run.feedback(0, FeedbackStatus.FAILED, reason="stuck")
+    report = run.report()
+    assert report.state is DispatchState.FAILED and report.reason == "(work o0) failed: stuck"
+    assert ("action", 10) not in world.published
+
+
+def test_one_that_has_succeeded_meanwhile_does_no_harm():
+    world, run = begun("work", "work")
+    run.feedback(0, FeedbackStatus.SUCCEEDED)
+    world.wait("action", 1)
+    run.feedback(1, FeedbackStatus.ENABLED)
+    assert exchanged(run, further("a"), 0, 1) == ""
+    run.feedback(1, FeedbackStatus.SUCCEEDED)
+    succeed(world, run, 10)
+    assert run.report().success
+
+
+@pytest.mark.parametrize(
+    "plan, keep, reason",
+    [
+        (further("a"), (0, 5), "action 5, which neither runs nor has succeeded"),
+        (further("a", first=1), (0,), "the ids of its actions were used before"),
+        (further("a", first=0), (0,), "the ids of its actions were used before"),
+    ],
+)
+def test_a_refused_plan_changes_nothing(plan, keep, reason):
+    world, run = begun("work", "work")
+    assert reason in exchanged(run, plan, *keep)
+    run.feedback(0, FeedbackStatus.SUCCEEDED)
+    succeed(world, run, 1)
+    assert run.report().success
+    assert sent(world) == [("action", 0), ("action", 1), ("tombstone", 1)]
+
+
+def test_a_plan_that_cannot_be_looked_at_is_refused():
+    def make(_):
+        raise PlanError("there is an unknown operator")
+
+    _, run = begun("work")
+    asked = Exchange(frozenset({0}), make)
+    run.dispatch.exchange(asked)
+    assert asked.ended.wait(LONG) and asked.refusal == "there is an unknown operator"
+    run.feedback(0, FeedbackStatus.SUCCEEDED)
+    assert run.report().success
+
+
+@pytest.mark.parametrize("first", ["cancel", "exchange"])
+def test_a_cancel_stops_what_goes_on(first):
+    world, run = begun("work", "work")
+    asked = wish(further("a"), 0)
+    calls = [run.dispatch.cancel, lambda: run.dispatch.exchange(asked)]
+    for call in calls if first == "cancel" else calls[::-1]:
+        call()
+    world.wait("cancel", 0)
+    run.feedback(0, FeedbackStatus.FAILED, reason="cancelled")
+    report = run.report()
+    assert report.state is DispatchState.CANCELLED and report.running == ()
+    assert asked.ended.wait(LONG) and bool(asked.refusal) == (first == "cancel")
+    assert ("action", 10) not in world.published
+
+
+def test_a_plan_that_comes_behind_the_end_is_refused():
+    _, run = begun("work")
+    run.feedback(0, FeedbackStatus.SUCCEEDED)
+    assert run.report().success
+    assert exchanged(run, further("a"), 0) == "the plan ends, or has ended"
+
+
+def test_a_wish_that_was_taken_back_is_not_carried_out():
+    world, run = begun("work", "work")
+    asked = wish(further("a"), 0)
+    assert asked.take_back() and not asked.take_back()
+    run.dispatch.exchange(asked)
+    run.feedback(0, FeedbackStatus.SUCCEEDED)
+    succeed(world, run, 1)
+    assert run.report().success and not asked.ended.is_set()
+
+
+def test_a_robot_that_has_left_ends_the_plan_all_the_same():
+    world = World(WORK)
+    run = Run(world, parallel(["work", "work"]))
+    world.wait("action", 1)
+    run.feedback(0, FeedbackStatus.ENABLED)
+    run.feedback(1, FeedbackStatus.ENABLED)
+    run.feedback(0, FeedbackStatus.FAILED, reason="away", robot="ann")
+    assert exchanged(run, further("a"), 1) == "(work o0) failed: away"
+    run.feedback(1, FeedbackStatus.SUCCEEDED)
+    assert run.report().state is DispatchState.FAILED
+
+
+def test_nothing_running_is_nothing_to_be_put_in_front():
+    plan = further("a", "b")
+    assert continued_list(plan, Ongoing()) == plan
