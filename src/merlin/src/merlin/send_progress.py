@@ -21,7 +21,7 @@ class SendProgress:
         self._say = say
         self._lock = threading.Lock()  # guards the fields below
         self._request: Optional[ExecutorRequest] = None
-        self._not_before = rospy.Time()
+        self._not_before: Optional[rospy.Time] = None
         self._said = ""
         self._feedback: Optional[ExecuteFeedback] = None
         self._status: Optional[ExecutorStatus] = None
@@ -34,7 +34,7 @@ class SendProgress:
         :param not_before: ROS time before which the request does not begin; None: it may at once.
         """
         with self._lock:
-            self._request, self._not_before = request, not_before or rospy.Time()
+            self._request, self._not_before = request, not_before
         for name, kind, take in (
             ("status", ExecutorStatus, self.executor),
             ("guard", GuardStatus, self.guard),
@@ -83,7 +83,7 @@ class SendProgress:
             return self._feedback.reason  # while it waits
         if status.paused and status.state == ExecutorStatus.IDLE:
             return "waits: the Executor is paused; `rosservice call merlin/resume` lets it go on"
-        if self._not_before > rospy.Time.now():
+        if self._not_before is not None and self._not_before > rospy.Time.now():
             return f"waits until {clock_text(self._not_before.to_sec())}"
         return f"waits: {', '.join(status.goals)} runs" if status.request and status.goals else ""
 
