@@ -28,7 +28,7 @@ DOCUMENT = ROOT / "docs" / "reliability-measurements.md"
 SEEN = ROOT / "results" / "page_faults.md"
 LASTS = (1.0, 3.0, 10.0)  # s
 PATIENCE = 4.0  # how many times a limit a machine that tests something else meanwhile may make of it
-WELL = 90.0  # s for everything to be well again
+WELL = 180.0  # s for everything to be well again
 BACK = -3600.0  # s by which a clock is set back
 
 ONE = Variant(base_timeout=0.5, page=True, mission=True)
@@ -82,15 +82,15 @@ RECORD = """() => {
   new MutationObserver(look).observe(document, all);
   look();
 }"""
-#: The task of the mission in which the robot drives and the page says so; null while anything is wrong.
-DRIVES = """async (task) => {
+#: Whether nothing is wrong, the task of the mission, and whether the robot drives in it.
+LOOK = """async () => {
   const said = window.seen[window.seen.length - 1];
-  if (said.state !== "Working" || said.trouble || said.grey || said.grave) return null;
-  if (said.news !== "live") return null;
-  const answer = await fetch("state.json").catch(() => null);
-  if (!answer) return null;
+  const well = said.news === "live" && said.tone !== "bad" && !said.trouble && !said.grey;
+  const answer = well && await fetch("state.json").catch(() => null);
+  if (!answer) return { well: false };
   const { state: { guard, now } } = await answer.json();
-  return guard.state === "passing" && now.mission.task !== task ? now.mission.task : null;
+  const drives = said.state === "Working" && guard.state === "passing" && !said.grave;
+  return { well: true, task: now.mission.task, drives };
 }"""
 SAID = "([words, since]) => window.seen.some(({ at, doing }) => at >= since && doing.includes(words))"
 SET_CLOCK = """(off) => {
@@ -127,7 +127,6 @@ class Scene:
         except BaseException:
             self.system.stop()
             raise
-        self._task = 0
 
     def close(self) -> None:
         self.visit.close()
@@ -141,12 +140,16 @@ class Scene:
         self.visit.wait_text("#operator", "chaos")
 
     def wait_driving(self) -> None:
-        """Waits until all is well, and the robot drives in another task than the last time."""
+        """Waits until all is well, and the robot begins to drive in another task: it drives for long then."""
         end = time.monotonic() + WELL
+        before = None  # the task in which all was well first
         while True:
-            task = self.visit.page.evaluate(DRIVES, self._task)
-            if task is not None:
-                self._task = task
+            now = self.visit.page.evaluate(LOOK)
+            if not now["well"]:
+                before = None
+            elif before is None:
+                before = now["task"]
+            elif now["drives"] and now["task"] != before:
                 return
             assert time.monotonic() < end, f"not well after {WELL:.0f} s:\n{self.text(self.now() - WELL)}"
             self.visit.page.wait_for_timeout(50)
@@ -187,7 +190,9 @@ class Scene:
         return lambda: processes.send(again, signal.SIGCONT)
 
     def kill_master(self) -> End:
-        processes.send(self.system.pid("master") or 0, signal.SIGKILL)
+        master = self.system.pid("master")
+        assert master is not None, "the master does not run"
+        processes.send(master, signal.SIGKILL)
         return self.system.start_master_again
 
     def stall(self) -> End:

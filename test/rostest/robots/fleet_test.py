@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Two robots of a fleet over a real etcd: one dies, nothing is lost or done twice; one is stopped."""
 
+import asyncio
 import json
 import os
 import shutil
@@ -9,12 +10,12 @@ import signal
 import subprocess
 import tempfile
 import threading
-import time
 import unittest
 import urllib.error
 import urllib.request
 import xmlrpc.client
 
+import aiohttp
 import rosgraph
 import rospy
 from actionlib_msgs.msg import GoalStatus, GoalStatusArray
@@ -27,6 +28,7 @@ from merlin_executor.executor_client import MerlinExecutorClient, outcome_name
 from merlin_executor.goal_check import GoalError
 from merlin_fleet.core.records import Goal
 from merlin_fleet.fleet_client import ACHIEVED, FleetClient, FleetError
+from merlin_monitor.state.state_tree import apply_changes
 from merlin_planning.knowledge_client import REMOVE, Update, fact, knowledge_client
 from merlin_test.etcd_process import DIRECT, EtcdProcess
 from merlin_test.topic_links import wait_for_publishers
@@ -131,26 +133,39 @@ class Fleet(unittest.TestCase):
         return page.stdout.readline().decode().split(" ")[0]
 
     def press_stop(self, page):
-        """What the page says when r2's button is pressed, and whether it says so as done."""
+        """Whether r2 stands once its button was pressed, and what the page says of it."""
+        before = self.client.status("r2")[0].stop
         request = urllib.request.Request(f"{page}control/stop", b'{"robot": "r2"}', method="POST")
         try:
             with DIRECT.open(request, timeout=LIMIT) as answer:
                 return True, json.load(answer)["done"]
         except urllib.error.HTTPError as refused:
             said = json.load(refused)["error"]
-            # A robot has 2 s to answer, which a busy machine may need.
-            return self.press_stop(page) if "it has not answered yet" in said else (False, said)
+        late = "it has not answered yet"
+        if late not in said:
+            return False, said
+        # It has 2 s to answer, and a busy machine may need more: then the status has the answer.
+        self.assertTrue(self.client.wait(lambda: self.client.status("r2")[0].stop > before, LIMIT), said)
+        hold = self.client.status("r2")[0].hold
+        if hold:
+            return True, f"r2 stands: {hold}."
+        return False, said.replace(late, "its guard has not confirmed it")
 
     def until_shown(self, page, holds):
-        """Asks the page until something holds of what it shows of r2."""
-        end = time.monotonic() + LIMIT
-        while True:
-            with DIRECT.open(f"{page}state.json", timeout=LIMIT) as answer:
-                robot = json.load(answer)["state"]["fleet"]["robots"].get("r2")
-            if robot is not None and holds(robot):
-                return robot
-            self.assertLess(time.monotonic(), end, robot)
-            time.sleep(0.1)
+        """Follows the page until something holds of what it shows of r2."""
+        return asyncio.run(asyncio.wait_for(self.follow(page, holds), LIMIT))
+
+    async def follow(self, page, holds):
+        state = {}
+        async with aiohttp.ClientSession() as session, session.ws_connect(f"{page}live") as live:
+            async for message in live:
+                news = json.loads(message.data)
+                state = news.get("state", state)
+                apply_changes(state, news.get("changes", []))
+                robot = state["fleet"]["robots"].get("r2")
+                if robot is not None and holds(robot):
+                    return robot
+        raise AssertionError(f"the page ended; it showed {state}")
 
     def test_the_page_says_that_a_robot_stands_only_when_its_guard_holds_it(self):
         page = self.serve_page()

@@ -9,6 +9,7 @@ from types import SimpleNamespace
 from typing import List
 
 import pytest
+import rospy
 from merlin_msgs.msg import ExecuteFeedback, ExecutorStatus, GuardStatus, RunningAction
 
 from merlin.send_progress import SendProgress
@@ -52,6 +53,18 @@ def test_a_request_that_waits_and_can_no_longer_be_on_time_says_why(
     progress.executor(OTHER)
     progress.feedback(ExecuteFeedback(reason="(checked hall) is expected to run until 195.0 s"))
     assert said == ["waits: (checked hall) runs", "(checked hall) is expected to run until 195.0 s"]
+
+
+def test_a_request_that_may_not_begin_yet_says_until_when(
+    progress: SendProgress, said: List[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("rospy.Time.now", lambda: rospy.Time(100))
+    progress.follow("", SimpleNamespace(id="mine", done=False), rospy.Time(160))  # type: ignore[arg-type]
+    progress.executor(ExecutorStatus(state=IDLE))
+    progress.executor(OTHER)
+    monkeypatch.setattr("rospy.Time.now", lambda: rospy.Time(160))
+    progress.executor(OTHER)
+    assert said == ["waits until 160.0 s", "waits: (checked hall) runs"]
 
 
 def test_a_paused_executor_is_named(progress: SendProgress, said: List[str]) -> None:

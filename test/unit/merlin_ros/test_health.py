@@ -10,7 +10,7 @@ import rospy
 from diagnostic_updater import DiagnosticStatusWrapper
 
 from merlin_ros import health as module
-from merlin_ros.health import WARN, Health, HealthReporter
+from merlin_ros.health import ENDED, STALE, WARN, Health, HealthReporter
 
 LONG = 60.0
 
@@ -23,6 +23,7 @@ class Updater:
         self.reports: List[Any] = []
         self.error: Any = None
         self.published = threading.Event()
+        self.last: List[Any] = []
 
     def setHardwareID(self, name: str) -> None:
         pass
@@ -36,6 +37,9 @@ class Updater:
             raise error
         self.reports += [check(DiagnosticStatusWrapper()) for check in self.checks.values()]
         self.published.set()
+
+    def broadcast(self, level: int, message: str) -> None:
+        self.last.append((level, message))
 
 
 @pytest.fixture
@@ -64,3 +68,28 @@ def test_what_could_not_be_published_is_published_again(updater: Updater, error:
     reporter.start()
     assert updater.published.wait(10.0), "it was silent from then on"
     reporter.stop()
+
+
+def test_a_node_that_ends_says_so_last(updater: Updater) -> None:
+    reporter = HealthReporter({"part": Health})
+    reporter.start()
+    assert updater.published.wait(LONG)
+    reporter.stop()
+    said = len(updater.reports)
+    assert updater.last == [(STALE, ENDED)] and len(updater.reports) == said
+
+
+def test_a_check_that_hangs_does_not_hold_up_the_end(updater: Updater) -> None:
+    hangs, goes_on = threading.Event(), threading.Event()
+
+    def check() -> Health:
+        hangs.set()
+        goes_on.wait(LONG)
+        return Health()
+
+    reporter = HealthReporter({"part": check})
+    reporter.start()
+    assert hangs.wait(LONG)
+    reporter.stop()
+    assert not goes_on.is_set() and updater.last == []
+    goes_on.set()

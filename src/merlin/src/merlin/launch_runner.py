@@ -313,6 +313,7 @@ class LaunchRun:
         self._relay.mute()
         if self._check is not None:
             self._check.kill()
+            self._check.wait()  # else it counts among what the nodes left behind
         if self._parent is not None:
             self._parent.shutdown()
         left: List[int] = end_children()

@@ -48,16 +48,17 @@ def _send(given: argparse.Namespace, robot: str) -> int:
     client = MerlinExecutorClient(f"{robot}merlin/execute", f"{robot}{DEFAULT_KNOWLEDGE_BASE}")
     if not client.wait_for_executor(LIMIT):
         raise ServiceError(f"the Executor does not answer within {LIMIT:g} s")
+    not_before = at_time(given.not_before, "--not-before")
     progress = SendProgress(lambda line: print(line, flush=True))
     request = client.send(
         given.goal,
         priority=given.priority,
         on_interrupt=DROP if given.drop else RESUME,
         on_feedback=progress.feedback,
-        not_before=at_time(given.not_before, "--not-before"),
+        not_before=not_before,
         deadline=at_time(given.deadline, "--deadline"),
     )
-    progress.follow(robot.rstrip("/"), request)
+    progress.follow(robot.rstrip("/"), request, not_before)
     rospy.on_shutdown(lambda: _cancel(request))
     if not request.wait(given.timeout) and not is_shutdown_requested():
         print(f"not achieved within {given.timeout:g} s: cancelled", flush=True)

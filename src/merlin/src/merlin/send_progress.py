@@ -7,7 +7,7 @@ from typing import Callable, Optional
 import rospy
 from merlin_msgs.msg import ExecuteFeedback, ExecutorStatus, GuardStatus
 
-from merlin_executor.core.base_hold import hold_words
+from merlin_executor.core.base_hold import clock_text, hold_words
 from merlin_executor.executor_request import ExecutorRequest
 
 
@@ -21,18 +21,20 @@ class SendProgress:
         self._say = say
         self._lock = threading.Lock()  # guards the fields below
         self._request: Optional[ExecutorRequest] = None
+        self._not_before: Optional[rospy.Time] = None
         self._said = ""
         self._feedback: Optional[ExecuteFeedback] = None
         self._status: Optional[ExecutorStatus] = None
         self._guard: Optional[GuardStatus] = None
 
-    def follow(self, robot: str, request: ExecutorRequest) -> None:
+    def follow(self, robot: str, request: ExecutorRequest, not_before: Optional[rospy.Time] = None) -> None:
         """Follows the Executor and the guard of a robot.
 
         :param robot: its namespace.
+        :param not_before: ROS time before which the request does not begin; None: it may at once.
         """
         with self._lock:
-            self._request = request
+            self._request, self._not_before = request, not_before
         for name, kind, take in (
             ("status", ExecutorStatus, self.executor),
             ("guard", GuardStatus, self.guard),
@@ -81,6 +83,8 @@ class SendProgress:
             return self._feedback.reason  # while it waits
         if status.paused and status.state == ExecutorStatus.IDLE:
             return "waits: the Executor is paused; `rosservice call merlin/resume` lets it go on"
+        if self._not_before is not None and self._not_before > rospy.Time.now():
+            return f"waits until {clock_text(self._not_before.to_sec())}"
         return f"waits: {', '.join(status.goals)} runs" if status.request and status.goals else ""
 
     def _doing(self) -> str:

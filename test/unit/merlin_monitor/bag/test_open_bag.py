@@ -34,6 +34,7 @@ from merlin_monitor.state.history_store import HistoryStore
 from merlin_monitor.state.state_tree import apply_changes
 from merlin_monitor.text.phrase import in_english
 from merlin_monitor.web import open_command
+from merlin_ros.health import ENDED, STALE
 
 pytestmark = pytest.mark.processes
 LONG = 60.0
@@ -66,8 +67,8 @@ def said(words: str) -> SoundRequestActionGoal:
     return goal
 
 
-def reports(name: str) -> DiagnosticArray:
-    return DiagnosticArray(status=[DiagnosticStatus(name=f"{name}: life", message="well")])
+def reports(name: str, level: int = DiagnosticStatus.OK, message: str = "well") -> DiagnosticArray:
+    return DiagnosticArray(status=[DiagnosticStatus(level, f"{name}: life", message, "", [])])
 
 
 def record(path: Path, begin: float, *told: Told, panels: Any = (), **more: Any) -> Path:
@@ -194,6 +195,27 @@ def test_both_times_of_a_simulation_lead_to_each_other() -> None:
     assert (clock.begin, clock.end) == (1000.0 - 25.0, 1000.0)  # 10 s at 2, 5 s at 0.5, and 5 s more at that
     for at in (5.0, 7.5, 15.0, 19.0, 25.0):
         assert clock.time(clock.wall(at)) == pytest.approx(at)
+
+
+@pytest.mark.usefixtures("no_master")
+def test_what_has_ended_in_order_is_not_missed_when_the_recording_goes_on(tmp_path: Path) -> None:
+    executor, end = "/ann/executor", BEGIN + 7
+    life = [("/diagnostics", reports("ann/executor"), float(at), executor) for at in range(8)]
+    opened = Opened(
+        record(
+            tmp_path / "run.bag",
+            BEGIN,
+            *life,
+            ("/ann/merlin/status", stamped(ExecutorStatus(), BEGIN + 1), 1.0, executor),
+            ("/ann/merlin/mission", stamped(MissionStatus(mission="tea", state=3), end), 7.0, "/m"),
+            ("/diagnostics", reports("ann/executor", STALE, ENDED), 7.5, executor),
+            ("/ann/sound_play/goal", stamped(said("Bye"), BEGIN + 20), 20.0, "/ann/say"),
+        )
+    )
+    late = opened.at(BEGIN + 20.0)
+    assert late["now"]["doing"] == "tea has ended: no more", late["now"]
+    assert late["now"]["problems"] == [] and late["health"]["parts"] == {}
+    assert dict(opened.events())["/ann/executor has ended"] == pytest.approx(BEGIN + 7.5, abs=0.01)
 
 
 @pytest.mark.usefixtures("no_master")

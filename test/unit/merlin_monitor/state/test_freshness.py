@@ -14,6 +14,7 @@ from merlin_monitor.state.inbox import Inbox
 from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_monitor.state.plan_order import sequential_steps
 from merlin_monitor.text.phrase import in_english
+from merlin_ros.health import ENDED, STALE
 
 EXECUTOR = "/ann/merlin_executor"
 
@@ -244,6 +245,24 @@ def test_a_node_that_ends_in_order_is_not_silent() -> None:
     assert told.texts == ["camera: part has fallen silent", "/players has ended"]
     assert state.health.silent_nodes() == ["camera"]
     assert list(state.tree.get("health", "parts")) == ["camera: part"]
+
+
+def test_a_node_that_says_that_it_ends_is_not_silent() -> None:
+    """Also of a recording, whose nodes stay publishers and which a player publishes."""
+    state, told = model()
+    names, player = ("ann/merlin_executor: a", "ann/merlin_executor: b", "camera: a"), "/player"
+    for second in range(3):
+        well = DiagnosticArray(status=[DiagnosticStatus(name=name) for name in names])
+        state.health.diagnostics(well, 0.0, float(second), player)
+    told.clear()
+    last = [DiagnosticStatus(name=name, level=STALE, message=ENDED) for name in names[:2]]
+    state.health.diagnostics(DiagnosticArray(status=last), 2.5, 2.5, player)
+    assert told.texts == ["/ann/merlin_executor has ended"]
+    state.health.diagnostics(DiagnosticArray(status=last), 2.6, 2.6, player)
+    state.health.check_silence(3.1 + SILENT_AFTER, 3.1 + SILENT_AFTER, [player])
+    assert told.texts == ["/ann/merlin_executor has ended", "camera: a has fallen silent"]
+    assert state.health.silent_nodes() == ["camera"]
+    assert list(state.tree.get("health", "parts")) == ["camera: a"]
 
 
 def test_a_problem_that_an_operator_knows_is_told_and_stays_known() -> None:

@@ -382,6 +382,17 @@ def test_a_request_that_waits_says_for_what() -> None:
     assert waits()[0] == "waits at a breakpoint"
 
 
+def test_a_request_whose_time_has_not_come_waits_for_no_other_one() -> None:
+    tree, now, _, _ = section()
+    early = QueuedGoal(request="/c-b-1.0", goals=["(b)"], not_before=rospy.Time(100))
+    now.executor(executor(ExecutorStatus.RUNNING, request=REQUEST, goals=["(a)"]), 2.0)
+    now.queue(GoalQueue(requests=[early]), 2.0)
+    for time, said in ((99.9, "waits"), (100.0, "waits until “a” has ended")):
+        tree.set("meta", "time", time)
+        now.refresh()
+        assert in_english(tree.get("queue", "waiting")[0]["waits"]) == said
+
+
 @pytest.mark.parametrize(
     ("verb", "words"),
     [

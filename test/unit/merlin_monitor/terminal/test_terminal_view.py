@@ -2,6 +2,7 @@
 """The state in a terminal."""
 
 import re
+import time
 from typing import Any, Dict
 
 from hypothesis import given
@@ -57,6 +58,24 @@ def test_everything_is_there() -> None:
     ):
         assert wanted in text, wanted
     assert "\x1b" not in text
+
+
+def test_the_times_of_requests_are_there_as_on_the_page() -> None:
+    times = {"not_before": 100.0, "deadline": 300.0, "expected_begin": 150.5, "expected_end": 0.0}
+    late = {"english": "the plan ends at 210.0 s", "de": "?"}
+    waits = {"english": "waits until “do b” has ended", "de": "?"}
+    waiting = [{**STATE["queue"]["waiting"][0], **times, "waits": waits, "late": ""}]
+    runs = {"deadline": 200.0, "expected_end": 210.0, "late": late}
+    state = {**STATE, "now": {**STATE["now"], "executor": runs}, "queue": {"waiting": waiting}}
+    shown = [line.text for line in lines(state)]
+    assert "the plan ends at 210.0 s, done by 200.0 s, expected to end at 210.0 s" in shown
+    assert "  do a  priority 5, from /me, waits until “do b” has ended" in shown
+    assert "    not before 100.0 s, done by 300.0 s, expected to begin at 150.5 s" in shown
+    wall = 1_700_000_000.0  # a clock that was set counts, as everywhere on the page
+    state = {"meta": {"clock_set": 60.0}, "now": {"executor": {"deadline": wall}}}
+    assert f"done by {time.strftime('%H:%M:%S', time.localtime(wall + 60.0))}" in [
+        line.text for line in lines(state)
+    ]
 
 
 def test_machines_of_one_path_are_told_apart() -> None:

@@ -52,7 +52,7 @@ class Panel:
         """Twice per second, in the model's thread: for what is silent.
 
         :param at: s of ROS time.
-        :param wall: s of ``ros.wall()``.
+        :param wall: s of ``ros.silence_clock()``.
         """
 
     def source(self) -> Optional[Source]:

@@ -70,18 +70,24 @@ class Pulse:
         if now - self._checked >= CHECKS:
             self._checked = now
             self._state.tree.set("meta", "clock_set", round(self._ros.clock_set(), 1))
-            self._state.inbox.put(self._check, self._ros.time(), now, self._sources(), self._all_owners())
+            times = self._ros.time(), self._ros.silence_clock(), now
+            self._state.inbox.put(self._check, *times, self._sources(), self._all_owners())
 
     def _check(
-        self, at: float, wall: float, sources: Mapping[str, Source], owners: Mapping[str, Source]
+        self,
+        at: float,
+        silence: float,
+        now: float,
+        sources: Mapping[str, Source],
+        owners: Mapping[str, Source],
     ) -> None:
         self._state.tree.set("meta", "time", round(at, 1))
         for panel in self._panels:
-            panel.check(at, wall)
+            panel.check(at, silence)
         self._state.freshness.check(at, sources, owners)
         self._state.now.refresh()
-        self._state.refresh_problems(wall)
-        self._state.checked(wall)
+        self._state.refresh_problems(silence)
+        self._state.checked(now)
 
     def _all_owners(self) -> Dict[str, Source]:
         owners = {owner: source for panel in self._panels for owner, source in panel.owners().items()}

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The ROS system that panels follow; where a recording is opened, that of its bag stands for it."""
 
+import threading
 import time
 from typing import Any, Callable, Dict, List, NamedTuple, Optional
 
@@ -13,6 +14,7 @@ from merlin_ros.master.master_link import ERRORS, bounded_master
 from merlin_ros.master.namesake import living_namesake
 
 TRANSFORMS_KEPT = 5.0  # s
+STANDS = 0.5  # s of wall time without another ROS time, from when on a recording counts as paused
 LEAST_JUMP = 0.05  # s; what is less is not a clock that was set
 
 
@@ -76,6 +78,10 @@ class RosSystem:
         """s that continue at any time, and never back."""
         return time.monotonic()
 
+    def silence_clock(self) -> float:
+        """s in which silence is counted: as `wall`, but they stand while a played recording stands."""
+        return self.wall()
+
     def subscribe(
         self, topic: str, message_class: type, receive: Callable[[Any], object], **options: Any
     ) -> Any:
@@ -132,3 +138,25 @@ class RosSystem:
             return str(bounded_master().lookupService(service))
         except ERRORS:
             return ""
+
+
+class ReplayedSystem(RosSystem):
+    """A recording that is played: nothing is silent because it is paused, or at its end."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()  # guards the fields below
+        self._played, self._looked, self._counted = rospy.get_time(), self.wall(), 0.0
+
+    def silence_clock(self) -> float:
+        """s for which it was played; all but the first `STANDS` of a pause do not count."""
+        with self._lock:
+            played, now = rospy.get_time(), self.wall()
+            if played != self._played:
+                self._counted += min(now - self._looked, STANDS)
+                self._played, self._looked = played, now
+            return self._counted
+
+    def graph(self) -> Optional[TopicGraph]:
+        """What is published, without nodes: its player has the name of one of those that were recorded."""
+        graph = super().graph()
+        return graph and TopicGraph({}, graph.types)

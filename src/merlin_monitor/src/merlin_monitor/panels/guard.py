@@ -45,10 +45,10 @@ class GuardPanel(Panel):
         self.state.guard.check_silence(at, wall)
 
     def _met(self, robot: str, there: bool) -> None:
-        self.state.inbox.put(self.state.guard.met, robot, there, self.ros.wall())
+        self.state.inbox.put(self.state.guard.met, robot, there, self.ros.silence_clock())
         self.state.on_guard(robot, there)
 
     def _take(self, status: GuardStatus, at: float, robot: str = "") -> None:
-        self.state.guard.status(status, at, self.ros.wall(), robot)
+        self.state.guard.status(status, at, self.ros.silence_clock(), robot)
         self.state.now.refresh()
-        self.state.refresh_problems(self.ros.wall())
+        self.state.refresh_problems(self.ros.silence_clock())

@@ -38,5 +38,5 @@ class HealthPanel(Panel):
         self.state.health.check_silence(at, wall, nodes)
 
     def _take(self, reports: DiagnosticArray, at: float) -> None:
-        self.state.health.diagnostics(reports, at, self.ros.wall(), sender_of(reports))
-        self.state.refresh_problems(self.ros.wall())
+        self.state.health.diagnostics(reports, at, self.ros.silence_clock(), sender_of(reports))
+        self.state.refresh_problems(self.ros.silence_clock())

@@ -76,12 +76,12 @@ class MachinesPanel(Panel):
         self._nodes = nodes
 
     def _take_holds(self, message: MachineHolds, at: float) -> None:
-        self.state.machines.holds(message, at, self.ros.wall())
+        self.state.machines.holds(message, at, self.ros.silence_clock())
         self.state.now.refresh()
 
     def _structure(self, server: str, message: SmachContainerStructure, at: float) -> None:
-        self.state.machines.structure(server, message, self.ros.wall(), sender_of(message))
+        self.state.machines.structure(server, message, self.ros.silence_clock(), sender_of(message))
 
     def _status(self, server: str, message: SmachContainerStatus, at: float) -> None:
-        self.state.machines.status(server, message, at, self.ros.wall(), sender_of(message))
+        self.state.machines.status(server, message, at, self.ros.silence_clock(), sender_of(message))
         self.state.now.refresh()

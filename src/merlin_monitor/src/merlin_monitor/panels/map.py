@@ -95,8 +95,8 @@ class MapPanel(Panel):
         """The robot's position, which may be old."""
         at, wall = self._located
         if (self.state.tree.get("meta", "simulator") or {}).get("paused"):
-            self._located = at, self.ros.wall()  # nothing moves, and nothing is lost
-        located = at is not None and (at == 0.0 or self.ros.wall() - self._located[1] < OLD_POSITION)
+            self._located = at, self.ros.silence_clock()  # nothing moves, and nothing is lost
+        located = at is not None and (at == 0.0 or self.ros.silence_clock() - self._located[1] < OLD_POSITION)
         return Source(located, "the robot's position")
 
     def owners(self) -> Dict[str, Source]:
@@ -161,7 +161,7 @@ class MapPanel(Panel):
         self._scan = scan
 
     def _look_at_scan(self) -> None:
-        scan, wall = self._scan, self.ros.wall()
+        scan, wall = self._scan, self.ros.silence_clock()
         if scan is None or wall - self._scan_shown < SCAN_SHOWN:
             return
         self._scan, self._scan_shown = None, wall
@@ -181,7 +181,7 @@ class MapPanel(Panel):
         # Zero when all transforms on the way are static.
         at = stamped.header.stamp.to_sec()
         if at != self._located[0]:
-            self._located = at, self.ros.wall()
+            self._located = at, self.ros.silence_clock()
         return _pose_in(stamped)
 
     def _pose_of(self, frame: str) -> Optional[Tuple[float, float, float]]:

@@ -39,7 +39,7 @@ class RobotsSection:
     def host(self, word: Any, at: float, wall: float) -> None:
         """Takes a message with the fields of merlin_msgs/RobotHost.
 
-        :param wall: s of ``ros.wall()``.
+        :param wall: s of ``ros.silence_clock()``.
         """
         admission = self._roster.admit(word.robot, sender_of(word), wall)
         if admission.forgotten:
@@ -139,4 +139,4 @@ class RobotsPanel(Panel):
         self._section.check_silence(at, wall)
 
     def _host(self, word: RobotHost, at: float) -> None:
-        self._section.host(word, at, self.ros.wall())
+        self._section.host(word, at, self.ros.silence_clock())

@@ -6,6 +6,7 @@ from typing import Any, Collection, Dict, FrozenSet, List, Tuple
 from merlin_monitor.state.history_events import Reporter, sentence
 from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.text.phrase import say, with_reason
+from merlin_ros.health import ENDED, STALE
 
 SECTION = "health"
 LEVELS = ("ok", "warning", "error", "stale")
@@ -40,10 +41,16 @@ class HealthSection:
 
         :param node: that sent it; empty: not known.
         """
+        ended = set()
         for status in message.status:
+            level = status.level[0] if isinstance(status.level, bytes) else int(status.level)
+            if (level, status.message) == (STALE, ENDED):
+                if status.name in self._seen:
+                    ended.add(f"/{status.name.partition(': ')[0]}")
+                    self._forget(status.name)
+                continue
             if status.name not in self._seen and len(self._seen) >= MOST_PARTS:
                 continue
-            level = status.level[0] if isinstance(status.level, bytes) else int(status.level)
             word = LEVELS[level] if 0 <= level < len(LEVELS) else str(level)
             was_silent = self._tree.get(SECTION, "parts", status.name, "silent", default=False)
             self._note_period(status.name, wall)
@@ -61,6 +68,7 @@ class HealthSection:
                 heard = say("{part} is heard again", part=status.name)
                 self._report(sentence("health", with_reason(heard, status.message), at))
             self._report_level(status.name, at, wall, was_silent)
+        self._report_ended(ended, at)
 
     def silent_nodes(self) -> List[str]:
         """Nodes of which every part is silent, without the leading slash.
@@ -109,7 +117,10 @@ class HealthSection:
                 self._report(sentence("health", say("{part} has fallen silent", part=name), at, "failure"))
             self._report_level(name, at, wall, silent)
         self.doubtful = frozenset(doubtful)
-        for node in sorted(ended):
+        self._report_ended(ended, at)
+
+    def _report_ended(self, nodes: Collection[str], at: float) -> None:
+        for node in sorted(nodes):
             self._report(sentence("health", say("{node} has ended", node=node), at))
 
     def _forget(self, name: str) -> None:

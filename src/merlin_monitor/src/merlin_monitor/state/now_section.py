@@ -314,8 +314,10 @@ class NowSection:
             waits = say("waits until the robot is resumed")
         elif executor.get("request"):
             waits = self._until(executor)
-        shown = []
+        shown, now = [], self._tree.get("meta", "time") or 0.0
         for request in (self._queued or {}).values():
+            if request["not_before"] > now:
+                waits = say("waits")  # for its time, which is shown beside
             shown.append({**request, "waits": waits, "by": self._asked_by(request)})
             waits = self._until(request)
         self._tree.set(QUEUE, "waiting", shown)

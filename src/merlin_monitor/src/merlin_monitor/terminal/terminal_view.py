@@ -5,6 +5,7 @@ import unicodedata
 from collections import Counter
 from typing import Any, Dict, List, NamedTuple
 
+from merlin_executor.core.base_hold import clock_text
 from merlin_monitor.text.phrase import in_english
 from merlin_monitor.truth.problems import WARNING
 
@@ -20,6 +21,13 @@ STYLES = {"title": "\x1b[1m", "soft": "\x1b[2m", "good": "\x1b[32m", "bad": "\x1
 RESET = "\x1b[0m"
 STALLED = 2.0  # s of wall time, as on the page
 MOST_STEPS, MOST_FACTS, MOST_EVENTS = 12, 12, 12
+#: Times of a request, s of ROS time, and how each is called, as on the page.
+TIMES = {
+    "not_before": "not before",
+    "deadline": "done by",
+    "expected_begin": "expected to begin at",
+    "expected_end": "expected to end at",
+}
 BAD = ("failed", "error", "unsolvable", "no plan", "crashed", "silent", "refused")
 
 
@@ -57,9 +65,10 @@ def lines(state: Dict[str, Any], changed: Any = (), silence: float = 0.0) -> Lis
     chain = " > ".join(in_english(link[1]) for link in now.get("chain", []))
     if chain:
         shown.append(Line(chain, "soft"))
+    shown += _times(now.get("executor", {}), meta)
     shown += _robots(state.get("robots", {}))
     shown += _plan(state.get("plan", {}))
-    shown += _queue(state.get("queue", {}))
+    shown += _queue(state.get("queue", {}), meta)
     shown += _machines(state.get("machines", {}))
     shown += _knowledge(state.get("knowledge", {}))
     shown += _health(state.get("health", {}))
@@ -135,14 +144,24 @@ def _plan(plan: Dict[str, Any]) -> List[Line]:
     return shown
 
 
-def _queue(queue: Dict[str, Any]) -> List[Line]:
+def _queue(queue: Dict[str, Any], meta: Dict[str, Any]) -> List[Line]:
     waiting = queue.get("waiting", [])
-    if not waiting:
-        return []
-    return _section("Queue", f"{len(waiting)} waiting") + [
-        Line(f"  {in_english(request['words'])}  priority {request['priority']}, from {request['by']}")
-        for request in waiting[:MOST_STEPS]
-    ]
+    shown = _section("Queue", f"{len(waiting)} waiting") if waiting else []
+    for request in waiting[:MOST_STEPS]:
+        words, waits = in_english(request["words"]), in_english(request.get("waits", ""))
+        by = f"priority {request['priority']}, from {request['by']}{waits and f', {waits}'}"
+        shown += [Line(f"  {words}  {by}"), *_times(request, meta, "    ")]
+    return shown
+
+
+def _times(request: Dict[str, Any], meta: Dict[str, Any], indent: str = "") -> List[Line]:
+    """The times of a request, and why it can no longer be on time; none where it has neither."""
+    offset = meta.get("clock_set", 0.0)
+    known = [(words, request.get(name)) for name, words in TIMES.items()]
+    said = [f"{words} {clock_text(at + offset)}" for words, at in known if at]
+    late = in_english(request.get("late", ""))
+    text = ", ".join([late] * bool(late) + said)
+    return [Line(f"{indent}{text}", "bad" if late else "")] if text else []
 
 
 def _machines(machines: Dict[str, Any]) -> List[Line]:

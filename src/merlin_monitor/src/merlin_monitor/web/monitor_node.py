@@ -11,7 +11,7 @@ import rospy
 
 from merlin_monitor.access.tls import ServerTls, TlsError, read_tls
 from merlin_monitor.access.web_access import HostNameError, WebAccess, check_lookers
-from merlin_monitor.listeners.ros_system import RosSystem
+from merlin_monitor.listeners.ros_system import ReplayedSystem, RosSystem
 from merlin_monitor.panel_board import PanelBoard
 from merlin_monitor.panels.control import (
     open_stop_of_node,
@@ -52,7 +52,8 @@ def _start() -> None:
     make_folder = flag("~make_folder", True)
     state = MonitorModel(Inbox(rospy.logwarn), path, limit, make_folder, megabytes, session=_session())
     state.wording.sentences = sentences_of_node(RosSystem())
-    panels = PanelBoard(state, _class_paths("~panels"), offered=True)
+    ros = ReplayedSystem() if flag("~replayed") else RosSystem()
+    panels = PanelBoard(state, _class_paths("~panels"), offered=True, ros=ros)
     operators = operators_of_node(RosSystem())
     open_look = flag("~open_look")
     check_lookers(host, operators is not None, open_look)
