@@ -3,6 +3,7 @@
 """The Executor over real nodes: goals in, robot moved, knowledge true, whatever happens in between."""
 
 import contextlib
+import itertools
 import os
 import shutil
 import signal
@@ -15,8 +16,9 @@ from pathlib import Path
 
 import rospy
 from actionlib_msgs.msg import GoalStatus
-from merlin_msgs.msg import DispatchStatus, ExecuteActionResult, ExecutorStatus, KnowledgeChanges
+from merlin_msgs.msg import DispatchStatus, ExecuteActionResult, ExecutorStatus, GoalQueue, KnowledgeChanges
 from move_base_msgs.msg import MoveBaseActionGoal
+from std_srvs.srv import Trigger
 
 import rostest
 from merlin_executor.executor_client import DROP, MerlinExecutorClient, outcome_name
@@ -78,6 +80,7 @@ class Executor(unittest.TestCase):
         cls.client = MerlinExecutorClient()
         cls.knowledge = MerlinROSPlanAssistant()
         cls.status = Watch("merlin/status", ExecutorStatus)
+        cls.queue = Watch("merlin/queue", GoalQueue)
         cls.held = HeldDrives()
         cls.results = Watch("merlin/execute/result", ExecuteActionResult)
         cls.changes = Watch("rosplan_knowledge_base/changes", KnowledgeChanges)
@@ -226,6 +229,51 @@ class Executor(unittest.TestCase):
         self.held.end()
         self.assertTrue(first.wait(LONG))
         self.assertOutcome(first.result, "SUCCEEDED")
+
+    def together(self, *goals):
+        """Sends goals as two clients in turn, which begin in the same moment."""
+        other = MerlinExecutorClient()
+        self.assertTrue(other.wait_for_executor(LONG))
+        pause, resume = (rospy.ServiceProxy(f"merlin/{name}", Trigger) for name in ("pause", "resume"))
+        pause()
+        self.addCleanup(resume)
+        requests = [client.send(goal) for client, goal in zip(itertools.cycle([self.client, other]), goals)]
+        self.queue.wait_last(lambda queue: len(queue.requests) == len(goals))
+        resume()
+        return requests
+
+    def test_errands_are_done_by_one_plan_and_each_ends_when_its_own_goal_holds(self):
+        self.assertIn(self.client.execute("(robot_at kitchen)", LONG).outcome, ACHIEVED)
+        self.held.hold()
+        goals = ("(checked bathroom)", "(checked main_door)", "(checked dorm_room)")
+        requests = self.together(*goals)
+        self.held.wait_driving()
+        status = self.status.wait(lambda status: status.header.stamp >= self.begun and status.together)
+        found = [status.request, *(other.request for other in status.together)]
+        self.assertEqual(found, [request.id for request in requests])
+        self.held.hold()  # the first drive ends, and the second one lasts
+        first = self.results.wait(lambda message: message.status.goal_id.id in found)
+        self.assertOutcome(first.result, "SUCCEEDED")
+        steps = [action.name for action in first.result.plan]
+        self.assertEqual((steps.count("ask"), steps.count("navigate")), (3, 3))
+        ended = goals[found.index(first.status.goal_id.id)]
+        self.assertTrue(self.knowledge.holds(ended))
+        self.assertNotIn(ended, self.knowledge.goals())
+        left = [request for request in requests if request.id != first.status.goal_id.id]
+        self.assertFalse(any(request.done for request in left))
+        left[0].cancel()
+        self.assertTrue(left[0].wait(LONG))
+        self.assertOutcome(left[0].result, "CANCELLED")
+        self.held.end()
+        self.assertTrue(left[1].wait(LONG))
+        self.assertOutcome(left[1].result, "SUCCEEDED")
+
+    def test_an_impossible_errand_does_not_keep_the_others(self):
+        self.assertIn(self.client.execute("(robot_at kitchen)", LONG).outcome, ACHIEVED)
+        requests = self.together("(checked bathroom)", "(robot_at anywhere)", "(checked main_door)")
+        for request, outcome in zip(requests, ("SUCCEEDED", "UNSOLVABLE", "SUCCEEDED")):
+            self.assertTrue(request.wait(LONG))
+            self.assertOutcome(request.result, outcome)
 
     def unreachable_dorm_room(self):
         """Planning does not know that the point of interest has no place to drive to.

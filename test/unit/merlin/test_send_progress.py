@@ -10,7 +10,7 @@ from typing import List
 
 import pytest
 import rospy
-from merlin_msgs.msg import ExecuteFeedback, ExecutorStatus, GuardStatus, RunningAction
+from merlin_msgs.msg import ExecuteFeedback, ExecutorStatus, GuardStatus, QueuedGoal, RunningAction
 
 from merlin.send_progress import SendProgress
 
@@ -45,6 +45,14 @@ def test_what_runs_before_it_is_named(progress: SendProgress, said: List[str]) -
     progress.executor(OTHER)
     progress.executor(MINE)
     assert said == ["waits: (checked hall) runs"]
+
+
+def test_what_runs_in_the_same_plan_is_named_once(progress: SendProgress, said: List[str]) -> None:
+    shared = ExecutorStatus(state=RUNNING, request="other", goals=["(checked hall)"])
+    shared.together = [QueuedGoal(request="mine", goals=["(checked kitchen)"])]
+    for status in (shared, shared, MINE):
+        progress.executor(status)
+    assert said == ["in one plan with (checked hall)"]
 
 
 def test_a_request_that_waits_and_can_no_longer_be_on_time_says_why(

@@ -37,6 +37,7 @@ def main() -> int:
     parser.add_argument(
         "--deadline", type=_time, metavar="TIME", help="end as LATE what does not hold by then"
     )
+    parser.add_argument("--alone", action="store_true", help="never plan them together with other requests")
     parser.add_argument("--drop", action="store_true", help="drop them when they are interrupted")
     parser.add_argument("--robot", help="namespace of the robot, where there are several")
     given = parser.parse_args()
@@ -57,6 +58,7 @@ def _send(given: argparse.Namespace, robot: str) -> int:
         on_feedback=progress.feedback,
         not_before=not_before,
         deadline=at_time(given.deadline, "--deadline"),
+        alone=given.alone,
     )
     progress.follow(robot.rstrip("/"), request, not_before)
     rospy.on_shutdown(lambda: _cancel(request))

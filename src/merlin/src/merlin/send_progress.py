@@ -23,6 +23,7 @@ class SendProgress:
         self._request: Optional[ExecutorRequest] = None
         self._not_before: Optional[rospy.Time] = None
         self._said = ""
+        self._company = ""  # as it was said last
         self._feedback: Optional[ExecuteFeedback] = None
         self._status: Optional[ExecutorStatus] = None
         self._guard: Optional[GuardStatus] = None
@@ -51,6 +52,7 @@ class SendProgress:
         """Takes the Executor's status."""
         with self._lock:
             self._status = status
+            self._print_company(status)
             self._print()
 
     def guard(self, status: GuardStatus) -> None:
@@ -65,6 +67,16 @@ class SendProgress:
             self._said = said
             self._say(f"  {said}")
 
+    def _print_company(self, status: ExecutorStatus) -> None:
+        """Says with which other requests it runs in one plan, once for each change."""
+        running = {status.request: status.goals, **{other.request: other.goals for other in status.together}}
+        if self._request is None or running.pop(self._request.id, None) is None:
+            return
+        company = ", ".join(goal for goals in running.values() for goal in goals)
+        if company and company != self._company:
+            self._say(f"  in one plan with {company}")
+        self._company = company
+
     def _obstacle(self) -> str:
         """What the request waits for; empty: nothing."""
         guard, status, request = self._guard, self._status, self._request
@@ -77,7 +89,7 @@ class SendProgress:
             return ""
         if status.held:
             return f"held at the breakpoint {status.held}"
-        if status.request == request.id:
+        if request.id in (status.request, *(other.request for other in status.together)):
             return guard.warning if guard is not None else ""
         if self._feedback is not None and self._feedback.reason and not self._feedback.stage:
             return self._feedback.reason  # while it waits

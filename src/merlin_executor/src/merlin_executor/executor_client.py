@@ -100,6 +100,7 @@ class MerlinExecutorClient:
         given_up: Optional[threading.Event] = None,
         not_before: Optional[When] = None,
         deadline: Optional[When] = None,
+        alone: bool = False,
     ) -> ExecutorRequest:
         """Sends goals and returns at once.
 
@@ -114,6 +115,7 @@ class MerlinExecutorClient:
         :param not_before: before which it does not begin, a ROS time, or s from now; None: at once.
         :param deadline: by which the goals have to hold, likewise; when it passes, the request ends as LATE.
             None: there is none.
+        :param alone: it is never planned together with other requests.
         :raises ValueError: for a time that is not one, or not in the future.
         :raises PDDLSyntaxError: for text that is not a PDDL goal.
         :raises RequestTooLarge: for more than the Executor takes.
@@ -141,6 +143,7 @@ class MerlinExecutorClient:
             by=by,
             not_before=ros_time(not_before, "not_before"),
             deadline=ros_time(deadline, "deadline"),
+            alone=alone,
         )
         self._on_send([*texts, *map(to_pddl, items)])
         request = ExecutorRequest(self._client, goal, on_done, on_feedback, on_lost)

@@ -3,12 +3,13 @@
 
 import random
 import threading
-from typing import List, Optional
+from typing import List, Optional, Sequence
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from merlin_executor.core.agenda import Agenda
 from merlin_executor.core.engine import Engine, Job, Stages
 from merlin_executor.core.outcome import Outcome, Verdict
 from merlin_executor.goal_check import GoalError, check_atom
@@ -52,7 +53,7 @@ class Work(Stages[Wish]):
     def cancel(self) -> None:
         self._cancelled.set()
 
-    def run_request(self, request: Wish) -> Verdict:
+    def run_requests(self, requests: Sequence[Wish]) -> Verdict:
         self.at_once += 1
         self.runs += 1
         assert self.at_once == 1
@@ -86,7 +87,7 @@ class Steady(Stages[Wish]):
     def cancel(self) -> None:
         self.cancelled.set()
 
-    def run_request(self, request: Wish) -> Verdict:
+    def run_requests(self, requests: Sequence[Wish]) -> Verdict:
         self.begun.release()
         assert self.cancelled.wait(LONG)
         return Verdict(Outcome.CANCELLED, "stopped")
@@ -96,8 +97,8 @@ class Steady(Stages[Wish]):
 
 
 @settings(max_examples=25)
-@given(st.integers(0, 2**32))
-def test_clients_of_many_threads(seed: int) -> None:
+@given(st.integers(0, 2**32), st.sampled_from([1, 6]))
+def test_clients_of_many_threads(seed: int, together: int) -> None:
     work = Work(seed)
     told: List[Optional[BaseException]] = []
     engine: Engine[Wish] = Engine(
@@ -106,6 +107,7 @@ def test_clients_of_many_threads(seed: int) -> None:
         lambda: None,
         lambda wish, verdict: None,
         lambda wish, verdict, error: told.append(error),
+        Agenda(together=together),
     )
     engine.start()
     wishes = [Wish(order, order % 3, resumes=order % 2 == 0) for order in range(24)]
@@ -128,8 +130,38 @@ def test_clients_of_many_threads(seed: int) -> None:
     assert all(wish.ended.wait(LONG) for wish in wishes)
     assert all(len(wish.verdicts) == 1 for wish in wishes)
     assert engine.running is None and engine.waiting == []
-    assert len(told) == work.runs
+    assert len(told) == work.runs if together == 1 else len(told) >= work.runs
     assert work.cleaned == sum(error is not None for error in told)
+
+
+def test_one_of_several_that_run_together_ends_before_the_others() -> None:
+    stages = Steady()
+    said: List[str] = []
+    engine: Engine[Wish] = Engine(
+        stages,
+        lambda: said.append("status"),
+        lambda: None,
+        lambda wish, verdict: said.append(verdict.reason),
+        lambda *_: None,
+        Agenda(together=3),
+    )
+    engine.start()
+    engine.decide(lambda agenda: agenda.pause(True))
+    wishes = [Wish(order) for order in range(3)]
+    for wish in wishes:
+        engine.decide(lambda agenda, wish=wish: agenda.receive(wish))
+    engine.decide(lambda agenda: agenda.pause(False))
+    assert stages.begun.acquire(timeout=LONG)
+    assert engine.together == wishes
+    holds = Verdict(Outcome.SUCCEEDED, "the goal holds")
+    engine.achieved(wishes[:1], holds)
+    assert wishes[0].verdicts == [holds] and said == ["the goal holds", "status"]
+    engine.decide_on(lambda wish: wish is wishes[2], lambda agenda, found: agenda.cancel(found))
+    assert wishes[2].ended.wait(LONG)
+    assert stages.begun.acquire(timeout=LONG), "the other one goes on"
+    assert engine.together == [wishes[1]] and not wishes[1].verdicts
+    engine.shutdown(LONG)
+    assert [len(wish.verdicts) for wish in wishes] == [1, 1, 1]
 
 
 def test_an_end_that_cannot_be_published_keeps_neither_the_answer_nor_the_next_request() -> None:
@@ -252,7 +284,7 @@ class Leaving(Work):
         self._left = False
         self.tidied = threading.Event()
 
-    def run_request(self, request: Wish) -> Verdict:
+    def run_requests(self, requests: Sequence[Wish]) -> Verdict:
         self._left = True
         return Verdict(Outcome.SUCCEEDED)
 

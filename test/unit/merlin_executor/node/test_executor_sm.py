@@ -17,7 +17,7 @@ from merlin_executor.node import executor_stages
 from merlin_executor.node.executor_sm import ExecutorSM
 from merlin_executor.node.executor_stages import GOALS_GONE, PlanningSystem
 from merlin_planning.dispatch_progress import DispatchResult
-from merlin_planning.knowledge_text import parse_goal
+from merlin_planning.knowledge_text import parse_goal, to_pddl
 from merlin_planning.planning_client import Planned, PlanningResult
 from merlin_ros.call_scope import current_scope
 from merlin_ros.service_proxy import ServiceUnavailable
@@ -35,6 +35,7 @@ class Knowledge:
         self.hangs = threading.Event()
         self.stored: List[Any] = []
         self.true = False
+        self.facts: List[str] = []
 
     def _call(self, name: str) -> None:
         if name != self.hanging:
@@ -47,7 +48,7 @@ class Knowledge:
 
     def query(self, items: List[Any]) -> List[bool]:
         self._call("query")
-        return [self.true for _ in items]
+        return [self.true or to_pddl(item) in self.facts for item in items]
 
     def goals(self) -> List[Any]:
         self._call("goals")
@@ -78,6 +79,10 @@ class Own:
             self._knowledge.remove()
             self.left = False
 
+    def keep(self, items: List[Any]) -> None:
+        if not items:
+            self.remove()
+
     def all_there(self) -> bool:
         return bool(self._knowledge.goals())
 
@@ -99,6 +104,8 @@ class Bench:
         self.waited_standing = False
         self.waits, self.woken = threading.Event(), threading.Event()
         self.now = 0.0  # s of running time, where a test counts it
+        self.ended: List[tuple] = []  # before the run
+        self.others_come = False
         self.patience: List[float] = []  # s for which the planning system was waited for
         planning = SimpleNamespace(
             read_ahead=lambda: None,
@@ -121,11 +128,23 @@ class Bench:
             ),
             self.own,  # type: ignore[arg-type]
             lambda: None,
+            lambda requests, verdict: self.ended.extend((request, verdict.outcome) for request in requests),
+            lambda: self.others_come,
         )
-        self.request = SimpleNamespace(
-            course=Course(3), items=KITCHEN, plan=[], stop=None, goal=SimpleNamespace(id="goal")
+        self.request = self.make_request(KITCHEN, Course(3))
+        self.requests: List[Any] = [self.request]
+
+    @staticmethod
+    def make_request(items: List[Any], course: Course) -> Any:
+        request = SimpleNamespace(
+            course=course, items=items, plan=[], stop=None, goal=SimpleNamespace(id="goal")
         )
-        self.request.take_plan = lambda actions: setattr(self.request, "plan", list(actions))
+        request.take_plan = lambda actions: setattr(request, "plan", list(actions))
+        return request
+
+    def joined_by(self, *goals: str) -> None:
+        """Further requests that run in the same plan."""
+        self.requests += [self.make_request(parse_goal(goal), self.request.course) for goal in goals]
 
     # --- the guards
 
@@ -170,7 +189,7 @@ class Bench:
     def run(self) -> Verdict:
         self.request.course.begin()
         self.machine.prepare()
-        return self.machine.run_request(self.request)  # type: ignore[arg-type]
+        return self.machine.run_requests(self.requests)
 
     def run_and_cancel(self) -> Verdict:
         verdicts: List[Verdict] = []
@@ -351,7 +370,35 @@ def test_a_brake_that_cannot_be_sent_does_not_keep_the_cancel() -> None:
 
     bench = Bench()
     bench.machine._system = SimpleNamespace(guard=SimpleNamespace(brake=broken))  # type: ignore[assignment]
-    bench.machine._request = SimpleNamespace(course=SimpleNamespace(may_move=True))  # type: ignore[assignment]
+    course = SimpleNamespace(may_move=True)
+    bench.machine._joint_run = SimpleNamespace(course=course, cancel=lambda: None)  # type: ignore[assignment]
     with pytest.raises(OSError, match="closed"):
         bench.machine.cancel()
     assert bench.machine.preempt_requested()
+
+
+def test_of_several_requests_those_end_at_once_whose_goals_hold_already(bench: Bench) -> None:
+    bench.joined_by("(checked hall)", "(and (checked bath) (checked hall))")
+    bench.knowledge.facts = ["(checked hall)"]
+    bench.plan = [ActionDispatch(name="drive")]
+    stored: List[str] = []
+    bench.on_dispatch = lambda: stored.extend(map(to_pddl, bench.knowledge.stored))
+    assert bench.run().outcome is Outcome.SUCCEEDED
+    assert bench.ended == [(bench.requests[1], Outcome.ALREADY_TRUE)]
+    assert stored == ["(checked kitchen)", "(checked bath)", "(checked hall)"]
+    assert [len(request.plan) for request in bench.requests] == [1, 0, 1]
+    assert not bench.own.left
+
+
+def test_what_came_true_before_it_is_planned_again_has_succeeded(bench: Bench) -> None:
+    bench.joined_by("(checked hall)")
+    bench.results = [SAID_NO]
+    bench.on_dispatch = lambda: bench.knowledge.facts.append("(checked hall)")
+    assert bench.run().outcome is Outcome.SUCCEEDED
+    assert bench.ended == [(bench.requests[1], Outcome.SUCCEEDED)]
+
+
+def test_a_run_that_others_join_ends_before_it_is_planned_again(bench: Bench) -> None:
+    bench.results, bench.others_come = [SAID_NO], True
+    assert bench.run().outcome is Outcome.CANCELLED
+    assert bench.dispatched == 1 and not bench.own.left

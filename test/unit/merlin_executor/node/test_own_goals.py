@@ -177,3 +177,29 @@ def test_what_was_refused_is_not_removed_and_does_not_keep_the_next_request(
         goals.add(parse_goal("(>= (battery) 3)"))
     assert not goals.left
     goals.remove()  # asks for nothing
+
+
+def test_the_goals_of_one_request_are_removed_and_those_of_the_others_stay(
+    knowledge: Knowledge, tmp_path: Path
+) -> None:
+    lease = Lease()
+    goals = OwnGoals(knowledge, str(tmp_path / "goals"), lease)  # type: ignore[arg-type]
+    goals.add(parse_goal("(and (checked kitchen) (checked hall))"))
+    goals.keep(parse_goal("(and (Checked hall) (checked bath))"))
+    assert knowledge.texts == ["(checked hall)"]
+    assert lease.texts == ["(and (checked hall))"]
+    assert all(lease.heard), "the goals were without a lease for a moment"
+    assert own(knowledge, tmp_path / "goals").remove_left() == ["(checked hall)"]
+
+
+def test_goals_whose_addition_had_no_answer_are_not_removed_one_by_one(
+    knowledge: Knowledge, tmp_path: Path
+) -> None:
+    goals = own(knowledge, tmp_path / "goals")
+    knowledge.error = ServiceUnavailable("hangs")
+    with pytest.raises(ServiceUnavailable):
+        goals.add(parse_goal("(and (checked kitchen) (checked hall))"))
+    knowledge.error = None
+    goals.keep(parse_goal("(checked hall)"))
+    goals.remove()
+    assert goals.left, "they may come true later"

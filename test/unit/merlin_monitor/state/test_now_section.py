@@ -74,6 +74,35 @@ def test_an_operators_goal_has_the_operators_name_and_is_no_task_of_the_mission(
     assert tree.get("now", "chain")[0][0] == "mission", "between two goals the mission is what goes on"
 
 
+def test_requests_that_run_in_one_plan_are_all_told() -> None:
+    tree, now, plan, told = section()
+    others = [
+        QueuedGoal(request=f"/page-1-{name}", goals=[f"(checked {name})"], by=by)
+        for name, by in (("dorm", "Ana"), ("bath", "Bob"), ("door", "Ana"))
+    ]
+    now.executor(
+        executor(
+            ExecutorStatus.RUNNING, request=REQUEST, goals=["(checked hall)"], by="Ana", together=others
+        ),
+        1.0,
+    )
+    because = "for “hall checked, dorm checked, bath checked and 1 more”, asked for by Ana and Bob"
+    assert tree.get("now", "because") == because
+    shown = tree.get("now", "executor", "together")
+    assert [(each["request"], each["by"], each["running"]) for each in shown] == [
+        ("/page-1-dorm", "Ana", True),
+        ("/page-1-bath", "Bob", True),
+        ("/page-1-door", "Ana", True),
+    ]
+    assert "“bath checked” asked for by Bob" in told.texts
+    count = len(told.texts)
+    # The first one ends: another one is the first now, with the same plan.
+    now.executor(
+        executor(ExecutorStatus.RUNNING, request="/page-1-dorm", goals=["(checked dorm)"], by="Ana"), 2.0
+    )
+    assert len(told.texts) == count
+
+
 def test_the_pace_of_a_mission_is_told_where_its_end_is_known() -> None:
     tree, now, _, told = section()
     for tasks, known in ((6, True), (0, False)):

@@ -9,6 +9,11 @@ from merlin_executor.core.outcome import Verdict
 LONGEST_REASON = 2000  # characters of the last reason
 
 
+def end_words(goals: Sequence[str], verdict: Verdict) -> str:
+    """Which request has ended, and how, as a sentence."""
+    return f"{', '.join(goals)}: {verdict.reason or 'done'}"[:LONGEST_REASON]
+
+
 class ActivityReport(NamedTuple):
     """The health of an Executor."""
 
@@ -35,13 +40,13 @@ class Activity:
         """A request has ended; returns the new :attr:`reason`."""
         with self._lock:
             self._ill = verdict.outcome.of_software
-            self._reason = f"{', '.join(goals)}: {verdict.reason or 'done'}"[:LONGEST_REASON]
+            self._reason = end_words(goals, verdict)
             return self._reason
 
     def report(self, running: Sequence[str], waiting: int) -> ActivityReport:
         """The health now; ill when the last request has failed for a reason that is not the world's.
 
-        :param running: goals of the request that runs.
+        :param running: goals of the requests that run.
         :param waiting: number of the requests that wait.
         """
         with self._lock:

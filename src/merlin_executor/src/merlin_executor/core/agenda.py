@@ -1,14 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """The agenda of the Executor: which request runs, which wait, which stop. Events in, decisions out.
 
-Pure and not thread-safe. Every request that was received gets exactly one :class:`AgendaAnswer`; at most one
-runs. Of equal priorities the one with the earliest deadline begins first, then the oldest; but one that could
-have begun for the overtake limit is not overtaken any more by those that could begin later.
+Pure and not thread-safe. Every request that was received gets exactly one :class:`AgendaAnswer`. Of equal
+priorities the one with the earliest deadline begins first, then the oldest; but one that could have begun for
+the overtake limit is not overtaken any more by those that could begin later.
+
+One run carries out one request, or several together that follow each other in this order. Whatever ends the
+run of several and is not an end of each of them puts the others back into their places.
 """
 
+import itertools
 import math
 from enum import Enum
-from typing import Callable, Generic, List, NamedTuple, Optional, Tuple, TypeVar, Union
+from typing import Callable, Generic, Iterable, List, NamedTuple, Optional, Sequence, Tuple, TypeVar, Union
 
 from merlin_executor.core.outcome import Outcome, Stop, StopKind, Verdict
 from merlin_executor.core.request_limits import why_full
@@ -21,6 +25,18 @@ NOT_BEGUN = "cancelled before it began"
 NOT_RESUMED = "cancelled before it went on"
 #: s of ROS time for which requests of equal priority may overtake one that could begin.
 OVERTAKE_LIMIT = 600.0
+#: Requests in one plan: so many errands are planned in 0.3 s at most.
+TOGETHER = 20
+#: s of ROS time after its begin for which a run that is still being planned is planned again with a newcomer.
+GATHER = 1.0
+#: Outcomes of a joint run that one of its requests alone may have caused.
+APART = (
+    Outcome.UNSOLVABLE,
+    Outcome.NO_PLAN,
+    Outcome.PLANNER_TIMEOUT,
+    Outcome.PLANNER_ERROR,
+    Outcome.ACTION_FAILED,
+)
 
 
 def client_was_lost(reason: str) -> bool:
@@ -45,6 +61,9 @@ class Ticket:
     :param goes_on: whether it continues without its client.
     :param sender: the node of its client; empty: not known.
     :param window: when it may run.
+    :param alone: whether it is never planned together with others.
+    :ivar party: it runs together only with those of the same number; a joint run that failed divides its own.
+    :ivar begun: whether it has begun and was not interrupted since; a pause lets it go on.
     :ivar ready_since: when it could first begin, in the agenda's own time; None: it could not yet.
     """
 
@@ -56,6 +75,7 @@ class Ticket:
         goes_on: bool = True,
         sender: str = "",
         window: TimeWindow = ALWAYS,
+        alone: bool = False,
     ) -> None:
         self.order = order
         self.priority = priority
@@ -63,7 +83,10 @@ class Ticket:
         self.goes_on = goes_on
         self.sender = sender
         self.window = window
+        self.alone = alone
+        self.party = 0
         self.ready_since: Optional[float] = None
+        self.begun = False
         self.interrupted = False
         self.client = Client.ALIVE
         self.stop: Optional[Stop] = None
@@ -83,6 +106,16 @@ class Ticket:
         """Whether it may begin: no request of a silent client begins."""
         return self.goes_on or self.client is Client.ALIVE
 
+    @property
+    def joins(self) -> bool:
+        """Whether it may run together with others; a planner that does not know its deadline may miss it."""
+        return not self.alone and self.window.deadline == math.inf
+
+    @property
+    def under_way(self) -> bool:
+        """Whether its plan is being carried out: another one would stop its actions."""
+        return False
+
 
 T = TypeVar("T", bound=Ticket)
 
@@ -95,7 +128,7 @@ class AgendaAnswer(NamedTuple):
 
 
 class StopRun(NamedTuple):
-    """The running request has to stop, :attr:`Ticket.stop` says why."""
+    """The run has to stop because of this request of it, :attr:`Ticket.stop` says why."""
 
     ticket: Ticket
 
@@ -108,17 +141,24 @@ class Agenda(Generic[T]):
 
     :param clock: ROS time, s; may be set back and forward.
     :param overtake_limit: s for which requests of equal priority may overtake one that could begin.
+    :param together: requests in one run at most.
     """
 
     def __init__(
-        self, clock: Callable[[], float] = lambda: 0.0, overtake_limit: float = OVERTAKE_LIMIT
+        self,
+        clock: Callable[[], float] = lambda: 0.0,
+        overtake_limit: float = OVERTAKE_LIMIT,
+        together: int = 1,
     ) -> None:
         self._clock = clock
         self._overtake_limit = overtake_limit
+        self._together = together
+        self._parties = itertools.count(1)
         self._now = clock()
         self._elapsed = 0.0  # s of ROS time, without what the clock was set back
         self._waiting: List[T] = []
-        self._running: Optional[T] = None
+        self._running: Tuple[T, ...] = ()  # replaced as a whole: other threads read it
+        self._gathers_until = -math.inf  # by _elapsed
         self._closing = False
         self._paused = False
         self._hold = False
@@ -132,8 +172,14 @@ class Agenda(Generic[T]):
 
     @property
     def running(self) -> Optional[T]:
-        """The request that runs."""
-        return self._running
+        """The request that runs; of several the first."""
+        running = self._running
+        return running[0] if running else None
+
+    @property
+    def together(self) -> List[T]:
+        """All requests that run, in one plan."""
+        return list(self._running)
 
     @property
     def waiting(self) -> List[T]:
@@ -151,17 +197,17 @@ class Agenda(Generic[T]):
         windows = [ticket.window for ticket in self._waiting]
         times = [window.deadline for window in windows]
         times += [window.not_before for window in windows if window.not_before > self._now]
-        running = self._running
-        if running is not None and not (running.stop and running.stop.is_final):
-            times.append(running.window.deadline)
+        times += [t.window.deadline for t in self._running if not (t.stop and t.stop.is_final)]
         first = min(times, default=math.inf)
         return first if first < math.inf else None
 
     def outlook(self, ticket: T) -> Outlook:
         """What can be expected of a request that waits."""
-        running = self._running
+        running = self.running
         goes_first = running is None or running.priority < ticket.priority
         before, end = ("", None) if running is None or goes_first else (running.text, running.expected_end)
+        others = len(self._running) - 1
+        before += f" and {others} more" if before and others > 0 else ""
         return outlook_waiting(ticket.window, ticket is self._waiting[0], before, end)
 
     # --- events ---------------------------------------------------------------------------------------
@@ -184,8 +230,8 @@ class Agenda(Generic[T]):
 
     def cancel(self, ticket: T, stop: Stop = CANCELLED) -> List[Decision]:
         """A request is no longer wanted."""
-        if ticket is self._running:
-            return self._stop(stop)
+        if ticket in self._running:
+            return self._stop([ticket], stop)
         if ticket not in self._waiting:
             return []
         self._waiting.remove(ticket)
@@ -213,9 +259,9 @@ class Agenda(Generic[T]):
         decisions: List[Decision] = [
             AgendaAnswer(ticket, Verdict(Outcome.LATE, ticket.window.missed)) for ticket in late
         ]
-        running = self._running
-        if running is not None and running.window.deadline <= self._now:
-            return [*decisions, *self._stop(Stop(StopKind.LATE, running.window.missed))]
+        for ticket in self._running:
+            if ticket.window.deadline <= self._now:
+                decisions += self._stop([ticket], Stop(StopKind.LATE, ticket.window.missed))
         return [*decisions, *self._interrupt()]
 
     def pause(self, paused: bool) -> List[Decision]:
@@ -229,44 +275,64 @@ class Agenda(Generic[T]):
         return self._interrupt()
 
     def begin(self) -> Optional[T]:
-        """The next request, which runs from now on; None when none may run now."""
-        ticket = self._next()
-        if self._running is not None or self._closing or self._resting or ticket is None:
+        """The next request, which runs from now on with those of :attr:`together`; None: none may run now."""
+        group = self._group(())
+        if self._running or self._closing or self._hold or not group:
             if self.breakpoints.held:
                 self.breakpoints.admit([])  # it was taken back
             return None
+        first = group[0]
         if self.breakpoints.armed:
-            if not self.breakpoints.admit([ticket.text]):
+            if not self.breakpoints.admit([first.text]):
                 return None
-            self.breakpoints.began(ticket.text)
-        self._waiting.remove(ticket)
-        ticket.stop = None
-        self._running = ticket
-        return ticket
+            self.breakpoints.began(first.text)
+        if not any(ticket.stop and ticket.stop.kind is StopKind.JOINED for ticket in group):
+            self._gathers_until = self._elapsed + GATHER
+        for ticket in group:
+            self._waiting.remove(ticket)
+            ticket.stop = None
+            ticket.begun = True
+        self._running = tuple(group)
+        return first
+
+    def planned_again(self) -> List[Decision]:
+        """The run is to be planned again: who waits may join it, as when it began."""
+        self._look()
+        self._gathers_until = self._elapsed + GATHER
+        return [] if self._resting else self._join()
+
+    def achieved(self, tickets: Iterable[T], verdict: Verdict) -> List[Decision]:
+        """The goals of some of the requests that run together hold: these end now.
+
+        Not the last one, which ends with the run, and none that is being stopped.
+        """
+        wanted = [ticket for ticket in tickets if ticket in self._running and ticket.stop is None]
+        left = tuple(ticket for ticket in self._running if ticket not in wanted)
+        if not left:
+            left = tuple(wanted[-1:])
+        ended, self._running = [ticket for ticket in wanted if ticket not in left], left
+        return [AgendaAnswer(ticket, verdict) for ticket in ended]
 
     def ended(self, verdict: Verdict) -> List[Decision]:
-        """The run of the running request has ended.
+        """The run has ended.
 
-        :param verdict: on the run; what it means for the request depends on why it was stopped.
+        :param verdict: on the run; what it means for a request depends on why that was stopped, and on
+            whether another one of the run may be the reason.
         """
-        ticket = self._running
-        assert ticket is not None
-        self._running = None
-        stop = ticket.stop
-        if verdict.outcome is not Outcome.CANCELLED or stop is None:
-            return [AgendaAnswer(ticket, verdict)]
-        reason = f"{STOPPED}: {stop.reason}" if stop.kind is StopKind.CLIENT_LOST else stop.reason
-        reason = f"{reason}; {verdict.trouble}" if verdict.trouble else reason
-        if stop.is_final:
-            outcome = Outcome.LATE if stop.kind is StopKind.LATE else Outcome.CANCELLED
-            return [AgendaAnswer(ticket, Verdict(outcome, reason))]
-        if not ticket.resumes:
-            return [AgendaAnswer(ticket, Verdict(Outcome.DROPPED, reason))]
-        if self._closing:
-            return [AgendaAnswer(ticket, Verdict(Outcome.CANCELLED, StopKind.SHUTDOWN.value))]
-        ticket.interrupted = True
-        self._queue(ticket)
-        return []
+        members, self._running = self._running, ()
+        assert members
+        stopped = any(ticket.stop for ticket in members)
+        divided = len(members) > 1 and verdict.outcome in APART
+        if divided:
+            self._divide(members)
+        decisions: List[Decision] = []
+        for ticket in members:
+            of_another = verdict.outcome is Outcome.CANCEL_TIMEOUT and stopped and ticket.stop is None
+            if divided or of_another or (verdict.outcome is Outcome.CANCELLED and stopped):
+                decisions += self._leave(ticket, "" if divided else verdict.trouble)
+            else:
+                decisions.append(AgendaAnswer(ticket, verdict))
+        return decisions
 
     def close(self) -> List[Decision]:
         """The Executor ends: no further request begins, and the running one stops."""
@@ -276,7 +342,7 @@ class Agenda(Generic[T]):
         decisions: List[Decision] = [
             AgendaAnswer(ticket, Verdict(Outcome.CANCELLED, reason)) for ticket in left
         ]
-        return [*decisions, *self._stop(Stop(StopKind.SHUTDOWN))]
+        return [*decisions, *self._stop(self._running, Stop(StopKind.SHUTDOWN))]
 
     # --- the rules ------------------------------------------------------------------------------------
 
@@ -309,21 +375,80 @@ class Agenda(Generic[T]):
 
     def _next(self) -> Optional[T]:
         self._look()
-        ready = (t for t in self._waiting if t.may_run and t.window.is_open(self._now))
-        return next(ready, None)
+        return next(iter(self._ready()), None)
+
+    def _ready(self) -> List[T]:
+        ready = [t for t in self._waiting if t.may_run and t.window.is_open(self._now)]
+        return [t for t in ready if t.begun] if self._paused else ready
+
+    def _group(self, running: Sequence[T]) -> List[T]:
+        """Those that would begin together now if these that run waited: the first, and who follows it.
+
+        None is left out between two: that one would be overtaken.
+        """
+        self._look()
+        ready = sorted([*running, *self._ready()], key=self._place)
+        first = ready[0] if ready else None
+        if first is None or not first.joins or self.breakpoints.armed:
+            return ready[:1]
+        kind = (first.priority, first.party)
+        following = itertools.takewhile(lambda t: t.joins and (t.priority, t.party) == kind, ready)
+        return list(itertools.islice(following, self._together))
 
     def _interrupt(self) -> List[Decision]:
-        """Stops what runs when something more urgent may run."""
-        ticket, running = self._next(), self._running
-        if self._resting or ticket is None or running is None or ticket.priority <= running.priority:
+        """Stops what runs when something more urgent may run, or when others can join it."""
+        ticket, running = self._next(), self.running
+        if self._resting or ticket is None or running is None:
             return []
-        return self._stop(Stop(StopKind.INTERRUPTED))
+        if ticket.priority > running.priority:
+            return self._stop(self._running, Stop(StopKind.INTERRUPTED))
+        return self._join()
 
-    def _stop(self, stop: Stop) -> List[Decision]:
+    def _join(self) -> List[Decision]:
+        """Has a run that is not under way begin again with those that have come meanwhile.
+
+        One whose actions run is left alone: who comes then waits for its end, or for its next plan.
+        """
         running = self._running
-        if running is None:
+        if self._together < 2 or any(ticket.stop or ticket.under_way for ticket in running):
             return []
-        if running.stop is None or (stop.is_final and not running.stop.is_final):
-            running.stop = stop
-            return [StopRun(running)]
+        if not running[0].joins or self._elapsed > self._gathers_until:
+            return []
+        group = self._group(running)
+        if len(group) > len(running) and all(ticket in group for ticket in running):
+            return self._stop(running, Stop(StopKind.JOINED))
         return []
+
+    def _divide(self, members: Sequence[T]) -> None:
+        """Lets two halves run apart: what makes a joint run fail is found in few runs."""
+        half = len(members) // 2
+        for part in (members[:half], members[half:]):
+            party = next(self._parties)
+            for ticket in part:
+                ticket.party = party
+
+    def _leave(self, ticket: T, trouble: str) -> List[Decision]:
+        """A request whose run was stopped ends, or waits again."""
+        stop = ticket.stop
+        if stop is not None and stop.kind is not StopKind.JOINED:
+            reason = f"{STOPPED}: {stop.reason}" if stop.kind is StopKind.CLIENT_LOST else stop.reason
+            reason = f"{reason}; {trouble}" if trouble else reason
+            if stop.is_final:
+                outcome = Outcome.LATE if stop.kind is StopKind.LATE else Outcome.CANCELLED
+                return [AgendaAnswer(ticket, Verdict(outcome, reason))]
+            if not ticket.resumes:
+                return [AgendaAnswer(ticket, Verdict(Outcome.DROPPED, reason))]
+            ticket.interrupted, ticket.begun = True, False
+        if self._closing:
+            return [AgendaAnswer(ticket, Verdict(Outcome.CANCELLED, StopKind.SHUTDOWN.value))]
+        self._queue(ticket)
+        return []
+
+    def _stop(self, tickets: Sequence[T], stop: Stop) -> List[Decision]:
+        decisions: List[Decision] = []
+        for ticket in tickets:
+            before = ticket.stop
+            if before is None or before.kind is StopKind.JOINED or (stop.is_final and not before.is_final):
+                ticket.stop = stop
+                decisions.append(StopRun(ticket))
+        return decisions

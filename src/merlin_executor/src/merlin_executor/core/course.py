@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The course of one request through the stages of planning, and the verdict on it. Pure."""
+"""The course of a run through the stages of planning, and the verdict on it. Pure."""
 
 from typing import Dict, List, NamedTuple, Sequence, Tuple
 
@@ -43,7 +43,7 @@ class StageEnd(NamedTuple):
 
 
 class Course:
-    """One request on its way.
+    """One request on its way, or several that run together.
 
     :param max_replans: how often a failed plan is replaced in each run.
     """
@@ -94,6 +94,24 @@ class Course:
     def is_replan(self) -> bool:
         """Whether a plan of this run has failed before."""
         return self._replanning.count > 0
+
+    @classmethod
+    def of(cls, courses: Sequence["Course"]) -> "Course":
+        """The course of requests that run together from now on, each with a course of its own before.
+
+        What one of them has given up, all do without.
+        """
+        made = cls(courses[0]._max_replans)
+        made._earlier_replans = max(course.replans for course in courses)
+        made.absence = courses[0].absence
+        given_up = {
+            failure.no_retry: failure for course in courses for failure in course._replanning.given_up
+        }
+        made._replanning.given_up = list(given_up.values())
+        for course in courses:
+            for stage, seconds in course.stage_times.items():
+                made.stage_times[stage] = max(seconds, made.stage_times.get(stage, 0.0))
+        return made
 
     def begin(self) -> None:
         """A run begins: the first, or after an interruption."""

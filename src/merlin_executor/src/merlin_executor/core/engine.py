@@ -1,22 +1,25 @@
 # SPDX-License-Identifier: Apache-2.0
 """Runs requests by their agenda: one worker, events from any thread, one answer for each. Without ROS.
 
-An unexpected exception in a run ends that request with the reason. What fails while something is published,
-answered or tidied up is logged: each other request gets its answer, and the worker continues.
+One run carries out one request, or several together. An unexpected exception in a run ends its requests with
+the reason. What fails while something is published, answered or tidied up is logged: each other request gets
+its answer, and the worker continues.
 """
 
 import logging
 import threading
-from typing import Callable, Generic, List, Optional, Tuple, TypeVar, cast
+from functools import partial
+from typing import Any, Callable, Dict, Generic, List, Optional, Sequence, Tuple, TypeVar, cast
 
 from merlin_executor.core.agenda import Agenda, AgendaAnswer, Decision, StopRun, Ticket
-from merlin_executor.core.outcome import Outcome, StopKind, Verdict, crashed
+from merlin_executor.core.outcome import Outcome, Stop, StopKind, Verdict, crashed
 from merlin_executor.core.time_window import Outlook
 from merlin_pddl.breakpoints import Breakpoints
 from merlin_ros.alarms import wait_ticks
 from merlin_ros.work.threads import start_thread
 
 TIDY_PERIOD = 1.0  # s between two attempts to remove what a run has left
+_AGAIN = Stop(StopKind.ANOTHER)
 
 _log = logging.getLogger(__name__)
 
@@ -24,8 +27,11 @@ _log = logging.getLogger(__name__)
 class Job(Ticket):
     """A request as the engine wants it."""
 
-    def begin(self) -> None:
-        """A run begins: the first, or after an interruption."""
+    def begin(self, run: Sequence[Any]) -> None:
+        """A run begins: the first, or after another one was stopped.
+
+        :param run: all requests of that run, in the same order for each of them.
+        """
 
     def accept(self) -> None:
         """Called when the request runs for the first time."""
@@ -39,7 +45,7 @@ J = TypeVar("J", bound=Job)
 
 
 class Stages(Generic[J]):
-    """The stages that execute a request."""
+    """The stages that execute requests."""
 
     def prepare(self) -> None:
         """Forgets earlier cancels; called before each run."""
@@ -49,8 +55,8 @@ class Stages(Generic[J]):
         """Stops the run, also one that is prepared and has not begun; from any thread, in milliseconds."""
         raise NotImplementedError
 
-    def run_request(self, request: J) -> Verdict:
-        """Runs a request to its end, in the calling thread; the verdict says how it ended."""
+    def run_requests(self, requests: Sequence[J]) -> Verdict:
+        """Runs requests in one plan to its end, in the calling thread; the verdict says how it ended."""
         raise NotImplementedError
 
     def clean_up(self) -> None:
@@ -69,9 +75,9 @@ class Engine(Generic[J]):
     :param stages: carry them out.
     :param on_status: called when what runs has changed, without a lock.
     :param on_queue: called when what waits has changed, without a lock.
-    :param on_end: called with the verdict on each run that has ended, before it is published.
-    :param on_answered: called likewise behind the answer: with the request, the verdict, and the error if it
-        crashed.
+    :param on_end: called with the verdict on each request whose run has ended, before it is published.
+    :param on_answered: called likewise behind the answer: with the request, the verdict, and, for the first
+        one of a run that crashed, the error.
     :param agenda: decides; None: one without a clock.
     :param wake_at: called with the ROS time, s, at which :meth:`look` has to be called; None: not at all.
     """
@@ -120,8 +126,13 @@ class Engine(Generic[J]):
 
     @property
     def running(self) -> Optional[J]:
-        """The request that runs."""
+        """The request that runs; of several the first."""
         return self._agenda.running
+
+    @property
+    def together(self) -> List[J]:
+        """All requests that run, in one plan."""
+        return self._agenda.together
 
     @property
     def waiting(self) -> List[J]:
@@ -155,17 +166,33 @@ class Engine(Generic[J]):
         """Likewise, for an event on one request; without effect when no such request waits or runs."""
 
         def decide(agenda: Agenda[J]) -> List[Decision]:
-            running = [agenda.running] if agenda.running is not None else []
-            found = next((request for request in [*agenda.waiting, *running] if wanted(request)), None)
+            both = [*agenda.waiting, *agenda.together]
+            found = next((request for request in both if wanted(request)), None)
             return event(agenda, found) if found is not None else []
 
         self.decide(decide)
+
+    def achieved(self, requests: Sequence[J], verdict: Verdict) -> None:
+        """The goals of some of the requests that run together hold: each but the last one ends now."""
+        with self._changed:
+            decisions = self._agenda.achieved(requests, verdict)
+            self._set_alarm()
+        self._conclude({cast(J, ended.ticket): verdict for ended in decisions}, {}, None)
+
+    def planned_again(self) -> bool:
+        """The run is to be planned again; called by its stages.
+
+        :return: whether they have to end it: it begins again, with requests that have come meanwhile.
+        """
+        with self._changed:
+            return bool(self._agenda.planned_again())
 
     def _work(self) -> None:
         reported = ""  # the hold that was reported last
         while True:
             with self._changed:
                 request = self._agenda.begin()
+                requests = self._agenda.together
                 self._set_alarm()
                 held = self._agenda.breakpoints.held
                 if request is None and held == reported:
@@ -175,7 +202,7 @@ class Engine(Generic[J]):
                     left = self._stages.left
                     if self._changed.wait(TIDY_PERIOD if left else None) or not left:
                         continue
-                unprepared = self._prepare(request) if request is not None else None
+                unprepared = self._prepare(requests) if requests else None
             if held != reported:
                 reported = held
                 self._tell(self._on_status)
@@ -184,20 +211,21 @@ class Engine(Generic[J]):
             if request is None:
                 self._tidy()
                 continue
-            verdict, error = (crashed(unprepared), unprepared) if unprepared else self._run(request)
-            self._finish(request, verdict, error)
+            verdict, error = (crashed(unprepared), unprepared) if unprepared else self._run(requests)
+            self._finish(verdict, error)
 
     def _set_alarm(self) -> None:
         """Called with the lock held, whenever the agenda has changed."""
         self._tell(lambda: self._wake_at(self._agenda.next_change))
 
-    def _prepare(self, request: J) -> Optional[BaseException]:
+    def _prepare(self, requests: Sequence[J]) -> Optional[BaseException]:
         """Prepares a run, before a cancel can reach it; called with the lock held.
 
         Returns what that raised.
         """
         try:
-            request.begin()
+            for request in requests:
+                request.begin(requests)
             self._stages.prepare()
         except BaseException as error:  # the client gets its answer, and the worker continues
             return error
@@ -209,11 +237,12 @@ class Engine(Generic[J]):
         except Exception:  # the worker continues, and tries again
             _log.exception("what a request has left could not be removed")
 
-    def _run(self, request: J) -> Tuple[Verdict, Optional[BaseException]]:
+    def _run(self, requests: Sequence[J]) -> Tuple[Verdict, Optional[BaseException]]:
         try:
-            request.accept()
+            for request in requests:
+                request.accept()
             self._tell(self._on_queue)
-            return self._stages.run_request(request), None
+            return self._stages.run_requests(requests), None
         except BaseException as error:  # the client gets its answer, and the worker continues
             try:
                 self._stages.clean_up()
@@ -221,21 +250,41 @@ class Engine(Generic[J]):
                 error.__context__ = second
             return crashed(error), error
 
-    def _finish(self, request: J, verdict: Verdict, error: Optional[BaseException]) -> None:
-        """Ends a run, and its request unless that runs again."""
+    def _finish(self, verdict: Verdict, error: Optional[BaseException]) -> None:
+        """Ends a run, and its requests unless they run again."""
         with self._changed:
+            members = self._agenda.together
             decisions = self._agenda.ended(verdict)
             self._set_alarm()
             self._changed.notify_all()
-        final = next((answer.verdict for answer in decisions if isinstance(answer, AgendaAnswer)), None)
-        shown = final or Verdict(Outcome.CANCELLED, StopKind.INTERRUPTED.value)
-        self._tell(lambda: self._on_end(request, shown))
+        final = {
+            cast(J, answer.ticket): answer.verdict for answer in decisions if isinstance(answer, AgendaAnswer)
+        }
+        again = {
+            request: Verdict(Outcome.CANCELLED, (request.stop or _AGAIN).reason)
+            for request in members
+            if request not in final
+        }
+        self._conclude(final, again, error)
+
+    def _conclude(
+        self, final: Dict[J, Verdict], again: Dict[J, Verdict], error: Optional[BaseException]
+    ) -> None:
+        """Publishes the end of requests, answers them, and logs it.
+
+        :param final: the verdicts on those that end.
+        :param again: why others run again.
+        """
+        shown = {**again, **final}
+        for request, verdict in shown.items():
+            self._tell(partial(self._on_end, request, verdict))
         # Idle is published before the answer: a client that has the answer may rely on it.
         self._tell(self._on_status)
         self._tell(self._on_queue)
-        if final is not None:
-            self._answer(request, final)
-        self._tell(lambda: self._on_answered(request, shown, error))
+        for request, verdict in final.items():
+            self._answer(request, verdict)
+        for number, (request, verdict) in enumerate(shown.items()):
+            self._tell(partial(self._on_answered, request, verdict, None if number else error))
 
     def _answer(self, request: J, verdict: Verdict) -> None:
         self._tell(lambda: request.end(verdict))

@@ -51,6 +51,8 @@ class StopKind(Enum):
     CANCELLED = "cancelled by its client"
     CLIENT_LOST = "its client is gone"
     INTERRUPTED = "interrupted by a more urgent request"
+    ANOTHER = "planned again without other requests"
+    JOINED = "planned again with the requests that came meanwhile"
     LATE = "its deadline has passed"
     SHUTDOWN = "the executor shuts down"
 
@@ -69,8 +71,8 @@ class Stop(NamedTuple):
 
     @property
     def is_final(self) -> bool:
-        """Whether the request has to end; an interrupted one may run again."""
-        return self.kind is not StopKind.INTERRUPTED
+        """Whether the request has to end; another one may run again."""
+        return self.kind not in (StopKind.INTERRUPTED, StopKind.ANOTHER, StopKind.JOINED)
 
 
 def outcome_name(outcome: int) -> str:

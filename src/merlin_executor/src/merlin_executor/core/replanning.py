@@ -46,7 +46,7 @@ class Replanning:
     def __init__(self, limit: int, given_up: Sequence[Failure] = ()) -> None:
         self._limit = limit
         self.given_up: List[Failure] = list(given_up)
-        """Failures that no other try of their actions can help: plans have to do without these."""
+        """Failures that no other try of their actions can help: further plans have to do without these."""
         self._failures: Dict[Tuple[str, str], int] = {}
         self.count = 0
         """New plans so far."""
@@ -74,6 +74,8 @@ class Replanning:
             return ReplanDecision(True)
         if same >= SAME_FAILURE and not failure.gone:
             # The world has not changed enough for another end, or the planner would have found another way.
+            if failure.action:  # a request of a joint run that can do without the action goes on
+                self.given_up.append(failure._replace(no_retry=failure.action))
             return ReplanDecision(False, reason=f"{failure.reason} ({same} times for the same reason)")
         self.count += 1
         return ReplanDecision(True, REPLAN_WAIT * 2 ** (self.count - 2) if self.count > 1 else 0.0)

@@ -78,6 +78,16 @@ class GoalLedger(Generic[Item]):
         self.lease = ""
         return True
 
+    def others(self, texts: Collection[str]) -> List[Item]:
+        """The goals that are not among others; none while an addition is unanswered, which may add them."""
+        wanted = {text.lower() for text in texts}
+        return [] if self._open else [item for item in self.items if self._text(item).lower() not in wanted]
+
+    def dropped(self, items: Sequence[Item]) -> None:
+        """Some of the goals were removed; the others get a lease of their own."""
+        self.items = [item for item in self.items if item not in items]
+        self._name()
+
     def all_in(self, texts: Collection[str]) -> bool:
         """Whether all of the goals are among others; names do not depend on case."""
         present = {text.lower() for text in texts}

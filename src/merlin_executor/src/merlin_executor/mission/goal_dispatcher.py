@@ -128,7 +128,7 @@ class GoalDispatcher(MissionNode):
         """Sends goals and waits until they hold.
 
         :param timeout: s of ROS time, after which they are cancelled; None: as long as it takes.
-        :param options: priority, on_interrupt, deadline, … of :meth:`MerlinExecutorClient.send`.
+        :param options: priority, on_interrupt, deadline, alone, … of :meth:`MerlinExecutorClient.send`.
         :return: the Executor's result; CANCELLED for goals that an operator has cancelled, with SKIP.
         :raises MissionFailed: when they do not.
         """

@@ -41,6 +41,7 @@ class GoalState(MerlinState):
         goals that an operator has cancelled.
     :param not_before, deadline: of the request, as of :meth:`MerlinExecutorClient.send`; numbers are s from
         when the state begins.
+    :param alone: the goals are never planned together with those of other requests.
     """
 
     def __init__(
@@ -54,6 +55,7 @@ class GoalState(MerlinState):
         on_lost: Optional[str] = None,
         not_before: Optional[When] = None,
         deadline: Optional[When] = None,
+        alone: bool = False,
     ) -> None:
         listed = [goals] if callable(goals) or isinstance(goals, str) else list(goals)
         self._keys = keys_of([goal for goal in listed if isinstance(goal, str)], keys)
@@ -64,6 +66,7 @@ class GoalState(MerlinState):
         self._pause = pause or MissionPause(lambda paused: None)
         self._on_lost = on_lost
         self._times = {"not_before": not_before, "deadline": deadline}
+        self._alone = alone
         self._client = client or MerlinExecutorClient(on_lost=RESEND)
 
     def run(self, userdata: Any) -> str:
@@ -100,6 +103,7 @@ class GoalState(MerlinState):
                     self._on_interrupt,
                     on_lost=self._on_lost,
                     given_up=given_up,
+                    alone=self._alone,
                     **times,
                 )
             except (ValueError, PDDLSyntaxError, ServiceError) as error:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The Executor: serves ``merlin/execute``, one request after the other, the most urgent first.
+"""The Executor: serves ``merlin/execute``, the most urgent requests first, equal ones in one plan.
 
 What runs, waits and stops is decided in :mod:`merlin_executor.core.agenda`; here decisions become messages.
 """
@@ -21,13 +21,14 @@ from merlin_msgs.msg import (
 )
 from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
 
-from merlin_executor.core.activity import LONGEST_REASON, Activity
-from merlin_executor.core.agenda import OVERTAKE_LIMIT, Agenda, Client, Decision
+from merlin_executor.core.activity import LONGEST_REASON, Activity, end_words
+from merlin_executor.core.agenda import OVERTAKE_LIMIT, TOGETHER, Agenda, Client, Decision
 from merlin_executor.core.answering import unreadable
 from merlin_executor.core.engine import Engine
-from merlin_executor.core.outcome import Outcome, Verdict, crashed
+from merlin_executor.core.outcome import Outcome, StopKind, Verdict, crashed
 from merlin_executor.core.request_limits import RequestTooLarge
 from merlin_executor.core.standstill import STAND_WAIT
+from merlin_executor.core.time_window import Outlook
 from merlin_executor.goal_check import GoalError, check_goals
 from merlin_executor.node.executor_sm import ExecutorSM
 from merlin_executor.node.executor_stages import KNOWLEDGE_BASE, PlanningSystem
@@ -76,6 +77,7 @@ class Executor:
         dispatcher that would wait for ever; zero or less: never.
     :param overtake_limit: s of ROS time for which requests of equal priority with earlier deadlines may
         overtake one that could begin.
+    :param together: how many requests one plan may be for.
     :raises OSError: when that file cannot be written.
     """
 
@@ -91,6 +93,7 @@ class Executor:
         stand_wait: float = STAND_WAIT,
         stuck_after: float = STUCK_AFTER,
         overtake_limit: float = OVERTAKE_LIMIT,
+        together: int = TOGETHER,
     ) -> None:
         self._knowledge = knowledge
         self._max_replans = max_replans
@@ -104,7 +107,13 @@ class Executor:
         system = PlanningSystem(
             knowledge, planning, self._dispatcher, self._recovery, self._guard, return_wait
         )
-        self._machine = ExecutorSM(system, self._own, self._publish_status)
+        self._machine = ExecutorSM(
+            system,
+            self._own,
+            self._publish_status,
+            lambda requests, verdict: self._engine.achieved(requests, verdict),
+            lambda: self._engine.planned_again(),
+        )
         self._server = ActionServer(
             "merlin/execute", ExecuteAction, self._receive, self._cancel, self._owner, _ended_by_server
         )
@@ -115,7 +124,7 @@ class Executor:
             self._publish_queue,
             self._ended,
             self._log,
-            Agenda(rospy.get_time, overtake_limit),
+            Agenda(rospy.get_time, overtake_limit, together),
             self._alarm.set,
         )
         self._activity = Activity()
@@ -153,8 +162,8 @@ class Executor:
 
     def health(self) -> Health:
         """What it does; a warning when the last request failed because of software."""
-        running = self._engine.running
-        report = self._activity.report(running.texts if running else (), len(self._engine.waiting))
+        running = [text for request in self._engine.together for text in request.texts]
+        report = self._activity.report(running, len(self._engine.waiting))
         return Health(WARN if report.ill else OK, report.text, report.values)
 
     def _pause(self, paused: bool) -> None:
@@ -172,6 +181,7 @@ class Executor:
     def _dispatch_changed(self) -> None:
         if self._told.is_set():
             self._publish_status()
+            self._machine.dispatch_changed()
 
     # --- events, in threads of the action server ----------------------------------------------------------
 
@@ -258,11 +268,12 @@ class Executor:
             rospy.logerr(
                 "executor: " + "".join(traceback.format_exception(type(error), error, error.__traceback__))
             )
-        rospy.loginfo(self._activity.reason)
+        rospy.loginfo(end_words(request.texts, verdict))
 
     def _publish_status(self) -> None:
         with self._publishing:
-            request = self._engine.running
+            together = self._engine.together
+            request = together[0] if together else None
             status = ExecutorStatus(state=ExecutorStatus.IDLE, reason=self._activity.reason)
             status.paused = self._engine.paused
             status.waits = self._guard.hold
@@ -271,7 +282,8 @@ class Executor:
             status.held = self._engine.breakpoints.held or hold.held
             status.header.stamp = rospy.Time.now()
             if request is not None:
-                status.state = ExecutorStatus.CANCELLING if request.stop else ExecutorStatus.RUNNING
+                stops = any(each.stop and each.stop.kind is not StopKind.JOINED for each in together)
+                status.state = ExecutorStatus.CANCELLING if stops else ExecutorStatus.RUNNING
                 status.request = request.goal.id
                 status.goals = request.texts
                 status.priority = request.priority
@@ -282,20 +294,22 @@ class Executor:
                 status.steps_total = len(request.plan)
                 status.replans = request.course.replans
                 status.reason = request.course.replan_reason
-                request.runs(status.running)
+                for each in together:
+                    each.runs(status.running)
                 outlook = request.outlook
                 status.deadline = request.goal.goal.deadline
                 status.expected_end = rospy.Time.from_sec(outlook.end or 0.0)
                 status.late = outlook.late
-                request.goal.feedback(
-                    ExecuteFeedback(
-                        stage=status.stage,
-                        running=status.running,
-                        steps_done=status.steps_done,
-                        steps_total=status.steps_total,
-                        reason="; ".join(filter(None, (status.reason, status.late))),
-                    )
+                status.together = [each.queued_goal(Outlook()) for each in together[1:]]
+                feedback = ExecuteFeedback(
+                    stage=status.stage,
+                    running=status.running,
+                    steps_done=status.steps_done,
+                    steps_total=status.steps_total,
+                    reason="; ".join(filter(None, (status.reason, status.late))),
                 )
+                for each in together:
+                    each.goal.feedback(feedback)
             publish(self._status_publisher, status)
             shifted = request is not None and request.expected_end != self._expected_end
         if shifted and self._engine.waiting:

@@ -6,7 +6,7 @@ from typing import Any, Collection, Dict, List, Mapping
 
 import rospy
 
-from merlin_executor.core.agenda import OVERTAKE_LIMIT
+from merlin_executor.core.agenda import OVERTAKE_LIMIT, TOGETHER
 from merlin_executor.core.standstill import STAND_WAIT
 from merlin_executor.node.executor import Executor
 from merlin_planning.dispatch_client import STUCK_AFTER
@@ -54,6 +54,7 @@ def _start() -> None:
             stand_wait=number("~stand_wait", STAND_WAIT, 0.0),
             stuck_after=number("~stuck_after", STUCK_AFTER, -math.inf),
             overtake_limit=number("~overtake_limit", OVERTAKE_LIMIT, 0.0),
+            together=round(number("~together", TOGETHER, 1)),
         )
     except OSError as error:
         raise ParameterError(f"parameter ~goals_file cannot be used: {error}") from error

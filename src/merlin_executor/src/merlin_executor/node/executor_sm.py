@@ -18,6 +18,7 @@ from merlin_executor.core.engine import Stages
 from merlin_executor.core.outcome import Outcome, StopKind, Verdict
 from merlin_executor.core.standstill import still_moving, unstopped
 from merlin_executor.node.executor_stages import KNOWLEDGE_BASE, PlanningSystem
+from merlin_executor.node.joint_run import JointRun, OnAchieved
 from merlin_executor.node.own_goals import OwnGoals
 from merlin_executor.node.request import Request
 from merlin_planning.dispatch_progress import DispatchResult
@@ -36,59 +37,82 @@ _OUTCOMES = [outcome.name.lower() for outcome in Outcome if outcome not in (Outc
 
 
 class ExecutorSM(MerlinSM, Stages[Request]):
-    """Adds the goals of a request, has the problem written, planned, parsed and dispatched, and removes them.
+    """Adds the goals of requests, has the problem written, planned, parsed and dispatched, and removes them.
 
     :param system: that it drives.
     :param own: the goals it puts into the knowledge base.
     :param on_change: called when the stage changes.
+    :param on_achieved: called with requests that end before their run does, and the verdict.
+    :param planned_again: asked before a further plan; True: the run ends, and begins again with others.
     """
 
-    def __init__(self, system: PlanningSystem, own: OwnGoals, on_change: Callable[[], None]) -> None:
+    def __init__(
+        self,
+        system: PlanningSystem,
+        own: OwnGoals,
+        on_change: Callable[[], None],
+        on_achieved: OnAchieved = lambda requests, verdict: None,
+        planned_again: Callable[[], bool] = lambda: False,
+    ) -> None:
         super().__init__(_OUTCOMES)
         self._system = system
         self._own = own
         self._on_change = on_change
+        self._on_achieved = on_achieved
+        self.planned_again = planned_again
         self._verdict = Verdict(Outcome.INTERNAL)
-        self._request: Optional[Request] = None
+        self._joint_run: Optional[JointRun] = None
         with self:
             self._add_stages()
         self.register_start_cb(self._enter)
         self.register_transition_cb(self._enter)
         self.register_termination_cb(self._enter)
 
-    def run_request(self, request: Request) -> Verdict:
-        """Runs a request; :meth:`prepare` comes before, :meth:`cancel` stops it from any thread."""
-        self._request = request
+    def run_requests(self, requests: Sequence[Request]) -> Verdict:
+        """Runs requests; :meth:`prepare` comes before, :meth:`cancel` stops them from any thread."""
+        system = self._system
+        self._joint_run = run = JointRun(
+            requests, system.knowledge, system.dispatcher, system.recovery, self._own, self._on_achieved
+        )
         # Stays so where SMACH stops the machine because the node ends.
         self._verdict = Verdict(Outcome.CANCELLED, StopKind.SHUTDOWN.value)
         try:
             self.execute()
         finally:
-            self._request = None
+            self._joint_run = None
+            run.close()
         return self._verdict
+
+    def dispatch_changed(self) -> None:
+        """The dispatch under way has changed; called by a subscriber."""
+        run = self._joint_run
+        if run is not None:
+            run.dispatch_changed()
 
     def cancel(self) -> None:
         """Stops the run, also one that is prepared and has not begun; from any thread.
 
         With several guards it waits for them, at most ``guard_client.BRAKE_WAIT``.
         """
-        request = self._request
+        run = self._joint_run
         try:
-            if request is not None and request.course.may_move:
-                self._system.guard.brake(f"{rospy.get_name()} cancels its action")
+            if run is not None:
+                run.cancel()
+                if run.course.may_move:
+                    self._system.guard.brake(f"{rospy.get_name()} cancels its action")
         finally:  # the brake only gains time
             super().cancel()
 
     @property
-    def request(self) -> Request:
-        """The request that runs."""
-        assert self._request is not None
-        return self._request
+    def run(self) -> JointRun:
+        """The requests that run."""
+        assert self._joint_run is not None
+        return self._joint_run
 
     @property
     def course(self) -> Course:
-        """The stages, failures and verdict of the running request."""
-        return self.request.course
+        """The stages, failures and verdict of the run."""
+        return self.run.course
 
     def _add_stages(self) -> None:
         def stage(label: str, made: smach.State, follows: str, **transitions: str) -> None:
@@ -107,7 +131,8 @@ class ExecutorSM(MerlinSM, Stages[Request]):
         self.add(REMOVE_GOALS, make("remove_goals", _OUTCOMES, self._finish))
 
     def _take_plan(self, actions: Sequence[ActionDispatch]) -> None:
-        self.request.take_plan(actions)
+        for request in self.run.requests:
+            request.take_plan(actions)
 
     def take_result(self, result: DispatchResult) -> None:
         """Notes how a dispatch has ended."""
@@ -129,12 +154,12 @@ class ExecutorSM(MerlinSM, Stages[Request]):
         course, guard = self.course, self._system.guard
         verdict = course.verdict()
         if verdict.outcome is Outcome.CANCEL_TIMEOUT:
-            told = course.timed_out or self.request.stop is None
+            told = course.timed_out or not self.run.stopped
             verdict = unstopped(course.unstopped, guard.halt(), verdict.reason if told else "")
         elif course.may_move and self._stopped_early(verdict) and not guard.wait_standing():
             verdict = still_moving(verdict, guard.halt())
         if not course.unreachable and not course.timed_out:
-            trouble = self._remove_goals(REMOVE_LIMIT if self.request.stop is None else REMOVE_LIMIT_STOPPED)
+            trouble = self._remove_goals(REMOVE_LIMIT_STOPPED if self.run.stopped else REMOVE_LIMIT)
             verdict = verdict._replace(trouble=verdict.trouble or trouble)
         # Otherwise they are removed later: the answer does not wait for what does not answer.
         self._verdict = verdict
@@ -142,7 +167,7 @@ class ExecutorSM(MerlinSM, Stages[Request]):
 
     def _stopped_early(self, verdict: Verdict) -> bool:
         """Whether an action may have been stopped: a goal may come true while the base drives."""
-        return not verdict.outcome.achieved or self._system.dispatcher.steps_done < len(self.request.plan)
+        return not verdict.outcome.achieved or self._system.dispatcher.steps_done < len(self.run.request.plan)
 
     @property
     def left(self) -> bool:

@@ -11,11 +11,12 @@ from typing import Any, Callable, NamedTuple, Protocol, Sequence
 import rospy
 
 import smach
-from merlin_executor.core.course import Course
+from merlin_executor.core.course import ACHIEVED_MEANWHILE, Course
+from merlin_executor.core.outcome import Outcome, Verdict
 from merlin_executor.node.guard_client import GuardClient
+from merlin_executor.node.joint_run import LOOK_LIMIT, JointRun
 from merlin_executor.node.own_goals import OwnGoals
 from merlin_executor.node.recovery import Recovery
-from merlin_executor.node.request import Request
 from merlin_planning.dispatch_client import PART as DISPATCHER
 from merlin_planning.dispatch_client import DispatchClient
 from merlin_planning.dispatch_progress import DispatchResult
@@ -30,10 +31,10 @@ from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, SUCCEEDED
 from merlin_sm.states.planning import FAILED, DispatchPlanState, PlanningState
 
 ALREADY_TRUE = "already_true"
+HOLDS_ALREADY = "the goal holds already"
 EXHAUSTED = "exhausted"
 KNOWLEDGE_BASE = "the planning system's knowledge base"
 GOALS_GONE = "its goals were removed from the knowledge base: this executor was silent, or another client did"
-LOOK_LIMIT = 2.0  # s of wall time to see whether the goals stayed stored until the end of a dispatch
 
 
 class PlanningSystem(NamedTuple):
@@ -48,16 +49,19 @@ class PlanningSystem(NamedTuple):
     """s of running time for a part that was ended to return."""
 
 
-class RunningRequest(Protocol):
-    """The request that runs, as its stages see it."""
+class Running(Protocol):
+    """What runs, as its stages see it."""
 
     @property
-    def request(self) -> Request:
-        """The request: goals, plan, and whether it is to stop."""
+    def run(self) -> JointRun:
+        """The requests, with their goals."""
 
     @property
     def course(self) -> Course:
         """Its stages, failures and verdict."""
+
+    def planned_again(self) -> bool:
+        """Whether the run has to end before a further plan, as it begins again with other requests."""
 
     def take_result(self, result: DispatchResult) -> None:
         """Notes how a dispatch has ended."""
@@ -90,9 +94,12 @@ class Settle(PlanningState):
 
 
 class AddGoals(PlanningState):
-    """Adds the goals that are not stored yet; ends with already_true when all of them hold."""
+    """Adds the goals that are not stored yet; ends with already_true when all of them hold.
 
-    def __init__(self, system: PlanningSystem, own: OwnGoals, run: RunningRequest) -> None:
+    Of several requests those end here whose goals hold.
+    """
+
+    def __init__(self, system: PlanningSystem, own: OwnGoals, run: Running) -> None:
         super().__init__([ALREADY_TRUE])
         self._planning = system.planning
         self._knowledge = system.knowledge
@@ -101,16 +108,19 @@ class AddGoals(PlanningState):
 
     def run(self, userdata: Any) -> str:
         """Adds the goals that the knowledge base does not have."""
-        items = self._run.request.items
+        run, again = self._run.run, self._run.course.is_replan
         self._planning.read_ahead()
         try:
-            if not self._run.course.is_replan:
-                self._own.remove()  # what an earlier request could not remove
-            if all(self._knowledge.query(items)):
-                self.reason = "the goal holds already"
+            # What an earlier request, or one that has ended meanwhile, could not remove.
+            self._own.keep(run.items if again else [])
+            holding = run.holding()
+            if len(holding) == len(run.requests):
+                self.reason = HOLDS_ALREADY
                 return ALREADY_TRUE
+            achieved = Verdict(Outcome.SUCCEEDED, ACHIEVED_MEANWHILE)
+            run.end(holding, achieved if again else Verdict(Outcome.ALREADY_TRUE, HOLDS_ALREADY))
             present = {to_pddl(goal).lower() for goal in self._knowledge.goals()}
-            self._own.add([item for item in items if to_pddl(item).lower() not in present])
+            self._own.add([item for item in run.items if to_pddl(item).lower() not in present])
         except ServiceError as error:
             return self.fail_stage(_of_knowledge_base(error))
         except (KnowledgeError, OSError) as error:
@@ -121,12 +131,13 @@ class AddGoals(PlanningState):
 class Dispatch(DispatchPlanState):
     """Dispatches the plan. A goal that was removed from the knowledge base would count as achieved."""
 
-    def __init__(self, system: PlanningSystem, own: OwnGoals, run: RunningRequest) -> None:
+    def __init__(self, system: PlanningSystem, own: OwnGoals, run: Running) -> None:
+        # Of several requests the first one owns the dispatch: while its client is silent, nothing moves.
         super().__init__(
             system.dispatcher,
             run.take_result,
-            lambda: run.request.plan,
-            lambda: run.request.goal.id,
+            lambda: run.run.request.plan,
+            lambda: run.run.request.goal.id,
         )
         self._knowledge = system.knowledge
         self._own = own
@@ -139,7 +150,7 @@ class Dispatch(DispatchPlanState):
             return outcome
         try:
             with CallScope(LOOK_LIMIT):
-                if self._own.all_there() or all(self._knowledge.query(self._run.request.items)):
+                if self._own.all_there() or all(self._knowledge.query(self._run.run.items)):
                     return SUCCEEDED
         except ServiceError as error:
             return self.fail_stage(_of_knowledge_base(error))
@@ -150,7 +161,7 @@ class Dispatch(DispatchPlanState):
 class Replan(PlanningState):
     """Plans the goal again where that may help; waits for a planning system that was ended."""
 
-    def __init__(self, system: PlanningSystem, run: RunningRequest) -> None:
+    def __init__(self, system: PlanningSystem, run: Running) -> None:
         super().__init__([EXHAUSTED])
         self._system = system
         self._run = run
@@ -175,7 +186,7 @@ class Replan(PlanningState):
             guard.wait_released(cancelled.is_set)
             if end.gone and not self._back(cancelled):
                 return PREEMPTED if cancelled.is_set() else ABORTED
-            if Deadline(decision.wait).wait_event(cancelled):
+            if self._run.planned_again() or Deadline(decision.wait).wait_event(cancelled):
                 return PREEMPTED
         finally:
             self.interruptible(None)

@@ -23,7 +23,7 @@ class OwnGoals:
 
     A lease on ``<kb>/goals/lease`` names them meanwhile: our knowledge base removes them when this
     process dies or hangs. They are noted, too, for a knowledge base that does not watch leases or dies with
-    this process: on the parameter server, or in a file, which outlives the master too. Used by one thread.
+    this process: on the parameter server, or in a file, which outlives the master too. Thread-safe.
 
     :param knowledge: where the goals go.
     :param path: of the file; empty: the parameter server.
@@ -34,6 +34,7 @@ class OwnGoals:
     def __init__(
         self, knowledge: KnowledgeClient, path: str = "", lease: Optional[LeaseHolder] = None
     ) -> None:
+        self._changing = threading.RLock()  # guards the ledger, the notes and the lease: one change at a time
         self._knowledge = knowledge
         self._notes: Union[GoalNotes, ParameterNotes] = GoalNotes(path) if path else ParameterNotes(PARAMETER)
         self._lease = lease
@@ -52,26 +53,29 @@ class OwnGoals:
         :raises ServiceError: when it does not answer.
         :raises OSError: when they cannot be noted; they are not added then.
         """
-        texts = self._ledger.with_these(items)
-        if texts != self._ledger.texts:
-            self._note(texts)
-        self._ledger.begin(items)
-        self._hold()
-        try:
-            self._knowledge.update([Update(ADD_GOAL, item) for item in items])
-        except KnowledgeError:
-            self._ledger.refused()
+        with self._changing:
+            texts = self._ledger.with_these(items)
+            if texts != self._ledger.texts:
+                self._note(texts)
+            self._ledger.begin(items)
             self._hold()
-            self._note(self._ledger.texts)
-            raise
-        self._ledger.answered()
+            try:
+                self._knowledge.update([Update(ADD_GOAL, item) for item in items])
+            except KnowledgeError:
+                self._ledger.refused()
+                self._hold()
+                self._note(self._ledger.texts)
+                raise
+            self._ledger.answered()
 
     def all_there(self) -> bool:
         """Whether the knowledge base still has every goal that was added.
 
         :raises ServiceError: when it does not answer.
         """
-        return self._ledger.all_in([to_pddl(goal) for goal in self._knowledge.goals()])
+        stored = [to_pddl(goal) for goal in self._knowledge.goals()]
+        with self._changing:
+            return self._ledger.all_in(stored)
 
     def remove(self) -> None:
         """Removes every goal that was added, also those of an earlier attempt that failed.
@@ -82,11 +86,28 @@ class OwnGoals:
         :raises ServiceError: when it does not answer.
         :raises OSError: when they are removed, but that cannot be noted.
         """
-        if self.left:
-            self._knowledge.update([Update(REMOVE_GOAL, item) for item in self._ledger.items])
-            if self._ledger.removed():
+        with self._changing:
+            if self.left:
+                self._knowledge.update([Update(REMOVE_GOAL, item) for item in self._ledger.items])
+                if self._ledger.removed():
+                    self._hold()
+                    self._note([])
+
+    def keep(self, items: Sequence[KnowledgeItem]) -> None:
+        """Removes every goal that was added and is not among these, as :meth:`remove` does.
+
+        Raises what that raises.
+        """
+        if not items:
+            self.remove()
+            return
+        with self._changing:
+            others = self._ledger.others([to_pddl(item) for item in items])
+            if others:
+                self._knowledge.update([Update(REMOVE_GOAL, item) for item in others])
+                self._ledger.dropped(others)
                 self._hold()
-                self._note([])
+                self._note(self._ledger.texts)
 
     def remove_left(self) -> List[str]:
         """Removes what an Executor that was killed has left. What is noted and no goal is ignored.

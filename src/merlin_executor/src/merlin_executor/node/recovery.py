@@ -2,7 +2,7 @@
 """Brings the planning system to rest before anything is planned: no dispatch runs, no execution is open."""
 
 import threading
-from typing import Collection, Dict, List, NamedTuple, Optional
+from typing import Collection, Dict, FrozenSet, List, NamedTuple, Optional
 
 import rospy
 from merlin_msgs.msg import KnowledgeChanges, OpenExecution
@@ -26,7 +26,9 @@ LOOK = 0.5  # s between two looks for executions that were closed without a chan
 
 
 class Recovery:
-    """Settles what an earlier Executor, dispatcher or bridge has left. Used by one thread.
+    """Settles what an earlier Executor, dispatcher or bridge has left.
+
+    Used by one thread; :meth:`meanwhile` by any.
 
     Over the original ROSPlan, which keeps no journal of executions, only a running dispatch is looked for.
 
@@ -71,6 +73,15 @@ class Recovery:
             interruptible(None)
             if subscriber is not None:
                 subscriber.unregister()
+
+    def meanwhile(self) -> Optional[FrozenSet[str]]:
+        """Literals that hold only while an execution is open, as PDDL text; None: there is no journal.
+
+        :raises ServiceError: when the journal does not answer.
+        """
+        if not self._has_journal():
+            return None
+        return frozenset(text for execution in self._journal.open() for text in execution.meanwhile)
 
     def _settle(self, woken: threading.Event, interrupted: threading.Event) -> str:
         leftovers = Leftovers()

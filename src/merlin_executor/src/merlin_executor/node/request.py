@@ -18,7 +18,7 @@ from rosplan_dispatch_msgs.msg import ActionDispatch
 from rosplan_knowledge_msgs.msg import KnowledgeItem
 
 from merlin_executor.core.answering import ClientAnswer, answer_for
-from merlin_executor.core.course import Course
+from merlin_executor.core.course import DISPATCH_PLAN, Course
 from merlin_executor.core.engine import Job
 from merlin_executor.core.outcome import Verdict
 from merlin_executor.core.request_limits import check_size
@@ -46,6 +46,7 @@ class Request(Job):
             goes_on=wanted.on_client_lost == ExecuteGoal.GO_ON,
             sender=goal.sender,
             window=TimeWindow(wanted.not_before.to_sec(), wanted.deadline.to_sec() or math.inf),
+            alone=wanted.alone,
         )
         self.goal = goal
         tokens = [len(side.tokens) for item in wanted.items for side in (item.ineq.LHS, item.ineq.RHS)]
@@ -75,9 +76,18 @@ class Request(Job):
         """Its goals as PDDL text."""
         return " ".join(self.texts)
 
-    def begin(self) -> None:
-        """A run begins: the first, or after an interruption."""
-        self.course.begin()
+    @property
+    def under_way(self) -> bool:
+        """Whether its plan is being carried out."""
+        return self.course.stage == DISPATCH_PLAN
+
+    def begin(self, run: Sequence["Request"]) -> None:
+        """A run begins: the first, or after another one was stopped. Its requests share one course."""
+        if run[0] is self:
+            self.course = Course.of([request.course for request in run])
+            self.course.begin()
+        else:
+            self.course = run[0].course
         self.take_plan([])
 
     def take_plan(self, actions: Sequence[ActionDispatch]) -> None:

@@ -74,8 +74,8 @@ class ExecutorRobot(MerlinROSPlanAssistant):
         self.remove_facts(f"(checked {poi})")
 
     def send(self, poi: str) -> _Request:
-        """Sends the goal that a point of interest is checked."""
-        return _Request(self.client.send(f"(checked {poi})"))
+        """Sends the goal that a point of interest is checked; never in a plan with others."""
+        return _Request(self.client.send(f"(checked {poi})", alone=True))
 
     def call_after(self, seconds: float, action: Callable[[], None]) -> Callable[[], None]:
         """Calls a function after some ROS time, in a thread of its own; returns what prevents that."""

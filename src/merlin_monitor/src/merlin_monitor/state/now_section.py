@@ -107,13 +107,17 @@ class NowSection:
         before = self._executor or self._kept.get("executor") or {}
         if not self._executor and before.get("request"):
             self._plan_request = before["request"]
-            self._request_began[before["request"]] = (before.get("began", at), list(before["goals"]))
+            for each in self._running(before):
+                self._request_began[each["request"]] = (before.get("began", at), list(each["goals"]))
+        known = {each["request"] for each in self._running(before)}
+        words = self._goals(message.goals)
         self._executor = {
             "state": name_of(EXECUTOR_STATES, message.state),
             "request": message.request,
             "began": self._request_began.get(message.request, (at,))[0],
             "goals": list(message.goals),
-            "words": self._goals(message.goals),
+            "words": words,
+            "together": [self._with(words, each) for each in getattr(message, "together", ())],
             "priority": message.priority,
             "by": getattr(message, "by", ""),  # a bag may be older
             "stage": message.stage,
@@ -135,19 +139,21 @@ class NowSection:
                 for action in message.running
             ],
         }
-        if message.request != before.get("request"):
-            self._plan.request_changed()
-            if message.request:
-                self._plan_request = message.request
-                resumed = message.request in self._request_began
-                self._request_began.setdefault(message.request, (at, list(message.goals)))
-                goals = self._executor["words"] or say("a request")
+        for each in self._running(self._executor):
+            if each["request"] not in known:
+                resumed = each["request"] in self._request_began
+                self._request_began.setdefault(each["request"], (at, each["goals"]))
+                goals = each["words"] or say("a request")
                 begun = (
                     say("goes on with “{goals}”", goals=goals)
                     if resumed
-                    else say("“{goals}” asked for by {client}", goals=goals, client=self._who())
+                    else say("“{goals}” asked for by {client}", goals=goals, client=self._asked_by(each))
                 )
                 self._report(sentence("goal", begun, at))
+        if message.request != before.get("request"):
+            if message.request not in known:
+                self._plan.request_changed()
+            self._plan_request = message.request or self._plan_request
         elif message.replans > before.get("replans", 0):
             self._plan.replanned(message.reason, at)
         if message.held and message.held != before.get("held"):
@@ -246,7 +252,7 @@ class NowSection:
 
     def reword(self) -> None:
         """Makes the words of all goals anew."""
-        for request in [self._executor, *(self._queued or {}).values()]:
+        for request in [*self._running(self._executor), *(self._queued or {}).values()]:
             if request:
                 request["words"] = self._goals(request["goals"])
         self.refresh()
@@ -347,10 +353,11 @@ class NowSection:
             return [*machines, *unconfirmed], why, self._step(actions)
         if not actions and executor.get("state", "idle") == "idle":
             return (say("paused"), say(PAUSED), "") if paused else (self._idle(), "", "")
-        goals = executor.get("words", [])
-        because = (
-            say("for “{goals}”, asked for by {client}", goals=goals, client=self._who()) if goals else ""
-        )
+        running = self._running(executor) or [executor]
+        goals = [word for each in running for word in each.get("words", [])]
+        clients = list(dict.fromkeys(self._asked_by(each) for each in running))
+        client = clients[0] if len(clients) == 1 else clients
+        because = say("for “{goals}”, asked for by {client}", goals=goals, client=client) if goals else ""
         words: List[Phrase] = [self._in_words(action) for action in actions]
         if executor.get("state") == "cancelling":
             doing = say("stopping {what}", what=words) if words else say("stopping")
@@ -405,8 +412,23 @@ class NowSection:
             number = min(total, self._executor.get("done", 0) + 1)
         return say("step {number} of {count}", number=str(number), count=str(total))
 
-    def _who(self) -> str:
-        return self._asked_by(self._executor)
+    def _with(self, words: List[Phrase], other: Any) -> Dict[str, Any]:
+        """A further request that runs in the plan of the one with these words."""
+        shown = {
+            "request": other.request,
+            "goals": list(other.goals),
+            "words": self._goals(other.goals),
+            "priority": other.priority,
+            "by": other.by,
+            "running": True,
+            "waits": say("runs with “{goals}”", goals=words),
+        }
+        return {**shown, "by": self._asked_by(shown)}
+
+    @staticmethod
+    def _running(executor: Dict[str, Any]) -> List[Dict[str, Any]]:
+        """The requests that run, in one plan."""
+        return [executor, *executor.get("together", ())] if executor.get("request") else []
 
     def _asked_by(self, request: Mapping[str, Any]) -> str:
         """The person on whose behalf a request was sent, or what its client is called."""

@@ -83,7 +83,8 @@ class RobotControl:
     def cancel(self, request: str, by: str) -> str:
         """Cancels a request of any client."""
         tree = self._state.tree
-        requests = [*(tree.get("queue", "waiting") or []), tree.get("now", "executor") or {}]
+        executor = tree.get("now", "executor") or {}
+        requests = [*(tree.get("queue", "waiting") or []), executor, *executor.get("together", ())]
         known = {each["request"]: each["words"] for each in requests if each.get("request")}
         if request not in known:
             raise ControlError("There is no such request: it has ended, or it never existed.")

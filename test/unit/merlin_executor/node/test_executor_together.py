@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the Executor says and answers of requests that run together; over stages of the test's."""
+
+from typing import Iterator, List
+
+import pytest
+from actionlib_msgs.msg import GoalStatus
+from fakes.executor_bench import Bench, Goal
+
+from merlin_executor.core.outcome import Outcome, Verdict
+
+LONG = 60.0
+
+
+@pytest.fixture
+def bench(monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
+    made = Bench(monkeypatch)
+    yield made
+    made.executor.shutdown()
+
+
+def run_together(bench: Bench, *goals: Goal) -> List[Goal]:
+    """Requests that wait begin as one."""
+    bench.pause(True)
+    for goal in goals:
+        bench.send(goal)
+    bench.pause(False)
+    assert bench.machine.begun.acquire(timeout=LONG)
+    return list(goals)
+
+
+def test_requests_that_run_together_have_one_status_and_an_answer_each(bench: Bench) -> None:
+    first, second = run_together(bench, Goal("(checked kitchen)"), Goal("(checked hall)", by="Ana"))
+    bench.pause(False)  # any event
+    status = bench.status()
+    assert (status.request, status.goals) == (first.id, ["(checked kitchen)"])
+    assert [(each.request, each.goals, each.by) for each in status.together] == [
+        (second.id, ["(checked hall)"], "Ana")
+    ]
+    assert first.told and second.told and bench.queue() == []
+    assert bench.executor.health().message == "running (checked kitchen), (checked hall)"
+    bench.machine.end(Verdict(Outcome.SUCCEEDED, "done"))
+    assert [goal.end()[1] for goal in (first, second)] == ["SUCCEEDED"] * 2
+
+
+def test_the_cancel_of_one_lets_the_other_begin_again(bench: Bench) -> None:
+    first, second = run_together(bench, Goal("(checked kitchen)"), Goal("(checked hall)"))
+    bench.cancel(first)
+    assert first.end()[1:] == ("CANCELLED", "cancelled by its client")
+    assert bench.machine.begun.acquire(timeout=LONG)
+    bench.machine.end(Verdict(Outcome.SUCCEEDED, "done"))
+    assert second.end()[1] == "SUCCEEDED"
+
+
+def test_one_whose_goals_hold_is_answered_while_the_other_runs(bench: Bench) -> None:
+    first, second = run_together(bench, Goal("(checked kitchen)"), Goal("(checked hall)"))
+    bench.achieved(bench.machine.running[:1], Verdict(Outcome.SUCCEEDED, "the goal holds"))
+    assert first.end() == (GoalStatus.SUCCEEDED, "SUCCEEDED", "the goal holds")
+    status = bench.status()
+    assert (status.request, status.together) == (second.id, [])
+    assert not second.ended.is_set()
+    bench.machine.end(Verdict(Outcome.SUCCEEDED, "done"))
+    assert second.end()[1] == "SUCCEEDED"
+
+
+def test_one_that_forbids_it_runs_alone(bench: Bench) -> None:
+    first, alone = run_together(bench, Goal("(checked kitchen)"), Goal("(checked hall)", alone=True))
+    assert len(bench.machine.running) == 1
+    for goal in (first, alone):
+        bench.machine.end(Verdict(Outcome.SUCCEEDED, "done"))
+        assert goal.end()[1] == "SUCCEEDED"
+        assert goal is alone or bench.machine.begun.acquire(timeout=LONG)
