@@ -166,10 +166,14 @@ class Bench:
         monkeypatch.setattr(rospy, "Publisher", lambda *_, **__: None)
         self.now = 1.0
         monkeypatch.setattr(rospy.Time, "now", lambda: rospy.Time.from_sec(self.now))
-        for level in ("loginfo", "logwarn", "logerr"):
+        for level in ("loginfo", "logwarn", "logerr", "logwarn_throttle_identical"):
             monkeypatch.setattr(rospy, level, lambda *_: None)
-        self.executor = Executor(self.knowledge, None)  # type: ignore[arg-type]
+        planning = SimpleNamespace(preview=self.preview)
+        self.executor = Executor(self.knowledge, planning)  # type: ignore[arg-type]
         self.executor.start()
+
+    def preview(self, **fields: Any) -> Any:
+        raise ServiceUnavailable("there is no such service")
 
     def follow_holds(self, on_hold: Callable[[], None]) -> None:
         self.on_hold = on_hold

@@ -8,11 +8,18 @@ have begun for the overtake limit is not overtaken any more by those that could 
 
 import math
 from enum import Enum
-from typing import Callable, Generic, List, NamedTuple, Optional, Tuple, TypeVar, Union
+from typing import Callable, Generic, List, Mapping, NamedTuple, Optional, Tuple, TypeVar, Union
 
 from merlin_executor.core.outcome import Outcome, Stop, StopKind, Verdict
 from merlin_executor.core.request_limits import why_full
-from merlin_executor.core.time_window import ALWAYS, Outlook, TimeWindow, outlook_waiting
+from merlin_executor.core.time_window import (
+    ALWAYS,
+    Forecast,
+    Outlook,
+    TimeWindow,
+    outlook_foreseen,
+    outlook_waiting,
+)
 from merlin_pddl.breakpoints import Breakpoints
 
 CANCELLED = Stop(StopKind.CANCELLED)
@@ -45,6 +52,9 @@ class Ticket:
     :param goes_on: whether it continues without its client.
     :param sender: the node of its client; empty: not known.
     :param window: when it may run.
+    :ivar forecast: how long it will take; None: that is not known.
+    :ivar rank: of those of its priority that have deadlines, where not all can be in time.
+    :ivar left_out: why there is no time for it, as a sentence; empty: that is not so.
     :ivar ready_since: when it could first begin, in the agenda's own time; None: it could not yet.
     """
 
@@ -63,6 +73,9 @@ class Ticket:
         self.goes_on = goes_on
         self.sender = sender
         self.window = window
+        self.forecast: Optional[Forecast] = None
+        self.rank = 0
+        self.left_out = ""
         self.ready_since: Optional[float] = None
         self.interrupted = False
         self.client = Client.ALIVE
@@ -159,10 +172,43 @@ class Agenda(Generic[T]):
 
     def outlook(self, ticket: T) -> Outlook:
         """What can be expected of a request that waits."""
+        return next(outlook for waiting, outlook in self.outlooks() if waiting is ticket)
+
+    def outlooks(self) -> List[Tuple[T, Outlook]]:
+        """The requests that wait, in order, and what can be expected of each."""
         running = self._running
-        goes_first = running is None or running.priority < ticket.priority
-        before, end = ("", None) if running is None or goes_first else (running.text, running.expected_end)
-        return outlook_waiting(ticket.window, ticket is self._waiting[0], before, end)
+        free = running.expected_end if running is not None else None
+        found = []
+        for ticket, ahead in self.lines():
+            goes_first = running is None or running.priority < ticket.priority
+            before, end = (
+                ("", None) if running is None or goes_first else (running.text, running.expected_end)
+            )
+            outlook = outlook_waiting(ticket.window, ticket is self._waiting[0], before, end)
+            forecast = ticket.forecast
+            if forecast is not None and forecast.fits(ahead):
+                outlook = outlook_foreseen(ticket.window, outlook, forecast, None if goes_first else free)
+                free = free if forecast.late else outlook.end
+            else:
+                free = None
+            if outlook.late and ticket.left_out:
+                outlook = outlook._replace(late=ticket.left_out)
+            found.append((ticket, outlook))
+        return found
+
+    def lines(self) -> List[Tuple[T, Tuple[int, ...]]]:
+        """The requests that wait, in order, and the :attr:`Ticket.order` of what runs and waits before each.
+
+        One that is proven late by itself keeps no other one waiting.
+        """
+        ahead: Tuple[int, ...] = () if self._running is None else (self._running.order,)
+        found = []
+        for ticket in self._waiting:
+            found.append((ticket, ahead))
+            forecast = ticket.forecast
+            if forecast is None or not forecast.late or not forecast.fits(ahead):
+                ahead = (*ahead, ticket.order)
+        return found
 
     # --- events ---------------------------------------------------------------------------------------
 
@@ -217,6 +263,16 @@ class Agenda(Generic[T]):
         if running is not None and running.window.deadline <= self._now:
             return [*decisions, *self._stop(Stop(StopKind.LATE, running.window.missed))]
         return [*decisions, *self._interrupt()]
+
+    def arrange(self, ranks: Mapping[int, Tuple[int, str]]) -> List[Decision]:
+        """It was decided which requests begin first, where not all can be in time.
+
+        :param ranks: :attr:`Ticket.order` → :attr:`Ticket.rank` and :attr:`Ticket.left_out`.
+        """
+        for ticket in self._waiting:
+            ticket.rank, ticket.left_out = ranks.get(ticket.order, (ticket.rank, ticket.left_out))
+        self._look()
+        return self._interrupt()
 
     def pause(self, paused: bool) -> List[Decision]:
         """Sets or ends the pause, in which no further request begins. The running request continues."""
@@ -301,7 +357,8 @@ class Agenda(Generic[T]):
         since = ticket.ready_since
         if since is not None and self._elapsed - since >= self._overtake_limit:
             return 0, priority, 0, since, order
-        return 0, priority, 1, window.deadline, order
+        group = 2 if ticket.left_out else 0 if window.is_limited else 1
+        return 0, priority, 1, group, ticket.rank, window.deadline, order
 
     @property
     def _resting(self) -> bool:
