@@ -109,7 +109,7 @@ LAYERS: Dict[str, Tuple[str, ...]] = {
     "merlin_reactive": (".", "localization navigation speech listening recognition"),
     "merlin_sim": ("world", "robot people", "rendering", "engine", "node"),
     "merlin_actions": ("core", ".", "actions nodes testing"),
-    "merlin_executor": ("core goals", ".", "mission node"),
+    "merlin_executor": ("core goals errands", ".", "mission node"),
     "merlin_fleet": ("core", ". testing", "page node", "commands"),
     "merlin_monitor": (
         "text drawing access",
@@ -131,7 +131,7 @@ LAYERS: Dict[str, Tuple[str, ...]] = {
 WITHOUT_ROS: Dict[str, str] = {
     "merlin_pddl": "*",
     "merlin_actions": "core",
-    "merlin_executor": "core goals",
+    "merlin_executor": "core goals errands",
     "merlin_fleet": "core testing",
     "merlin_monitor": "access history truth",
     "merlin_rosplan": "knowledge planning dispatch storage supervision rest",

@@ -104,6 +104,10 @@ class Executor(unittest.TestCase):
     def assertOutcome(self, result, name):
         self.assertEqual(outcome_name(result.outcome), name, result.reason)
 
+    def execute_at(self, poi):
+        """The robot goes there first."""
+        self.assertIn(self.client.execute(f"(robot_at {poi})", LONG).outcome, ACHIEVED)
+
     def driving(self, goal, **options):
         """Sends a goal; returns its request when the robot drives, which it does until it is cancelled."""
         self.held.hold()
@@ -360,11 +364,15 @@ class Executor(unittest.TestCase):
 
     def test_a_deadline_stops_the_robot_and_the_next_request_begins_at_its_time(self):
         """One waits for its time, the other runs until its deadline: ROS time, and no further event."""
+        self.execute_at("kitchen")
+        way = "travel_time", "kitchen", "bathroom"
+        self.addCleanup(self.knowledge.set_value, *way, value=self.knowledge.value(*way))
+        self.knowledge.set_value(*way, value=0.5)  # as planned it is in time
         begin = rospy.Time.now() + rospy.Duration(9.0)
         waiting = self.client.send("(checked kitchen)", not_before=begin)
-        late = self.driving("(checked bathroom)", deadline=6.0)  # the other one does not keep it waiting
-        told = self.status.wait(lambda status: status.request == late.id and status.expected_end.to_sec())
-        self.assertIn("after its deadline", told.late)
+        late = self.driving("(robot_at bathroom)", deadline=6.0)  # the other one does not keep it waiting
+        known = self.status.wait(lambda status: status.request == late.id and status.expected_end.to_sec())
+        self.assertEqual(known.late, "")
         self.assertTrue(late.wait(LONG))
         self.assertOutcome(late.result, "LATE")
         self.assertEqual(late.state, GoalStatus.ABORTED)
@@ -373,6 +381,41 @@ class Executor(unittest.TestCase):
         self.assertOutcome(waiting.result, "SUCCEEDED")
         began = next(status for status in self.status.messages if status.request == waiting.id)
         self.assertGreaterEqual(began.header.stamp, begin)
+
+    def test_a_request_that_cannot_be_in_time_ends_before_the_robot_moves(self):
+        self.execute_at("kitchen")
+        begun = rospy.Time.now()
+        result = self.client.execute("(checked bathroom)", LONG, deadline=5.5)  # asking alone takes 5 s
+        self.assertOutcome(result, "LATE")
+        self.assertRegex(
+            result.reason, r"cannot be in time: \(checked bathroom\) needs [\d.]+ s, its deadline is in 5"
+        )
+        self.assertEqual(self.driven(begun), 0)
+
+    def test_when_a_request_that_waits_will_be_done_is_known_before_it_begins(self):
+        self.execute_at("kitchen")
+        way = "travel_time", "kitchen", "bathroom"
+        running = self.driving("(checked bathroom)")
+        end = rospy.Duration(self.knowledge.value(*way) + 5.0)
+        self.addCleanup(running.cancel)
+        begun = rospy.Time.now()
+        hopeless = self.client.send("(checked dorm_room)", deadline=end.to_sec() + 4.0)
+        possible = self.client.send("(checked main_door)", deadline=900.0)
+
+        def known(queue):
+            found = {queued.request: queued for queued in queue.requests}
+            return {hopeless.id, possible.id} <= set(found) and all(
+                found[request.id].expected_end.to_sec() for request in (hopeless, possible)
+            )
+
+        found = {queued.request: queued for queued in self.queue.wait(known).requests}
+        self.assertIn("cannot be done before its deadline", found[hopeless.id].late)
+        self.assertEqual(found[possible.id].late, "")
+        self.assertGreater(found[possible.id].expected_end - begun, end)  # behind what runs
+        for request in (hopeless, possible, running):
+            request.cancel()
+            self.assertTrue(request.wait(LONG))
+            self.assertOutcome(request.result, "CANCELLED")
 
     def test_what_makes_no_sense_is_refused_before_it_is_sent(self):
         for goal in (

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import rospy
 from actionlib_msgs.msg import GoalStatus
-from merlin_msgs.msg import PlannerStatus, PlanWithoutAction, PlanWithoutGoal
+from merlin_msgs.msg import GoalDeadline, PlannerStatus, PlanWithoutAction, PlanWithoutGoal
 from rosplan_dispatch_msgs.msg import PlanAction, PlanGoal
 from rosplan_dispatch_msgs.srv import PlanningService
 from std_msgs.msg import String
@@ -144,6 +144,21 @@ class Planner(unittest.TestCase):
         steps = found()[0].split("\n", 1)[1]
         self.assertIn("(ask dorm_room)", steps)
         self.assertNotIn("navigate", steps)
+
+    def test_a_plan_is_in_time_or_it_is_proven_that_none_is(self):
+        client = ActionClient(f"{NODE}/plan_without", PlanWithoutAction)
+        self.assertTrue(client.wait_for_server(LONG))
+        goal = "(checked bathroom)"
+        for within, state in ((600.0, "SOLVED"), (4.0, "UNSOLVABLE"), (float("nan"), "INVALID")):
+            deadlines = [GoalDeadline([goal], within)]
+            sent = client.send(PlanWithoutGoal(plan=self.goal(goal), deadlines=deadlines))
+            self.assertTrue(sent.wait(LONG))
+            self.assertEqual(sent.result.result_status, state, sent.text)
+            self.assertEqual(len(sent.result.reached), state != "INVALID")
+        with self.changed:
+            found = self.changed.wait_for(lambda: any("(ask bathroom)" in plan for plan in self.plans), LONG)
+            self.assertTrue(found, self.plans)
+            self.assertFalse(any("collect" in plan for plan in self.plans), self.plans)
 
     def test_a_plan_is_published_and_latched(self):
         self.assertTrue(self.plan("(checked kitchen)"))

@@ -16,6 +16,7 @@ from merlin_executor.core.outcome import Outcome, Verdict, outcome_name
 from merlin_executor.node import executor as executor_module
 from merlin_executor.node.executor import Executor
 from merlin_planning.dispatcher_kind import Hold
+from merlin_ros.service_proxy import ServiceUnavailable
 
 LONG = 60.0
 
@@ -164,10 +165,14 @@ class Bench:
         monkeypatch.setattr(rospy, "Publisher", lambda *_, **__: None)
         self.now = 1.0
         monkeypatch.setattr(rospy.Time, "now", lambda: rospy.Time.from_sec(self.now))
-        for level in ("loginfo", "logwarn", "logerr"):
+        for level in ("loginfo", "logwarn", "logerr", "logwarn_throttle_identical"):
             monkeypatch.setattr(rospy, level, lambda *_: None)
-        self.executor = Executor(self.knowledge, None)  # type: ignore[arg-type]
+        planning = SimpleNamespace(preview=self.preview)
+        self.executor = Executor(self.knowledge, planning)  # type: ignore[arg-type]
         self.executor.start()
+
+    def preview(self, **fields: Any) -> Any:
+        raise ServiceUnavailable("there is no such service")
 
     def follow_holds(self, on_hold: Callable[[], None]) -> None:
         self.on_hold = on_hold

@@ -13,7 +13,8 @@ from typing import Any, Callable, List, NamedTuple, Optional, Sequence
 
 import rospy
 from actionlib_msgs.msg import GoalStatus
-from merlin_msgs.msg import PlannerStatus, PlanWithoutAction, PlanWithoutGoal
+from merlin_msgs.msg import GoalDeadline, PlannerStatus, PlanWithoutAction, PlanWithoutGoal
+from merlin_msgs.srv import PreviewPlan, PreviewPlanResponse
 from roslib.message import get_message_class
 from rosplan_dispatch_msgs.msg import ActionDispatch, EsterelPlanNode, PlanAction, PlanGoal
 from std_msgs.msg import String
@@ -33,6 +34,7 @@ PARSER = "the planning system's parsing interface"
 CALL_LIMIT = 20.0  # s of wall time for a service; writing and parsing a large problem takes seconds
 LOOK = 0.1  # s between two looks for a restarted part; the master gives no event for a new service
 READ_AHEAD = 1.0  # s of wall time for which parameters that were read count as the present ones
+PREVIEW_ANSWERS = 13.0  # s of wall time; the planner stops after 10 s
 HAND_OVER = 2.0  # s of running time within which a product has to appear on its topic
 Interruptible = Callable[[Optional[Callable[[], None]]], None]
 
@@ -46,6 +48,7 @@ class Planned(Enum):
     TIMEOUT = "timeout"
     ERROR = "error"
     CANCELLED = "cancelled"
+    LATE = "late"
 
 
 class PlanningResult(NamedTuple):
@@ -146,6 +149,7 @@ class PlanningClient:
         self._parse = ServiceProxy(f"{parser}/parse_plan", Empty, timeout=CALL_LIMIT)
         self._client = ActionClient(f"{planner}/start_planning", PlanAction)
         self._without: Optional[ActionClient] = None
+        self._preview: Optional[ServiceProxy] = None
         self._problem = TopicWatch(f"{problem}/problem_instance", String)
         self._output = TopicWatch(f"{planner}/planner_output", String)
         self._plan: Optional[TopicWatch] = None
@@ -219,11 +223,18 @@ class PlanningClient:
         if self._problem.wait_newer(count, HAND_OVER) is None:
             raise StageError(f"{PROBLEM} answered, but no problem appeared on {self._problem.topic}")
 
+    @property
+    def plan_text(self) -> str:
+        """The plan that the planner found last; empty: none is known."""
+        message = self._output.message
+        return "" if message is None else str(message.data)
+
     def plan(
         self,
         interruptible: Interruptible,
         without: Sequence[str] = (),
         after: Optional[Sequence[str]] = None,
+        deadlines: Sequence[GoalDeadline] = (),
     ) -> PlanningResult:
         """Calls the planner. The interruption cancels the planner.
 
@@ -233,12 +244,14 @@ class PlanningClient:
         :param after: actions that run, as PDDL text in the order of their ends: the plan begins where they
             have ended, and does not contain them. None: it is not one for
             :meth:`.dispatch_client.DispatchClient.exchange`; for that one an empty list may be right.
+        :param deadlines: goals that have to be reached in time; LATE when it is proven that they cannot.
         """
-        wishes = bool(without) or after is not None
+        wishes = bool(without or deadlines) or after is not None
         client = self._client_for(wishes)
         if not client.alive and not client.wait_for_server(HAND_OVER):
             if wishes and self._client.alive:
-                what = "leave actions out of a plan" if without else "plan from where actions end"
+                what = "plan with deadlines" if deadlines else "plan from where actions end"
+                what = "leave actions out of a plan" if without else what
                 return PlanningResult(Planned.ERROR, f"{PLANNER} cannot {what}")
             reason = f"{PLANNER} is not there: no action server {client.name}"
             return PlanningResult(Planned.ERROR, reason, gone=True)
@@ -248,7 +261,7 @@ class PlanningClient:
         ended = threading.Event()
         goal: Any = self._goal()
         if wishes:
-            goal = PlanWithoutGoal(goal, list(without), list(after or ()), after is not None)
+            goal = PlanWithoutGoal(goal, list(without), list(after or ()), after is not None, list(deadlines))
         sent = client.send(goal, on_done=lambda _: ended.set())
         cancelled = threading.Event()
 
@@ -266,7 +279,22 @@ class PlanningClient:
             return PlanningResult(Planned.CANCELLED, "cancelled while planning")
         if sent.status == GoalStatus.SUCCEEDED and self._output.wait_newer(count, HAND_OVER) is not None:
             return PlanningResult(Planned.SOLVED)
-        return self._failure(sent.text, sent.status)
+        failure = self._failure(sent.text, sent.status)
+        if deadlines and failure.verdict is Planned.UNSOLVABLE and sent.result.reached:
+            return failure._replace(verdict=Planned.LATE)
+        return failure
+
+    def preview(self, **fields: Any) -> PreviewPlanResponse:
+        """Plans only to look at the plan.
+
+        :param fields: of merlin_msgs/PreviewPlan.
+        :raises ServiceError: the planner interface does not answer, or knows no such service.
+        """
+        if self._preview is None:  # seldom wanted
+            self._preview = ServiceProxy(
+                f"{self._planner}/preview_plan", PreviewPlan, timeout=PREVIEW_ANSWERS
+            )
+        return self._preview(**fields)
 
     def _client_for(self, wishes: bool) -> ActionClient:
         if not wishes:

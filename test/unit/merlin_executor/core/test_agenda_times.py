@@ -11,7 +11,7 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, 
 
 from merlin_executor.core.agenda import Agenda, AgendaAnswer, Decision, StopRun, Ticket
 from merlin_executor.core.outcome import Outcome, Stop, StopKind, Verdict
-from merlin_executor.core.time_window import Outlook, PlanTimes, TimeWindow, outlook_running
+from merlin_executor.core.time_window import Forecast, Outlook, PlanTimes, TimeWindow, outlook_running
 
 CANCELLED = Verdict(Outcome.CANCELLED, "cancelled")
 DONE = Verdict(Outcome.SUCCEEDED)
@@ -371,3 +371,57 @@ class TimedAgenda(RuleBasedStateMachine):
 
 TimedAgenda.TestCase.settings = settings(max_examples=150, stateful_step_count=40, deadline=None)
 test_any_order_of_events_and_times = TimedAgenda.TestCase
+
+
+def test_what_is_planned_ahead_says_when_each_request_ends(agenda: "Agenda[Errand]") -> None:
+    running, first = Errand(0), Errand(1, deadline=190.0)
+    second, third = Errand(2, deadline=230.0), Errand(3, deadline=240.0)
+    for ticket in (running, first, second, third):
+        agenda.receive(ticket)
+        agenda.begin()
+    running.ends = 150.0
+    assert agenda.lines() == [(first, (0,)), (second, (0, 1)), (third, (0, 1, 2))]
+    first.forecast = Forecast((0,), 30.0)
+    second.forecast = Forecast((0, 1), 40.0)
+    assert agenda.outlook(first) == Outlook(150.0, 180.0)
+    assert agenda.outlook(second) == Outlook(180.0, 220.0)
+    assert agenda.outlook(third) == Outlook(), "it is not planned yet"
+    running.ends = 165.0
+    late = "it is expected to begin at 165.0 s and takes 30 s, and its deadline is 190.0 s"
+    assert agenda.outlook(first) == Outlook(165.0, 195.0, late)
+    assert agenda.outlook(second) == Outlook(
+        195.0, 235.0, late.replace("165", "195").replace("30 s", "40 s").replace("190", "230")
+    )
+    agenda.ended(DONE)
+    agenda.begin()
+    first.ends = 170.0
+    assert agenda.outlook(second) == Outlook(170.0, 210.0), "what ran has ended as planned"
+    urgent = Errand(4, priority=1, not_before=180.0, deadline=400.0)
+    agenda.receive(urgent)
+    urgent.forecast = Forecast((1, 2), 5.0)
+    assert agenda.outlook(urgent) == Outlook(), "it was planned from elsewhere"
+
+
+def test_a_request_that_is_late_by_itself_keeps_no_other_one_waiting(agenda: "Agenda[Errand]") -> None:
+    running, hopeless, other = Errand(0), Errand(1, deadline=160.0), Errand(2, deadline=230.0)
+    for ticket in (running, hopeless, other):
+        agenda.receive(ticket)
+        agenda.begin()
+    running.ends = 150.0
+    hopeless.forecast = Forecast((0,), 95.0, "cannot be done before its deadline")
+    assert agenda.lines() == [(hopeless, (0,)), (other, (0,))]
+    other.forecast = Forecast((0,), 20.0)
+    assert agenda.outlook(hopeless) == Outlook(150.0, 245.0, "cannot be done before its deadline")
+    assert agenda.outlook(other) == Outlook(150.0, 170.0)
+
+
+def test_where_not_all_can_be_in_time_the_chosen_ones_begin_first(
+    agenda: "Agenda[Errand]", clock: Clock
+) -> None:
+    long, short, soon = Errand(0, deadline=140.0), Errand(1, deadline=150.0), Errand(2, deadline=145.0)
+    endless, urgent = Errand(3), Errand(4, priority=1)
+    for ticket in (long, short, soon, endless, urgent):
+        agenda.receive(ticket)
+    agenda.arrange({0: (2, "there is no time for it"), 1: (0, ""), 2: (1, "")})
+    assert agenda.outlook(long).late == "", "nothing is known that makes it late"
+    assert order_of(agenda) == [4, 1, 2, 3, 0]

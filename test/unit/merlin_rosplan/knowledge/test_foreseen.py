@@ -40,6 +40,15 @@ def test_a_robot_on_its_way_is_where_it_goes() -> None:
     }
 
 
+def test_what_follows_begins_first() -> None:
+    domain = read_domain(HOME / "domain.pddl")
+    problem = read_problem(HOME / "problem.pddl", domain)
+    problem.facts = [fact for fact in problem.facts if fact.name != "robot_at"]
+    then = ["(navigate kitchen bathroom)", "(ask bathroom)"]
+    after = facts_of(after_actions(domain, problem, ["(navigate anywhere kitchen)"], then))
+    assert {"(robot_at bathroom)", "(checked bathroom)"} <= after and "(robot_at kitchen)" not in after
+
+
 def test_numbers_and_conditional_effects_count() -> None:
     domain = parse_domain(NUMBERS)
     text = """(define (problem p) (:domain d) (:objects a b - place)

@@ -28,7 +28,7 @@ LONG = 60.0
 
 @pytest.fixture
 def previews():
-    made = Previews(PlannerSettings(anytime=0.02))
+    made = Previews()
     yield made
     made.shutdown()
 
@@ -38,8 +38,9 @@ def world():
     return domain, read_problem(HOME / "problem.pddl", domain)
 
 
-def look(previews, goal, *without, command=""):
-    return previews.plan(world(), DOMAIN, command, [goal], without)
+def look(previews, goal, *without, command="", **settings):
+    settings = PlannerSettings(command=command, anytime=0.02, without=without, **settings)
+    return previews.plan(world(), DOMAIN, [goal] if goal else [], settings)
 
 
 def test_a_plan_has_its_steps_and_times(previews):
@@ -68,9 +69,49 @@ def test_a_goal_of_another_domain_says_why(previews, goal):
     assert outcome.state == PlannerState.INVALID and outcome.reason
 
 
-def test_a_reader_waits_at_most_ten_seconds():
-    assert Previews(PlannerSettings(time_limit=0.0))._settings.time_limit == PREVIEW_LIMIT
-    assert Previews(PlannerSettings(time_limit=2.0))._settings.time_limit == 2.0
+@pytest.mark.parametrize(("limit", "of_planner"), [(0.3, 0.0), (0.3, 60.0), (60.0, 0.3)])
+def test_a_reader_waits_for_the_shorter_limit(limit, of_planner, tmp_path):
+    script = tmp_path / "planner"
+    script.write_text("#!/bin/sh\nsleep 1000\n")
+    script.chmod(stat.S_IRWXU)
+    previews = Previews(limit)
+    outcome = look(previews, "(checked kitchen)", command=f"{script} DOMAIN PROBLEM", time_limit=of_planner)
+    previews.shutdown()
+    assert outcome.state == PlannerState.TIMEOUT and "0.3 s" in outcome.reason
+
+
+def test_goals_with_deadlines_are_reached_in_time_or_it_is_said_by_how_much_not(previews):
+    soon = look(previews, "", dues=((("(checked kitchen)",), 600.0),))
+    assert soon.solved and 5.0 < soon.reached[0] <= 600.0
+    assert [str(step) for step in steps_of(soon.plan)][-1] == "(ask kitchen)"
+    late = look(previews, "", dues=((("(checked kitchen)",), 4.0),))
+    assert late.state == PlannerState.UNSOLVABLE and not late.plan
+    assert late.reached == (pytest.approx(soon.reached[0], abs=0.1),)
+    seconds = f"{late.reached[0]:.1f}"
+    assert late.reason == (
+        f"cannot be in time: (checked kitchen) needs {seconds} s, its deadline is in 4.0 s"
+    )
+
+
+def test_goals_with_deadlines_that_cannot_be_reached_at_all_are_not_called_late(previews):
+    never = look(previews, "", dues=((("(robot_at kitchen)", "(robot_at bathroom)"), 600.0),))
+    assert never.state == PlannerState.UNSOLVABLE and never.reached == ()
+    assert "in time" not in never.reason and "collect" not in never.reason and "done" not in never.reason
+
+
+def test_a_search_that_ends_without_a_plan_in_time_proves_nothing(previews, tmp_path):
+    script = tmp_path / "planner"
+    script.write_text("#!/bin/sh\necho No plan found\n")
+    script.chmod(stat.S_IRWXU)
+    dues = ((("(checked kitchen)",), 4.0),)
+    outcome = look(previews, "", command=f"{script} DOMAIN PROBLEM", dues=dues)
+    assert (outcome.state, outcome.reached) == (PlannerState.NO_PLAN, ())
+
+
+@pytest.mark.parametrize("within", [float("nan"), 1e12])
+def test_a_deadline_that_is_no_time_is_refused(previews, within):
+    outcome = look(previews, "", dues=((("(checked kitchen)",), within),))
+    assert outcome.state == PlannerState.INVALID and "deadline of (checked kitchen)" in outcome.reason
 
 
 def test_one_at_a_time_and_the_end_of_the_node_ends_it(previews, tmp_path):

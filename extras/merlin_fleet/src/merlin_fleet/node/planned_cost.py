@@ -59,11 +59,11 @@ class PlannedCost:
     ) -> None:
         self._knowledge = knowledge
         self._domain_path = domain_path
-        self._command = settings.command
+        self._settings = settings
         self._action_duration = action_duration
         self._goal_duration = goal_duration
         self._busy = busy
-        self._plans = Previews(settings, settings.time_limit or PREVIEW_LIMIT)
+        self._plans = Previews(settings.time_limit or PREVIEW_LIMIT)
 
     def cost(self, goal: Goal, behind: Tuple[Goal, ...]) -> Tuple[Optional[float], str]:
         """s until a goal would hold, behind others; None, and why there is no plan. For one thread."""
@@ -92,7 +92,7 @@ class PlannedCost:
         self._plans.shutdown()
 
     def _plan(self, domain: Domain, problem: Problem, goal: Goal) -> float:
-        outcome = self._plans.plan((domain, problem), self._domain_path, self._command, goal.goals)
+        outcome = self._plans.plan((domain, problem), self._domain_path, goal.goals, self._settings)
         if outcome.solved:
             return length(outcome.plan, self._action_duration)
         if outcome.state is PlannerState.CANCELLED:

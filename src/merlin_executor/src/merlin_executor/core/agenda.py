@@ -12,11 +12,30 @@ run of several and is not an end of each of them puts the others back into their
 import itertools
 import math
 from enum import Enum
-from typing import Callable, Generic, Iterable, List, NamedTuple, Optional, Sequence, Tuple, TypeVar, Union
+from typing import (
+    Callable,
+    Generic,
+    Iterable,
+    List,
+    Mapping,
+    NamedTuple,
+    Optional,
+    Sequence,
+    Tuple,
+    TypeVar,
+    Union,
+)
 
 from merlin_executor.core.outcome import Outcome, Stop, StopKind, Verdict
 from merlin_executor.core.request_limits import why_full
-from merlin_executor.core.time_window import ALWAYS, Outlook, TimeWindow, outlook_waiting
+from merlin_executor.core.time_window import (
+    ALWAYS,
+    Forecast,
+    Outlook,
+    TimeWindow,
+    outlook_foreseen,
+    outlook_waiting,
+)
 from merlin_pddl.breakpoints import Breakpoints
 
 CANCELLED = Stop(StopKind.CANCELLED)
@@ -64,6 +83,9 @@ class Ticket:
     :param alone: whether it is never planned together with others.
     :ivar party: it runs together only with those of the same number; a joint run that failed divides its own.
     :ivar begun: whether it has begun and was not interrupted since; a pause lets it go on.
+    :ivar forecast: how long it will take; None: that is not known.
+    :ivar rank: of those of its priority that have deadlines, where not all can be in time.
+    :ivar left_out: why there is no time for it, as a sentence; empty: that is not so.
     :ivar ready_since: when it could first begin, in the agenda's own time; None: it could not yet.
     """
 
@@ -85,6 +107,9 @@ class Ticket:
         self.window = window
         self.alone = alone
         self.party = 0
+        self.forecast: Optional[Forecast] = None
+        self.rank = 0
+        self.left_out = ""
         self.ready_since: Optional[float] = None
         self.begun = False
         self.interrupted = False
@@ -203,12 +228,45 @@ class Agenda(Generic[T]):
 
     def outlook(self, ticket: T) -> Outlook:
         """What can be expected of a request that waits."""
+        return next(outlook for waiting, outlook in self.outlooks() if waiting is ticket)
+
+    def outlooks(self) -> List[Tuple[T, Outlook]]:
+        """The requests that wait, in order, and what can be expected of each."""
         running = self.running
-        goes_first = running is None or running.priority < ticket.priority
-        before, end = ("", None) if running is None or goes_first else (running.text, running.expected_end)
+        free = running.expected_end if running is not None else None
         others = len(self._running) - 1
-        before += f" and {others} more" if before and others > 0 else ""
-        return outlook_waiting(ticket.window, ticket is self._waiting[0], before, end)
+        found = []
+        for ticket, ahead in self.lines():
+            before, end = "", None
+            goes_first = running is None or running.priority < ticket.priority
+            if running is not None and not goes_first:
+                before, end = running.text, running.expected_end
+                before += f" and {others} more" if before and others > 0 else ""
+            outlook = outlook_waiting(ticket.window, ticket is self._waiting[0], before, end)
+            forecast = ticket.forecast
+            if forecast is not None and forecast.fits(ahead):
+                outlook = outlook_foreseen(ticket.window, outlook, forecast, None if goes_first else free)
+                free = free if forecast.late else outlook.end
+            else:
+                free = None
+            if outlook.late and ticket.left_out:
+                outlook = outlook._replace(late=ticket.left_out)
+            found.append((ticket, outlook))
+        return found
+
+    def lines(self) -> List[Tuple[T, Tuple[int, ...]]]:
+        """The requests that wait, in order, and the :attr:`Ticket.order` of what runs and waits before each.
+
+        One that is proven late by itself keeps no other one waiting.
+        """
+        ahead = tuple(ticket.order for ticket in self._running)
+        found = []
+        for ticket in self._waiting:
+            found.append((ticket, ahead))
+            forecast = ticket.forecast
+            if forecast is None or not forecast.late or not forecast.fits(ahead):
+                ahead = (*ahead, ticket.order)
+        return found
 
     # --- events ---------------------------------------------------------------------------------------
 
@@ -263,6 +321,16 @@ class Agenda(Generic[T]):
             if ticket.window.deadline <= self._now:
                 decisions += self._stop([ticket], Stop(StopKind.LATE, ticket.window.missed))
         return [*decisions, *self._interrupt()]
+
+    def arrange(self, ranks: Mapping[int, Tuple[int, str]]) -> List[Decision]:
+        """It was decided which requests begin first, where not all can be in time.
+
+        :param ranks: :attr:`Ticket.order` → :attr:`Ticket.rank` and :attr:`Ticket.left_out`.
+        """
+        for ticket in self._waiting:
+            ticket.rank, ticket.left_out = ranks.get(ticket.order, (ticket.rank, ticket.left_out))
+        self._look()
+        return self._interrupt()
 
     def pause(self, paused: bool) -> List[Decision]:
         """Sets or ends the pause, in which no further request begins. The running request continues."""
@@ -367,7 +435,8 @@ class Agenda(Generic[T]):
         since = ticket.ready_since
         if since is not None and self._elapsed - since >= self._overtake_limit:
             return 0, priority, 0, since, order
-        return 0, priority, 1, window.deadline, order
+        group = 2 if ticket.left_out else 0 if window.is_limited else 1
+        return 0, priority, 1, group, ticket.rank, window.deadline, order
 
     @property
     def _resting(self) -> bool:

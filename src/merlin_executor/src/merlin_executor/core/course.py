@@ -23,6 +23,7 @@ _VERDICTS = {
     "unsolvable": Outcome.UNSOLVABLE,
     "no_plan": Outcome.NO_PLAN,
     "timeout": Outcome.PLANNER_TIMEOUT,
+    "late": Outcome.LATE,
     "failed": Outcome.ACTION_FAILED,
     "cancel_timeout": Outcome.CANCEL_TIMEOUT,
 }

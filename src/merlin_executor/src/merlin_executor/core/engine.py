@@ -143,7 +143,12 @@ class Engine(Generic[J]):
     def outlooks(self) -> List[Tuple[J, Outlook]]:
         """The requests that wait, as :attr:`waiting`, and what can be expected of each."""
         with self._changed:
-            return [(request, self._agenda.outlook(request)) for request in self._agenda.waiting]
+            return self._agenda.outlooks()
+
+    def lines(self) -> List[Tuple[J, Tuple[int, ...]]]:
+        """The requests that wait, and what is before each, see :meth:`.Agenda.lines`."""
+        with self._changed:
+            return self._agenda.lines()
 
     def look(self) -> None:
         """Time has passed: decides what that changes."""

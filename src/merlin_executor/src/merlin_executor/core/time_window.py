@@ -23,12 +23,17 @@ class TimeWindow(NamedTuple):
 
     def why_refused(self, now: float) -> str:
         """Why no request can have this window, as a sentence; empty: one can."""
-        by = clock_text(self.deadline) if self.deadline < math.inf else ""
+        by = clock_text(self.deadline) if self.is_limited else ""
         if self.deadline <= now:
             return f"its deadline {by} passed {now - self.deadline:.0f} s ago"
         if self.deadline <= self.not_before:
             return f"its deadline {by} is not after {clock_text(self.not_before)}, when it may begin"
         return ""
+
+    @property
+    def is_limited(self) -> bool:
+        """Whether it has a deadline."""
+        return self.deadline < math.inf
 
     @property
     def missed(self) -> str:
@@ -78,6 +83,45 @@ def outlook_waiting(window: TimeWindow, is_next: bool, before: str, end: Optiona
         by = clock_text(window.deadline)
         late = f"{before} is expected to run until {clock_text(end)}, and the deadline of this one is {by}"
     return Outlook(begin if is_next else None, late=late)
+
+
+class Forecast(NamedTuple):
+    """How long a request that waits will take, as the planner has said before it begins."""
+
+    ahead: Tuple[int, ...]
+    """The requests that run or wait before it, and whose ends its plan begins from."""
+    seconds: float
+    """From its begin until its goals hold."""
+    late: str = ""
+    """Why no plan is in time, as a sentence: it is proven that there is none."""
+    steps: Tuple[str, ...] = ()
+    """Its plan, as PDDL text."""
+    alone: bool = True
+    """Whether it begins before all others of its priority that wait."""
+
+    def fits(self, ahead: Tuple[int, ...]) -> bool:
+        """Whether it holds for a request that waits behind others; those that were first may have ended."""
+        return self.ahead[len(self.ahead) - len(ahead) :] == ahead
+
+
+def outlook_foreseen(
+    window: TimeWindow, outlook: Outlook, forecast: Forecast, free: Optional[float]
+) -> Outlook:
+    """The outlook of a request that waits and was planned ahead.
+
+    :param outlook: as it is without that.
+    :param free: when those before it are expected to have ended; None: not known.
+    """
+    begin = max(free, window.not_before) if free is not None else outlook.begin
+    end = begin + forecast.seconds if begin is not None and forecast.seconds >= 0.0 else None
+    late = outlook.late or forecast.late
+    if not late and begin is not None and end is not None and end > window.deadline:
+        by = clock_text(window.deadline)
+        late = (
+            f"it is expected to begin at {clock_text(begin)} and takes {forecast.seconds:.0f} s, "
+            f"and its deadline is {by}"
+        )
+    return Outlook(begin, end, late)
 
 
 class _Timed(NamedTuple):

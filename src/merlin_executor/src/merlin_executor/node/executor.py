@@ -32,6 +32,7 @@ from merlin_executor.core.time_window import Outlook
 from merlin_executor.goal_check import GoalError, check_goals
 from merlin_executor.node.executor_sm import ExecutorSM
 from merlin_executor.node.executor_stages import KNOWLEDGE_BASE, PlanningSystem
+from merlin_executor.node.forecast import Forecasts
 from merlin_executor.node.guard_client import GuardClient
 from merlin_executor.node.own_goals import OwnGoals
 from merlin_executor.node.recovery import Recovery
@@ -78,6 +79,8 @@ class Executor:
     :param overtake_limit: s of ROS time for which requests of equal priority with earlier deadlines may
         overtake one that could begin.
     :param together: how many requests one plan may be for.
+    :param look_ahead: whether requests with deadlines are planned before they begin, and end as LATE as soon
+        as it is proven that they are.
     :raises OSError: when that file cannot be written.
     """
 
@@ -94,6 +97,7 @@ class Executor:
         stuck_after: float = STUCK_AFTER,
         overtake_limit: float = OVERTAKE_LIMIT,
         together: int = TOGETHER,
+        look_ahead: bool = True,
     ) -> None:
         self._knowledge = knowledge
         self._max_replans = max_replans
@@ -105,7 +109,7 @@ class Executor:
         self._recovery = Recovery(knowledge, self._dispatcher)
         self._guard = GuardClient(knowledge.name, stand_wait, brakes=cancel_deadline > 0.0)
         system = PlanningSystem(
-            knowledge, planning, self._dispatcher, self._recovery, self._guard, return_wait
+            knowledge, planning, self._dispatcher, self._recovery, self._guard, return_wait, look_ahead
         )
         self._machine = ExecutorSM(
             system,
@@ -126,6 +130,16 @@ class Executor:
             self._log,
             Agenda(rospy.get_time, overtake_limit, together),
             self._alarm.set,
+        )
+        self._forecasts = (
+            Forecasts(
+                self._engine,
+                planning,
+                lambda: self._dispatcher.running,
+                lambda: self._dispatcher.steps_done,
+            )
+            if look_ahead
+            else None
         )
         self._activity = Activity()
         self._lock = threading.Lock()  # guards the two fields below
@@ -260,6 +274,8 @@ class Executor:
     # --- what is published ---------------------------------------------------------------------------------
 
     def _ended(self, request: Request, verdict: Verdict) -> None:
+        if self._forecasts is not None and not verdict.outcome.achieved:
+            self._forecasts.forget()
         self._activity.ended(request.texts, verdict)
 
     def _log(self, request: Request, verdict: Verdict, error: Optional[BaseException]) -> None:
@@ -325,6 +341,8 @@ class Executor:
             message = GoalQueue(requests=[request.queued_goal(outlook) for request, outlook in outlooks])
             message.header.stamp = rospy.Time.now()
             publish(self._queue_publisher, message)
+        if self._forecasts is not None:
+            self._forecasts.look()
 
     # --- an earlier process of this node --------------------------------------------------------------------
 

@@ -16,7 +16,7 @@ from merlin_ros.health import HealthReporter
 from merlin_ros.master.master_link import ERRORS, bounded_master
 from merlin_ros.master.namesake import living_namesake
 from merlin_ros.node import keep_foreign_nodes, run_node
-from merlin_ros.parameters import ParameterError, graph_name, number
+from merlin_ros.parameters import ParameterError, flag, graph_name, number
 
 STATUS_TYPE = "merlin_msgs/ExecutorStatus"
 
@@ -55,6 +55,7 @@ def _start() -> None:
             stuck_after=number("~stuck_after", STUCK_AFTER, -math.inf),
             overtake_limit=number("~overtake_limit", OVERTAKE_LIMIT, 0.0),
             together=round(number("~together", TOGETHER, 1)),
+            look_ahead=flag("~look_ahead", True),
         )
     except OSError as error:
         raise ParameterError(f"parameter ~goals_file cannot be used: {error}") from error

@@ -123,7 +123,11 @@ class ExecutorSM(MerlinSM, Stages[Request]):
         stage("SETTLE", make("settle", system.recovery, system.dispatcher), "ADD_GOALS")
         stage("ADD_GOALS", make("add_goals", system, self._own, self), "GENERATE_PROBLEM")
         stage("GENERATE_PROBLEM", make("generate_problem", planning), "PLAN")
-        stage("PLAN", make("plan", planning, lambda: self.course.without), "PARSE_PLAN")
+        stage(
+            "PLAN",
+            make("plan_in_time", planning, lambda: self.course.without, self, system.proves),
+            "PARSE_PLAN",
+        )
         stage("PARSE_PLAN", make("parse_plan", planning, self._take_plan), "DISPATCH_PLAN")
         dispatch = make("dispatch_goals", system, self._own, self)
         stage("DISPATCH_PLAN", dispatch, REMOVE_GOALS, **{FAILED: REPLAN})

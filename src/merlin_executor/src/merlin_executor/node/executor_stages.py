@@ -22,17 +22,18 @@ from merlin_planning.dispatch_client import DispatchClient
 from merlin_planning.dispatch_progress import DispatchResult
 from merlin_planning.knowledge_client import KnowledgeClient, KnowledgeError
 from merlin_planning.knowledge_text import to_pddl
-from merlin_planning.planning_client import PlanningClient, StageError
+from merlin_planning.planning_client import Planned, PlanningClient, StageError
 from merlin_ros.call_scope import CallScope
 from merlin_ros.deadline import Deadline, running_time
 from merlin_ros.service_proxy import ServiceError, ServiceUnavailable
 from merlin_sm.state_factory import MerlinStateFactory
 from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, SUCCEEDED
-from merlin_sm.states.planning import FAILED, DispatchPlanState, PlanningState
+from merlin_sm.states.planning import FAILED, DispatchPlanState, PlanningState, PlanState
 
 ALREADY_TRUE = "already_true"
 HOLDS_ALREADY = "the goal holds already"
 EXHAUSTED = "exhausted"
+LATE = "late"
 KNOWLEDGE_BASE = "the planning system's knowledge base"
 GOALS_GONE = "its goals were removed from the knowledge base: this executor was silent, or another client did"
 
@@ -47,6 +48,8 @@ class PlanningSystem(NamedTuple):
     guard: GuardClient
     return_wait: float
     """s of running time for a part that was ended to return."""
+    proves: bool = True
+    """Whether a request whose plan is late is planned once more, with its deadline."""
 
 
 class Running(Protocol):
@@ -126,6 +129,42 @@ class AddGoals(PlanningState):
         except (KnowledgeError, OSError) as error:
             return self.fail(str(error))
         return SUCCEEDED
+
+
+class PlanInTime(PlanState):
+    """Plans. Where that plan ends after the deadline, the planner has to find one in time, or proves that
+    there is none: late.
+
+    :param proves: whether it is asked for a proof; otherwise the first plan is taken.
+    """
+
+    def __init__(
+        self,
+        planning: PlanningClient,
+        without: Callable[[], Sequence[str]],
+        run: Running,
+        proves: bool,
+    ) -> None:
+        super().__init__(planning, without)
+        self.register_outcomes([LATE])
+        self._planning = planning
+        self._left_out = without
+        self._run = run
+        self._proves = proves
+
+    def run(self, userdata: Any) -> str:
+        """Plans, once or twice."""
+        outcome = super().run(userdata)
+        deadlines = self._run.run.request.deadlines(self._planning.plan_text) if self._proves else []
+        if outcome != SUCCEEDED or not deadlines:
+            return outcome
+        second = self._planning.plan(self.interruptible, self._left_out(), deadlines)
+        if self.preempt_requested():
+            return PREEMPTED
+        if second.verdict is Planned.LATE:
+            self.reason = second.reason
+            return LATE
+        return SUCCEEDED  # where it found none, the first plan still is the last one
 
 
 class Dispatch(DispatchPlanState):
@@ -235,6 +274,7 @@ class RemoveGoals(smach.State):
 for _name, _state in (
     ("settle", Settle),
     ("add_goals", AddGoals),
+    ("plan_in_time", PlanInTime),
     ("dispatch_goals", Dispatch),
     ("replan", Replan),
     ("remove_goals", RemoveGoals),

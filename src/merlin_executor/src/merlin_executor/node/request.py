@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A goal of ``merlin/execute``, and the answer to it."""
 
+import contextlib
 import math
 from typing import List, Optional, Sequence
 
@@ -10,6 +11,7 @@ from merlin_msgs.msg import (
     ExecuteFeedback,
     ExecuteGoal,
     ExecuteResult,
+    GoalDeadline,
     QueuedGoal,
     RunningAction,
     StageTime,
@@ -23,6 +25,7 @@ from merlin_executor.core.engine import Job
 from merlin_executor.core.outcome import Verdict
 from merlin_executor.core.request_limits import check_size
 from merlin_executor.core.time_window import Outlook, PlanTimes, TimeWindow, outlook_running
+from merlin_pddl.plan_text import PlanTextError, parse_plan
 from merlin_planning.knowledge_text import parse_goal, to_pddl
 from merlin_ros.actions.action_server import ServerGoal
 
@@ -96,6 +99,21 @@ class Request(Job):
         steps = [(action.action_id, action.dispatch_time, action.duration) for action in actions]
         self._times.begin(steps, rospy.get_time())
 
+    def deadlines(self, plan: str) -> List[GoalDeadline]:
+        """Its goals with its deadline, for the planner; none where a plan is in time, or has no times.
+
+        :param plan: its text.
+        """
+        if not self.window.is_limited:
+            return []
+        now = rospy.get_time()
+        times = PlanTimes()
+        with contextlib.suppress(PlanTextError):  # the parser tells of it
+            times.begin(((0, step.time, step.duration) for step in parse_plan(plan)), now)
+        if times.end is None or times.end <= self.window.deadline:
+            return []
+        return [GoalDeadline(self.texts, self.window.deadline - now)]
+
     def runs(self, actions: Sequence[RunningAction]) -> None:
         """Takes the actions that are under way."""
         if self.plan:
@@ -136,6 +154,7 @@ class Request(Job):
             deadline=self.goal.goal.deadline,
             expected_begin=rospy.Time.from_sec(outlook.begin or 0.0),
             late=outlook.late,
+            expected_end=rospy.Time.from_sec(outlook.end or 0.0),
         )
 
     def _result(self, verdict: Verdict) -> ExecuteResult:

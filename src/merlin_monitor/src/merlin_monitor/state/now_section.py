@@ -220,7 +220,7 @@ class NowSection:
                 "interrupted": request.interrupted,
                 "queued": request.queued.to_sec(),
                 "by": getattr(request, "by", ""),
-                **self._times(request, "not_before", "deadline", "expected_begin"),
+                **self._times(request, "not_before", "deadline", "expected_begin", "expected_end"),
             }
             for request in message.requests
         ]

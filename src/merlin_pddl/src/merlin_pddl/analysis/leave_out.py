@@ -6,11 +6,12 @@ Each operator concerned gets a predicate that says what is left out, and the con
 
 from typing import Dict, List, Sequence, Set, Tuple
 
+from merlin_pddl.analysis.domain_text import head_of, require, section
 from merlin_pddl.domain import Domain, Operator
 from merlin_pddl.domain_reader import DomainReader
 from merlin_pddl.formula import types_text
 from merlin_pddl.problem_reader import parse_problem
-from merlin_pddl.text_reader import Expression, Node, Word, name_of, read_expression
+from merlin_pddl.text_reader import Expression, Word, name_of, read_expression
 
 ANY = "*"
 #: Begins the predicates that say which actions are left out.
@@ -35,7 +36,7 @@ def leave_out(domain: str, problem: str, actions: Sequence[str]) -> Tuple[str, s
         left_out.setdefault(operator.name, set()).update(_expanded(operator, patterns, model, objects))
     for name in left_out:
         _forbid(node, model.operators[name])
-    _require(node)
+    require(node, [_NEGATION])
     facts = "".join(
         f"\n({' '.join((_predicate(name), *terms))})"
         for name, grounds in left_out.items()
@@ -72,39 +73,15 @@ def _predicate(operator: str) -> str:
     return f"{LEFT_OUT}{operator}"
 
 
-def _section(node: Expression, head: str) -> Expression:
-    """A section of a domain; made behind its name and requirements when it has none."""
-    for section in node:
-        if isinstance(section, Expression) and section.head == head:
-            return section
-    made = read_expression(f"({head})")
-    behind = (":requirements", ":types", ":constants") if head != ":requirements" else ()
-    place = 2
-    while place < len(node) and isinstance(node[place], Expression) and _head(node[place]) in behind:
-        place += 1
-    node.insert(place, made)
-    return made
-
-
-def _head(node: Node) -> str:
-    return node.head if isinstance(node, Expression) else ""
-
-
-def _require(node: Expression) -> None:
-    requirements = _section(node, ":requirements")
-    if _NEGATION not in requirements[1:]:
-        requirements.append(Word.at(_NEGATION, "", 0, 0))
-
-
 def _forbid(node: Expression, operator: Operator) -> None:
     """Gives an operator the condition that it is not left out."""
     name = _predicate(operator.name)
     typed = "".join(f" {parameter.name} - {types_text(parameter.types)}" for parameter in operator.parameters)
-    _section(node, ":predicates").append(read_expression(f"({name}{typed})"))
+    section(node, ":predicates").append(read_expression(f"({name}{typed})"))
     terms = " ".join((name, *(parameter.name for parameter in operator.parameters)))
     allowed = f"(at start (not ({terms})))" if operator.durative else f"(not ({terms}))"
     for action in node:
-        if _head(action) not in (":action", ":durative-action"):
+        if head_of(action) not in (":action", ":durative-action"):
             continue
         assert isinstance(action, Expression)
         if action[1] != operator.name:
@@ -125,10 +102,10 @@ def _forbid(node: Expression, operator: Operator) -> None:
 
 def _after_init(problem: str, facts: str) -> str:
     """A problem with further facts; its text stays as it was otherwise, for the spelling of its objects."""
-    for section in read_expression(problem, "problem"):
-        if _head(section) == ":init":
-            assert isinstance(section, Expression) and isinstance(section[0], Word)
-            before = problem.split("\n")[: section[0].line - 1]
-            end = sum(len(line) + 1 for line in before) + section[0].column - 1 + len(":init")
+    for part in read_expression(problem, "problem"):
+        if head_of(part) == ":init":
+            assert isinstance(part, Expression) and isinstance(part[0], Word)
+            before = problem.split("\n")[: part[0].line - 1]
+            end = sum(len(line) + 1 for line in before) + part[0].column - 1 + len(":init")
             return f"{problem[:end]}{facts}\n{problem[end:]}"
     return problem[: problem.rindex(")")] + f"(:init {facts}))\n"

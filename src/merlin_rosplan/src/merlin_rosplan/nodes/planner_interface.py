@@ -7,7 +7,7 @@ import functools
 import itertools
 import os
 import threading
-from typing import TYPE_CHECKING, Any, Callable, Optional, Sequence, Set, Type
+from typing import TYPE_CHECKING, Any, Callable, Optional, Set, Type
 
 import rospy
 from merlin_msgs.msg import PlannerStatus, PlanWithoutAction, PlanWithoutFeedback, PlanWithoutResult
@@ -23,7 +23,7 @@ from merlin_ros.actions.serial_action_server import SerialActionServer
 from merlin_ros.health import OK, WARN, Health
 from merlin_ros.master.master_link import get_param
 from merlin_ros.publishing import publish
-from merlin_rosplan.planning.planner_settings import PlannerSettings
+from merlin_rosplan.planning.planner_settings import PlannerSettings, dues_of
 from merlin_rosplan.planning.planning_outcome import PlannerState, PlanningOutcome
 from merlin_rosplan.supervision.scratch_folder import ScratchFolder
 from merlin_rosplan.transport.component import Component
@@ -151,27 +151,29 @@ class PlannerInterface(Component):
 
     def _execute(self, goal: ServerGoal) -> None:
         feedback = PlanFeedback(current_phase="planning", current_status="RUNNING")
-        self._end(goal, goal.goal, PlanResult, feedback)
+        self._end(goal, goal.goal, PlanResult, self._settings, feedback)
 
     def _execute_without(self, goal: ServerGoal) -> None:
         feedback = PlanWithoutFeedback(current_phase="planning", current_status="RUNNING")
         wanted = goal.goal
         after = tuple(wanted.after) if wanted.after or wanted.further else None
-        self._end(goal, wanted.plan, PlanWithoutResult, feedback, tuple(wanted.without), after)
+        settings = dataclasses.replace(
+            self._settings, without=tuple(wanted.without), dues=dues_of(wanted.deadlines)
+        )
+        self._end(goal, wanted.plan, PlanWithoutResult, settings, feedback, after)
 
     def _end(
         self,
         goal: ServerGoal,
         wanted: PlanGoal,
         result_class: Type[Any],
+        settings: PlannerSettings,
         feedback: Any,
-        without: Sequence[str] = (),
         after: Optional[Sequence[str]] = None,
     ) -> None:
         """Plans for a goal and answers it.
 
         :param feedback: is published when the planner works.
-        :param without: see :class:`PlannerSettings`.
         :param after: actions that run, as PDDL text: the plan begins where they have ended; None: it is not
             to follow what runs.
         """
@@ -184,8 +186,10 @@ class PlannerInterface(Component):
         )
         if not (wanted.domain_path or wanted.problem_path or wanted.use_problem_topic):
             request = self._request_of_params()
-        outcome = self._plan(request, goal, without, after, lambda: goal.feedback(feedback))
+        outcome = self._plan(request, goal, settings, after, lambda: goal.feedback(feedback))
         result = result_class(result_status=outcome.state.name)
+        if outcome.reached:
+            result.reached = list(outcome.reached)
         text = outcome.reason
         if outcome.solved:
             goal.succeed(result, text)
@@ -213,12 +217,12 @@ class PlannerInterface(Component):
         self,
         request: PlanningServiceRequest,
         goal: Optional[ServerGoal] = None,
-        without: Sequence[str] = (),
+        settings: Optional[PlannerSettings] = None,
         after: Optional[Sequence[str]] = None,
         on_begin: Callable[[], None] = lambda: None,
     ) -> PlanningOutcome:
         with self._planning_lock:
-            outcome = self._plan_one(request, goal, without, after, on_begin)
+            outcome = self._plan_one(request, goal, settings or self._settings, after, on_begin)
         with self._state:
             self._last = outcome
         self._report(
@@ -248,7 +252,7 @@ class PlannerInterface(Component):
         self,
         request: PlanningServiceRequest,
         goal: Optional[ServerGoal],
-        without: Sequence[str],
+        settings: PlannerSettings,
         after: Optional[Sequence[str]],
         on_begin: Callable[[], None],
     ) -> PlanningOutcome:
@@ -278,9 +282,7 @@ class PlannerInterface(Component):
                 return PlanningOutcome(PlannerState.INVALID, f"what runs cannot be planned after: {error}")
         from merlin_rosplan.supervision.supervised_planning import Planning
 
-        settings = dataclasses.replace(
-            self._settings, command=request.planner_command, without=tuple(without)
-        )
+        settings = dataclasses.replace(settings, command=request.planner_command)
         planning = Planning(settings, domain_path, problem_path, self._data_folder(request.data_path))
         with self._state:
             self._current = planning

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Plans that the planner interface makes to be shown, and nothing else."""
 
+import dataclasses
 import threading
 from typing import Callable
 
@@ -16,8 +17,8 @@ from merlin_rosplan.knowledge.foreseen import after_actions
 from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
 from merlin_rosplan.messages.knowledge_snapshot import KnowledgeBaseError
 from merlin_rosplan.nodes.world_reader import WorldReader
-from merlin_rosplan.planning.planner_settings import PlannerSettings
-from merlin_rosplan.planning.planning_outcome import PlannerState, PlanningOutcome
+from merlin_rosplan.planning.planner_settings import PlannerSettings, dues_of
+from merlin_rosplan.planning.planning_outcome import NOT_KNOWN, PlannerState, PlanningOutcome
 from merlin_rosplan.supervision.plan_preview import Previews, steps_of
 from merlin_rosplan.transport.component import Component
 
@@ -39,7 +40,9 @@ class PreviewService:
         self._parameters = parameters
         self._reading = threading.Lock()  # orders the uses of the reader
         self._world: WorldReader = component.own(WorldReader(component.knowledge_base))
-        self._previews: Previews = component.own(Previews(settings))
+        self._settings = settings
+        self._previews: Previews = component.own(Previews())
+        self._forecasts: Previews = component.own(Previews())
 
     def answer(self, request: PreviewPlanRequest) -> PreviewPlanResponse:
         """The plan for some goals, or why there is none."""
@@ -47,14 +50,19 @@ class PreviewService:
         try:
             with self._reading:
                 domain, problem = self._world.snapshot()
-            if request.after:
+            if request.after or request.then:
                 if not domain.operators:  # as it is read over ROS
                     domain = read_domain(wanted.domain_path)
-                problem = after_actions(domain, problem, request.after)
-            world = (domain, problem)
-            outcome = self._previews.plan(
-                world, wanted.domain_path, wanted.planner_command, request.goals, request.without
+                problem = after_actions(domain, problem, request.after, request.then)
+            settings = dataclasses.replace(
+                self._settings,
+                command=wanted.planner_command,
+                without=tuple(request.without),
+                dues=dues_of(request.deadlines),
             )
+            # What looks ahead by itself keeps no reader of a plan waiting.
+            previews = self._forecasts if request.deadlines else self._previews
+            outcome = previews.plan((domain, problem), wanted.domain_path, request.goals, settings)
             steps = steps_of(outcome.plan)
         except (KnowledgeBaseError, PlanTextError, PddlError, UpdateRefused) as error:
             outcome, steps = PlanningOutcome(PlannerState.INVALID, str(error)), []
@@ -67,4 +75,9 @@ class PreviewService:
             [str(step) for step in steps],
             [step.time for step in steps],
             [step.duration for step in steps],
+            list(outcome.reached),
+            [
+                max(0.0, time - deadline.within) if time != NOT_KNOWN else NOT_KNOWN
+                for time, deadline in zip(outcome.reached, request.deadlines)
+            ],
         )

@@ -2,7 +2,7 @@
 """What may be set of a planning."""
 
 from dataclasses import dataclass
-from typing import Tuple
+from typing import Any, Iterable, Tuple
 
 
 @dataclass(frozen=True)
@@ -19,6 +19,8 @@ class PlannerSettings:
     :param memory_limit: MB for the planner and everything it starts, and of addresses for each; 0 means none.
     :param output_limit: MB that a planner may write into one file; 0 means none.
     :param without: actions to leave out, as PDDL text with ``*`` for any argument.
+    :param dues: goals that have to be reached in time: PDDL texts, and s from the begin of the plan.
+    :param background: leave the processor to what else runs.
     """
 
     command: str = ""
@@ -29,3 +31,13 @@ class PlannerSettings:
     memory_limit: float = 4096.0
     output_limit: float = 64.0
     without: Tuple[str, ...] = ()
+    dues: Tuple[Tuple[Tuple[str, ...], float], ...] = ()
+    background: bool = False
+
+
+def dues_of(deadlines: Iterable[Any]) -> Tuple[Tuple[Tuple[str, ...], float], ...]:
+    """The goals with deadlines of a request.
+
+    :param deadlines: messages as merlin_msgs/GoalDeadline.
+    """
+    return tuple((tuple(deadline.goals), float(deadline.within)) for deadline in deadlines)

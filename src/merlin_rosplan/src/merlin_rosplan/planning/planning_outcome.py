@@ -3,6 +3,10 @@
 
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import Tuple
+
+#: In place of a time.
+NOT_KNOWN = -1.0
 
 
 class PlannerState(IntEnum):
@@ -28,6 +32,8 @@ class PlanningOutcome:
     :param plan: text in POPF's form, empty unless SOLVED (and when the empty plan solves the problem).
     :param planner: which program planned.
     :param seconds: of wall time.
+    :param reached: s from the begin of the plan at which each goal with a deadline is reached; where it is
+        proven that they cannot all be in time, by a plan without the deadlines, or NOT_KNOWN; empty: no plan.
     """
 
     state: PlannerState
@@ -35,6 +41,7 @@ class PlanningOutcome:
     plan: str = ""
     planner: str = ""
     seconds: float = 0.0
+    reached: Tuple[float, ...] = ()
 
     @property
     def solved(self) -> bool:

@@ -31,13 +31,11 @@ BUSY = "another plan is being looked for, only to be shown; ask again when it is
 class Previews:
     """Plans goals one after the other; a second one at the same time is refused. Thread-safe.
 
-    :param settings: of the planner; its time limit is shortened.
     :param limit: the longest one, s.
     """
 
-    def __init__(self, settings: PlannerSettings, limit: float = PREVIEW_LIMIT) -> None:
-        limit = min(settings.time_limit or limit, limit)
-        self._settings = dataclasses.replace(settings, time_limit=limit)
+    def __init__(self, limit: float = PREVIEW_LIMIT) -> None:
+        self._limit = limit
         self._folder = ScratchFolder("plan_preview")
         self._lock = threading.Lock()  # guards the fields below
         self._busy = False
@@ -48,24 +46,22 @@ class Previews:
         self,
         world: Tuple[Domain, Problem],
         domain_path: str,
-        command: str,
         goals: Sequence[str],
-        without: Sequence[str] = (),
+        settings: PlannerSettings,
     ) -> PlanningOutcome:
         """Plans.
 
         :param world: domain and state; the goals in it do not count.
         :param domain_path: PDDL file of the domain.
-        :param command: of the planner.
         :param goals: PDDL text.
-        :param without: see :class:`PlannerSettings`.
+        :param settings: of the planner; its time limit is shortened, and it works in the background.
         """
         with self._lock:
             if self._busy or self._closed:
                 return PlanningOutcome(PlannerState.CANCELLED, BUSY)
             self._busy = True
         try:
-            return self._plan(world, domain_path, command, goals, without)
+            return self._plan(world, domain_path, goals, settings)
         finally:
             with self._lock:
                 self._busy = False
@@ -86,16 +82,16 @@ class Previews:
         self,
         world: Tuple[Domain, Problem],
         domain_path: str,
-        command: str,
         goals: Sequence[str],
-        without: Sequence[str],
+        settings: PlannerSettings,
     ) -> PlanningOutcome:
         path = Path(self._folder.name) / "problem.pddl"
         try:
             path.write_text(write_goal_problem(*world, goals), encoding="utf-8")
         except (PddlError, OSError) as error:
             return PlanningOutcome(PlannerState.INVALID, str(error))
-        settings = dataclasses.replace(self._settings, command=command, without=tuple(without))
+        limit = min(settings.time_limit or self._limit, self._limit)
+        settings = dataclasses.replace(settings, time_limit=limit, background=True)
         planning = Planning(settings, domain_path, str(path))
         with self._lock:
             self._planning = planning

@@ -5,14 +5,19 @@ Reading, checking, planning and validating all happen here, so that none of it k
 """
 
 import contextlib
+import dataclasses
+import math
+import os
 import time
 from pathlib import Path
-from typing import Any, Dict, List, NamedTuple, Optional
+from typing import Any, Callable, Dict, List, NamedTuple, Optional, Sequence, Tuple
 
+from merlin_pddl.analysis.deadlines import DeadlineTask, Due
 from merlin_pddl.analysis.leave_out import leave_out
 from merlin_pddl.analysis.shortfall import shortfall
 from merlin_pddl.checks import kairos_check
-from merlin_pddl.plan_text import format_plan
+from merlin_pddl.checks.kairos_check import PlanValidator
+from merlin_pddl.plan_text import PlanStep, format_plan, restore_case
 from merlin_pddl.text_reader import PddlError
 from merlin_rosplan.planning.planner import Attempt, Planner, Task
 from merlin_rosplan.planning.planner_command import parse_command
@@ -21,7 +26,7 @@ from merlin_rosplan.planning.planner_files import keep
 from merlin_rosplan.planning.planner_kairos import KAIROS, KairosPlanner
 from merlin_rosplan.planning.planner_race import Entry, PlannerRace
 from merlin_rosplan.planning.planner_settings import PlannerSettings
-from merlin_rosplan.planning.planning_outcome import PlannerState
+from merlin_rosplan.planning.planning_outcome import NOT_KNOWN, PlannerState
 
 
 class PlannerJob(NamedTuple):
@@ -33,8 +38,9 @@ class PlannerJob(NamedTuple):
     :param data_path: folder for the planner's output and the plan (``plan.pddl``); empty keeps nothing.
     :param planning_limit: running time for the engines, s; 0 means none.
     :param time_limit: running time for everything, reading and validating included, s; 0 means none.
-    :param anytime, check_input, memory_limit, output_limit, without: see :class:`.planner.PlannerSettings`.
-    :param reusable: whether its process can plan again: it cannot behind a search of kairos.
+    :param anytime, check_input, memory_limit, output_limit, without, dues, background: see
+        :class:`.planner.PlannerSettings`.
+    :param reusable: whether its process can plan again: not behind a search of kairos, nor in the background.
     """
 
     domain_path: str
@@ -49,6 +55,8 @@ class PlannerJob(NamedTuple):
     memory_limit: float
     output_limit: float
     without: List[str]
+    dues: List[Tuple[Sequence[str], float]]
+    background: bool
     reusable: bool = False
 
 
@@ -57,6 +65,7 @@ _DOMAIN = """(define (domain warm) (:requirements :typing :durative-actions) (:t
   (:durative-action a :parameters (?x - t) :duration (= ?duration 1) :condition ()
     :effect (at end (p ?x))))"""
 _PLAN = "0.000: (a o) [1.000]"
+BACKGROUND = 5  # nice value, that of the simulator
 _WARM = 10.0  # s for planning that
 _PROBLEM = "(define (problem warm) (:domain warm) (:objects o - t) (:init) (:goal (p o)))"
 
@@ -79,7 +88,9 @@ def warm_up(folder: Path, last: Dict[str, Any]) -> None:
             domain.write_text(_DOMAIN)
             problem.write_text(_PROBLEM)
             files = str(domain), str(problem)
-            _plan(PlannerJob(*files, [engine], name, "", _WARM, _WARM, 0.2, True, 0.0, 0.0, []), own)
+            _plan(
+                PlannerJob(*files, [engine], name, "", _WARM, _WARM, 0.2, True, 0.0, 0.0, [], [], False), own
+            )
 
 
 def work(message: Dict[str, Any], folder: Path) -> Dict[str, Any]:
@@ -87,10 +98,13 @@ def work(message: Dict[str, Any], folder: Path) -> Dict[str, Any]:
 
     :param message: a :class:`PlannerJob` as a mapping; further keys are left alone.
     :param folder: of this planning.
-    :return: a mapping with state, reason, plan, planner, seconds, warning.
+    :return: a mapping with state, reason, plan, planner, seconds, warning, and reached where goals have
+        deadlines.
     """
     job = PlannerJob(**{key: message[key] for key in PlannerJob._fields})
     began = time.monotonic()
+    if job.background:
+        os.nice(BACKGROUND)
     outcome = _plan(job, folder)
     return {**outcome, "seconds": time.monotonic() - began}
 
@@ -102,15 +116,91 @@ def _plan(job: PlannerJob, folder: Path) -> Dict[str, Any]:
     except OSError as error:
         reason = f"cannot read {error.filename}: {error.strerror}"
         return _outcome(PlannerState.INVALID, reason, job.name)
-    domain_path, problem_path = Path(job.domain_path), Path(job.problem_path)
-    if job.without:
-        try:
+    files = Path(job.domain_path), Path(job.problem_path)
+    try:
+        if job.without:
             domain, problem = leave_out(domain, problem, job.without)
-        except PddlError as error:
-            return _outcome(PlannerState.INVALID, str(error), job.name)
-        domain_path, problem_path = folder / "domain_without.pddl", folder / "problem_without.pddl"
-        domain_path.write_text(domain)
-        problem_path.write_text(problem)
+            files = _written(folder, domain, problem)
+        if job.dues:
+            return _plan_in_time(job, domain, problem, folder)
+    except PddlError as error:
+        return _outcome(PlannerState.INVALID, str(error), job.name)
+    entry, task = _solve(job, (domain, problem), files, folder)
+    if entry.attempt.state != PlannerState.SOLVED:
+        return _outcome(entry.attempt.state, _why(entry.attempt, task), entry.attempt.planner)
+    return _solved(job, entry.attempt.planner, entry.plan)
+
+
+def _plan_in_time(job: PlannerJob, domain: str, problem: str, folder: Path) -> Dict[str, Any]:
+    """Plans for goals with deadlines; where no plan is in time, once more without these.
+
+    :raises PddlError: domain, problem or goals are not valid.
+    """
+    dues = [Due(tuple(goals), within) for goals, within in job.dues]
+    ends = time.monotonic() + job.planning_limit
+    proven = False
+    endless = all(due.within == math.inf for due in dues)
+    while True:
+        part = folder / ("late" if proven else "in_time")
+        part.mkdir()
+        timed = DeadlineTask(domain, problem, dues, binding=not proven)
+        texts = timed.domain, timed.problem
+        entry, task = _solve(job, texts, _written(part, *texts), part)
+        attempt = entry.attempt
+        if attempt.state == PlannerState.SOLVED:
+            steps, reached = timed.unmarked(entry.plan, _fault(texts))
+            if proven and any(time > due.within for due, time in zip(dues, reached)):
+                outcome = _outcome(PlannerState.UNSOLVABLE, _late(dues, reached), attempt.planner)
+            else:
+                outcome = _solved(job, attempt.planner, restore_case(steps, problem))
+            return {**outcome, "reached": reached}
+        left = ends - time.monotonic() if job.planning_limit else 0.0
+        if proven or endless or attempt.state != PlannerState.UNSOLVABLE or left < 0.0:
+            break
+        job, proven = job._replace(planning_limit=left), True
+    reason = _why(attempt, dataclasses.replace(task, domain=domain, problem=timed.plain))
+    if proven and attempt.state != PlannerState.UNSOLVABLE:
+        # The first search has proved it; how late they are is what the second one has not found.
+        reason = f"{_late(dues)}; without deadlines: {reason}"
+        outcome = _outcome(PlannerState.UNSOLVABLE, reason, attempt.planner)
+        return {**outcome, "reached": [NOT_KNOWN] * len(dues)}
+    return _outcome(attempt.state, reason, attempt.planner)
+
+
+def _fault(texts: Tuple[str, str]) -> Callable[[List[PlanStep]], Optional[str]]:
+    """Says what is wrong with a plan; without kairos no plan counts as right."""
+    return PlanValidator(*texts).fault if kairos_check.available() else lambda steps: "not checked"
+
+
+def _late(dues: Sequence[Due], reached: Sequence[float] = ()) -> str:
+    """That goals cannot be in time, as a sentence.
+
+    :param reached: by a plan without the deadlines, s from its begin; empty: none is known.
+    """
+    texts = [
+        f"{due.text} needs {time:.1f} s, its deadline is in {due.within:.1f} s"
+        for due, time in zip(dues, reached)
+        if time > due.within
+    ] or [f"the deadline of {due.text} is in {due.within:.1f} s" for due in dues]
+    return f"cannot {'all ' if len(dues) > 1 else ''}be in time: {'; '.join(texts)}"
+
+
+def _written(folder: Path, domain: str, problem: str) -> Tuple[Path, Path]:
+    """The files of a task that was changed."""
+    files = folder / "domain_changed.pddl", folder / "problem_changed.pddl"
+    for file, text in zip(files, (domain, problem)):
+        file.write_text(text)
+    return files
+
+
+def _solve(
+    job: PlannerJob, texts: Tuple[str, str], files: Tuple[Path, Path], folder: Path
+) -> Tuple[Entry, Task]:
+    """Has the engines solve a task.
+
+    :param texts, files: domain and problem.
+    :param folder: of the engines.
+    """
     keep_in = Path(job.data_path) if job.data_path else None
     planners: List[Planner] = [
         KairosPlanner() if engine == KAIROS else CommandPlanner(parse_command(engine), keep_in)
@@ -122,19 +212,19 @@ def _plan(job: PlannerJob, folder: Path) -> Dict[str, Any]:
         memory_limit=job.memory_limit,
         output_limit=job.output_limit,
     )
-    task = Task(domain_path, problem_path, domain, problem, folder, settings)
+    task = Task(*files, *texts, folder, settings)
 
     def check() -> Optional[str]:
         if not job.check_input:
             return None
-        return kairos_check.check_input(domain, problem, str(domain_path), str(problem_path))
+        return kairos_check.check_input(*texts, *map(str, files))
 
     if job.engines == [KAIROS]:  # the check costs less than it would to begin at the same time
         fault = check()
         if fault is not None:
-            return _outcome(PlannerState.INVALID, fault, KAIROS)
-        return _answer_of(PlannerRace(planners, task).run(), keep_in, task)
-    return _answer_of(PlannerRace(planners, task).run(check), keep_in, task)
+            return Entry(Attempt(KAIROS, PlannerState.INVALID, fault)), task
+        return PlannerRace(planners, task).run(), task
+    return PlannerRace(planners, task).run(check), task
 
 
 def _read(path: str) -> str:
@@ -151,19 +241,12 @@ def _why(attempt: Attempt, task: Task) -> str:
     return why if found else f"{attempt.reason}; {why}"
 
 
-def _answer_of(entry: Entry, keep_in: Optional[Path], task: Task) -> Dict[str, Any]:
-    attempt = entry.attempt
-    if attempt.state != PlannerState.SOLVED:
-        return _outcome(attempt.state, _why(attempt, task), attempt.planner)
-    text = format_plan(entry.plan)
-    warning = keep(keep_in / "plan.pddl", text) if keep_in is not None else None
-    length = max((step.time + step.duration for step in entry.plan), default=0.0)
-    reason = (
-        f"{len(entry.plan)} actions, {length:.1f} s"
-        if entry.plan
-        else "the goals hold already: the plan is empty"
-    )
-    return _outcome(PlannerState.SOLVED, reason, attempt.planner, text, warning)
+def _solved(job: PlannerJob, planner: str, plan: Sequence[PlanStep]) -> Dict[str, Any]:
+    text = format_plan(plan)
+    warning = keep(Path(job.data_path) / "plan.pddl", text) if job.data_path else None
+    length = max((step.time + step.duration for step in plan), default=0.0)
+    reason = f"{len(plan)} actions, {length:.1f} s" if plan else "the goals hold already: the plan is empty"
+    return _outcome(PlannerState.SOLVED, reason, planner, text, warning)
 
 
 def _outcome(

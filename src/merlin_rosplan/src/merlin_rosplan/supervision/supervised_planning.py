@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A planning as a node sees it: started, cancelled from any thread, and with a result."""
 
+import dataclasses
 import os
 import threading
 import time
@@ -70,9 +71,7 @@ class Planning:
         except HostError as error:
             state = PlannerState.CANCELLED if self._cancelled else PlannerState.CRASHED
             outcome = PlanningOutcome(state, str(error))
-        return PlanningOutcome(
-            outcome.state, outcome.reason, outcome.plan, outcome.planner, time.monotonic() - began
-        )
+        return dataclasses.replace(outcome, seconds=time.monotonic() - began)
 
     def _run(self, on_begin: Callable[[], None]) -> PlanningOutcome:
         for path in (self._domain, self._problem):
@@ -99,7 +98,9 @@ class Planning:
             settings.memory_limit,
             settings.output_limit,
             list(settings.without),
-            KAIROS not in chosen.commands,
+            list(settings.dues),
+            settings.background,
+            KAIROS not in chosen.commands and not settings.background,
         )
         host = self._hosts.take()
         try:
@@ -123,6 +124,7 @@ class Planning:
             answer["reason"],
             answer.get("plan", ""),
             answer.get("planner") or chosen.name,
+            reached=tuple(answer.get("reached", ())),
         )
 
 

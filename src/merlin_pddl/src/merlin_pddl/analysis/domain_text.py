@@ -1,0 +1,32 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The text of a domain as an expression that is changed and written again."""
+
+from typing import Iterable
+
+from merlin_pddl.text_reader import Expression, Node, Word, read_expression
+
+
+def head_of(node: Node) -> str:
+    """The first word of an expression; empty for a word."""
+    return node.head if isinstance(node, Expression) else ""
+
+
+def section(node: Expression, head: str) -> Expression:
+    """A section of a domain; made behind its name, requirements, types and constants when it has none."""
+    for found in node:
+        if isinstance(found, Expression) and found.head == head:
+            return found
+    made = read_expression(f"({head})")
+    order = (":requirements", ":types", ":constants")
+    behind = order[: order.index(head)] if head in order else order
+    place = 2
+    while place < len(node) and head_of(node[place]) in behind:
+        place += 1
+    node.insert(place, made)
+    return made
+
+
+def require(node: Expression, requirements: Iterable[str]) -> None:
+    """Adds requirements to a domain that it does not state."""
+    stated = section(node, ":requirements")
+    stated.extend(Word.at(name, "", 0, 0) for name in requirements if name not in stated[1:])

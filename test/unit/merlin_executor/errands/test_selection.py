@@ -1,0 +1,142 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which errands are taken where not all can be in time, against all orders of all of them."""
+
+import itertools
+import math
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from merlin_executor.errands.selection import EXACT, Answer, Errand, select
+
+EXAMPLES = settings(max_examples=150, deadline=None, derandomize=True, database=None)
+
+
+class Town:
+    """A planner: errands at places on a line, done in order; each question counts."""
+
+    def __init__(self, places, unknown=()):
+        self.places = dict(places)
+        self.unknown = set(unknown)
+        self.impossible = {}
+        self.asked = []
+
+    def __call__(self, name, before):
+        self.asked.append((name, before))
+        if name in self.unknown or (name, before) in self.unknown:
+            return Answer()
+        if name in self.impossible and before is None:
+            return Answer(self.seconds(name, before), self.impossible[name])
+        return Answer(self.seconds(name, before))
+
+    def seconds(self, name, before):
+        return 1.0 + abs(self.places[name] - self.places.get(before, 0))
+
+
+def ends(order, town):
+    """When each is done, or None when one is late."""
+    free, before, found = 0.0, None, []
+    for errand in order:
+        free = max(free, errand.ready) + town.seconds(errand.name, before)
+        if free > errand.deadline or max(errand.ready, 0.0) > errand.deadline:
+            return None
+        found.append(free)
+        before = errand.name
+    return found
+
+
+def worth(order, errands):
+    levels = sorted({errand.priority for errand in errands}, reverse=True)
+    return tuple(sum(e.value for e in order if e.priority == level) for level in levels)
+
+
+def best_of_all(errands, town):
+    orders = (order for count in range(len(errands) + 1) for order in itertools.permutations(errands, count))
+    fitting = [
+        (worth(order, errands), -max(ends(order, town), default=0.0))
+        for order in orders
+        if ends(order, town) is not None
+    ]
+    return max(fitting)
+
+
+def errands_of(count):
+    one = st.tuples(
+        st.integers(-9, 9),
+        st.integers(1, 40),
+        st.integers(0, 1),
+        st.sampled_from([1.0, 2.0, 5.0]),
+        st.integers(0, 15),
+    )
+    return st.lists(one, min_size=1, max_size=count)
+
+
+def made(rows):
+    errands = [
+        Errand(f"e{number}", float(deadline), priority, value, float(ready))
+        for number, (_, deadline, priority, value, ready) in enumerate(rows)
+    ]
+    return errands, Town({f"e{number}": row[0] for number, row in enumerate(rows)})
+
+
+@given(errands_of(5))
+@EXAMPLES
+def test_what_is_taken_is_worth_as_much_as_the_best_of_all_orders(rows):
+    errands, town = made(rows)
+    found = select(errands, town)
+    by_name = {errand.name: errand for errand in errands}
+    order = [by_name[one.name] for one in found.taken]
+    assert [one.end for one in found.taken] == ends(order, town)
+    assert (worth(order, errands), -max(ends(order, town), default=0.0)) == best_of_all(errands, town)
+    assert {*found.left_out, *(one.name for one in found.taken)} == set(by_name) and not found.late_by
+    assert len(set(town.asked)) == len(town.asked), "a question was asked twice"
+
+
+@given(errands_of(20).filter(lambda rows: len(rows) > EXACT))
+@settings(parent=EXAMPLES, max_examples=15)
+def test_many_are_never_taken_worse_than_by_the_earliest_deadline(rows):
+    errands, town = made(rows)
+    found = select(errands, town)
+    by_name = {errand.name: errand for errand in errands}
+    order = [by_name[one.name] for one in found.taken]
+    assert [one.end for one in found.taken] == ends(order, town)
+    earliest = []
+    for errand in sorted(errands, key=lambda errand: errand.deadline):
+        if ends([*earliest, errand], town) is not None:
+            earliest.append(errand)
+    assert worth(order, errands) >= worth(earliest, errands)
+    assert len(set(town.asked)) == len(town.asked)
+
+
+def test_what_is_left_out_says_for_what_and_what_is_late_by_itself_says_why():
+    town = Town({"kitchen": 4, "hall": -4, "moon": 4})
+    town.impossible["moon"] = "needs 95 s, its deadline is in 60 s"
+    found = select([Errand("moon", 60.0), Errand("kitchen", 6.0), Errand("hall", 6.0, value=2.0)], town)
+    assert [one.name for one in found.taken] == ["hall"]
+    assert found.late_by == {"moon": "needs 95 s, its deadline is in 60 s"}
+    assert found.left_out == {**found.late_by, "kitchen": "there is no time for it (preferred: hall)"}
+
+
+def test_what_the_planner_does_not_find_out_is_not_left_out():
+    town = Town({"kitchen": 1, "hall": 2}, unknown=["hall"])
+    found = select([Errand("hall", 5.0), Errand("kitchen", 5.0)], town)
+    assert found.taken == (("kitchen", 2.0), ("hall", None)) and found.left_out == {}
+
+
+def test_a_way_that_is_not_known_is_not_gone():
+    town = Town({"kitchen": 1, "hall": 2}, unknown=[("hall", "kitchen")])
+    found = select([Errand("kitchen"), Errand("hall")], town)
+    assert [one.name for one in found.taken] == ["hall", "kitchen"]
+
+
+def test_a_more_urgent_one_is_never_left_out_for_others():
+    town = Town({"a": 5, "b": -5, "c": -6})
+    errands = [Errand("a", 7.0, priority=1), Errand("b", 8.0, value=50.0), Errand("c", 9.0, value=50.0)]
+    assert [one.name for one in select(errands, town).taken] == ["a"]
+
+
+def test_errands_without_deadlines_are_all_taken_by_the_shortest_way():
+    town = Town({f"e{place}": place for place in (3, 1, 2)})
+    found = select([Errand(name) for name in town.places], town)
+    assert [one.name for one in found.taken] == ["e1", "e2", "e3"] and found.taken[-1].end == 6.0
+    assert math.isinf(Errand("x").deadline)
