@@ -1,0 +1,31 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which function answers which question: ``answer(question, system) -> Answer``.
+
+It is imported when it is first asked. It raises QuestionError where the question is wrong.
+"""
+
+from typing import Callable, Dict
+
+from merlin_msgs.srv import ExplainRequest
+
+from merlin_explain.claims import Answer, Question, QuestionError
+from merlin_explain.node.robot_system import RobotSystem
+from merlin_ros.class_path import load_function
+
+Answering = Callable[[Question, RobotSystem], Answer]
+
+#: Question → its function.
+QUESTIONS: Dict[str, str] = {
+    ExplainRequest.WHY: "merlin_explain.node.plan_questions:why",
+}
+
+
+def answering(question: str) -> Answering:
+    """The function for a question.
+
+    :raises QuestionError: nobody answers it.
+    """
+    path = QUESTIONS.get(question)
+    if path is None:
+        raise QuestionError(f"there is no question '{question}', only {', '.join(QUESTIONS)}")
+    return load_function(path)
