@@ -10,9 +10,10 @@ import pytest
 
 from merlin_pddl.domain_reader import read_domain
 from merlin_pddl.problem_reader import read_problem
+from merlin_ros.processes.process_tree import descendants
 from merlin_rosplan.planning.planner import PlannerSettings
 from merlin_rosplan.planning.planning_outcome import PlannerState
-from merlin_rosplan.supervision.plan_preview import BUSY, PREVIEW_LIMIT, Previews, steps_of
+from merlin_rosplan.supervision.plan_preview import BUSY, NICENESS, PREVIEW_LIMIT, Previews, Wanted, steps_of
 
 HOME = Path(__file__).resolve().parents[4] / "pddl" / "home"
 DOMAIN = str(HOME / "domain.pddl")
@@ -31,8 +32,8 @@ def world():
     return domain, read_problem(HOME / "problem.pddl", domain)
 
 
-def look(previews, goal, *without, command=""):
-    return previews.plan(world(), DOMAIN, command, [goal], without)
+def look(previews, goal, *without, command="", include=()):
+    return previews.plan(world(), DOMAIN, command, Wanted([goal], without, include))[0]
 
 
 def test_a_plan_has_its_steps_and_times(previews):
@@ -48,6 +49,40 @@ def test_another_plan_does_without_a_step_of_the_first(previews):
     assert len(other) > 1 and left_out not in other and other[-1].endswith("kitchen)")
     none = look(previews, "(robot_at kitchen)", "(navigate * kitchen)")
     assert none.state == PlannerState.UNSOLVABLE and none.reason
+
+
+def test_a_plan_has_an_action_that_it_would_not_need(previews):
+    wanted = "(navigate bathroom kitchen)"
+    outcome = look(previews, "(robot_at kitchen)", include=[wanted])
+    assert outcome.solved, outcome.reason
+    assert wanted in [str(step) for step in steps_of(outcome.plan)]
+
+
+@pytest.mark.parametrize(
+    "action, said",
+    [
+        ("(fly kitchen)", "no action 'fly'"),
+        ("(ask)", "takes 1 objects, not 0"),
+        ("(ask moon)", "no object 'moon'"),
+        ("(ask anywhere)", "'anywhere' is no poi"),
+        ("ask kitchen", ""),
+    ],
+)
+def test_an_action_that_does_not_exist_says_why(previews, action, said):
+    outcome = look(previews, "(robot_at kitchen)", include=[action])
+    assert outcome.state == PlannerState.INVALID and said in outcome.reason
+
+
+def test_the_problem_is_given_back_as_it_was_planned(previews):
+    plain = previews.plan(world(), DOMAIN, "", Wanted(["(checked kitchen)"]))[1]
+    marked = previews.plan(world(), DOMAIN, "", Wanted(["(checked kitchen)"], [], ["(ask kitchen)"]))[1]
+    assert plain == marked and "(checked kitchen)" in plain and "(robot_at anywhere)" in plain
+
+
+def test_what_the_robot_plans_itself_goes_first(previews):
+    look(previews, "(checked kitchen)")
+    nices = [int(Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[16]) for pid in descendants(os.getpid())]
+    assert nices and max(nices) == NICENESS
 
 
 def test_a_goal_that_holds_has_an_empty_plan(previews):

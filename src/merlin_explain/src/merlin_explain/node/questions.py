@@ -17,13 +17,16 @@ Answering = Callable[[Question, RobotSystem], Answer]
 #: Question → its function.
 QUESTIONS: Dict[str, str] = {
     ExplainRequest.WHY: "merlin_explain.node.plan_questions:why",
+    ExplainRequest.WHY_NOT: "merlin_explain.node.plan_questions:why_not",
+    ExplainRequest.NO_PLAN: "merlin_explain.node.plan_questions:no_plan",
+    ExplainRequest.WHAT_IF: "merlin_explain.node.plan_questions:what_if",
 }
 
 
 def answering(question: str) -> Answering:
     """The function for a question.
 
-    :raises QuestionError: nobody answers it.
+    :raises QuestionError: there is none.
     """
     path = QUESTIONS.get(question)
     if path is None:

@@ -2,14 +2,15 @@
 """What a question may ask of the running system. Nothing is connected before a question needs it."""
 
 import threading
-from typing import Any, Dict, NamedTuple, Optional
+from typing import Any, Dict, NamedTuple, Optional, Tuple
 
 import rospy
 from merlin_msgs.srv import PreviewPlan, PreviewPlanResponse
 
 from merlin_explain.claims import Words
 from merlin_pddl.domain import Domain
-from merlin_pddl.domain_reader import read_domain
+from merlin_pddl.domain_reader import parse_domain
+from merlin_pddl.text_reader import text_of
 from merlin_planning.knowledge_client import KnowledgeClient, knowledge_client
 from merlin_planning.planning_client import TopicWatch
 from merlin_ros.master.master_link import get_param
@@ -41,8 +42,8 @@ class RobotSystem:
         self.names = names
         self._lock = threading.Lock()  # guards the fields below
         self._topics: Dict[str, TopicWatch] = {}
-        self._domain: Optional[Domain] = None
-        self._words: Optional[Words] = None
+        self._domain: Optional[Tuple[str, Domain]] = None
+        self._words: Optional[Tuple[Domain, Words]] = None
         self._preview = ServiceProxy(f"{names.planner}/preview_plan", PreviewPlan, timeout=PLAN_LIMIT)
 
     @property
@@ -56,21 +57,27 @@ class RobotSystem:
         :raises MasterSilent: when the master does not answer.
         """
         with self._lock:
-            watch = self._topics.get(topic)
-            if watch is None:
-                watch = self._topics[topic] = TopicWatch(topic, kind)
-        return watch.wait_newer(0, LATCHED)
+            known = self._topics.get(topic)
+            watch = self._topics[topic] = known or TopicWatch(topic, kind)
+        return watch.message if known else watch.wait_newer(0, LATCHED)
+
+    def domain_text(self) -> str:
+        """The PDDL file of the planning system's domain.
+
+        :raises PddlError: it is not on this machine.
+        """
+        return text_of(str(get_param(f"{rospy.resolve_name(self.names.knowledge)}/domain_path", "")))
 
     def domain(self) -> Domain:
-        """The domain of the planning system, with its operators.
+        """The domain, with its operators.
 
         :raises PddlError: its file is not on this machine, or is not PDDL.
         """
-        path = str(get_param(f"{rospy.resolve_name(self.names.knowledge)}/domain_path", ""))
+        text = self.domain_text()
         with self._lock:
-            if self._domain is None:
-                self._domain = read_domain(path)
-            return self._domain
+            if self._domain is None or self._domain[0] != text:
+                self._domain = text, parse_domain(text)
+            return self._domain[1]
 
     def words(self) -> Words:
         """What the application calls its steps and facts."""
@@ -78,9 +85,9 @@ class RobotSystem:
 
         domain = self.domain()
         with self._lock:
-            if self._words is None:
-                self._words = ApplicationWords(domain)
-            return self._words
+            if self._words is None or self._words[0] is not domain:
+                self._words = domain, ApplicationWords(domain)
+            return self._words[1]
 
     def preview(self, **request: Any) -> PreviewPlanResponse:
         """A plan that is not carried out.

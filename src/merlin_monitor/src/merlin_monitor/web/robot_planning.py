@@ -134,7 +134,7 @@ class RobotPlanning:
             raise ControlError(f"No plan can be shown: nothing offers {self._preview.name}.")
         try:
             running = self._running()
-            answer = self._preview([goal], list(without), list(running))
+            answer = self._preview(goals=[goal], without=list(without), after=list(running))
         except ServiceError as error:
             raise ControlError(f"No plan can be shown: {error}") from error
         status = answer.status

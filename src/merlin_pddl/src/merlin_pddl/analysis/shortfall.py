@@ -12,6 +12,7 @@ from merlin_pddl.analysis.relaxed_state import CutOffError, RelaxedState
 from merlin_pddl.domain import Domain, Operator
 from merlin_pddl.domain_reader import parse_domain
 from merlin_pddl.formula import (
+    And,
     Arithmetic,
     Atom,
     Comparison,
@@ -26,6 +27,7 @@ from merlin_pddl.formula import (
     to_pddl,
 )
 from merlin_pddl.knowledge import conjuncts
+from merlin_pddl.problem import Problem
 from merlin_pddl.problem_reader import parse_problem
 from merlin_pddl.text_reader import PddlError
 
@@ -36,6 +38,7 @@ NAMED = 2
 #: How many ways to reach a condition are compared.
 WAYS = 500
 _MIRRORED = {">": "<", ">=": "<=", "<": ">", "<=": ">=", "=": "="}
+GIVEN_UP = "it was given up"
 CUT_OFF = "why was not found out within {limit:g} s"
 TOGETHER = (
     "every goal could be reached for itself: actions undo what others need, or a number does not last for all"
@@ -50,11 +53,28 @@ class Gap(NamedTuple):
     operator: str
     """Action that needs it; empty: it is the goal itself."""
     why: str
+    needed: Condition
+    """The condition itself."""
+    goal: Condition = And()
+    """The goal that cannot be reached; what comes nearest to it lacks the condition, others may lack others."""
 
     def text(self) -> str:
         """The text as part of a sentence."""
         needed = f" for {self.operator}" if self.operator else ""
         return f"{self.condition}{needed}; {self.why}"
+
+
+def gaps(domain: Domain, task: Problem, limit: float = LIMIT) -> List[Gap]:
+    """For each goal that no action can reach, the condition behind it; none: each can be reached for itself.
+
+    :param limit: s of wall time.
+    :raises CutOffError: the time is over.
+    """
+    reach = Reachability(domain, task, time.monotonic() + limit)
+    reach.run()
+    goals = [part for goal in task.goals for part in conjuncts(goal)]
+    search = _Search(domain, reach.state)
+    return [search.of(goal) for goal in goals if not reach.state.can(goal, {})]
 
 
 def shortfall(domain: str, problem: str, limit: float = LIMIT) -> Tuple[bool, str]:
@@ -65,15 +85,10 @@ def shortfall(domain: str, problem: str, limit: float = LIMIT) -> Tuple[bool, st
     :return: whether a condition was found that cannot be reached, and a sentence; empty when the text is not
         PDDL that this reader knows.
     """
-    end = time.monotonic() + limit
     try:
         model = parse_domain(domain)
-        task = parse_problem(problem, model, constraints=True)
-        reach = Reachability(model, task, end)
-        reach.run()
-        goals = [part for goal in task.goals for part in conjuncts(goal)]
-        missed = [goal for goal in goals if not reach.state.can(goal, {})]
-        sentences = [_sentence(goal, model, reach.state) for goal in missed[:NAMED]]
+        missed = gaps(model, parse_problem(problem, model, constraints=True), limit)
+        sentences = [_sentence(gap) for gap in missed[:NAMED]]
     except CutOffError:
         return False, CUT_OFF.format(limit=limit)
     except (
@@ -88,11 +103,10 @@ def shortfall(domain: str, problem: str, limit: float = LIMIT) -> Tuple[bool, st
     return True, "; ".join(sentences) + more
 
 
-def _sentence(goal: Condition, domain: Domain, state: RelaxedState) -> str:
-    gap = _Search(domain, state).gap(goal, "", frozenset())
-    if gap.condition == to_pddl(goal):
+def _sentence(gap: Gap) -> str:
+    if gap.condition == to_pddl(gap.goal):
         return f"cannot be reached: {gap.text()}"
-    return f"{to_pddl(goal)} cannot be reached, it needs {gap.text()}"
+    return f"{to_pddl(gap.goal)} cannot be reached, it needs {gap.text()}"
 
 
 class _Search:
@@ -109,6 +123,10 @@ class _Search:
             domain.derived
         )
 
+    def of(self, goal: Condition) -> Gap:
+        """What is missing for a goal."""
+        return self.gap(goal, "", frozenset())._replace(goal=goal)
+
     def gap(self, condition: Condition, operator: str, seen: FrozenSet[str]) -> Gap:
         """The reason behind a ground condition.
 
@@ -117,18 +135,18 @@ class _Search:
         """
         text = to_pddl(condition)
         if isinstance(condition, Comparison):
-            return Gap(self._subject(condition), operator, self._missed(condition))
+            return Gap(self._subject(condition), operator, self._missed(condition), condition)
         if isinstance(condition, Not) and isinstance(condition.part, Atom):
             atom = condition.part
             if atom.name.startswith(LEFT_OUT):
                 action = f"({' '.join((atom.name[len(LEFT_OUT) :], *atom.args))})"
-                return Gap(action, "", "it was given up")
-            return Gap(text, operator, "no action can make it false")
+                return Gap(action, "", GIVEN_UP, condition)
+            return Gap(text, operator, "no action can make it false", condition)
         if not isinstance(condition, Atom):
-            return Gap(text, operator, "it can never hold")
+            return Gap(text, operator, "it can never hold", condition)
         way = self._way(condition, seen | {text})
         if way is None:
-            return Gap(text, operator, "no action can make it true")
+            return Gap(text, operator, "no action can make it true", condition)
         needed, name = way
         return self.gap(needed, name, seen | {text})
 

@@ -12,13 +12,13 @@ from rosplan_dispatch_msgs.srv import PlanningServiceRequest
 from merlin_pddl.domain_reader import read_domain
 from merlin_pddl.plan_text import PlanTextError
 from merlin_pddl.text_reader import PddlError
-from merlin_rosplan.knowledge.foreseen import after_actions
+from merlin_rosplan.knowledge.foreseen import after_actions, with_facts
 from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
 from merlin_rosplan.messages.knowledge_snapshot import KnowledgeBaseError
 from merlin_rosplan.nodes.world_reader import WorldReader
 from merlin_rosplan.planning.planner_settings import PlannerSettings
 from merlin_rosplan.planning.planning_outcome import PlannerState, PlanningOutcome
-from merlin_rosplan.supervision.plan_preview import Previews, steps_of
+from merlin_rosplan.supervision.plan_preview import Previews, Wanted, steps_of
 from merlin_rosplan.transport.component import Component
 
 
@@ -44,6 +44,7 @@ class PreviewService:
     def answer(self, request: PreviewPlanRequest) -> PreviewPlanResponse:
         """The plan for some goals, or why there is none."""
         wanted = self._parameters()
+        text = ""
         try:
             with self._reading:
                 domain, problem = self._world.snapshot()
@@ -51,9 +52,12 @@ class PreviewService:
                 if not domain.operators:  # as it is read over ROS
                     domain = read_domain(wanted.domain_path)
                 problem = after_actions(domain, problem, request.after)
-            world = (domain, problem)
-            outcome = self._previews.plan(
-                world, wanted.domain_path, wanted.planner_command, request.goals, request.without
+            with_facts(domain, problem, request.facts)
+            outcome, text = self._previews.plan(
+                (domain, problem),
+                wanted.domain_path,
+                wanted.planner_command,
+                Wanted(request.goals, request.without, request.include),
             )
             steps = steps_of(outcome.plan)
         except (KnowledgeBaseError, PlanTextError, PddlError, UpdateRefused) as error:
@@ -67,4 +71,5 @@ class PreviewService:
             [str(step) for step in steps],
             [step.time for step in steps],
             [step.duration for step in steps],
+            text,
         )

@@ -4,23 +4,39 @@
 import dataclasses
 import threading
 from pathlib import Path
-from typing import Optional, Sequence, Tuple
+from typing import NamedTuple, Optional, Sequence, Tuple
 
+from merlin_pddl.analysis.demand import demand
 from merlin_pddl.domain import Domain
 from merlin_pddl.knowledge import conjuncts
 from merlin_pddl.plan_text import NO_DURATION, PlanStep, parse_plan
 from merlin_pddl.problem import Problem
 from merlin_pddl.problem_reader import parse_condition
 from merlin_pddl.problem_writer import write_problem
-from merlin_pddl.text_reader import PddlError
+from merlin_pddl.text_reader import PddlError, text_of
 from merlin_rosplan.planning.planner_settings import PlannerSettings
 from merlin_rosplan.planning.planning_outcome import PlannerState, PlanningOutcome
+from merlin_rosplan.supervision.planner_host import PlannerHosts
 from merlin_rosplan.supervision.scratch_folder import ScratchFolder
 from merlin_rosplan.supervision.supervised_planning import Planning
 
 #: Longest time for a plan that is only looked at, s: its reader waits for it.
 PREVIEW_LIMIT = 10.0
 BUSY = "another plan is being looked for, only to be shown; ask again when it is there"
+#: Nice value: what the robot plans itself goes first.
+NICENESS = 10
+
+
+class Wanted(NamedTuple):
+    """What a plan is to reach, as PDDL text.
+
+    :ivar without: actions that it must not have, see :class:`PlannerSettings`.
+    :ivar include: actions that it has to have.
+    """
+
+    goals: Sequence[str]
+    without: Sequence[str] = ()
+    include: Sequence[str] = ()
 
 
 class Previews:
@@ -34,6 +50,7 @@ class Previews:
         limit = min(settings.time_limit or limit, limit)
         self._settings = dataclasses.replace(settings, time_limit=limit)
         self._folder = ScratchFolder("plan_preview")
+        self._hosts = PlannerHosts(NICENESS)  # of its own: a process never gets its priority back
         self._lock = threading.Lock()  # guards the fields below
         self._busy = False
         self._closed = False
@@ -44,23 +61,22 @@ class Previews:
         world: Tuple[Domain, Problem],
         domain_path: str,
         command: str,
-        goals: Sequence[str],
-        without: Sequence[str] = (),
-    ) -> PlanningOutcome:
+        wanted: Wanted,
+    ) -> Tuple[PlanningOutcome, str]:
         """Plans.
 
         :param world: domain and state; the goals in it do not count.
         :param domain_path: PDDL file of the domain.
         :param command: of the planner.
-        :param goals: PDDL text.
-        :param without: see :class:`PlannerSettings`.
+        :return: how it ended; and the problem as PDDL text, without `wanted.without` and `include`; empty
+            where it cannot be written.
         """
         with self._lock:
             if self._busy or self._closed:
-                return PlanningOutcome(PlannerState.CANCELLED, BUSY)
+                return PlanningOutcome(PlannerState.CANCELLED, BUSY), ""
             self._busy = True
         try:
-            return self._plan(world, domain_path, command, goals, without)
+            return self._plan(world, domain_path, command, wanted)
         finally:
             with self._lock:
                 self._busy = False
@@ -78,25 +94,29 @@ class Previews:
                 self._folder.cleanup()
 
     def _plan(
-        self,
-        world: Tuple[Domain, Problem],
-        domain_path: str,
-        command: str,
-        goals: Sequence[str],
-        without: Sequence[str],
-    ) -> PlanningOutcome:
-        path = Path(self._folder.name) / "problem.pddl"
+        self, world: Tuple[Domain, Problem], domain_path: str, command: str, wanted: Wanted
+    ) -> Tuple[PlanningOutcome, str]:
+        folder, text = Path(self._folder.name), ""
+        path = folder / "problem.pddl"
         try:
-            path.write_text(write_goal_problem(*world, goals), encoding="utf-8")
+            text = problem = write_goal_problem(*world, wanted.goals)
+            if wanted.include:
+                domain, state = world
+                objects = {name.lower(): kinds for name, kinds in state.objects.items()}
+                marked, done = demand(text_of(domain_path), objects, wanted.include)
+                state.goals += done
+                problem, domain_path = write_problem(state, domain), str(folder / "domain.pddl")
+                Path(domain_path).write_text(marked, encoding="utf-8")
+            path.write_text(problem, encoding="utf-8")
         except (PddlError, OSError) as error:
-            return PlanningOutcome(PlannerState.INVALID, str(error))
-        settings = dataclasses.replace(self._settings, command=command, without=tuple(without))
-        planning = Planning(settings, domain_path, str(path))
+            return PlanningOutcome(PlannerState.INVALID, str(error)), text
+        settings = dataclasses.replace(self._settings, command=command, without=tuple(wanted.without))
+        planning = Planning(settings, domain_path, str(path), hosts=self._hosts)
         with self._lock:
             self._planning = planning
             if self._closed:
                 planning.cancel()
-        return planning.run()
+        return planning.run(), text
 
 
 def steps_of(plan: str) -> Sequence[PlanStep]:
