@@ -6,7 +6,7 @@ from typing import List, NamedTuple, Optional, Sequence, Union
 from merlin_explain.claims import FACT, VALUE, Answer, Claim, Evidence, Words
 from merlin_explain.core.judge import PROOF_LIMIT, Judge
 from merlin_explain.core.other_plan import Found, cannot, impossible
-from merlin_explain.core.wording import and_list, plan_evidence
+from merlin_explain.core.wording import and_list, plan_evidence, steps_count
 from merlin_pddl.analysis.relaxed_state import CutOffError
 from merlin_pddl.analysis.shortfall import Gap, gaps
 from merlin_pddl.domain import Domain
@@ -106,8 +106,8 @@ def no_plan(
     """
     if found.steps is not None and not judge.fault(found.steps):
         shown = Claim("plan", "This is the plan.", (plan_evidence(found.steps),))
-        size = f"{len(found.steps)} step{'' if len(found.steps) == 1 else 's'}"
-        return Answer(f"There is a plan, of {size}." if found.steps else "The goals hold already.", (shown,))
+        size = f"There is a plan, of {steps_count(found.steps)}."
+        return Answer(size if found.steps else "The goals hold already.", (shown,))
     if not lacking.gaps:
         said = Claim("not found", f"The planner says: {found.reason}.", ())
         alone = " Each goal could be reached for itself, were nothing ever lost." if lacking.known else ""
@@ -124,7 +124,8 @@ def no_plan(
     if then.steps is None or judge_then is None or judge_then.fault(then.steps):
         text = f"With {named} each goal could be reached for itself, but no plan for all was found."
         return Answer(f"{sentence} {text}", (*claims, Claim("reachable", text, tuple(evidence))))
-    size = f"{len(then.steps)} step{'' if len(then.steps) == 1 else 's'}"
-    text = f"With {named} there would be a plan of {size}."
+    text = f"With {named} there would be a plan of {steps_count(then.steps)}."
+    if not then.steps:
+        text = f"With {named} the goals would hold."
     claims.append(Claim("enough", text, (*evidence, plan_evidence(then.steps))))
     return Answer(f"{sentence} {text}", tuple(claims))

@@ -5,7 +5,7 @@ from typing import List, NamedTuple, Optional, Sequence
 
 from merlin_explain.claims import FACT, GOAL, Answer, Claim, Evidence, QuestionError, Words
 from merlin_explain.core.judge import Judge
-from merlin_explain.core.wording import and_list, plain, plan_evidence
+from merlin_explain.core.wording import and_list, plain, plan_evidence, steps_count
 from merlin_pddl.analysis.demand import DONE
 from merlin_pddl.analysis.leave_out import ANY
 from merlin_pddl.analysis.shortfall import GIVEN_UP, Gap
@@ -109,19 +109,17 @@ def what_if(changes: str, judge: Judge, usual: Optional[Found], other: Found, wo
             return Answer(text, (Claim("not found", f"The planner says: {other.reason}.", ()),))
         return Answer(f"{changes}, there would be no plan: {cannot(gap, words)}.", (impossible(gap, words),))
     _check(other.steps, judge)
-    quality = judge.quality(other.steps)
     claim = Claim("plan", "This would be the plan; nothing of it is carried out.", (plan_evidence(other.steps),))
     if not other.steps:
         return Answer(f"{changes}, nothing would have to be done.", (claim,))
-    sentence = f"{changes}, the plan would have {_size(quality.actions, quality.makespan)}"
+    sentence = f"{changes}, the plan would have {_size(other.steps)}"
     if usual is None:
         return Answer(f"{sentence}.", (claim,))
     if usual.steps is None:
         now = Claim("not found", f"As things are there is none: {usual.reason}.", ())
         return Answer(f"{sentence}; as things are there is none.", (claim, now))
     now = Claim("plan", "This is the plan as things are.", (plan_evidence(usual.steps),))
-    end = max((step.time + step.duration for step in usual.steps), default=0.0)
-    return Answer(f"{sentence} instead of {_size(len(usual.steps), end)}.", (claim, now))
+    return Answer(f"{sentence} instead of {_size(usual.steps)}.", (claim, now))
 
 
 def _check(steps: Sequence[PlanStep], judge: Judge) -> None:
@@ -163,7 +161,7 @@ def _none(
 
 def _compared(plan: str, judge: Judge, usual: Sequence[PlanStep], other: Sequence[PlanStep]) -> Answer:
     ours, theirs = judge.quality(usual), judge.quality(other)
-    sizes = f"{_size(theirs.actions, theirs.makespan)} instead of {_size(ours.actions, ours.makespan)}"
+    sizes = f"{_size(other)} instead of {_size(usual)}"
     cost = judge.cost(ours), judge.cost(theirs)
     worse = cost[1] - cost[0]
     judged = judge.judged_by
@@ -176,14 +174,15 @@ def _compared(plan: str, judge: Judge, usual: Sequence[PlanStep], other: Sequenc
     else:
         sentence = f"A {plan} would be better: {sizes}. The planner did not find it by itself in its time."
     claims = (
-        Claim("plan", f"The plan that is made now: {_size(ours.actions, ours.makespan)}.", (plan_evidence(usual),)),
-        Claim("plan", f"The other plan: {_size(theirs.actions, theirs.makespan)}.", (plan_evidence(other),)),
+        Claim("plan", f"The plan that is made now: {_size(usual)}.", (plan_evidence(usual),)),
+        Claim("plan", f"The other plan: {_size(other)}.", (plan_evidence(other),)),
     )
     return Answer(sentence, claims)
 
 
-def _size(steps: int, seconds: float) -> str:
-    return f"{steps} step{'' if steps == 1 else 's'} and {seconds:.1f} s"
+def _size(steps: Sequence[PlanStep]) -> str:
+    end = max((step.time + step.duration for step in steps), default=0.0)
+    return f"{steps_count(steps)} and {end:.1f} s"
 
 
 def _matches(pattern: str, step: PlanStep) -> bool:

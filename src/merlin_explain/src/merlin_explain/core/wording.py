@@ -37,3 +37,8 @@ def plan_evidence(steps: Sequence[PlanStep]) -> Evidence:
 def plain(text: str) -> str:
     """An action as plans write it, in small letters."""
     return f"({' '.join(text.lower().strip('() ').split())})"
+
+
+def steps_count(steps: Sequence[PlanStep]) -> str:
+    """``1 step``, ``2 steps``."""
+    return f"{len(steps)} step{'' if len(steps) == 1 else 's'}"
