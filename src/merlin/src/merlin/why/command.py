@@ -4,7 +4,7 @@
 import argparse
 import sys
 import time
-from typing import List, Sequence
+from typing import Any, Dict, List, Sequence
 
 import rospy
 from merlin_msgs.msg import Claim, Evidence
@@ -28,40 +28,42 @@ _ALONE = {
 
 def main() -> int:
     """Asks, prints the answer; returns the exit code: 0 answered, 2 a mistake."""
-    given = _parser().parse_args()
+    given = parser().parse_args()
     try:
         request = request_of(given)
     except ValueError as error:
         print(f"merlin why: {error}", file=sys.stderr)
         return EXIT_REFUSED
-    return at_robot("merlin why", given.robot, lambda robot: _ask(robot, request, given), ServiceError, ValueError)
+    refusals = (ServiceError, ValueError)
+    return at_robot("merlin why", given.robot, lambda robot: _ask(robot, request, given), *refusals)
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+def parser() -> argparse.ArgumentParser:
+    """Reads the command line."""
+    made = argparse.ArgumentParser(
         prog="rosrun merlin why",
         description="Says why the robot does what it does. Nothing moves because of a question.",
     )
-    parser.add_argument("about", nargs="?", default="", help='step or goal: "(deliver box_1 ward_2)"')
-    other = parser.add_argument_group("why not another plan")
+    made.add_argument("about", nargs="?", default="", help='step or goal: "(deliver box_1 ward_2)"')
+    other = made.add_argument_group("why not another plan")
     other.add_argument("--not", dest="include", **_many("ACTION", "one that does this, too"))
     other.add_argument("--without", **_many("ACTION", "one without this; * is any object"))
     other.add_argument("--first", **_many("GOAL", "one that reaches this goal before the others"))
-    others = parser.add_argument_group("other questions")
+    others = made.add_argument_group("other questions")
     others.add_argument("--no-plan", action="store_true", help="what is missing for the goals")
     others.add_argument("--what-if", dest="facts", **_many("FACT", "the plan, if this were so"))
-    others.add_argument("--goal", dest="goals", **_many("GOAL", "for --no-plan and --what-if"))
+    others.add_argument("--goal", dest="goals", **_many("GOAL", "of the plan, in place of those that there are"))
     others.add_argument("--waiting", action="store_true", help="what a step or a request waits for")
     others.add_argument("--failed", action="store_true", help="why the last thing failed")
     others.add_argument("--so", action="store_true", help="why a fact is as it is")
     others.add_argument("--doing", action="store_true", help="what the robot does, and how long")
-    parser.add_argument("--at", metavar="TIME", help="of a past moment: 10min ago, or 14:30 of today")
-    parser.add_argument("--evidence", action="store_true", help="print what shows each claim, too")
-    parser.add_argument("--robot", help="namespace of the robot, where there are several")
-    return parser
+    made.add_argument("--at", metavar="TIME", help="of a past moment: 10min ago, or 14:30 of today")
+    made.add_argument("--evidence", action="store_true", help="print what shows each claim, too")
+    made.add_argument("--robot", help="namespace of the robot, where there are several")
+    return made
 
 
-def _many(what: str, text: str) -> "dict[str, object]":
+def _many(what: str, text: str) -> Dict[str, Any]:
     return {"action": "append", "default": [], "metavar": what, "help": text}
 
 
@@ -71,10 +73,13 @@ def request_of(given: argparse.Namespace) -> ExplainRequest:
     :raises ValueError: it asks nothing, or two things.
     """
     asked = [question for option, question in _ALONE.items() if getattr(given, option)]
-    if given.facts or (given.goals and not asked):
-        asked.append(ExplainRequest.WHAT_IF)
     if given.include or given.without or given.first:
         asked.append(ExplainRequest.WHY_NOT)
+    if given.facts or (given.goals and not asked):
+        asked.append(ExplainRequest.WHAT_IF)
+    without = list(given.without)
+    if ExplainRequest.WHY_NOT in asked and given.about:
+        without.append(given.about)  # why this step and not that one
     if len(asked) > 1:
         raise ValueError("that is more than one question; ask one after the other")
     if not asked and not given.about:
@@ -83,7 +88,7 @@ def request_of(given: argparse.Namespace) -> ExplainRequest:
         question=asked[0] if asked else ExplainRequest.WHY,
         about=given.about,
         include=given.include,
-        without=given.without,
+        without=without,
         first=given.first,
         facts=given.facts,
         goals=given.goals,

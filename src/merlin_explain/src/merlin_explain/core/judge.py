@@ -88,7 +88,7 @@ class Judge:
         return changes
 
     def gap(self, include: Sequence[str] = (), without: Sequence[str] = ()) -> Optional[Gap]:
-        """A goal that no action can reach, and what is missing for it: a proof that does not need the planner.
+        """A goal that no action can reach, and what is missing for it: a proof without the planner.
 
         :param include, without: actions that the plan has to have, and must not have.
         :return: None: nothing is proved.

@@ -5,7 +5,7 @@ from typing import List, NamedTuple, Optional, Sequence, Union
 
 from merlin_explain.claims import FACT, VALUE, Answer, Claim, Evidence, Words
 from merlin_explain.core.judge import PROOF_LIMIT, Judge
-from merlin_explain.core.other_plan import Found, cannot, impossible
+from merlin_explain.core.other_plan import Found, cannot, impossible, said_by_planner, unproved
 from merlin_explain.core.wording import and_list, plan_evidence, steps_count
 from merlin_pddl.analysis.relaxed_state import CutOffError
 from merlin_pddl.analysis.shortfall import Gap, gaps
@@ -82,7 +82,8 @@ def changed(problem: Problem, changes: Sequence[Condition]) -> Problem:
     copy = Problem(**vars(problem))
     rows: List[Union[Fact, FunctionValue]] = []
     for change in changes:
-        if isinstance(change, Comparison) and isinstance(change.left, Fluent) and isinstance(change.right, Number):
+        if isinstance(change, Comparison):
+            assert isinstance(change.left, Fluent) and isinstance(change.right, Number)
             rows.append(FunctionValue(change.left.name, change.left.args, change.right.value))
         elif isinstance(change, Atom):
             rows.append(Fact(change.name, change.args))
@@ -97,7 +98,12 @@ def changed(problem: Problem, changes: Sequence[Condition]) -> Problem:
 
 
 def no_plan(
-    judge: Judge, found: Found, lacking: Missing, then: Optional[Found], judge_then: Optional[Judge], words: Words
+    judge: Judge,
+    found: Found,
+    lacking: Missing,
+    then: Optional[Found],
+    judge_then: Optional[Judge],
+    words: Words,
 ) -> Answer:
     """Why goals have no plan.
 
@@ -109,10 +115,8 @@ def no_plan(
         size = f"There is a plan, of {steps_count(found.steps)}."
         return Answer(size if found.steps else "The goals hold already.", (shown,))
     if not lacking.gaps:
-        said = Claim("not found", f"The planner says: {found.reason}.", ())
         alone = " Each goal could be reached for itself, were nothing ever lost." if lacking.known else ""
-        text = f"I found no plan within {found.seconds:.1f} s; that is no proof that there is none.{alone}"
-        return Answer(text, (said,))
+        return Answer(f"I found no plan {unproved(found)}{alone}", (said_by_planner(found),))
     claims = [impossible(gap, words) for gap in lacking.gaps]
     sentence = f"There is no plan: {and_list([cannot(gap, words) for gap in lacking.gaps[:2]])}."
     if not lacking.changes or then is None:

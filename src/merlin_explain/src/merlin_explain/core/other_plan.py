@@ -3,7 +3,7 @@
 
 from typing import List, NamedTuple, Optional, Sequence
 
-from merlin_explain.claims import FACT, GOAL, Answer, Claim, Evidence, QuestionError, Words
+from merlin_explain.claims import EVENT, FACT, GOAL, Answer, Claim, Evidence, QuestionError, Words
 from merlin_explain.core.judge import Judge
 from merlin_explain.core.wording import and_list, plain, plan_evidence, steps_count
 from merlin_pddl.analysis.demand import DONE
@@ -46,7 +46,11 @@ class Wish(NamedTuple):
             ("that first reaches", self.first, words.goal),
         )
         return and_list(
-            [f"{what} {and_list([f'“{call(text)}”' for text in texts])}" for what, texts, call in parts if texts]
+            [
+                f"{what} {and_list([f'“{call(text)}”' for text in texts])}"
+                for what, texts, call in parts
+                if texts
+            ]
         )
 
     def fault(self, steps: Sequence[PlanStep], judge: Judge) -> str:
@@ -105,19 +109,18 @@ def what_if(changes: str, judge: Judge, usual: Optional[Found], other: Found, wo
     if other.steps is None:
         gap = judge.gap()
         if gap is None:
-            text = f"{changes}, I found no plan within {other.seconds:.1f} s; that is no proof that there is none."
-            return Answer(text, (Claim("not found", f"The planner says: {other.reason}.", ()),))
+            return Answer(f"{changes}, I found no plan {unproved(other)}", (said_by_planner(other),))
         return Answer(f"{changes}, there would be no plan: {cannot(gap, words)}.", (impossible(gap, words),))
     _check(other.steps, judge)
-    claim = Claim("plan", "This would be the plan; nothing of it is carried out.", (plan_evidence(other.steps),))
+    shown = (plan_evidence(other.steps),)
+    claim = Claim("plan", "This would be the plan; nothing of it is carried out.", shown)
     if not other.steps:
         return Answer(f"{changes}, nothing would have to be done.", (claim,))
     sentence = f"{changes}, the plan would have {_size(other.steps)}"
     if usual is None:
         return Answer(f"{sentence}.", (claim,))
     if usual.steps is None:
-        now = Claim("not found", f"As things are there is none: {usual.reason}.", ())
-        return Answer(f"{sentence}; as things are there is none.", (claim, now))
+        return Answer(f"{sentence}; as things are none was found.", (claim, said_by_planner(usual)))
     now = Claim("plan", "This is the plan as things are.", (plan_evidence(usual.steps),))
     return Answer(f"{sentence} instead of {_size(usual.steps)}.", (claim, now))
 
@@ -128,6 +131,16 @@ def _check(steps: Sequence[PlanStep], judge: Judge) -> None:
         raise QuestionError(f"a plan that was made for the answer does not stand a check: {fault}; ask again")
 
 
+def unproved(found: Found) -> str:
+    """The end of a sentence about a plan that was not found."""
+    return f"within {found.seconds:.1f} s; that is no proof that there is none."
+
+
+def said_by_planner(found: Found) -> Claim:
+    """What the planner says when it finds no plan."""
+    return Claim("not found", f"The planner says: {found.reason}.", (Evidence(EVENT, found.reason),))
+
+
 def cannot(gap: Gap, words: Words) -> str:
     """A goal that cannot be reached, and what the nearest way to it lacks, as part of a sentence."""
     goal = to_pddl(gap.goal)
@@ -136,7 +149,7 @@ def cannot(gap: Gap, words: Words) -> str:
     else:
         said = f"“{words.goal(goal)}” cannot be reached"
     if gap.why == GIVEN_UP:
-        return f"{said} without “{words.step(gap.condition)}”"
+        return f"{said}; what comes nearest needs “{words.step(gap.condition)}”"
     return f"{said}; {gap.why}" if gap.condition == goal else f"{said}; what comes nearest lacks {gap.text()}"
 
 
@@ -153,9 +166,7 @@ def _none(
     now = Claim("plan", "This is the plan that is made now.", (plan_evidence(usual),))
     gap = judge.gap(wish.include, wish.without)
     if gap is None:
-        said = Claim("not found", f"The planner says: {other.reason}.", ())
-        text = f"I found no {plan} within {other.seconds:.1f} s; that is no proof that there is none."
-        return Answer(text, (said, now))
+        return Answer(f"I found no {plan} {unproved(other)}", (said_by_planner(other), now))
     return Answer(f"There is no {plan}: {cannot(gap, words)}.", (impossible(gap, words), now))
 
 

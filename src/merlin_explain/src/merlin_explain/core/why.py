@@ -87,7 +87,8 @@ def _number(about: str, objects: int, causes: Causes) -> int:
         labels = " ".join((operator.name, *(parameter.name for parameter in operator.parameters)))
         raise QuestionError(f"{about} has {objects} objects, and the action is ({labels})")
     raise QuestionError(
-        f"{about} is not in the plan: {steps_text(causes.steps) or 'it has no steps'}; `why --not` asks why not"
+        f"{about} is not in the plan: {steps_text(causes.steps) or 'it has no steps'}; "
+        "`why --not` asks why not"
     )
 
 
@@ -103,13 +104,15 @@ def _of_step(number: int, causes: Causes, doing: Doing, words: Words) -> Answer:
             )
         shown = Evidence(PLAN, format_plan(each for each in causes.steps if each is not step))
         claims.append(Claim("needless", f"Without step {number + 1} all goals are reached, too.", (shown,)))
-        return Answer(f"{name} is not needed: without it, the plan reaches all of its goals, too.", tuple(claims))
+        text = f"{name} is not needed: without it, the plan reaches all of its goals, too."
+        return Answer(text, tuple(claims))
     first = links[0] if links[0].taker == plan_run.GOAL else min(links, key=lambda link: link.taker)
     for link in links[:MOST]:
         claims.append(_link(link, causes, words))
     for goal in served:
         if not any(link.taker == plan_run.GOAL and link.condition == goal for link in links):
-            text = f"Without step {number + 1}, and what cannot begin then, {_quoted(words, goal)} is not reached."
+            without = f"Without step {number + 1}, and what cannot begin then"
+            text = f"{without}, {_quoted(words, goal)} is not reached."
             evidence = (step_evidence(number, causes.steps), Evidence(GOAL, to_pddl(goal)))
             claims.append(Claim("serves", text, evidence))
     asked = _asked(served, doing, words)
@@ -139,10 +142,11 @@ def _link(link: Link, causes: Causes, words: Words) -> Claim:
         text = f"Without step {link.giver + 1} the goal “{words.goal(link.text)}” is not reached."
         return Claim("link", text, (*shown, Evidence(GOAL, link.text)))
     text = (
-        f"Step {link.taker + 1}, {words.step(str(causes.steps[link.taker]))}, needs “{words.fact(link.text)}” "
-        f"{_WHEN[link.when]}: without step {link.giver + 1} it does not hold."
+        f"Step {link.taker + 1}, {words.step(str(causes.steps[link.taker]))}, needs "
+        f"“{words.fact(link.text)}” {_WHEN[link.when]}: without step {link.giver + 1} it does not hold."
     )
-    return Claim("link", text, (*shown, step_evidence(link.taker, causes.steps), Evidence(FACT, link.text)))
+    shown += [step_evidence(link.taker, causes.steps), Evidence(FACT, link.text)]
+    return Claim("link", text, tuple(shown))
 
 
 def _of_goals(goals: Sequence[Condition], causes: Causes, doing: Doing, words: Words) -> Answer:
@@ -166,7 +170,8 @@ def _of_goals(goals: Sequence[Condition], causes: Causes, doing: Doing, words: W
         sentences.append(text)
     if not doing.requests or not claims or claims[0].kind != "request":
         names = and_list([_quoted(words, goal) for goal in goals])
-        sentences.insert(0, f"{names} is a goal of the knowledge base, and no request of the Executor names it.")
+        text = f"{names} is a goal of the knowledge base, and no request of the Executor names it."
+        sentences.insert(0, text)
     return Answer(" ".join(sentences), tuple(claims))
 
 

@@ -142,7 +142,9 @@ def _later(step: PlanStep, seconds: float) -> PlanStep:
 
 def _now(question: Question) -> None:
     if question.at:
-        raise QuestionError("plans can be asked about as they are now; of the past, why --failed and --so answer")
+        raise QuestionError(
+            "plans can be asked about as they are now, without --at; of the past, --failed and --so answer"
+        )
 
 
 @functools.lru_cache(maxsize=1)

@@ -37,13 +37,15 @@ def demand(
             hint = suggestion(action.head, model.operators)
             raise action.error(f"the domain has no action '{action.head}'{hint}")
         if len(action) - 1 != len(operator.parameters):
-            raise action.error(f"'{action.head}' takes {len(operator.parameters)} objects, not {len(action) - 1}")
+            needed = len(operator.parameters)
+            raise action.error(f"'{action.head}' takes {needed} objects, not {len(action) - 1}")
         names = [str(name_of(word, "an object")) for word in action[1:]]
         for name, parameter in zip(names, operator.parameters):
             if name not in known:
                 raise action.error(f"there is no object '{name}'{suggestion(name, known)}")
             if not model.accepts(parameter.types, known[name]):
-                raise action.error(f"'{name}' is no {' or '.join(parameter.types)}, as {parameter.name} has to be")
+                wanted = " or ".join(parameter.types)
+                raise action.error(f"'{name}' is no {wanted}, as {parameter.name} has to be")
         mark = f"{DONE}{operator.name}"
         if operator.name not in marked:
             marked.add(operator.name)

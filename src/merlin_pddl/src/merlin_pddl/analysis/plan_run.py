@@ -298,7 +298,7 @@ class _Paper:
 def _ground(number: int, step: PlanStep, domain: Domain) -> _Step:
     operator = domain.operators.get(step.name.lower())
     if operator is None or len(operator.parameters) != len(step.arguments):
-        raise PlanRunError(f"step {number + 1} of the plan, {step}, is no action of the domain '{domain.name}'")
+        raise PlanRunError(f"step {number + 1} of the plan, {step}, is no action of '{domain.name}'")
     bindings = {parameter.name: name for parameter, name in zip(operator.parameters, step.arguments)}
     needs: Dict[str, List[Condition]] = {}
     for timed in operator.conditions:

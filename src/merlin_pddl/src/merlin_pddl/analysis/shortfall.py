@@ -56,7 +56,7 @@ class Gap(NamedTuple):
     needed: Condition
     """The condition itself."""
     goal: Condition = And()
-    """The goal that cannot be reached; what comes nearest to it lacks the condition, others may lack others."""
+    """The goal that cannot be reached; what comes nearest to it lacks the condition."""
 
     def text(self) -> str:
         """The text as part of a sentence."""

@@ -51,7 +51,8 @@ def with_facts(domain: Domain, problem: Problem, texts: Sequence[str]) -> None:
     objects = {**domain.constants, **{name.lower(): kinds for name, kinds in problem.objects.items()}}
     facts: Dict[Key, Fact] = {fact.key: fact for fact in problem.facts}
     values: Dict[Key, FunctionValue] = {value.key: value for value in problem.values}
-    for part in (part for text in texts for part in conjuncts(parse_condition(text, domain, objects, "fact"))):
+    conditions = [parse_condition(text, domain, objects, "fact") for text in texts]
+    for part in (part for condition in conditions for part in conjuncts(condition)):
         atom = part.part if isinstance(part, Not) else part
         if isinstance(atom, Atom):
             if atom.name in domain.derived:
