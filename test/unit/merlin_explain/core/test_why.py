@@ -19,8 +19,8 @@ def ask(about, doing=ASKED, **task):
 def test_a_step_serves_a_later_one_and_its_goal():
     answer = ask("(drive hall ward)")
     assert answer.sentence == (
-        "Step 2, (drive hall ward), is there for “(in box_1 ward)”. Without it, “(at ward)” would not hold, which "
-        "step 3, (unload box_1 ward), needs. Ana asked for “(in box_1 ward)”, with priority 3."
+        "Step 2, “(drive hall ward)”, is there for “(in box_1 ward)”. Without it, “(at ward)” would not hold, which "
+        "step 3, “(unload box_1 ward)”, needs. Ana asked for “(in box_1 ward)”, with priority 3."
     )
     kinds = [claim.kind for claim in answer.claims]
     assert kinds == ["step", "link", "serves", "request"]

@@ -94,7 +94,7 @@ def _number(about: str, objects: int, causes: Causes) -> int:
 
 def _of_step(number: int, causes: Causes, doing: Doing, words: Words) -> Answer:
     step = causes.steps[number]
-    name = f"Step {number + 1}, {words.step(str(step))},"
+    name = f"Step {number + 1}, “{words.step(str(step))}”,"
     claims = [_place(number, causes, doing)]
     served, links = causes.goals_served(number), causes.links(number)
     if not links:
@@ -120,7 +120,7 @@ def _of_step(number: int, causes: Causes, doing: Doing, words: Words) -> Answer:
     goals = and_list([_quoted(words, goal) for goal in served])
     sentence = f"{name} is there for {goals}." if served else f"{name} is needed."
     if first.taker != plan_run.GOAL:
-        taker = f"step {first.taker + 1}, {words.step(str(causes.steps[first.taker]))},"
+        taker = f"step {first.taker + 1}, “{words.step(str(causes.steps[first.taker]))}”,"
         sentence += f" Without it, “{words.fact(first.text)}” would not hold, which {taker} needs."
     return Answer(" ".join([sentence, *(claim.text for claim in asked[:1])]), tuple(claims))
 
@@ -142,7 +142,7 @@ def _link(link: Link, causes: Causes, words: Words) -> Claim:
         text = f"Without step {link.giver + 1} the goal “{words.goal(link.text)}” is not reached."
         return Claim("link", text, (*shown, Evidence(GOAL, link.text)))
     text = (
-        f"Step {link.taker + 1}, {words.step(str(causes.steps[link.taker]))}, needs "
+        f"Step {link.taker + 1}, “{words.step(str(causes.steps[link.taker]))}”, needs "
         f"“{words.fact(link.text)}” {_WHEN[link.when]}: without step {link.giver + 1} it does not hold."
     )
     shown += [step_evidence(link.taker, causes.steps), Evidence(FACT, link.text)]
