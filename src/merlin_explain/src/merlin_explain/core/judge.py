@@ -7,7 +7,7 @@ from merlin_pddl.analysis.demand import demand
 from merlin_pddl.analysis.leave_out import leave_out
 from merlin_pddl.analysis.plan_run import GOAL, Outcome, PaperState, PlanRun, PlanRunError
 from merlin_pddl.analysis.relaxed_state import CutOffError
-from merlin_pddl.analysis.shortfall import Gap, gaps
+from merlin_pddl.analysis.shortfall import Gap, Shortfall
 from merlin_pddl.checks.kairos_check import PlanQuality, PlanValidator
 from merlin_pddl.domain_reader import parse_domain
 from merlin_pddl.formula import Condition, call_text, conjuncts, numeric_text, to_pddl
@@ -101,7 +101,7 @@ class Judge:
         task = parse_problem(problem, model, constraints=True)
         task.goals += done
         try:
-            found = gaps(model, task, PROOF_LIMIT)
+            found = Shortfall(model, task, PROOF_LIMIT)
+            return found.gap(found.goals[0]) if found.goals else None
         except CutOffError:
             return None
-        return found[0] if found else None

@@ -8,7 +8,7 @@ from merlin_explain.core.judge import PROOF_LIMIT, Judge
 from merlin_explain.core.other_plan import Found, cannot, impossible, said_by_planner, unproved
 from merlin_explain.core.wording import and_list, plan_evidence, steps_count
 from merlin_pddl.analysis.relaxed_state import CutOffError
-from merlin_pddl.analysis.shortfall import Gap, gaps
+from merlin_pddl.analysis.shortfall import Gap, Shortfall
 from merlin_pddl.domain import Domain
 from merlin_pddl.formula import Atom, Comparison, Condition, Fluent, Not, Number, to_pddl
 from merlin_pddl.knowledge import Fact, FunctionValue
@@ -40,7 +40,7 @@ class Missing(NamedTuple):
 def missing(judge: Judge) -> Missing:
     """Looks for a set of facts and values that no goal can do without."""
     try:
-        found = gaps(judge.domain, judge.problem, PROOF_LIMIT)
+        found = _left(judge, ())
         changes: List[Condition] = []
         left = found
         while left and len(changes) < MOST:
@@ -62,7 +62,9 @@ def missing(judge: Judge) -> Missing:
 
 
 def _left(judge: Judge, changes: Sequence[Condition]) -> List[Gap]:
-    return gaps(judge.domain, changed(judge.problem, changes), PROOF_LIMIT)
+    """What is missing when something else holds, too."""
+    short = Shortfall(judge.domain, changed(judge.problem, changes), PROOF_LIMIT)
+    return [short.gap(goal) for goal in short.goals]
 
 
 def _change(gap: Gap, domain: Domain) -> Optional[Condition]:

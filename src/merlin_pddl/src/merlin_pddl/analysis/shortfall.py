@@ -64,19 +64,6 @@ class Gap(NamedTuple):
         return f"{self.condition}{needed}; {self.why}"
 
 
-def gaps(domain: Domain, task: Problem, limit: float = LIMIT) -> List[Gap]:
-    """For each goal that no action can reach, the condition behind it; none: each can be reached for itself.
-
-    :param limit: s of wall time.
-    :raises CutOffError: the time is over.
-    """
-    reach = Reachability(domain, task, time.monotonic() + limit)
-    reach.run()
-    goals = [part for goal in task.goals for part in conjuncts(goal)]
-    search = _Search(domain, reach.state)
-    return [search.of(goal) for goal in goals if not reach.state.can(goal, {})]
-
-
 def shortfall(domain: str, problem: str, limit: float = LIMIT) -> Tuple[bool, str]:
     """Why there is no plan.
 
@@ -87,8 +74,8 @@ def shortfall(domain: str, problem: str, limit: float = LIMIT) -> Tuple[bool, st
     """
     try:
         model = parse_domain(domain)
-        missed = gaps(model, parse_problem(problem, model, constraints=True), limit)
-        sentences = [_sentence(gap) for gap in missed[:NAMED]]
+        found = Shortfall(model, parse_problem(problem, model, constraints=True), limit)
+        sentences = [_sentence(found.gap(goal)) for goal in found.goals[:NAMED]]
     except CutOffError:
         return False, CUT_OFF.format(limit=limit)
     except (
@@ -97,9 +84,9 @@ def shortfall(domain: str, problem: str, limit: float = LIMIT) -> Tuple[bool, st
         RecursionError,
     ):  # the planner reports such errors
         return False, ""
-    if not missed:
+    if not found.goals:
         return False, TOGETHER
-    more = f"; and {len(missed) - NAMED} more goals" if len(missed) > NAMED else ""
+    more = f"; and {len(found.goals) - NAMED} more goals" if len(found.goals) > NAMED else ""
     return True, "; ".join(sentences) + more
 
 
@@ -109,25 +96,34 @@ def _sentence(gap: Gap) -> str:
     return f"{to_pddl(gap.goal)} cannot be reached, it needs {gap.text()}"
 
 
-class _Search:
-    """Follows a condition that cannot be reached back to one that no action explains.
+class Shortfall:
+    """The goals that no action can reach; follows one back to a condition that no action explains.
 
-    :param state: all that can be reached.
+    :param limit: s of wall time for all that is asked of it.
+    :raises CutOffError: the time is over.
+    :ivar goals: those goals; none: each can be reached for itself, were nothing ever lost.
     """
 
-    def __init__(self, domain: Domain, state: RelaxedState) -> None:
+    def __init__(self, domain: Domain, task: Problem, limit: float = LIMIT) -> None:
+        reach = Reachability(domain, task, time.monotonic() + limit)
+        reach.run()
         self._domain = domain
-        self._state = state
+        self._state: RelaxedState = reach.state
+        goals = [part for goal in task.goals for part in conjuncts(goal)]
+        self.goals = [goal for goal in goals if not self._state.can(goal, {})]
         effects = (effect for operator in domain.operators.values() for effect in operator.effects)
         self._changed = {effect.atom.name for effect in effects if effect.atom is not None} | set(
             domain.derived
         )
 
-    def of(self, goal: Condition) -> Gap:
-        """What is missing for a goal."""
-        return self.gap(goal, "", frozenset())._replace(goal=goal)
+    def gap(self, goal: Condition) -> Gap:
+        """What is missing for one of the goals.
 
-    def gap(self, condition: Condition, operator: str, seen: FrozenSet[str]) -> Gap:
+        :raises CutOffError: the time is over.
+        """
+        return self._behind(goal, "", frozenset())._replace(goal=goal)
+
+    def _behind(self, condition: Condition, operator: str, seen: FrozenSet[str]) -> Gap:
         """The reason behind a ground condition.
 
         :param operator: that needs it.
@@ -148,7 +144,7 @@ class _Search:
         if way is None:
             return Gap(text, operator, "no action can make it true", condition)
         needed, name = way
-        return self.gap(needed, name, seen | {text})
+        return self._behind(needed, name, seen | {text})
 
     def _way(self, atom: Atom, seen: FrozenSet[str]) -> Optional[Tuple[Condition, str]]:
         """What is missing for the action that comes nearest to an atom, and its operator."""
