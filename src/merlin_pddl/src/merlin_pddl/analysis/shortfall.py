@@ -72,9 +72,11 @@ def shortfall(domain: str, problem: str, limit: float = LIMIT) -> Tuple[bool, st
     :return: whether a condition was found that cannot be reached, and a sentence; empty when the text is not
         PDDL that this reader knows.
     """
+    end = time.monotonic() + limit
     try:
         model = parse_domain(domain)
-        found = Shortfall(model, parse_problem(problem, model, constraints=True), limit)
+        task = parse_problem(problem, model, constraints=True)
+        found = Shortfall(model, task, end - time.monotonic())
         sentences = [_sentence(found.gap(goal)) for goal in found.goals[:NAMED]]
     except CutOffError:
         return False, CUT_OFF.format(limit=limit)
