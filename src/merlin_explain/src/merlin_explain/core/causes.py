@@ -69,9 +69,7 @@ class Causes:
     def links(self, giver: int) -> List[Link]:
         """What fails when a step is removed and all others are carried out; goals first."""
         found = [Link(giver, each.step, each.when, each.condition) for each in self._unmet(giver)]
-        if found and not self._doubted(giver):
-            return sorted(found, key=lambda link: link.taker)
-        return []
+        return [] if self.doubted(giver) else sorted(found, key=lambda link: link.taker)
 
     def goals_served(self, giver: int) -> List[Condition]:
         """The goals that fail when a step is removed, and with it all steps that cannot begin then."""
@@ -82,9 +80,14 @@ class Causes:
         """Whether the plan is right without a step, by every witness."""
         return not self._unmet(number) and not self._fault(number)
 
+    def doubted(self, number: int) -> bool:
+        """Whether the validator accepts the plan without a step, although a condition fails on paper."""
+        return available() and bool(self._unmet(number)) and not self._fault(number)
+
     def achievers(self, goal: Condition) -> List[int]:
         """The steps without which a goal is not reached."""
-        return [number for number in range(len(self.steps)) if goal in self.goals_served(number)]
+        serving = [number for number in range(len(self.steps)) if goal in self.goals_served(number)]
+        return [number for number in serving if not self.doubted(number)]
 
     def holds_before(self, goal: Condition) -> bool:
         """Whether a goal holds in the state for which the plan was made."""
@@ -96,10 +99,6 @@ class Causes:
             unmet = self._run.run(key).unmet
             self._failing[key] = [each for each in unmet if each.step not in key]
         return self._failing[key]
-
-    def _doubted(self, number: int) -> bool:
-        """Whether the validator accepts the plan without a step, although a condition fails on paper."""
-        return available() and not self._fault(number)
 
     def _fault(self, number: int) -> str:
         rest = [step for each, step in enumerate(self.steps) if each != number]

@@ -98,10 +98,12 @@ def _of_step(number: int, causes: Causes, doing: Doing, words: Words) -> Answer:
     claims = [_place(number, causes, doing)]
     served, links = causes.goals_served(number), causes.links(number)
     if not links:
+        if causes.doubted(number):
+            text = "whether it is needed was not found out: two checks of the plan without it disagree."
+            return Answer(f"{name[:-1]}: {text}", tuple(claims))
         if not causes.needless(number):
-            return Answer(
-                f"{name} cannot be left out, and which later condition needs it was not found.", tuple(claims)
-            )
+            text = f"{name} cannot be left out, and which later condition needs it was not found."
+            return Answer(text, tuple(claims))
         shown = Evidence(PLAN, format_plan(each for each in causes.steps if each is not step))
         claims.append(Claim("needless", f"Without step {number + 1} all goals are reached, too.", (shown,)))
         text = f"{name} is not needed: without it, the plan reaches all of its goals, too."
