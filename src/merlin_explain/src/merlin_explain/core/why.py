@@ -120,7 +120,7 @@ def _of_step(number: int, causes: Causes, doing: Doing, words: Words) -> Answer:
     asked = _asked(served, doing, words)
     claims += asked
     goals = and_list([_quoted(words, goal) for goal in served])
-    sentence = f"{name} is there for {goals}." if served else f"{name} is needed."
+    sentence = f"{name} is there for {goals or 'no goal'}."
     if first.taker != plan_run.GOAL:
         taker = f"step {first.taker + 1}, “{words.step(str(causes.steps[first.taker]))}”,"
         sentence += f" Without it, “{words.fact(first.text)}” would not hold, which {taker} needs."
