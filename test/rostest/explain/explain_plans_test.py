@@ -43,7 +43,9 @@ class Explained(unittest.TestCase):
 
     def tearDown(self):
         status = rospy.wait_for_message("rosplan_plan_dispatcher/dispatch_status", DispatchStatus, LONG)
-        self.assertEqual((status.state, len(status.running)), (DispatchStatus.RUNNING, 1), "a question moved it")
+        self.assertEqual(
+            (status.state, len(status.running)), (DispatchStatus.RUNNING, 1), "a question moved it"
+        )
 
     def answer(self, question, **fields):
         answer = self.ask(question=question, **fields)
@@ -54,7 +56,12 @@ class Explained(unittest.TestCase):
     def why(self, *words):
         environment = {**os.environ, "ROS_NAMESPACE": ""}
         return subprocess.run(
-            [node_path("merlin", "why"), *words], env=environment, capture_output=True, text=True, timeout=LONG, check=False
+            [node_path("merlin", "why"), *words],
+            env=environment,
+            capture_output=True,
+            text=True,
+            timeout=LONG,
+            check=False,
         )
 
     def test_before_a_plan_there_is_none_to_ask_about(self):
@@ -122,9 +129,19 @@ class Explained(unittest.TestCase):
         self.assertEqual((asked.returncode, asked.stderr), (0, ""), asked)
         self.assertIn("Step 1, ", asked.stdout)
         self.assertIn("step: " + self.running, asked.stdout)
-        for words in (["--not", "(navigate kitchen main_door)"], ["--no-plan"], ["--what-if", "(checked kitchen)"]):
+        for words in (
+            ["--not", "(navigate kitchen main_door)"],
+            ["--no-plan"],
+            ["--what-if", "(checked kitchen)"],
+        ):
             self.assertEqual(self.why(*words).returncode, 0, words)
-        for words in (["(fly kitchen)"], [], ["--no-plan", "--what-if", "(checked kitchen)"], ["x"], ["x", "--at", "soon"]):
+        for words in (
+            ["(fly kitchen)"],
+            [],
+            ["--no-plan", "--what-if", "(checked kitchen)"],
+            ["x"],
+            ["x", "--at", "soon"],
+        ):
             wrong = self.why(*words)
             self.assertEqual((wrong.returncode, wrong.stdout), (2, ""), (words, wrong))
             self.assertEqual(len(wrong.stderr.strip().splitlines()), 1, (words, wrong.stderr))

@@ -15,7 +15,8 @@ ROOT = Path(__file__).resolve().parents[3]
 COURIER = """(define (domain courier)
   (:requirements :typing :negative-preconditions :durative-actions :numeric-fluents)
   (:types place box)
-  (:predicates (at ?p - place) (in ?b - box ?p - place) (held ?b - box) (door ?from ?to - place) (lit ?p - place))
+  (:predicates (at ?p - place) (in ?b - box ?p - place) (held ?b - box) (door ?from ?to - place)
+    (lit ?p - place))
   (:functions (battery))
   (:durative-action drive :parameters (?from ?to - place) :duration (= ?duration 10)
     :condition (and (at start (at ?from)) (over all (door ?from ?to)) (at start (>= (battery) 5)))
@@ -36,7 +37,8 @@ PLAN = """0.000: (load box_1 hall) [3.000]
 
 
 def courier_problem(goal="(in box_1 ward)", init=INIT):
-    return f"""(define (problem day) (:domain courier) (:objects hall ward yard roof - place box_1 box_2 - box)
+    return f"""(define (problem day) (:domain courier)
+      (:objects hall ward yard roof - place box_1 box_2 - box)
       (:init {init}) (:goal (and {goal})) (:metric minimize (total-time)))"""
 
 

@@ -19,7 +19,9 @@ def test_a_step_or_a_goal_is_asked_about() -> None:
 
 
 def test_another_plan_has_its_wishes() -> None:
-    request = asked("--not", "(ask hall)", "--not", "(ask roof)", "--without", "(ask kitchen)", "--first", "(lit)")
+    request = asked(
+        "--not", "(ask hall)", "--not", "(ask roof)", "--without", "(ask kitchen)", "--first", "(lit)"
+    )
     assert request.question == ExplainRequest.WHY_NOT
     assert (request.include, request.without, request.first) == (
         ["(ask hall)", "(ask roof)"],
@@ -47,7 +49,8 @@ def test_the_other_questions_have_an_option_each(option: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "words", [[], ["--no-plan", "--waiting"], ["--what-if", "(lit)", "--not", "(ask hall)"], ["--at", "10min"]]
+    "words",
+    [[], ["--no-plan", "--waiting"], ["--what-if", "(lit)", "--not", "(ask hall)"], ["--at", "10min"]],
 )
 def test_nothing_and_two_things_cannot_be_asked(words: list) -> None:
     with pytest.raises(ValueError, match="ask"):

@@ -4,8 +4,7 @@
 import pytest
 from explained import PLAN, courier
 
-from merlin_explain.claims import QuestionError
-from merlin_explain.claims import Words
+from merlin_explain.claims import QuestionError, Words
 from merlin_explain.core.why import Doing, Request, why
 from merlin_pddl.text_reader import PddlError
 
@@ -19,8 +18,8 @@ def ask(about, doing=ASKED, **task):
 def test_a_step_serves_a_later_one_and_its_goal():
     answer = ask("(drive hall ward)")
     assert answer.sentence == (
-        "Step 2, “(drive hall ward)”, is there for “(in box_1 ward)”. Without it, “(at ward)” would not hold, which "
-        "step 3, “(unload box_1 ward)”, needs. Ana asked for “(in box_1 ward)”, with priority 3."
+        "Step 2, “(drive hall ward)”, is there for “(in box_1 ward)”. Without it, “(at ward)” would not "
+        "hold, which step 3, “(unload box_1 ward)”, needs. Ana asked for “(in box_1 ward)”, with priority 3."
     )
     kinds = [claim.kind for claim in answer.claims]
     assert kinds == ["step", "link", "serves", "request"]

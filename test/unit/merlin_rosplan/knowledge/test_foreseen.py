@@ -79,10 +79,14 @@ def test_other_facts_and_values_take_the_place_of_those_that_are() -> None:
     }
 
 
-@pytest.mark.parametrize("text", ["(in moon)", "(flies a)", "(in a", "(> (battery) 3)", "(or (in a) (in b))", ""])
+@pytest.mark.parametrize(
+    "text", ["(in moon)", "(flies a)", "(in a", "(> (battery) 3)", "(or (in a) (in b))", ""]
+)
 def test_what_is_no_fact_is_said(text: str) -> None:
     domain = parse_domain(NUMBERS)
-    problem = parse_problem("(define (problem p) (:domain d) (:objects a b - place) (:init) (:goal (in a)))", domain)
+    problem = parse_problem(
+        "(define (problem p) (:domain d) (:objects a b - place) (:init) (:goal (in a)))", domain
+    )
     with pytest.raises((PddlError, UpdateRefused)):
         with_facts(domain, problem, [text])
     assert not problem.facts

@@ -81,7 +81,10 @@ def test_the_problem_is_given_back_as_it_was_planned(previews):
 
 def test_what_the_robot_plans_itself_goes_first(previews):
     look(previews, "(checked kitchen)")
-    nices = [int(Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[16]) for pid in descendants(os.getpid())]
+    nices = [
+        int(Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[16])
+        for pid in descendants(os.getpid())
+    ]
     assert nices and max(nices) == NICENESS
 
 

@@ -52,7 +52,9 @@ def parser() -> argparse.ArgumentParser:
     others = made.add_argument_group("other questions")
     others.add_argument("--no-plan", action="store_true", help="what is missing for the goals")
     others.add_argument("--what-if", dest="facts", **_many("FACT", "the plan, if this were so"))
-    others.add_argument("--goal", dest="goals", **_many("GOAL", "of the plan, in place of those that there are"))
+    others.add_argument(
+        "--goal", dest="goals", **_many("GOAL", "of the plan, in place of those that there are")
+    )
     others.add_argument("--waiting", action="store_true", help="what a step or a request waits for")
     others.add_argument("--failed", action="store_true", help="why the last thing failed")
     others.add_argument("--so", action="store_true", help="why a fact is as it is")

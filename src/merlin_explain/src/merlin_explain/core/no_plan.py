@@ -73,10 +73,10 @@ def _change(gap: Gap, domain: Domain) -> Optional[Condition]:
     atom = needed.part if isinstance(needed, Not) else needed
     if isinstance(atom, Atom):
         return needed if atom.name in domain.predicates and atom.name not in domain.derived else None
-    if isinstance(needed, Comparison) and needed.op in (">=", "<=", "="):
-        if isinstance(needed.left, Fluent) and isinstance(needed.right, Number):
-            return Comparison("=", needed.left, needed.right)
-    return None
+    if not isinstance(needed, Comparison) or needed.op not in (">=", "<=", "="):
+        return None
+    settable = isinstance(needed.left, Fluent) and isinstance(needed.right, Number)
+    return Comparison("=", needed.left, needed.right) if settable else None
 
 
 def changed(problem: Problem, changes: Sequence[Condition]) -> Problem:

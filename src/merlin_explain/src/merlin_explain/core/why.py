@@ -109,8 +109,7 @@ def _of_step(number: int, causes: Causes, doing: Doing, words: Words) -> Answer:
         text = f"{name} is not needed: without it, the plan reaches all of its goals, too."
         return Answer(text, tuple(claims))
     first = links[0] if links[0].taker == plan_run.GOAL else min(links, key=lambda link: link.taker)
-    for link in links[:MOST]:
-        claims.append(_link(link, causes, words))
+    claims += [_link(link, causes, words) for link in links[:MOST]]
     for goal in served:
         if not any(link.taker == plan_run.GOAL and link.condition == goal for link in links):
             without = f"Without step {number + 1}, and what cannot begin then"

@@ -10,7 +10,7 @@ from merlin_msgs.srv import Explain, ExplainRequest, ExplainResponse
 
 from merlin_explain.claims import Answer, Claim, Evidence, Question, QuestionError
 from merlin_explain.node.questions import answering
-from merlin_explain.node.robot_system import Names, RobotSystem
+from merlin_explain.node.robot_system import USUAL, Names, RobotSystem
 from merlin_pddl.text_reader import PddlError
 from merlin_planning.knowledge_client import KnowledgeError
 from merlin_ros.health import OK, Health, HealthReporter
@@ -96,13 +96,12 @@ def main() -> int:
 
 
 def _start() -> None:
-    usual = Names()
     names = Names(
         *(
             graph_name(f"~{field}", default)
             for field, default in zip(
                 ("knowledge_base", "problem_interface", "planner_interface", "plan_dispatcher", "executor"),
-                usual,
+                USUAL,
             )
         )
     )

@@ -7,7 +7,7 @@ from typing import List, Optional, Sequence, Tuple
 from merlin_msgs.msg import DispatchStatus, ExecutorStatus, GoalQueue, PlannerStatus
 from std_msgs.msg import String
 
-from merlin_explain.claims import Answer, Question, QuestionError, Words
+from merlin_explain.claims import Answer, Question, QuestionError
 from merlin_explain.core import no_plan as missing_facts
 from merlin_explain.core import other_plan
 from merlin_explain.core import why as reasons
@@ -49,10 +49,8 @@ def why_not(question: Question, system: RobotSystem) -> Answer:
     look = _Look(system, _goals(question, system))
     usual = look.plan()
     judge = Judge(system.domain_text(), usual.problem)
-    if wish.first:
-        other = _first(wish, look, judge)
-    else:
-        other = look.plan(include=wish.include, without=wish.without)
+    plain = functools.partial(look.plan, include=wish.include, without=wish.without)
+    other = _first(wish, look, judge) if wish.first else plain()
     return other_plan.why_not(wish, judge, usual, other, system.words())
 
 

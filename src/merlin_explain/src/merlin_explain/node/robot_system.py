@@ -32,13 +32,16 @@ class Names(NamedTuple):
     executor: str = "merlin"
 
 
+USUAL = Names()
+
+
 class RobotSystem:
     """Reads what the nodes of a robot say. Thread-safe.
 
     :param names: of its nodes.
     """
 
-    def __init__(self, names: Names = Names()) -> None:
+    def __init__(self, names: Names = USUAL) -> None:
         self.names = names
         self._lock = threading.Lock()  # guards the fields below
         self._topics: Dict[str, TopicWatch] = {}

@@ -116,26 +116,31 @@ class PlanRun:
         self.happenings: Dict[float, List[Tuple[_Step, bool]]] = {}
         """By time: steps, each with whether it ends then."""
         self.timed: Dict[float, List[Union[Instance, Fact, FunctionValue]]] = {}
-        """What comes by itself until the plan ends, by time."""
+        """What comes by itself, by time; the goals are judged behind the last of it."""
         for step in (_ground(number, step, domain) for number, step in enumerate(steps)):
             self.happenings.setdefault(step.begin, []).append((step, False))
             if step.operator.durative:
                 self.happenings.setdefault(step.end, []).append((step, True))
-        end = max(self.happenings, default=0.0)
         for timed in problem.timed:
             at = round(timed.at / 1e9, _DIGITS)
-            if at <= end:
-                self.timed.setdefault(at, []).append(timed.item)
-                self.happenings.setdefault(at, [])
+            self.timed.setdefault(at, []).append(timed.item)
+            self.happenings.setdefault(at, [])
 
     def run(self, left_out: AbstractSet[int] = frozenset(), falling: bool = False) -> Outcome:
         """Carries it out.
 
         :param left_out: numbers of steps that are left out.
-        :param falling: a step whose conditions do not hold at its start is left out, too; without it all
-            others are carried out, whatever fails.
+        :param falling: a step that fails is left out, too, the first one first, until none fails; without it
+            all others are carried out, whatever fails.
         """
-        return _Paper(self, left_out, falling).run()
+        while True:
+            paper = _Paper(self, left_out, falling)
+            outcome = paper.run()
+            failed = [each.step for each in outcome.unmet if each.step != GOAL] if falling else []
+            if not failed:
+                return outcome
+            # It had begun, so what came after that counts no more.
+            left_out = {*left_out, failed[0]}
 
 
 class _Changes:
@@ -233,7 +238,7 @@ class _Paper:
             if not at_end:
                 fine &= self._lasts(step, evaluator)
                 if not fine and self._falling:
-                    self._left_out.add(step.number)
+                    self._leave_out(step.number)
                     continue
                 self._allow(step, evaluator)
                 begun += [step] if step.operator.durative else []
@@ -255,6 +260,10 @@ class _Paper:
         failed = [part for part in step.needs.get(when, ()) if not evaluator.holds(part)]
         self._unmet.update({Unmet(step.number, when, part): None for part in failed})
         return not failed
+
+    def _leave_out(self, number: int) -> None:
+        self._left_out.add(number)
+        self._unmet = {each: None for each in self._unmet if each.step != number}
 
     def _lasts(self, step: _Step, evaluator: Evaluator) -> bool:
         """Whether the step takes as long as its action says, judged at its start."""
