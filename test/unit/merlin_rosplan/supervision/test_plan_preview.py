@@ -13,16 +13,17 @@ from merlin_pddl.problem_reader import read_problem
 from merlin_ros.processes.process_tree import descendants
 from merlin_rosplan.planning.planner import PlannerSettings
 from merlin_rosplan.planning.planning_outcome import PlannerState
-from merlin_rosplan.supervision.plan_preview import BUSY, NICENESS, PREVIEW_LIMIT, Previews, Wanted, steps_of
+from merlin_rosplan.supervision.plan_preview import BUSY, PREVIEW_LIMIT, Previews, Wanted, steps_of
 
 HOME = Path(__file__).resolve().parents[4] / "pddl" / "home"
 DOMAIN = str(HOME / "domain.pddl")
 LONG = 60.0
+NICE = 7
 
 
 @pytest.fixture
 def previews():
-    made = Previews(PlannerSettings(anytime=0.02))
+    made = Previews(PlannerSettings(anytime=0.02), niceness=NICE)
     yield made
     made.shutdown()
 
@@ -85,7 +86,7 @@ def test_what_the_robot_plans_itself_goes_first(previews):
         int(Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[16])
         for pid in descendants(os.getpid())
     ]
-    assert nices and max(nices) == NICENESS
+    assert nices and max(nices) == NICE
 
 
 def test_a_goal_that_holds_has_an_empty_plan(previews):

@@ -21,6 +21,9 @@ from merlin_rosplan.planning.planning_outcome import PlannerState, PlanningOutco
 from merlin_rosplan.supervision.plan_preview import Previews, Wanted, steps_of
 from merlin_rosplan.transport.component import Component
 
+#: Nice value of what plans: the robot's own planning goes first.
+NICENESS = 10
+
 
 class PreviewService:
     """Answers ``preview_plan`` of a component. Neither its topics nor its planning know of it.
@@ -39,7 +42,7 @@ class PreviewService:
         self._parameters = parameters
         self._reading = threading.Lock()  # orders the uses of the reader
         self._world: WorldReader = component.own(WorldReader(component.knowledge_base))
-        self._previews: Previews = component.own(Previews(settings))
+        self._previews: Previews = component.own(Previews(settings, niceness=NICENESS))
 
     def answer(self, request: PreviewPlanRequest) -> PreviewPlanResponse:
         """The plan for some goals, or why there is none."""

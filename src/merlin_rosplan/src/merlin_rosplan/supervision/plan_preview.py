@@ -23,8 +23,6 @@ from merlin_rosplan.supervision.supervised_planning import Planning
 #: Longest time for a plan that is only looked at, s: its reader waits for it.
 PREVIEW_LIMIT = 10.0
 BUSY = "another plan is being looked for, only to be shown; ask again when it is there"
-#: Nice value: what the robot plans itself goes first.
-NICENESS = 10
 
 
 class Wanted(NamedTuple):
@@ -44,13 +42,15 @@ class Previews:
 
     :param settings: of the planner; its time limit is shortened.
     :param limit: the longest one, s.
+    :param niceness: nice value of what plans.
     """
 
-    def __init__(self, settings: PlannerSettings, limit: float = PREVIEW_LIMIT) -> None:
+    def __init__(self, settings: PlannerSettings, limit: float = PREVIEW_LIMIT, niceness: int = 0) -> None:
         limit = min(settings.time_limit or limit, limit)
         self._settings = dataclasses.replace(settings, time_limit=limit)
         self._folder = ScratchFolder("plan_preview")
-        self._hosts = PlannerHosts(NICENESS)  # of its own: a process never gets its priority back
+        # Of its own: a process never gets its priority back.
+        self._hosts = PlannerHosts(niceness) if niceness else None
         self._lock = threading.Lock()  # guards the fields below
         self._busy = False
         self._closed = False
