@@ -18,7 +18,7 @@ from merlin_rosplan.supervision.plan_preview import BUSY, PREVIEW_LIMIT, Preview
 HOME = Path(__file__).resolve().parents[4] / "pddl" / "home"
 DOMAIN = str(HOME / "domain.pddl")
 LONG = 60.0
-NICE = 7
+NICE = 19
 
 
 @pytest.fixture
