@@ -4,6 +4,7 @@
 
 import os
 import subprocess
+import tempfile
 import unittest
 
 import rospy
@@ -54,15 +55,15 @@ class Explained(unittest.TestCase):
         return answer
 
     def why(self, *words):
-        environment = {**os.environ, "ROS_NAMESPACE": ""}
-        return subprocess.run(
-            [node_path("merlin", "why"), *words],
-            env=environment,
-            capture_output=True,
-            text=True,
-            timeout=LONG,
-            check=False,
-        )
+        with tempfile.TemporaryDirectory() as home:  # with notes of no other run
+            return subprocess.run(
+                [node_path("merlin", "why"), *words],
+                env={**os.environ, "ROS_HOME": home},
+                capture_output=True,
+                text=True,
+                timeout=LONG,
+                check=False,
+            )
 
     def test_before_a_plan_there_is_none_to_ask_about(self):
         self.assertFalse(self.early.ok)

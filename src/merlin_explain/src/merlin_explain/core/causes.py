@@ -72,7 +72,7 @@ class Causes:
         return [] if self.doubted(giver) else sorted(found, key=lambda link: link.taker)
 
     def goals_served(self, giver: int) -> List[Condition]:
-        """The goals that fail when a step is removed, and with it all steps that cannot begin then."""
+        """The goals that fail when a step is removed, and with it each step that fails then, one by one."""
         run = self._run.run({giver}, falling=True)
         return [each.condition for each in run.unmet if each.step == GOAL]
 

@@ -6,7 +6,6 @@ from typing import List, NamedTuple, Sequence
 from merlin_explain.claims import (
     FACT,
     GOAL,
-    PLAN,
     REQUEST,
     Answer,
     Claim,
@@ -15,10 +14,9 @@ from merlin_explain.claims import (
     Words,
 )
 from merlin_explain.core.causes import Causes, Link
-from merlin_explain.core.wording import and_list, step_evidence, steps_text
+from merlin_explain.core.wording import and_list, plan_evidence, step_evidence, steps_text
 from merlin_pddl.analysis import plan_run
 from merlin_pddl.formula import Condition, to_pddl
-from merlin_pddl.plan_text import format_plan
 from merlin_pddl.text_reader import read_expression, suggestion
 
 #: How many links are named.
@@ -104,7 +102,7 @@ def _of_step(number: int, causes: Causes, doing: Doing, words: Words) -> Answer:
         if not causes.needless(number):
             text = f"{name} cannot be left out, and which later condition needs it was not found."
             return Answer(text, tuple(claims))
-        shown = Evidence(PLAN, format_plan(each for each in causes.steps if each is not step))
+        shown = plan_evidence([each for each in causes.steps if each is not step])
         claims.append(Claim("needless", f"Without step {number + 1} all goals are reached, too.", (shown,)))
         text = f"{name} is not needed: without it, the plan reaches all of its goals, too."
         return Answer(text, tuple(claims))
@@ -112,7 +110,7 @@ def _of_step(number: int, causes: Causes, doing: Doing, words: Words) -> Answer:
     claims += [_link(link, causes, words) for link in links[:MOST]]
     for goal in served:
         if not any(link.taker == plan_run.GOAL and link.condition == goal for link in links):
-            without = f"Without step {number + 1}, and what cannot begin then"
+            without = f"Without step {number + 1}, and what fails then"
             text = f"{without}, {_quoted(words, goal)} is not reached."
             evidence = (step_evidence(number, causes.steps), Evidence(GOAL, to_pddl(goal)))
             claims.append(Claim("serves", text, evidence))
@@ -134,7 +132,7 @@ def _place(number: int, causes: Causes, doing: Doing) -> Claim:
     more = [each + 1 for each in causes.find(str(steps[number])) if each != number]
     if more:
         text += f" The plan has it again as step {and_list(list(map(str, more)))}."
-    return Claim("step", text, (step_evidence(number, steps), Evidence(PLAN, format_plan(steps))))
+    return Claim("step", text, (step_evidence(number, steps), plan_evidence(steps)))
 
 
 def _link(link: Link, causes: Causes, words: Words) -> Claim:
@@ -167,7 +165,7 @@ def _of_goals(goals: Sequence[Condition], causes: Causes, doing: Doing, words: W
             claims.append(Claim("held", text, (shown,)))
         else:
             text = f"The plan brings {name} about in more than one way: no single step is needed for it."
-            claims.append(Claim("achieved", text, (shown, Evidence(PLAN, format_plan(causes.steps)))))
+            claims.append(Claim("achieved", text, (shown, plan_evidence(causes.steps))))
         sentences.append(text)
     if not doing.requests or not claims or claims[0].kind != "request":
         names = and_list([_quoted(words, goal) for goal in goals])
