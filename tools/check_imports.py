@@ -122,7 +122,7 @@ LAYERS: Dict[str, Tuple[str, ...]] = {
         "bag",
         "web terminal rviz",
     ),
-    "merlin_explain": ("claims", "core", "node", "."),
+    "merlin_explain": ("claims", "core", "happening", "node", "."),
     "merlin": ("new", ".", "doctor replay services testing why"),
     "merlin_home": (".", "actions"),
     "merlin_restaurant": (".", "actions"),

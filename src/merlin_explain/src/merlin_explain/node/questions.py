@@ -20,6 +20,10 @@ QUESTIONS: Dict[str, str] = {
     ExplainRequest.WHY_NOT: "merlin_explain.node.plan_questions:why_not",
     ExplainRequest.NO_PLAN: "merlin_explain.node.plan_questions:no_plan",
     ExplainRequest.WHAT_IF: "merlin_explain.node.plan_questions:what_if",
+    ExplainRequest.WAITING: "merlin_explain.node.happening_questions:waiting",
+    ExplainRequest.FAILED: "merlin_explain.node.happening_questions:failed",
+    ExplainRequest.SO: "merlin_explain.node.happening_questions:so",
+    ExplainRequest.DOING: "merlin_explain.node.happening_questions:doing",
 }
 
 
