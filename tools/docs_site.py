@@ -40,6 +40,7 @@ MENU: Tuple[Tuple[str, Tuple[str, ...]], ...] = (
             "docs/states.md",
             "docs/missions.md",
             "docs/schedule.md",
+            "docs/explanation.md",
             "docs/for-plansys2-users.md",
             "docs/behaviour-trees.md",
             "docs/planners.md",

@@ -51,11 +51,17 @@ def test_a_change_says_who_and_when() -> None:
         changes("/bridge", added=[fact("checked", "kitchen")], goals_added=[fact("checked", "x")]), 12.5
     )
     knowledge.changed(
-        changes("/executor", changed=[value("battery", number=20.0)], removed=[fact("checked", "kitchen")]),
+        changes(
+            "/executor",
+            version=7,
+            changed=[value("battery", number=20.0)],
+            removed=[fact("checked", "kitchen")],
+        ),
         13.0,
     )
     assert shown(tree)["facts"] == [] and shown(tree)["goals"] == ["(checked x)"]
-    assert tree.get("knowledge", "values", "(battery)") == {"value": 20.0, "by": "/executor", "at": 13.0}
+    entry = {"value": 20.0, "by": "/executor", "at": 13.0, "version": 7}
+    assert tree.get("knowledge", "values", "(battery)") == entry
     assert told.texts == [
         "kitchen checked added and goal x checked added, by /bridge",
         "kitchen checked removed and battery is 20, by /executor",
@@ -65,6 +71,7 @@ def test_a_change_says_who_and_when() -> None:
         ("-", "(checked kitchen)"),
         ("+", "(battery) = 20"),
     ]
+    assert [change["version"] for change in recent][-2:] == [7, 7]
 
 
 def test_reading_again_tells_only_what_differs() -> None:

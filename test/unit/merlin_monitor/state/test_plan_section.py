@@ -104,18 +104,27 @@ def test_who_comes_in_the_middle_sees_what_runs(order: Tuple[str, ...]) -> None:
     assert states(tree)["1"] in ("dispatched", "running"), order
 
 
-def test_a_graph_keeps_the_edges_that_matter() -> None:
+def graph(*pairs: Tuple[int, int]) -> Any:
+    """Three actions: 1 and 2 are start and end of the first, 3 and 4 of the second, and so on."""
     nodes = [EsterelPlanNode(node_type=EsterelPlanNode.PLAN_START, node_id=0)]
     for number, name in enumerate("abc"):
         action = dispatch(number, name, dispatch_time=float(number))
         nodes += [
             EsterelPlanNode(node_type=end, node_id=1 + 2 * number + end, action=action) for end in (0, 1)
         ]
-    pairs = [(0, 1), (1, 2), (2, 3), (3, 4), (4, 5), (2, 5), (1, 5), (99, 5)]
     edges = [EsterelPlanEdge(source_ids=[a], sink_ids=[b]) for a, b in pairs]
-    steps, order = graph_steps(EsterelPlan(nodes, edges))
+    return graph_steps(EsterelPlan(nodes, edges))
+
+
+def test_a_graph_keeps_the_edges_that_matter() -> None:
+    steps, order = graph((0, 1), (1, 2), (2, 3), (3, 4), (4, 5), (2, 5), (1, 5), (99, 5))
     assert [step.text for step in steps] == ["(a)", "(b)", "(c)"]
     assert order == [(0, 1), (1, 2)], "a before c follows from the others"
+
+
+def test_a_graph_says_which_edges_go_not_from_an_end_to_a_start() -> None:
+    assert graph((1, 3), (2, 6))[1] == [(0, 1, "start"), (0, 2, "end")]
+    assert graph((1, 3), (2, 3), (2, 4))[1] == [(0, 1)], "the end of a has to come first all the same"
 
 
 def test_a_graph_with_a_cycle_is_still_drawn() -> None:

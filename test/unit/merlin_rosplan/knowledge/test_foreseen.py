@@ -9,7 +9,8 @@ import pytest
 from merlin_pddl.domain_reader import parse_domain, read_domain
 from merlin_pddl.problem import Problem
 from merlin_pddl.problem_reader import parse_problem, read_problem
-from merlin_rosplan.knowledge.foreseen import after_actions
+from merlin_pddl.text_reader import PddlError
+from merlin_rosplan.knowledge.foreseen import after_actions, with_facts
 from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
 
 HOME = Path(__file__).resolve().parents[4] / "pddl" / "home"
@@ -71,3 +72,30 @@ def test_what_cannot_be_foreseen_is_said(action: str, why: str) -> None:
     domain = read_domain(HOME / "domain.pddl")
     with pytest.raises(UpdateRefused, match=why):
         after_actions(domain, read_problem(HOME / "problem.pddl", domain), [action])
+
+
+def test_other_facts_and_values_take_the_place_of_those_that_are() -> None:
+    domain = parse_domain(NUMBERS)
+    text = """(define (problem p) (:domain d) (:objects a b - place)
+      (:init (wet A) (= (battery) 50) (= (way a) 7)) (:goal (in a)))"""
+    problem = parse_problem(text, domain)
+    with_facts(domain, problem, ["(not (wet a))", "(and (in b) (= (battery) 4))", "(= (way b) 2)"])
+    assert facts_of(problem) == {"(in b)"}
+    assert {value.text(): value.value for value in problem.values} == {
+        "(battery)": 4.0,
+        "(way a)": 7.0,
+        "(way b)": 2.0,
+    }
+
+
+@pytest.mark.parametrize(
+    "text", ["(in moon)", "(flies a)", "(in a", "(> (battery) 3)", "(or (in a) (in b))", ""]
+)
+def test_what_is_no_fact_is_said(text: str) -> None:
+    domain = parse_domain(NUMBERS)
+    problem = parse_problem(
+        "(define (problem p) (:domain d) (:objects a b - place) (:init) (:goal (in a)))", domain
+    )
+    with pytest.raises((PddlError, UpdateRefused)):
+        with_facts(domain, problem, [text])
+    assert not problem.facts

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Plans that are only shown: for other goals than those of the knowledge base, from its state."""
 
+import contextlib
 import os
 import stat
 import threading
@@ -10,6 +11,7 @@ import pytest
 
 from merlin_pddl.domain_reader import read_domain
 from merlin_pddl.problem_reader import parse_problem, read_problem
+from merlin_ros.processes.process_tree import descendants
 from merlin_rosplan.planning.planner import PlannerSettings
 from merlin_rosplan.planning.planning_outcome import PlannerState
 from merlin_rosplan.supervision.plan_preview import (
@@ -17,6 +19,7 @@ from merlin_rosplan.supervision.plan_preview import (
     LATER_ERRORS,
     PREVIEW_LIMIT,
     Previews,
+    Wanted,
     steps_of,
     write_later_problem,
 )
@@ -38,9 +41,10 @@ def world():
     return domain, read_problem(HOME / "problem.pddl", domain)
 
 
-def look(previews, goal, *without, command="", **settings):
-    settings = PlannerSettings(command=command, anytime=0.02, without=without, **settings)
-    return previews.plan(world(), DOMAIN, [goal] if goal else [], settings)
+def look(previews, goal, *without, command="", include=(), **settings):
+    settings = PlannerSettings(command=command, anytime=0.02, **settings)
+    wanted = Wanted([goal] if goal else [], without, include)
+    return previews.plan(world(), DOMAIN, wanted, settings)[0]
 
 
 def test_a_plan_has_its_steps_and_times(previews):
@@ -56,6 +60,50 @@ def test_another_plan_does_without_a_step_of_the_first(previews):
     assert len(other) > 1 and left_out not in other and other[-1].endswith("kitchen)")
     none = look(previews, "(robot_at kitchen)", "(navigate * kitchen)")
     assert none.state == PlannerState.UNSOLVABLE and none.reason
+
+
+def test_a_plan_has_an_action_that_it_would_not_need(previews):
+    wanted = "(navigate bathroom kitchen)"
+    outcome = look(previews, "(robot_at kitchen)", include=[wanted])
+    assert outcome.solved, outcome.reason
+    assert wanted in [str(step) for step in steps_of(outcome.plan)]
+
+
+@pytest.mark.parametrize(
+    "action, said",
+    [
+        ("(fly kitchen)", "no action 'fly'"),
+        ("(ask)", "takes 1 objects, not 0"),
+        ("(ask moon)", "no object 'moon'"),
+        ("(ask anywhere)", "'anywhere' is no poi"),
+        ("ask kitchen", ""),
+    ],
+)
+def test_an_action_that_does_not_exist_says_why(previews, action, said):
+    outcome = look(previews, "(robot_at kitchen)", include=[action])
+    assert outcome.state == PlannerState.INVALID and said in outcome.reason
+
+
+def test_the_problem_is_given_back_as_it_was_planned(previews):
+    settings = PlannerSettings(anytime=0.02)
+    plain = previews.plan(world(), DOMAIN, Wanted(["(checked kitchen)"]), settings)[1]
+    marked = previews.plan(world(), DOMAIN, Wanted(["(checked kitchen)"], [], ["(ask kitchen)"]), settings)[1]
+    assert plain == marked and "(checked kitchen)" in plain and "(robot_at anywhere)" in plain
+
+
+def test_what_the_robot_plans_itself_goes_first():
+    niceness = os.getpriority(os.PRIO_PROCESS, 0) + 1
+    made = Previews(niceness=niceness)
+    try:
+        assert look(made, "(checked kitchen)").solved
+        assert niceness in map(niceness_of, descendants(os.getpid()))
+    finally:
+        made.shutdown()
+
+
+def niceness_of(pid):
+    with contextlib.suppress(ProcessLookupError):
+        return os.getpriority(os.PRIO_PROCESS, pid)
 
 
 def test_a_goal_that_holds_has_an_empty_plan(previews):

@@ -14,7 +14,7 @@ from merlin_pddl.text_reader import read_expression
 from merlin_rosplan.messages.knowledge_snapshot import KnowledgeBaseError
 from merlin_rosplan.planning.planner import PlannerSettings
 from merlin_rosplan.planning.planning_outcome import PlannerState
-from merlin_rosplan.supervision.plan_preview import PREVIEW_LIMIT, Previews
+from merlin_rosplan.supervision.plan_preview import PREVIEW_LIMIT, Previews, Wanted
 
 VOCABULARY = (":types", ":constants", ":predicates", ":functions")
 
@@ -92,7 +92,8 @@ class PlannedCost:
         self._plans.shutdown()
 
     def _plan(self, domain: Domain, problem: Problem, goal: Goal) -> float:
-        outcome = self._plans.plan((domain, problem), self._domain_path, goal.goals, self._settings)
+        wanted = Wanted(goal.goals)
+        outcome, _ = self._plans.plan((domain, problem), self._domain_path, wanted, self._settings)
         if outcome.solved:
             return length(outcome.plan, self._action_duration)
         if outcome.state is PlannerState.CANCELLED:

@@ -42,6 +42,7 @@ class KnowledgeSection:
         self._tables: Dict[str, Table] = {kind: {} for kind in KINDS}
         self._recent: Deque[str] = deque()
         self._number = 0
+        self._version: Dict[str, int] = {}  # of the change that is taken in, as a field; empty: not known
         for kind in KINDS:
             tree.set(SECTION, kind, {})
         tree.set(SECTION, "recent", {})
@@ -76,6 +77,7 @@ class KnowledgeSection:
             self._recent.clear()
             return
         changes: List[Tuple[str, str, str]] = []
+        self._version = {}
         for kind in KINDS:
             old = self._tables[kind]
             changes += [("-", kind, key) for key in old if key not in new[kind]]
@@ -95,6 +97,7 @@ class KnowledgeSection:
         :param at: ROS time of the change, s.
         """
         by = message.client
+        self._version = {"version": message.version}
         changes: List[Tuple[str, str, str]] = []
         if message.cleared:
             changes += [("-", kind, key) for kind in KINDS for key in self._tables[kind]]
@@ -138,7 +141,7 @@ class KnowledgeSection:
             self._tables[kind].pop(key, None)
             self._tree.remove(SECTION, kind, key)
         else:
-            entry = {**entry, "by": by, "at": at}
+            entry = {**entry, "by": by, "at": at, **self._version}
             self._tables[kind][key] = entry
             self._tree.set(SECTION, kind, key, entry)
             if kind == "values":
@@ -146,7 +149,7 @@ class KnowledgeSection:
         self._number += 1
         number = str(self._number)
         self._recent.append(number)
-        change = {"sign": sign, "kind": kind, "text": text, "by": by, "at": at}
+        change = {"sign": sign, "kind": kind, "text": text, "by": by, "at": at, **self._version}
         if text != key:
             change.update(key=key, value=entry["value"])
         self._tree.set(SECTION, "recent", number, change)

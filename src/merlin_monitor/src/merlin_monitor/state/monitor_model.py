@@ -213,7 +213,7 @@ class MonitorModel:
 
     def _draw_plan(self) -> None:
         shown = self.plan.in_words()
-        pairs = [[str(before), str(after)] for before, after in self._edges]
+        pairs = [[str(before), str(after)] for before, after, *_ in self._edges]
         self._layouts.ask(PLAN_PICTURE, lambda: plan_graph(shown, pairs))
 
     def _machine_changed(self, root: str) -> None:

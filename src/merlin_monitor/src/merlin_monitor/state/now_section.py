@@ -181,7 +181,7 @@ class NowSection:
         said = said if achieved else with_reason(said, self._wording.reason(reason))
         of_planner = outcome in OF_PLANNER and not (own and reason.endswith(own))
         detail = {"began": began, "ended": at, "outcome": outcome, "lane": "goal"}
-        label = {"label": ", ".join(goals), "words": what}
+        label = {"label": ", ".join(goals), "words": what, "reason": reason}
         self._report(sentence("goal", said, at, MARKS.get(outcome, "failure"), **detail, **label))
         self._tree.set(
             NOW,

@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Steps of a plan and what must precede what, from either form of plan message."""
 
-from typing import Any, Dict, List, NamedTuple, Set, Tuple
+from typing import Any, Dict, List, NamedTuple, Sequence, Set, Tuple, Union
 
 from merlin_monitor.text.fact_text import atom_text
 
 ACTION_START, ACTION_END, PLAN_START = 0, 1, 2
+#: What an edge joins that does not go from the end of one step to the start of another.
+FROM_START, TO_END = "start", "end"
 
 
 class ShownStep(NamedTuple):
@@ -23,7 +25,8 @@ class ShownStep(NamedTuple):
         return atom_text(self.name, [value for _, value in self.parameters])
 
 
-Edges = List[Tuple[int, int]]
+#: Which step comes before which; `FROM_START` or `TO_END` where it is not its end before the other's start.
+Edges = Sequence[Union[Tuple[int, int], Tuple[int, int, str]]]
 
 
 def sequential_steps(message: Any) -> Tuple[List[ShownStep], Edges]:
@@ -38,7 +41,9 @@ def graph_steps(message: Any) -> Tuple[List[ShownStep], Edges]:
         node.action.action_id: _step(node.action) for node in message.nodes if node.node_type == ACTION_START
     }
     owner = {node.node_id: node.action.action_id for node in message.nodes if node.node_type != PLAN_START}
+    ends = {node.node_id for node in message.nodes if node.node_type == ACTION_END}
     after: Dict[int, Set[int]] = {identity: set() for identity in steps}
+    kinds: Dict[Tuple[int, int], Set[str]] = {}
     for edge in message.edges:
         for source in edge.source_ids:
             for sink in edge.sink_ids:
@@ -47,8 +52,15 @@ def graph_steps(message: Any) -> Tuple[List[ShownStep], Edges]:
                     continue
                 if before in steps and behind in steps:
                     after[before].add(behind)
+                    kind = TO_END if sink in ends else "" if source in ends else FROM_START
+                    kinds.setdefault((before, behind), set()).add(kind)
     ordered = sorted(steps.values(), key=lambda step: (step.start, step.id))
-    return ordered, _without_implied(after)
+    return ordered, [_edge(*pair, kinds[pair]) for pair in _without_implied(after)]
+
+
+def _edge(before: int, behind: int, kinds: Set[str]) -> Union[Tuple[int, int], Tuple[int, int, str]]:
+    kind = next(each for each in ("", FROM_START, TO_END) if each in kinds)
+    return (before, behind, kind) if kind else (before, behind)
 
 
 def _step(action: Any) -> ShownStep:
@@ -56,7 +68,7 @@ def _step(action: Any) -> ShownStep:
     return ShownStep(action.action_id, action.name, parameters, action.dispatch_time, action.duration)
 
 
-def _without_implied(after: Dict[int, Set[int]]) -> Edges:
+def _without_implied(after: Dict[int, Set[int]]) -> List[Tuple[int, int]]:
     """Edges a→c are dropped where a way a→b→…→c exists. A cycle keeps its edges."""
     reach: Dict[int, Set[int]] = {}
 
@@ -72,7 +84,7 @@ def _without_implied(after: Dict[int, Set[int]]) -> Edges:
             reach[start] = found
         return reach[start]
 
-    edges: Edges = []
+    edges: List[Tuple[int, int]] = []
     for before, targets in sorted(after.items()):
         for target in sorted(targets):
             implied = any(

@@ -98,7 +98,7 @@ class PlanSection:
         self._replaced, self._steps = self._steps, {step.id: self._shown(step) for step in steps}
         self._tree.set(SECTION, "number", self._plans)
         self._tree.set(SECTION, "at", at)
-        self._tree.set(SECTION, "edges", [[str(before), str(after)] for before, after in edges])
+        self._tree.set(SECTION, "edges", [[*map(str, edge)] for edge in edges])
         self._show_steps()
         before = [step["text"] for step in self._kept.get("steps", {}).values()]
         if steps and sorted(before) != sorted(step.text for step in steps):
@@ -253,7 +253,7 @@ class PlanSection:
         self._replans = [*self._replans, {"at": at, "reason": said}][-MOST_REPLANS:]
         self._tree.set(SECTION, "replans", self._replans)
         why = said or say("the plan failed")
-        self._report(sentence("plan", say("planning again: {why}", why=why), at, "replan"))
+        self._report(sentence("plan", say("planning again: {why}", why=why), at, "replan", reason=reason))
 
     def request_changed(self) -> None:
         """Another request is served: replans count anew, and the plan of the last one is over."""
@@ -315,7 +315,7 @@ class PlanSection:
         found: Set[int] = set()
         new = steps
         while new:
-            new = {before for before, after in self._edges if after in new} - found
+            new = {before for before, after, *_ in self._edges if after in new} - found
             found |= new
         return found - steps
 
@@ -341,7 +341,8 @@ class PlanSection:
         detail = {"began": began, "ended": at, "outcome": state, "lane": "action"}
         mark = {FAILED: "failure", CANCELLED: "cancel"}.get(state, "")
         said = with_reason(said, why if state == FAILED else "")
-        self._report(sentence("action", said, at, mark, **detail, label=step["text"], words=words))
+        label = {"label": step["text"], "words": words}
+        self._report(sentence("action", said, at, mark, **detail, **label, reason=reason))
 
     def _words(self, name: str, parameters: Sequence[Sequence[str]]) -> Dict[str, Phrase]:
         """The words of a step, and those that do not name its robot."""

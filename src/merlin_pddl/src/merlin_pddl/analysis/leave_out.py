@@ -73,31 +73,42 @@ def _predicate(operator: str) -> str:
     return f"{LEFT_OUT}{operator}"
 
 
-def _forbid(node: Expression, operator: Operator) -> None:
-    """Gives an operator the condition that it is not left out."""
-    name = _predicate(operator.name)
+def declare(node: Expression, name: str, operator: Operator) -> str:
+    """Adds a predicate over the parameters of an operator to a domain; returns its atom over these."""
     typed = "".join(f" {parameter.name} - {types_text(parameter.types)}" for parameter in operator.parameters)
     section(node, ":predicates").append(read_expression(f"({name}{typed})"))
-    terms = " ".join((name, *(parameter.name for parameter in operator.parameters)))
-    allowed = f"(at start (not ({terms})))" if operator.durative else f"(not ({terms}))"
+    return f"({' '.join((name, *(parameter.name for parameter in operator.parameters)))})"
+
+
+def extend_action(node: Expression, operator: Operator, key: str, part: str) -> None:
+    """Adds a part to the condition or effect of an operator.
+
+    :param key: ``:condition``, ``:precondition`` or ``:effect``.
+    """
     for action in node:
         if head_of(action) not in (":action", ":durative-action"):
             continue
         assert isinstance(action, Expression)
         if action[1] != operator.name:
             continue
-        key = ":condition" if operator.durative else ":precondition"
         if key not in action:
             action[2:2] = [Word.at(key, "", 0, 0), read_expression("(and)")]
         place = action.index(Word(key)) + 1
         old = action[place]
         assert isinstance(old, Expression)
-        both = read_expression(f"(and {allowed})")
+        both = read_expression(f"(and {part})")
         if old.head == "and":
             both.extend(old[1:])
         elif old:
             both.append(old)
         action[place] = both
+
+
+def _forbid(node: Expression, operator: Operator) -> None:
+    """Gives an operator the condition that it is not left out."""
+    atom = declare(node, _predicate(operator.name), operator)
+    key = ":condition" if operator.durative else ":precondition"
+    extend_action(node, operator, key, f"(at start (not {atom}))" if operator.durative else f"(not {atom})")
 
 
 def _after_init(problem: str, facts: str) -> str:

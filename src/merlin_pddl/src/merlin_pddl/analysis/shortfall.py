@@ -12,6 +12,7 @@ from merlin_pddl.analysis.relaxed_state import CutOffError, RelaxedState
 from merlin_pddl.domain import Domain, Operator
 from merlin_pddl.domain_reader import parse_domain
 from merlin_pddl.formula import (
+    And,
     Arithmetic,
     Atom,
     Comparison,
@@ -26,6 +27,7 @@ from merlin_pddl.formula import (
     to_pddl,
 )
 from merlin_pddl.knowledge import conjuncts
+from merlin_pddl.problem import Problem
 from merlin_pddl.problem_reader import parse_problem
 from merlin_pddl.text_reader import PddlError
 
@@ -36,6 +38,7 @@ NAMED = 2
 #: How many ways to reach a condition are compared.
 WAYS = 500
 _MIRRORED = {">": "<", ">=": "<=", "<": ">", "<=": ">=", "=": "="}
+GIVEN_UP = "it was given up"
 CUT_OFF = "why was not found out within {limit:g} s"
 TOGETHER = (
     "every goal could be reached for itself: actions undo what others need, or a number does not last for all"
@@ -50,6 +53,10 @@ class Gap(NamedTuple):
     operator: str
     """Action that needs it; empty: it is the goal itself."""
     why: str
+    needed: Condition
+    """The condition itself."""
+    goal: Condition = And()
+    """The goal that cannot be reached; what comes nearest to it lacks the condition."""
 
     def text(self) -> str:
         """The text as part of a sentence."""
@@ -69,11 +76,8 @@ def shortfall(domain: str, problem: str, limit: float = LIMIT) -> Tuple[bool, st
     try:
         model = parse_domain(domain)
         task = parse_problem(problem, model, constraints=True)
-        reach = Reachability(model, task, end)
-        reach.run()
-        goals = [part for goal in task.goals for part in conjuncts(goal)]
-        missed = [goal for goal in goals if not reach.state.can(goal, {})]
-        sentences = [_sentence(goal, model, reach.state) for goal in missed[:NAMED]]
+        found = Shortfall(model, task, end - time.monotonic())
+        sentences = [_sentence(found.gap(goal)) for goal in found.goals[:NAMED]]
     except CutOffError:
         return False, CUT_OFF.format(limit=limit)
     except (
@@ -82,34 +86,46 @@ def shortfall(domain: str, problem: str, limit: float = LIMIT) -> Tuple[bool, st
         RecursionError,
     ):  # the planner reports such errors
         return False, ""
-    if not missed:
+    if not found.goals:
         return False, TOGETHER
-    more = f"; and {len(missed) - NAMED} more goals" if len(missed) > NAMED else ""
+    more = f"; and {len(found.goals) - NAMED} more goals" if len(found.goals) > NAMED else ""
     return True, "; ".join(sentences) + more
 
 
-def _sentence(goal: Condition, domain: Domain, state: RelaxedState) -> str:
-    gap = _Search(domain, state).gap(goal, "", frozenset())
-    if gap.condition == to_pddl(goal):
+def _sentence(gap: Gap) -> str:
+    if gap.condition == to_pddl(gap.goal):
         return f"cannot be reached: {gap.text()}"
-    return f"{to_pddl(goal)} cannot be reached, it needs {gap.text()}"
+    return f"{to_pddl(gap.goal)} cannot be reached, it needs {gap.text()}"
 
 
-class _Search:
-    """Follows a condition that cannot be reached back to one that no action explains.
+class Shortfall:
+    """The goals that no action can reach; follows one back to a condition that no action explains.
 
-    :param state: all that can be reached.
+    :param limit: s of wall time for all that is asked of it.
+    :raises CutOffError: the time is over.
+    :ivar goals: those goals; none: each can be reached for itself, were nothing ever lost.
     """
 
-    def __init__(self, domain: Domain, state: RelaxedState) -> None:
+    def __init__(self, domain: Domain, task: Problem, limit: float = LIMIT) -> None:
+        reach = Reachability(domain, task, time.monotonic() + limit)
+        reach.run()
         self._domain = domain
-        self._state = state
+        self._state: RelaxedState = reach.state
+        goals = [part for goal in task.goals for part in conjuncts(goal)]
+        self.goals = [goal for goal in goals if not self._state.can(goal, {})]
         effects = (effect for operator in domain.operators.values() for effect in operator.effects)
         self._changed = {effect.atom.name for effect in effects if effect.atom is not None} | set(
             domain.derived
         )
 
-    def gap(self, condition: Condition, operator: str, seen: FrozenSet[str]) -> Gap:
+    def gap(self, goal: Condition) -> Gap:
+        """What is missing for one of the goals.
+
+        :raises CutOffError: the time is over.
+        """
+        return self._behind(goal, "", frozenset())._replace(goal=goal)
+
+    def _behind(self, condition: Condition, operator: str, seen: FrozenSet[str]) -> Gap:
         """The reason behind a ground condition.
 
         :param operator: that needs it.
@@ -117,20 +133,20 @@ class _Search:
         """
         text = to_pddl(condition)
         if isinstance(condition, Comparison):
-            return Gap(self._subject(condition), operator, self._missed(condition))
+            return Gap(self._subject(condition), operator, self._missed(condition), condition)
         if isinstance(condition, Not) and isinstance(condition.part, Atom):
             atom = condition.part
             if atom.name.startswith(LEFT_OUT):
                 action = f"({' '.join((atom.name[len(LEFT_OUT) :], *atom.args))})"
-                return Gap(action, "", "it was given up")
-            return Gap(text, operator, "no action can make it false")
+                return Gap(action, "", GIVEN_UP, condition)
+            return Gap(text, operator, "no action can make it false", condition)
         if not isinstance(condition, Atom):
-            return Gap(text, operator, "it can never hold")
+            return Gap(text, operator, "it can never hold", condition)
         way = self._way(condition, seen | {text})
         if way is None:
-            return Gap(text, operator, "no action can make it true")
+            return Gap(text, operator, "no action can make it true", condition)
         needed, name = way
-        return self.gap(needed, name, seen | {text})
+        return self._behind(needed, name, seen | {text})
 
     def _way(self, atom: Atom, seen: FrozenSet[str]) -> Optional[Tuple[Condition, str]]:
         """What is missing for the action that comes nearest to an atom, and its operator."""

@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The state that is expected when actions that run now have ended."""
+"""The state that is expected when actions that run now have ended, and one in which other facts hold."""
 
-from typing import Sequence
+from typing import Dict, Sequence
 
 from merlin_pddl.domain import Domain
-from merlin_pddl.formula import END, OVER_ALL, START
+from merlin_pddl.formula import END, OVER_ALL, START, Atom, Comparison, Fluent, Not, Number, to_pddl
+from merlin_pddl.knowledge import Fact, FunctionValue, Key, conjuncts
 from merlin_pddl.problem import Problem
+from merlin_pddl.problem_reader import parse_condition
 from merlin_rosplan.knowledge.effect_applier import EffectApplier, find_operator
 from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
 from merlin_rosplan.knowledge.knowledge_store import KnowledgeStore
@@ -41,3 +43,36 @@ def after_actions(
     found = store.snapshot(problem.name)[1]
     found.constraints = problem.constraints
     return found
+
+
+def with_facts(domain: Domain, problem: Problem, texts: Sequence[str]) -> None:
+    """Changes what holds in a problem.
+
+    :param texts: ``(robot_at hall)``, ``(not (open door))``, ``(= (battery) 20)``, and an ``and`` of such.
+    :raises PddlError: one is not PDDL, or names what is not known.
+    :raises UpdateRefused: one is no fact or value, or a derived fact.
+    """
+    objects = {**domain.constants, **{name.lower(): kinds for name, kinds in problem.objects.items()}}
+    facts: Dict[Key, Fact] = {fact.key: fact for fact in problem.facts}
+    values: Dict[Key, FunctionValue] = {value.key: value for value in problem.values}
+    conditions = [parse_condition(text, domain, objects, "fact") for text in texts]
+    for part in (part for condition in conditions for part in conjuncts(condition)):
+        atom = part.part if isinstance(part, Not) else part
+        if isinstance(atom, Atom):
+            if atom.name in domain.derived:
+                raise UpdateRefused(f"{to_pddl(atom)} is derived: it follows from other facts; name those")
+            fact = Fact(atom.name, atom.args)
+            facts.pop(fact.key, None)
+            if atom is part:
+                facts[fact.key] = fact
+        elif (
+            isinstance(part, Comparison)
+            and part.op == "="
+            and isinstance(part.left, Fluent)
+            and isinstance(part.right, Number)
+        ):
+            value = FunctionValue(part.left.name, part.left.args, part.right.value)
+            values[value.key] = value
+        else:
+            raise UpdateRefused(f"{to_pddl(part)} sets neither a fact nor a value; write (= (battery) 20)")
+    problem.facts, problem.values = list(facts.values()), list(values.values())

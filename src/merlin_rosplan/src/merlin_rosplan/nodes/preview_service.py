@@ -13,14 +13,17 @@ from rosplan_dispatch_msgs.srv import PlanningServiceRequest
 from merlin_pddl.domain_reader import read_domain
 from merlin_pddl.plan_text import PlanTextError
 from merlin_pddl.text_reader import PddlError
-from merlin_rosplan.knowledge.foreseen import after_actions
+from merlin_rosplan.knowledge.foreseen import after_actions, with_facts
 from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
 from merlin_rosplan.messages.knowledge_snapshot import KnowledgeBaseError
 from merlin_rosplan.nodes.world_reader import WorldReader
 from merlin_rosplan.planning.planner_settings import PlannerSettings, dues_of
 from merlin_rosplan.planning.planning_outcome import NOT_KNOWN, PlannerState, PlanningOutcome
-from merlin_rosplan.supervision.plan_preview import Previews, steps_of
+from merlin_rosplan.supervision.plan_preview import Previews, Wanted, steps_of
 from merlin_rosplan.transport.component import Component
+
+#: Nice value of what plans: the robot's own planning goes first.
+NICENESS = 10
 
 
 class PreviewService:
@@ -41,12 +44,13 @@ class PreviewService:
         self._reading = threading.Lock()  # orders the uses of the reader
         self._world: WorldReader = component.own(WorldReader(component.knowledge_base))
         self._settings = settings
-        self._previews: Previews = component.own(Previews())
-        self._forecasts: Previews = component.own(Previews())
+        self._previews: Previews = component.own(Previews(niceness=NICENESS))
+        self._forecasts: Previews = component.own(Previews(niceness=NICENESS))
 
     def answer(self, request: PreviewPlanRequest) -> PreviewPlanResponse:
         """The plan for some goals, or why there is none."""
         wanted = self._parameters()
+        text = ""
         try:
             with self._reading:
                 domain, problem = self._world.snapshot()
@@ -54,15 +58,18 @@ class PreviewService:
                 if not domain.operators:  # as it is read over ROS
                     domain = read_domain(wanted.domain_path)
                 problem = after_actions(domain, problem, request.after, request.then)
+            with_facts(domain, problem, request.facts)
             settings = dataclasses.replace(
-                self._settings,
-                command=wanted.planner_command,
-                without=tuple(request.without),
-                dues=dues_of(request.deadlines),
+                self._settings, command=wanted.planner_command, dues=dues_of(request.deadlines)
             )
             # What looks ahead by itself keeps no reader of a plan waiting.
             previews = self._forecasts if request.deadlines else self._previews
-            outcome = previews.plan((domain, problem), wanted.domain_path, request.goals, settings)
+            outcome, text = previews.plan(
+                (domain, problem),
+                wanted.domain_path,
+                Wanted(request.goals, request.without, request.include),
+                settings,
+            )
             steps = steps_of(outcome.plan)
         except (KnowledgeBaseError, PlanTextError, PddlError, UpdateRefused) as error:
             outcome, steps = PlanningOutcome(PlannerState.INVALID, str(error)), []
@@ -80,4 +87,5 @@ class PreviewService:
                 max(0.0, time - deadline.within) if time != NOT_KNOWN else NOT_KNOWN
                 for time, deadline in zip(outcome.reached, request.deadlines)
             ],
+            text,
         )

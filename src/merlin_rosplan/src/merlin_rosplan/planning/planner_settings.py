@@ -20,7 +20,6 @@ class PlannerSettings:
     :param output_limit: MB that a planner may write into one file; 0 means none.
     :param without: actions to leave out, as PDDL text with ``*`` for any argument.
     :param dues: goals that have to be reached in time: PDDL texts, and s from the begin of the plan.
-    :param background: leave the processor to what else runs.
     """
 
     command: str = ""
@@ -32,7 +31,6 @@ class PlannerSettings:
     output_limit: float = 64.0
     without: Tuple[str, ...] = ()
     dues: Tuple[Tuple[Tuple[str, ...], float], ...] = ()
-    background: bool = False
 
 
 def dues_of(deadlines: Iterable[Any]) -> Tuple[Tuple[Tuple[str, ...], float], ...]:

@@ -4,8 +4,9 @@
 import dataclasses
 import threading
 from pathlib import Path
-from typing import Optional, Sequence, Tuple
+from typing import NamedTuple, Optional, Sequence, Tuple
 
+from merlin_pddl.analysis.demand import demand
 from merlin_pddl.domain import Domain
 from merlin_pddl.domain_reader import read_domain
 from merlin_pddl.knowledge import conjuncts
@@ -13,11 +14,12 @@ from merlin_pddl.plan_text import NO_DURATION, PlanStep, parse_plan
 from merlin_pddl.problem import Problem
 from merlin_pddl.problem_reader import parse_condition, parse_problem
 from merlin_pddl.problem_writer import write_problem
-from merlin_pddl.text_reader import PddlError
+from merlin_pddl.text_reader import PddlError, text_of
 from merlin_rosplan.knowledge.foreseen import after_actions
 from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
 from merlin_rosplan.planning.planner_settings import PlannerSettings
 from merlin_rosplan.planning.planning_outcome import PlannerState, PlanningOutcome
+from merlin_rosplan.supervision.planner_host import PlannerHosts
 from merlin_rosplan.supervision.scratch_folder import ScratchFolder
 from merlin_rosplan.supervision.supervised_planning import Planning
 
@@ -28,15 +30,30 @@ LATER_ERRORS = (PddlError, UpdateRefused, OSError)
 BUSY = "another plan is being looked for, only to be shown; ask again when it is there"
 
 
+class Wanted(NamedTuple):
+    """What a plan is to reach, as PDDL text.
+
+    :ivar without: actions that it must not have, see :class:`PlannerSettings`.
+    :ivar include: actions that it has to have.
+    """
+
+    goals: Sequence[str]
+    without: Sequence[str] = ()
+    include: Sequence[str] = ()
+
+
 class Previews:
     """Plans goals one after the other; a second one at the same time is refused. Thread-safe.
 
     :param limit: the longest one, s.
+    :param niceness: nice value of what plans.
     """
 
-    def __init__(self, limit: float = PREVIEW_LIMIT) -> None:
+    def __init__(self, limit: float = PREVIEW_LIMIT, niceness: int = 0) -> None:
         self._limit = limit
         self._folder = ScratchFolder("plan_preview")
+        # Of its own: a process never gets its priority back.
+        self._hosts = PlannerHosts(niceness) if niceness else None
         self._lock = threading.Lock()  # guards the fields below
         self._busy = False
         self._closed = False
@@ -46,22 +63,23 @@ class Previews:
         self,
         world: Tuple[Domain, Problem],
         domain_path: str,
-        goals: Sequence[str],
+        wanted: Wanted,
         settings: PlannerSettings,
-    ) -> PlanningOutcome:
+    ) -> Tuple[PlanningOutcome, str]:
         """Plans.
 
         :param world: domain and state; the goals in it do not count.
         :param domain_path: PDDL file of the domain.
-        :param goals: PDDL text.
-        :param settings: of the planner; its time limit is shortened, and it works in the background.
+        :param settings: of the planner; its time limit is shortened.
+        :return: how it ended; and the problem as PDDL text, without `wanted.without` and `include`; empty
+            where it cannot be written.
         """
         with self._lock:
             if self._busy or self._closed:
-                return PlanningOutcome(PlannerState.CANCELLED, BUSY)
+                return PlanningOutcome(PlannerState.CANCELLED, BUSY), ""
             self._busy = True
         try:
-            return self._plan(world, domain_path, goals, settings)
+            return self._plan(world, domain_path, wanted, settings)
         finally:
             with self._lock:
                 self._busy = False
@@ -79,25 +97,30 @@ class Previews:
                 self._folder.cleanup()
 
     def _plan(
-        self,
-        world: Tuple[Domain, Problem],
-        domain_path: str,
-        goals: Sequence[str],
-        settings: PlannerSettings,
-    ) -> PlanningOutcome:
-        path = Path(self._folder.name) / "problem.pddl"
+        self, world: Tuple[Domain, Problem], domain_path: str, wanted: Wanted, settings: PlannerSettings
+    ) -> Tuple[PlanningOutcome, str]:
+        folder, text = Path(self._folder.name), ""
+        path = folder / "problem.pddl"
         try:
-            path.write_text(write_goal_problem(*world, goals), encoding="utf-8")
+            text = problem = write_goal_problem(*world, wanted.goals)
+            if wanted.include:
+                domain, state = world
+                objects = {name.lower(): kinds for name, kinds in state.objects.items()}
+                marked, done = demand(text_of(domain_path), objects, wanted.include)
+                state.goals += done
+                problem, domain_path = write_problem(state, domain), str(folder / "domain.pddl")
+                Path(domain_path).write_text(marked, encoding="utf-8")
+            path.write_text(problem, encoding="utf-8")
         except (PddlError, OSError) as error:
-            return PlanningOutcome(PlannerState.INVALID, str(error))
+            return PlanningOutcome(PlannerState.INVALID, str(error)), text
         limit = min(settings.time_limit or self._limit, self._limit)
-        settings = dataclasses.replace(settings, time_limit=limit, background=True)
-        planning = Planning(settings, domain_path, str(path))
+        settings = dataclasses.replace(settings, time_limit=limit, without=tuple(wanted.without))
+        planning = Planning(settings, domain_path, str(path), hosts=self._hosts)
         with self._lock:
             self._planning = planning
             if self._closed:
                 planning.cancel()
-        return planning.run()
+        return planning.run(), text
 
 
 def steps_of(plan: str) -> Sequence[PlanStep]:

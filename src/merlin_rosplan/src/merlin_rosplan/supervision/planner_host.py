@@ -25,15 +25,16 @@ class HostError(RuntimeError):
 class PlannerHost:
     """A supervising process that does one planning at a time. It ends with this process, however that ends.
 
+    :param niceness: nice value of it and of what plans; 0: that of this process.
     :raises HostError: it cannot be started.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, niceness: int = 0) -> None:
         environment = dict(os.environ)
         if environment.pop("RESPAWN_TUNED", ""):  # by scripts/respawn: it would slow down a search
             environment.pop("GLIBC_TUNABLES", "")
         try:
-            self._process = ChildProcess(_MODULE, environment=environment)
+            self._process = ChildProcess(_MODULE, str(niceness), environment=environment)
         except OSError as error:
             raise HostError(f"the planner's supervising process cannot be started: {error}") from error
         self._channel = self._process.channel
@@ -136,12 +137,16 @@ class PlannerHost:
 
 
 class PlannerHosts:
-    """Supervising processes that are kept between plannings: as many as plan at a time, usually one."""
+    """Supervising processes that are kept between plannings: as many as plan at a time, usually one.
+
+    :param niceness: see :class:`PlannerHost`.
+    """
 
     _of_process: Optional["PlannerHosts"] = None
     _making = threading.Lock()  # guards _of_process
 
-    def __init__(self) -> None:
+    def __init__(self, niceness: int = 0) -> None:
+        self._niceness = niceness
         self._lock = threading.Lock()  # guards the field below
         self._idle: List[PlannerHost] = []
 
@@ -171,7 +176,7 @@ class PlannerHosts:
                 if host.alive:
                     return host
                 host.close()
-        return PlannerHost()
+        return PlannerHost(self._niceness)
 
     def give_back(self, host: PlannerHost) -> None:
         """Keeps one for the next planning, if it still answers."""

@@ -7,7 +7,6 @@ Reading, checking, planning and validating all happen here, so that none of it k
 import contextlib
 import dataclasses
 import math
-import os
 import time
 from pathlib import Path
 from typing import Any, Callable, Dict, List, NamedTuple, Optional, Sequence, Tuple
@@ -38,9 +37,9 @@ class PlannerJob(NamedTuple):
     :param data_path: folder for the planner's output and the plan (``plan.pddl``); empty keeps nothing.
     :param planning_limit: running time for the engines, s; 0 means none.
     :param time_limit: running time for everything, reading and validating included, s; 0 means none.
-    :param anytime, check_input, memory_limit, output_limit, without, dues, background: see
+    :param anytime, check_input, memory_limit, output_limit, without, dues: see
         :class:`.planner.PlannerSettings`.
-    :param reusable: whether its process can plan again: not behind a search of kairos, nor in the background.
+    :param reusable: whether its process can plan again: not behind a search of kairos.
     """
 
     domain_path: str
@@ -56,7 +55,6 @@ class PlannerJob(NamedTuple):
     output_limit: float
     without: List[str]
     dues: List[Tuple[Sequence[str], float]]
-    background: bool
     reusable: bool = False
 
 
@@ -65,7 +63,6 @@ _DOMAIN = """(define (domain warm) (:requirements :typing :durative-actions) (:t
   (:durative-action a :parameters (?x - t) :duration (= ?duration 1) :condition ()
     :effect (at end (p ?x))))"""
 _PLAN = "0.000: (a o) [1.000]"
-BACKGROUND = 5  # nice value, that of the simulator
 _WARM = 10.0  # s for planning that
 _PROBLEM = "(define (problem warm) (:domain warm) (:objects o - t) (:init) (:goal (p o)))"
 
@@ -89,7 +86,7 @@ def warm_up(folder: Path, last: Dict[str, Any]) -> None:
             problem.write_text(_PROBLEM)
             files = str(domain), str(problem)
             _plan(
-                PlannerJob(*files, [engine], name, "", _WARM, _WARM, 0.2, True, 0.0, 0.0, [], [], False), own
+                PlannerJob(*files, [engine], name, "", _WARM, _WARM, 0.2, True, 0.0, 0.0, [], []), own
             )
 
 
@@ -103,8 +100,6 @@ def work(message: Dict[str, Any], folder: Path) -> Dict[str, Any]:
     """
     job = PlannerJob(**{key: message[key] for key in PlannerJob._fields})
     began = time.monotonic()
-    if job.background:
-        os.nice(BACKGROUND)
     outcome = _plan(job, folder)
     return {**outcome, "seconds": time.monotonic() - began}
 

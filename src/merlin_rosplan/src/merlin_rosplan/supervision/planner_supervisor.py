@@ -32,6 +32,7 @@ from pathlib import Path
 from typing import Any, Callable, Dict, List, NamedTuple, Optional, Tuple
 
 from merlin_ros.processes.child_process import parent
+from merlin_ros.processes.process_priority import lower_priority
 from merlin_ros.processes.process_tree import adopt_orphans, descendants, end_descendants, tree_size
 from merlin_ros.work.threads import start_thread
 from merlin_rosplan.planning.planner_files import MEGABYTE, too_much
@@ -318,7 +319,8 @@ def _end(status: Optional[int]) -> str:
 
 
 def main() -> None:
-    """Entry point of the process."""
+    """Entry point of the process; its argument is its nice value."""
+    lower_priority(int(sys.argv[1]))
     adopt_orphans()
     for number in _IGNORED:
         signal.signal(number, signal.SIG_IGN)

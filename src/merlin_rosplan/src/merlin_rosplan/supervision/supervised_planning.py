@@ -99,8 +99,7 @@ class Planning:
             settings.output_limit,
             list(settings.without),
             list(settings.dues),
-            settings.background,
-            KAIROS not in chosen.commands and not settings.background,
+            KAIROS not in chosen.commands,
         )
         host = self._hosts.take()
         try:

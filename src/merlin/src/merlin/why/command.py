@@ -1,0 +1,149 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The command `rosrun merlin why`: asks a running robot why, and prints the answer."""
+
+import argparse
+import sys
+import time
+from typing import Any, Dict, List, Sequence
+
+import rospy
+from merlin_msgs.msg import Claim, Evidence
+from merlin_msgs.srv import Explain, ExplainRequest
+
+from merlin.running import EXIT_REFUSED, at_robot
+from merlin_executor.request_times import read_time
+from merlin_ros.service_proxy import ServiceError, ServiceProxy
+
+#: s of wall time for an answer: longer than any question takes.
+LIMIT = 60.0
+#: Option → the question that it asks, where it is one by itself.
+_ALONE = {
+    "no_plan": ExplainRequest.NO_PLAN,
+    "waiting": ExplainRequest.WAITING,
+    "failed": ExplainRequest.FAILED,
+    "so": ExplainRequest.SO,
+    "doing": ExplainRequest.DOING,
+}
+
+
+def main() -> int:
+    """Asks, prints the answer; returns the exit code: 0 answered, 2 a mistake."""
+    given = parser().parse_args()
+    try:
+        request = request_of(given)
+    except ValueError as error:
+        print(f"merlin why: {error}", file=sys.stderr)
+        return EXIT_REFUSED
+    refusals = (ServiceError, ValueError)
+    return at_robot("merlin why", given.robot, lambda robot: _ask(robot, request, given), *refusals)
+
+
+def parser() -> argparse.ArgumentParser:
+    """Reads the command line."""
+    made = argparse.ArgumentParser(
+        prog="rosrun merlin why",
+        description="Says why the robot does what it does. Nothing moves because of a question.",
+    )
+    made.add_argument("about", nargs="?", default="", help='step or goal: "(deliver box_1 ward_2)"')
+    other = made.add_argument_group("why not another plan")
+    other.add_argument("--not", dest="include", **_many("ACTION", "one that does this, too"))
+    other.add_argument("--without", **_many("ACTION", "one without this; * is any object"))
+    other.add_argument("--first", **_many("GOAL", "one that reaches this goal before the others"))
+    others = made.add_argument_group("other questions")
+    others.add_argument("--no-plan", action="store_true", help="what is missing for the goals")
+    others.add_argument("--what-if", dest="facts", **_many("FACT", "the plan, if this were so"))
+    others.add_argument(
+        "--goal", dest="goals", **_many("GOAL", "of the plan, in place of those that there are")
+    )
+    others.add_argument("--waiting", action="store_true", help="what a step or a request waits for")
+    others.add_argument("--failed", action="store_true", help="why the last thing failed")
+    others.add_argument("--so", action="store_true", help="why a fact is as it is")
+    others.add_argument("--doing", action="store_true", help="what the robot does, and how long")
+    made.add_argument("--at", metavar="TIME", help="of a past moment: 10min ago, or 14:30 of today")
+    made.add_argument("--evidence", action="store_true", help="print what shows each claim, too")
+    made.add_argument("--robot", help="namespace of the robot, where there are several")
+    return made
+
+
+def _many(what: str, text: str) -> Dict[str, Any]:
+    return {"action": "append", "default": [], "metavar": what, "help": text}
+
+
+def request_of(given: argparse.Namespace) -> ExplainRequest:
+    """The request for what a command line asks.
+
+    :raises ValueError: it asks nothing, or two things.
+    """
+    asked = [question for option, question in _ALONE.items() if getattr(given, option)]
+    if given.include or given.without or given.first:
+        asked.append(ExplainRequest.WHY_NOT)
+    if given.facts or (given.goals and not asked):
+        asked.append(ExplainRequest.WHAT_IF)
+    without = list(given.without)
+    if ExplainRequest.WHY_NOT in asked and given.about:
+        without.append(given.about)  # why this step and not that one
+    if len(asked) > 1:
+        raise ValueError("that is more than one question; ask one after the other")
+    if not asked and not given.about:
+        raise ValueError('ask about a step or a goal, "(checked kitchen)", or see --help')
+    return ExplainRequest(
+        question=asked[0] if asked else ExplainRequest.WHY,
+        about=given.about,
+        include=given.include,
+        without=without,
+        first=given.first,
+        facts=given.facts,
+        goals=given.goals,
+    )
+
+
+def _ask(robot: str, request: ExplainRequest, given: argparse.Namespace) -> int:
+    if given.at:
+        request.at = _moment(given.at)
+    service = ServiceProxy(f"{robot}merlin/explain", Explain, timeout=LIMIT, patience=2.0)
+    answer = service(request)
+    if not answer.ok:
+        print(f"merlin why: {answer.sentence}", file=sys.stderr)
+        return EXIT_REFUSED
+    for line in (answer.sentence, *lines(answer.claims, given.evidence)):
+        print(line, flush=True)
+    return 0
+
+
+def _moment(text: str) -> rospy.Time:
+    """A past ROS time: s ago, or a time of the day.
+
+    :raises ValueError: for another text, and a time that has not passed.
+    """
+    written, now = read_time(text), rospy.get_time()
+    if isinstance(written, float):
+        at = now - written
+    else:
+        at = time.mktime((*time.localtime(now)[:3], *written, 0, 0, -1))
+    if not 0.0 < at <= now:
+        raise ValueError(f"--at {text}: the robot's clock has no such past moment")
+    return rospy.Time.from_sec(at)
+
+
+def lines(claims: Sequence[Claim], evidence: bool) -> List[str]:
+    """The claims of an answer, as they are printed.
+
+    :param evidence: whether that is printed, too.
+    """
+    found: List[str] = []
+    for claim in claims:
+        found.append(f"  - {claim.text}")
+        found += [line for each in claim.evidence for line in _shown(each)] if evidence else []
+    return found
+
+
+def _shown(evidence: Evidence) -> List[str]:
+    first, *more = evidence.text.split("\n")
+    where = [
+        f"step {evidence.step}" if evidence.step else "",
+        f"version {evidence.version}" if evidence.version else "",
+        f"{evidence.time.to_sec():.3f} s" if evidence.time.to_sec() else "",
+    ]
+    place = ", ".join(filter(None, where))
+    shown = f"      {evidence.kind}: {first}{f' ({place})' if place else ''}"
+    return [shown, *(f"        {line}" for line in more)]

@@ -1,0 +1,165 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The past as the monitor's history has it: what was so, what happened, and who changed a fact."""
+
+import json
+import math
+import time
+from pathlib import Path
+from typing import Any, Dict, Iterator, List, Optional, Sequence, Tuple
+
+from merlin_explain.claims import QuestionError
+from merlin_explain.happening.moment import Change, Moment, clock, key_of
+from merlin_monitor.history.event_log import EventLog, Neighbour
+from merlin_monitor.history.frames import Recording
+from merlin_monitor.history.history_file import HistoryError, last_run, open_for_reading
+from merlin_monitor.state.state_tree import apply_changes
+from merlin_pddl.domain import Domain
+
+#: An event as the history has it: kind, text, at (ROS time, s), mark and detail.
+Event = Dict[str, Any]
+MOST_EVENTS = 1000  # that a question looks at
+LOOK_BACK = 2.0  # s of wall time for the search of a change
+LATER = 0.5  # s in which the monitor notes what has happened
+
+
+class RecordedPast:
+    """A run of a history, up to a moment. For one thread; to be closed.
+
+    :param path: of the file, or of its folder.
+    :param at: the moment, ROS time, s; 0: the last that is recorded.
+    :param session: of the monitor that goes on with the run; empty: the newest run.
+    :raises HistoryError: the file is missing or cannot be used.
+    :raises QuestionError: the run has no such moment.
+    """
+
+    def __init__(self, path: Path, domain: Domain, at: float = 0.0, session: str = "") -> None:
+        self._domain = domain
+        self._connection = open_for_reading(path)
+        self._recording = Recording(self._connection)
+        try:
+            present = last_run(self._connection, time.time(), session)
+            if session and present is None:
+                raise HistoryError(
+                    f"the monitor has recorded nothing into {path} in this run; is it running?"
+                )
+            runs = self._recording.runs()
+            self._run = next(each for each in reversed(runs) if present is None or each["run"] == present.run)
+            self._wall = self._wall_of(at) if at else float(self._run["ended"])
+        except BaseException:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """Closes the file."""
+        self._connection.close()
+
+    @property
+    def wall(self) -> float:
+        """When the moment was, s since 1970."""
+        return self._wall
+
+    def moment(self) -> Moment:
+        """What was so at the moment."""
+        return self._shown(self._wall)
+
+    def events(self, kinds: Sequence[str]) -> List[Event]:
+        """The newest events of these kinds, oldest first."""
+        log, run = EventLog(self._connection), int(self._run["run"])
+        last = log.neighbour(Neighbour(run, self._wall + LATER, forward=False))
+        found = log.page(last["id"] + 1, MOST_EVENTS, list(kinds)) if last else []
+        return [event for event in found if event["run"] == run]
+
+    def after(self, event: Event) -> Moment:
+        """What was so when an event had been noted: it is in a frame of its time, or a later one."""
+        return self._shown(event["wall"], after=True)
+
+    def at(self, at: float) -> Optional[Moment]:
+        """What was so at a ROS time, s; None: not known."""
+        try:
+            return self._shown(self._wall_of(at))
+        except QuestionError:
+            return None
+
+    def change(self, text: str, at: float = math.inf) -> Optional[Change]:
+        """The last change of a fact or value; None: none is found.
+
+        :param at: up to which, ROS time, s.
+        """
+        wanted = key_of(text)
+        for found in self._changes_back(json.dumps(" ".join(wanted))[1:-1]):
+            name = str(found.get("key") or found["text"])
+            if key_of(name) == wanted and found["kind"] in ("facts", "values") and found["at"] <= at:
+                version = int(found.get("version") or 0)
+                return Change(found["sign"], name, found["by"], float(found["at"]), version)
+        return None
+
+    def _changes_back(self, text: str) -> Iterator[Dict[str, Any]]:
+        """The recorded changes of knowledge, newest first, of the segments in which a text stands."""
+        ends = time.monotonic() + LOOK_BACK
+        until, number = self._wall, 0
+        while time.monotonic() < ends:
+            raw = self._segment(until)
+            head = json.loads(raw.partition(',"frames"')[0] + "}")
+            if head["number"] == number:
+                return  # before the first one there is none
+            number, until = head["number"], head["began"] - 0.001
+            if text in raw.lower():
+                yield from _changes_of(json.loads(raw)["frames"], self._wall)
+
+    def _shown(self, wall: float, after: bool = False) -> Moment:
+        """What was so at a time, s since 1970.
+
+        :param after: in the first frame that is not before it.
+        """
+        segment = json.loads(self._segment(wall))
+        if after and segment["next"] is not None and segment["frames"][-1][0] < wall:
+            segment = json.loads(self._segment(segment["next"]))
+        (seen, _, state, _), *later = segment["frames"]
+        for frame_wall, _, changes, _ in later:
+            if seen >= wall if after else frame_wall > wall:
+                break
+            apply_changes(state, changes)
+            seen = frame_wall
+        return Moment(state, self._domain)
+
+    def _wall_of(self, at: float) -> float:
+        """When a ROS time was, s since 1970: of the last frame that is not later."""
+        low, high = float(self._run["began"]), float(self._run["ended"])
+        begin = next(
+            (frame[1] for frame in self._frames(low) if frame[1]), 0.0
+        )  # before it no clock was heard
+        end = self._frames(high)[-1][1]
+        if not begin - LATER <= at <= end + LATER:
+            raise QuestionError(f"the recording is of {clock(begin)} to {clock(end)}, and has no {clock(at)}")
+        middle = (
+            at if low <= at <= high else (low + high) / 2
+        )  # a robot's ROS time is nearly that of the computer
+        while True:
+            frames = self._frames(middle)
+            if frames[0][1] > at and frames[0][0] > low:
+                high = frames[0][0] - 0.001
+            elif frames[-1][1] < at and frames[-1][0] < high and high - low > LATER:
+                low = max(frames[-1][0], middle)
+            else:
+                return float(max((frame[0] for frame in frames if frame[1] <= at), default=frames[0][0]))
+            middle = (low + high) / 2
+
+    def _frames(self, wall: float) -> List[Tuple[float, float, Any, int]]:
+        return list(json.loads(self._segment(wall))["frames"])
+
+    def _segment(self, wall: float) -> str:
+        try:
+            return self._recording.segment(int(self._run["run"]), wall) or ""
+        except ValueError as error:
+            raise HistoryError(str(error)) from error
+
+
+def _changes_of(frames: List[Any], until: float) -> Iterator[Dict[str, Any]]:
+    """The changes of knowledge in the frames of a segment, newest first."""
+    (_, _, state, _), *later = frames
+    for wall, _, changes, _ in reversed(later):
+        for path, *value in reversed(changes) if wall <= until else ():
+            if path[:2] == ["knowledge", "recent"] and len(path) == 3 and value:
+                yield value[0]
+    recent = (state.get("knowledge") or {}).get("recent") or {}
+    yield from (recent[number] for number in sorted(recent, key=int, reverse=True))

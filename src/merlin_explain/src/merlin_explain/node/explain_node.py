@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Node: answers questions. It only listens, calls and computes: nothing moves because of a question."""
+
+import threading
+
+import rospy
+from merlin_msgs.msg import Claim as ClaimMessage
+from merlin_msgs.msg import Evidence as EvidenceMessage
+from merlin_msgs.srv import Explain, ExplainRequest, ExplainResponse
+
+from merlin_explain.claims import Answer, Claim, Evidence, Question, QuestionError
+from merlin_explain.node.questions import answering
+from merlin_explain.node.robot_system import USUAL, Names, RobotSystem
+from merlin_pddl.text_reader import PddlError
+from merlin_planning.knowledge_client import KnowledgeError
+from merlin_ros.health import OK, Health, HealthReporter
+from merlin_ros.master.master_link import MasterSilent
+from merlin_ros.node import run_node
+from merlin_ros.parameters import ParameterError, graph_name
+from merlin_ros.processes.process_priority import lower_priority
+from merlin_ros.service_proxy import ServiceError
+
+#: Nice value: below the robot's own nodes.
+NICENESS = 10
+#: s of wall time that a question waits for those before it.
+WAIT = 15.0
+BUSY = "other questions are being answered; ask again in a moment"
+#: What is refused with its own words.
+REFUSALS = (QuestionError, PddlError, ServiceError, KnowledgeError, MasterSilent, ParameterError)
+
+
+class Explainer:
+    """Serves ``merlin/explain``: one question after the other.
+
+    :param system: what is asked.
+    """
+
+    def __init__(self, system: RobotSystem) -> None:
+        self._system = system
+        self._one = threading.Lock()  # held while a question is answered
+
+    def offer(self, name: str) -> rospy.Service:
+        """Offers it under a name."""
+        return rospy.Service(name, Explain, self.answer)
+
+    def answer(self, request: ExplainRequest) -> ExplainResponse:
+        """Answers a question, or says why not."""
+        if not self._one.acquire(timeout=WAIT):
+            return ExplainResponse(ok=False, sentence=BUSY)
+        try:
+            found = self._answer(_question(request))
+        except REFUSALS as error:
+            return ExplainResponse(ok=False, sentence=str(error))
+        except Exception as error:
+            # What one question meets must not keep the node from answering others.
+            rospy.logerr("explain: %s: %s: %s", request.question, type(error).__name__, error)
+            return ExplainResponse(ok=False, sentence=f"not found out: {type(error).__name__}: {error}")
+        finally:
+            self._one.release()
+        return ExplainResponse(True, found.sentence, [_claim(claim) for claim in found.claims])
+
+    def health(self) -> Health:
+        """Whether it answers."""
+        return Health(OK, "answers a question" if self._one.locked() else "ready")
+
+    def _answer(self, question: Question) -> Answer:
+        return answering(question.question)(question, self._system)
+
+
+def _question(request: ExplainRequest) -> Question:
+    return Question(
+        request.question or ExplainRequest.WHY,
+        request.about.strip(),
+        request.include,
+        request.without,
+        request.first,
+        request.facts,
+        request.goals,
+        request.at.to_sec(),
+    )
+
+
+def _claim(claim: Claim) -> ClaimMessage:
+    return ClaimMessage(claim.kind, claim.text, [_evidence(each) for each in claim.evidence])
+
+
+def _evidence(evidence: Evidence) -> EvidenceMessage:
+    time = rospy.Time.from_sec(max(0.0, evidence.time))
+    return EvidenceMessage(evidence.kind, evidence.text, evidence.step, evidence.version, time)
+
+
+def main() -> int:
+    """Runs the node; returns the exit code."""
+    lower_priority(NICENESS)
+    return run_node("merlin_explain", _start)
+
+
+def _start() -> None:
+    names = Names(
+        *(
+            graph_name(f"~{field}", default)
+            for field, default in zip(
+                ("knowledge_base", "problem_interface", "planner_interface", "plan_dispatcher", "executor"),
+                USUAL,
+            )
+        )
+    )
+    explainer = Explainer(RobotSystem(names))
+    explainer.offer(f"{names.executor}/explain")
+    HealthReporter({"explainer": explainer.health}).start()

@@ -1,0 +1,153 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""Questions about plans while one is carried out: each answer is right, and the robot's plan goes on."""
+
+import os
+import subprocess
+import tempfile
+import unittest
+
+import rospy
+from merlin_msgs.msg import DispatchStatus
+from merlin_msgs.srv import Explain, ExplainRequest
+
+import rostest
+from merlin_executor.executor_client import MerlinExecutorClient
+from merlin_ros.service_proxy import ServiceProxy
+from merlin_test.node_path import node_path
+
+LONG = 60.0
+GOALS = ["(checked kitchen)", "(checked bathroom)"]
+
+
+class Explained(unittest.TestCase):
+    """A request of two goals whose first drive lasts as long as the test."""
+
+    @classmethod
+    def setUpClass(cls):
+        cls.ask = ServiceProxy("merlin/explain", Explain, timeout=LONG, patience=LONG)
+        client = MerlinExecutorClient()
+        assert client.wait_for_executor(LONG), "no executor"
+        cls.early = cls.ask(question=ExplainRequest.WHY, about="(checked kitchen)")
+        cls.request = client.send(GOALS, priority=2)
+        cls.plan = []
+        status = rospy.wait_for_message("rosplan_plan_dispatcher/dispatch_status", DispatchStatus, LONG)
+        while not status.running:
+            status = rospy.wait_for_message("rosplan_plan_dispatcher/dispatch_status", DispatchStatus, LONG)
+        action = status.running[0]
+        cls.running = f"({' '.join([action.name, *(each.value for each in action.parameters)])})"
+
+    @classmethod
+    def tearDownClass(cls):
+        cls.request.cancel()
+        cls.request.wait(LONG)
+
+    def tearDown(self):
+        status = rospy.wait_for_message("rosplan_plan_dispatcher/dispatch_status", DispatchStatus, LONG)
+        self.assertEqual(
+            (status.state, len(status.running)), (DispatchStatus.RUNNING, 1), "a question moved it"
+        )
+
+    def answer(self, question, **fields):
+        answer = self.ask(question=question, **fields)
+        self.assertTrue(answer.ok, answer.sentence)
+        self.assertTrue(answer.claims and all(claim.text for claim in answer.claims), answer)
+        return answer
+
+    def why(self, *words):
+        with tempfile.TemporaryDirectory() as home:  # with notes of no other run
+            return subprocess.run(
+                [node_path("merlin", "why"), *words],
+                env={**os.environ, "ROS_HOME": home},
+                capture_output=True,
+                text=True,
+                timeout=LONG,
+                check=False,
+            )
+
+    def test_before_a_plan_there_is_none_to_ask_about(self):
+        self.assertFalse(self.early.ok)
+        self.assertIn("no plan was made yet", self.early.sentence)
+
+    def test_why_a_step(self):
+        answer = self.answer(ExplainRequest.WHY, about=self.running)
+        first = answer.claims[0]
+        self.assertIn("runs now", first.text)
+        kinds = {claim.kind for claim in answer.claims}
+        self.assertLessEqual({"step", "link", "request"}, kinds)
+        link = next(claim for claim in answer.claims if claim.kind == "link")
+        self.assertEqual([each.kind for each in link.evidence], ["step", "step", "fact"])
+        self.assertIn("priority 2", answer.sentence)
+
+    def test_why_a_goal(self):
+        answer = self.answer(ExplainRequest.WHY, about=GOALS[0])
+        self.assertIn("A client of the Executor asked for", answer.sentence)
+        self.assertEqual({claim.kind for claim in answer.claims}, {"request", "achieved"})
+
+    def test_why_not(self):
+        there = f"(navigate {self.running.strip('()').split()[2]} main_door)"
+        other = self.answer(ExplainRequest.WHY_NOT, include=[there])
+        self.assertIn("would be worse", other.sentence)
+        self.assertIn(there, other.claims[1].evidence[0].text)
+        never = self.answer(ExplainRequest.WHY_NOT, without=["(ask kitchen)"])
+        self.assertIn("There is no plan without", never.sentence)
+        goal = next(goal for goal in GOALS if self.running.strip("()").split()[2] not in goal)
+        self.answer(ExplainRequest.WHY_NOT, first=[goal])
+
+    def test_no_plan(self):
+        answer = self.answer(ExplainRequest.NO_PLAN, goals=["(robot_at anywhere)"])
+        self.assertIn("There is no plan", answer.sentence)
+        self.assertEqual([claim.kind for claim in answer.claims], ["impossible", "enough"])
+        self.assertIn("There is a plan", self.answer(ExplainRequest.NO_PLAN, goals=GOALS).sentence)
+
+    def test_what_if(self):
+        answer = self.answer(ExplainRequest.WHAT_IF, facts=["(checked kitchen)"])
+        self.assertIn("instead of", answer.sentence)
+        both = self.answer(ExplainRequest.WHAT_IF, facts=["(checked kitchen)", "(checked bathroom)"])
+        self.assertIn("nothing would have to be done", both.sentence)
+        self.answer(ExplainRequest.WHAT_IF, goals=["(checked main_door)"])
+
+    def test_a_wrong_question_is_refused(self):
+        for fields in (
+            {"question": "whither"},
+            {"question": ExplainRequest.WHY},
+            {"question": ExplainRequest.WHY, "about": "(navigate"},
+            {"question": ExplainRequest.WHY, "about": "(fly kitchen)"},
+            {"question": ExplainRequest.WHY, "about": "(ask main_door)"},
+            {"question": ExplainRequest.WHY, "about": self.running, "at": rospy.Time(1)},
+            {"question": ExplainRequest.WHY_NOT},
+            {"question": ExplainRequest.WHY_NOT, "include": ["(ask moon)"]},
+            {"question": ExplainRequest.WHAT_IF, "facts": ["(checked"]},
+            {"question": ExplainRequest.WHAT_IF, "facts": ["(> 3 2)"]},
+            {"question": ExplainRequest.NO_PLAN, "goals": ["(chekd kitchen)"]},
+        ):
+            answer = self.ask(**fields)
+            self.assertFalse(answer.ok, (fields, answer.sentence))
+            self.assertTrue(answer.sentence and "Error" not in answer.sentence, (fields, answer.sentence))
+
+    def test_the_command(self):
+        asked = self.why(self.running, "--evidence")
+        self.assertEqual((asked.returncode, asked.stderr), (0, ""), asked)
+        self.assertIn("Step 1, ", asked.stdout)
+        self.assertIn("step: " + self.running, asked.stdout)
+        for words in (
+            ["--not", "(navigate kitchen main_door)"],
+            ["--no-plan"],
+            ["--what-if", "(checked kitchen)"],
+        ):
+            self.assertEqual(self.why(*words).returncode, 0, words)
+        for words in (
+            ["(fly kitchen)"],
+            [],
+            ["--no-plan", "--what-if", "(checked kitchen)"],
+            ["x"],
+            ["x", "--at", "soon"],
+        ):
+            wrong = self.why(*words)
+            self.assertEqual((wrong.returncode, wrong.stdout), (2, ""), (words, wrong))
+            self.assertEqual(len(wrong.stderr.strip().splitlines()), 1, (words, wrong.stderr))
+
+
+if __name__ == "__main__":
+    rospy.init_node("explain_plans_test")
+    rostest.rosrun("merlin_test", "explain_plans", Explained)

@@ -1,0 +1,135 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""What a robot says of what it does, waits for and failed at, and why facts are as they are."""
+
+import subprocess
+import time
+import unittest
+
+import rospy
+from merlin_msgs.srv import Explain, ExplainRequest
+
+import rostest
+from merlin_executor.executor_client import MerlinExecutorClient, outcome_name
+from merlin_executor.mission.goal_state import ACHIEVED
+from merlin_ros.service_proxy import ServiceProxy
+from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
+from merlin_test.held_drives import HeldDrives
+from merlin_test.node_path import node_path
+
+LONG = 60.0
+DORM_ROOM = "world/points_of_interest/dorm_room"
+
+
+class Happening(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.client = MerlinExecutorClient()
+        cls.knowledge = MerlinROSPlanAssistant()
+        cls.held = HeldDrives()
+        cls.explain = ServiceProxy("merlin/explain", Explain, timeout=LONG)
+        assert cls.client.wait_for_executor(LONG) and cls.explain.wait(LONG)
+
+    def setUp(self):
+        for poi in ("kitchen", "bathroom", "dorm_room", "main_door"):
+            self.knowledge.remove_facts(f"(checked {poi})")
+
+    def tearDown(self):
+        self.held.end()
+
+    def ask(self, question, about="", at=0.0):
+        return self.explain(ExplainRequest(question=question, about=about, at=rospy.Time.from_sec(at)))
+
+    def told(self, question, words, about="", at=0.0, ok=True):
+        """The answer, when the monitor has recorded what it is about."""
+        end = time.monotonic() + LONG
+        while True:
+            answer = self.ask(question, about, at)
+            if answer.ok == ok and words in answer.sentence:
+                return answer
+            self.assertLess(time.monotonic(), end, answer)
+
+    def kinds(self, answer):
+        self.assertTrue(all(claim.evidence for claim in answer.claims), answer)
+        return [claim.kind for claim in answer.claims]
+
+    def test_what_it_does_and_what_waits_meanwhile(self):
+        self.held.hold()
+        first = self.client.send("(checked kitchen)", priority=1)
+        self.held.wait_driving()
+        second = self.client.send("(checked bathroom)")
+        doing = self.told(ExplainRequest.DOING, "expected to end")
+        self.assertEqual(self.kinds(doing)[:2], ["doing", "running"])
+        self.assertIn("estimate", self.kinds(doing))
+        step = self.told(ExplainRequest.WAITING, "has to end first")
+        self.assertEqual(self.kinds(step), ["order", "condition", "bringer"])
+        request = self.told(ExplainRequest.WAITING, "has to end first", "(checked bathroom)")
+        self.assertIn("request", self.kinds(request))
+        then = rospy.get_time()
+        self.held.end()
+        for sent in (first, second):
+            self.assertTrue(sent.wait(LONG))
+            self.assertIn(sent.result.outcome, ACHIEVED, sent.result.reason)
+        self.told(ExplainRequest.WAITING, "Nothing waits")
+        past = self.ask(ExplainRequest.WAITING, "(checked bathroom)", then)
+        self.assertTrue(past.ok, past.sentence)
+        self.assertIn("has to end first", past.sentence)
+
+    def test_why_a_fact_is_so(self):
+        self.assertIn(self.client.execute("(checked kitchen)", LONG).outcome, ACHIEVED)
+        answer = self.told(ExplainRequest.SO, "holds: ", "(checked kitchen)")
+        self.assertEqual(self.kinds(answer), ["action"], answer)
+        fact, step = answer.claims[0].evidence
+        self.assertGreater(fact.version, 0)
+        self.assertEqual(step.text, "(ask kitchen)")
+        self.knowledge.remove_facts("(checked kitchen)")
+        gone = self.told(ExplainRequest.SO, "does not hold", "(checked kitchen)")
+        self.assertIn(rospy.get_name(), gone.sentence)
+
+    def test_who_cancelled(self):
+        self.held.hold()
+        request = self.client.send("(checked kitchen)")
+        self.held.wait_driving()
+        request.cancel()
+        self.assertTrue(request.wait(LONG))
+        answer = self.told(ExplainRequest.FAILED, "cancelled")
+        self.assertEqual(answer.claims[0].kind, "client")
+        self.assertIn(f"{rospy.get_name()} cancels", answer.sentence)
+
+    def test_a_state_that_could_not_do_its_work(self):
+        self.assertIn(self.client.execute("(robot_at kitchen)", LONG).outcome, ACHIEVED)
+        place = rospy.get_param(DORM_ROOM)
+        rospy.set_param(DORM_ROOM, {"x": "nowhere"})
+        self.addCleanup(rospy.set_param, DORM_ROOM, place)
+        result = self.client.execute("(checked dorm_room)", LONG)
+        self.assertEqual(outcome_name(result.outcome), "ACTION_FAILED")
+        answer = self.told(ExplainRequest.FAILED, "dorm_room")
+        self.assertIn("needs numbers x, y", answer.sentence)
+        kinds = self.kinds(answer)
+        self.assertEqual([kinds[0], kinds[-1]], ["machine", "goal"])
+        self.assertIn("action", kinds)
+        self.assertIn("state", kinds)
+        self.assertIn("replan", kinds)
+        printed = subprocess.run(
+            [node_path("merlin", "why"), "--failed", "(checked dorm_room)", "--evidence"],
+            capture_output=True,
+            text=True,
+            timeout=LONG,
+            check=True,
+        )
+        self.assertIn(answer.sentence, printed.stdout)
+
+    def test_what_cannot_be_answered_says_why(self):
+        for question, about, at, words in (
+            (ExplainRequest.SO, "(chekced kitchen)", 0.0, "chekced"),
+            (ExplainRequest.SO, "", 0.0, "say which fact"),
+            (ExplainRequest.WAITING, "(ask moon)", 0.0, "is neither in the plan nor in the queue"),
+            (ExplainRequest.FAILED, "kitchen", 0.0, "is not PDDL"),
+            (ExplainRequest.DOING, "", 5.0, "the recording is of"),
+        ):
+            self.told(question, words, about, at, ok=False)
+
+
+if __name__ == "__main__":
+    rospy.init_node("happening_test")
+    rostest.rosrun("merlin_test", "happening", Happening)

@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a command line asks, and how an answer is printed."""
+
+import pytest
+import rospy
+from merlin_msgs.msg import Claim, Evidence
+from merlin_msgs.srv import ExplainRequest
+
+from merlin.why.command import lines, parser, request_of
+
+
+def asked(*words: str) -> ExplainRequest:
+    return request_of(parser().parse_args(words))
+
+
+def test_a_step_or_a_goal_is_asked_about() -> None:
+    request = asked("(ask kitchen)")
+    assert (request.question, request.about) == (ExplainRequest.WHY, "(ask kitchen)")
+
+
+def test_another_plan_has_its_wishes() -> None:
+    request = asked(
+        "--not", "(ask hall)", "--not", "(ask roof)", "--without", "(ask kitchen)", "--first", "(lit)"
+    )
+    assert request.question == ExplainRequest.WHY_NOT
+    assert (request.include, request.without, request.first) == (
+        ["(ask hall)", "(ask roof)"],
+        ["(ask kitchen)"],
+        ["(lit)"],
+    )
+    instead = asked("(ask kitchen)", "--not", "(ask hall)")
+    assert (instead.include, instead.without) == (["(ask hall)"], ["(ask kitchen)"])
+
+
+def test_facts_and_goals_are_of_what_if_and_goals_of_no_plan() -> None:
+    request = asked("--what-if", "(lit)", "--goal", "(checked hall)")
+    assert (request.question, request.facts, request.goals) == (
+        ExplainRequest.WHAT_IF,
+        ["(lit)"],
+        ["(checked hall)"],
+    )
+    assert asked("--goal", "(checked hall)").question == ExplainRequest.WHAT_IF
+    assert asked("--no-plan", "--goal", "(checked hall)").question == ExplainRequest.NO_PLAN
+
+
+@pytest.mark.parametrize("option", ["waiting", "failed", "so", "doing"])
+def test_the_other_questions_have_an_option_each(option: str) -> None:
+    assert asked("(lit)", f"--{option}").question == option
+
+
+@pytest.mark.parametrize(
+    "words",
+    [[], ["--no-plan", "--waiting"], ["--what-if", "(lit)", "--not", "(ask hall)"], ["--at", "10min"]],
+)
+def test_nothing_and_two_things_cannot_be_asked(words: list) -> None:
+    with pytest.raises(ValueError, match="ask"):
+        asked(*words)
+
+
+def test_evidence_is_below_its_claim() -> None:
+    step = Evidence("step", "(ask hall)", 2, 0, rospy.Time(3))
+    plan = Evidence("plan", "0.0: (a)\n1.0: (b)", 0, 7, rospy.Time())
+    claims = [Claim("link", "It is needed.", [step, plan])]
+    assert lines(claims, False) == ["  - It is needed."]
+    assert lines(claims, True) == [
+        "  - It is needed.",
+        "      step: (ask hall) (step 2, 3.000 s)",
+        "      plan: 0.0: (a) (version 7)",
+        "        1.0: (b)",
+    ]

@@ -1,0 +1,191 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Why a fact is as it is: which action, sensor or client, at which version; the proof of a derived fact."""
+
+import itertools
+from pathlib import Path
+from typing import List, Set, Tuple
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from robot_story import BEGIN, BRIDGES, DOMAIN, RobotStory
+
+from merlin_explain.claims import Answer, Words
+from merlin_explain.happening.moment import Moment, clock, key_of
+from merlin_explain.happening.proof import proof
+from merlin_explain.happening.provenance import provenance
+from merlin_pddl.domain_reader import parse_domain
+from merlin_pddl.formula import Atom, to_pddl
+from merlin_pddl.text_reader import PddlError
+
+DRIVE = "(drive d1 hall kitchen)"
+
+
+def ask(story: RobotStory, about: str, seconds: float = 0.0) -> Answer:
+    past = story.past(seconds)
+    try:
+        return provenance(past.moment(), past, about, Words(), {BRIDGES})
+    finally:
+        past.close()
+
+
+def kinds(answer: Answer) -> List[str]:
+    return [claim.kind for claim in answer.claims]
+
+
+def drive(story: RobotStory) -> None:
+    story.runs("/mission-1-5.0", ["(tidy kitchen)"])
+    story.plans((DRIVE, 0.0, 10.0))
+    story.begins(0)
+    story.changes(BRIDGES, remove=["(at hall)"])
+    story.wait(10.0)
+    story.changes(BRIDGES, add=["(at kitchen)"], battery=19.0)
+    story.succeeds(0)
+    story.wait(30.0)
+
+
+def test_an_action_made_it_so(story: RobotStory) -> None:
+    drive(story)
+    answer = ask(story, "(at kitchen)")
+    assert kinds(answer) == ["action"]
+    assert f"became so at {clock(BEGIN + 10)}, version 3 of the knowledge, by “{DRIVE}”" in answer.sentence
+    fact, step = answer.claims[0].evidence
+    assert (fact.version, step.step) == (3, 1)
+    assert "by “(drive d1 hall kitchen)”" in ask(story, "(battery)").sentence
+
+
+def test_the_next_plan_may_come_at_once(story: RobotStory) -> None:
+    story.plans((DRIVE, 0.0, 10.0))
+    story.begins(0)
+    story.now += 0.05
+    story.changes(BRIDGES, remove=["(at hall)"])
+    story.now += 10.0
+    story.changes(BRIDGES, add=["(at kitchen)"])
+    story.now += 0.05
+    story.succeeds(0)
+    story.plans(("(mop kitchen)", 0.0, 4.0))
+    story.begins(0)
+    story.wait(20.0)
+    assert kinds(ask(story, "(at kitchen)")) == kinds(ask(story, "(at hall)")) == ["action"]
+
+
+def test_an_action_made_it_untrue(story: RobotStory) -> None:
+    drive(story)
+    answer = ask(story, "(at hall)")
+    assert kinds(answer) == ["action"]
+    assert "does not hold" in answer.sentence and f"ceased to be so at {clock(BEGIN)}" in answer.sentence
+    assert ask(story, "(not (at hall))").claims == answer.claims
+
+
+def test_another_client_did_it_while_an_action_ran_that_would_have(story: RobotStory) -> None:
+    story.plans((DRIVE, 0.0, 10.0))
+    story.begins(0)
+    story.changes("/localization", add=["(at kitchen)"])
+    answer = ask(story, "(at kitchen)")
+    assert kinds(answer) == ["client"]
+    assert "by /localization" in answer.sentence
+
+
+def test_a_fact_of_before_the_recording(story: RobotStory) -> None:
+    assert "since before the recording began" in ask(story, "(open d1)").sentence
+    assert "nothing has made “(open d2)” true" in ask(story, "(open d2)").sentence
+
+
+def test_a_change_of_long_ago_is_found(story: RobotStory) -> None:
+    story.changes("/door_sensor", remove=["(open d1)"])
+    for number in range(200):
+        story.now += 10.0
+        story.changes("/battery", battery=float(number))
+    answer = ask(story, "(open d1)")
+    assert (
+        f"ceased to be so at {clock(BEGIN)}, version 2 of the knowledge, by /door_sensor" in answer.sentence
+    )
+
+
+def test_the_proof_of_a_derived_fact(story: RobotStory) -> None:
+    story.changes("/door_sensor", add=["(open d2)"])
+    answer = ask(story, "(way hall attic)")
+    assert kinds(answer)[0] == "derived"
+    shown = {each.text for each in answer.claims[0].evidence}
+    assert shown == {"(joins d1 hall kitchen)", "(open d1)", "(joins d2 kitchen attic)", "(open d2)"}
+    assert any("by /door_sensor" in claim.text for claim in answer.claims)
+
+
+def test_why_a_derived_fact_does_not_hold(story: RobotStory) -> None:
+    answer = ask(story, "(near kitchen attic)")
+    assert answer.sentence.startswith("“(near kitchen attic)” does not hold")
+    assert all(claim.evidence for claim in answer.claims)
+
+
+def test_of_a_past_moment(story: RobotStory) -> None:
+    drive(story)
+    assert "“(at hall)” does not hold" in ask(story, "(at hall)", seconds=20.0).sentence
+    assert "“(at kitchen)” does not hold" in ask(story, "(at kitchen)", seconds=5.0).sentence
+
+
+@pytest.mark.parametrize(
+    "about, words",
+    [
+        ("(att kitchen)", "att"),
+        ("(at moon)", "moon"),
+        ("(at)", "at"),
+        ("", "say which fact"),
+        ("kitchen", "is not PDDL"),
+        ("(at (", "is not PDDL"),
+    ],
+)
+def test_what_cannot_be_asked_is_refused(story: RobotStory, about: str, words: str) -> None:
+    with pytest.raises((ValueError, PddlError), match=words):
+        ask(story, about)
+
+
+Door = Tuple[str, str, bool]
+rooms = ("hall", "kitchen", "attic", "yard")
+doors = st.lists(st.tuples(st.sampled_from(rooms), st.sampled_from(rooms), st.booleans()), max_size=7)
+
+
+def moment_of(found: List[Door]) -> Moment:
+    facts = {f"(joins d{number} {a} {b})": {} for number, (a, b, _) in enumerate(found)}
+    facts.update({f"(open d{number})": {} for number, (_, _, is_open) in enumerate(found) if is_open})
+    objects = {
+        **{room: {"type": "room"} for room in rooms},
+        **{f"d{n}": {"type": "door"} for n in range(len(found))},
+    }
+    return Moment({"knowledge": {"facts": facts, "objects": objects}}, parse_domain(DOMAIN))
+
+
+def reached(found: List[Door]) -> Set[Tuple[str, str]]:
+    """The pairs of rooms with a way, by the closure."""
+    pairs = {(a, b) for a, b, is_open in found if is_open}
+    for middle, a, b in itertools.product(rooms, repeat=3):
+        if (a, middle) in pairs and (middle, b) in pairs:
+            pairs.add((a, b))
+    return pairs
+
+
+@given(doors, st.sampled_from(rooms), st.sampled_from(rooms))
+@settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
+def test_a_proof_is_enough_by_itself_and_there_is_one_for_each_true_fact(
+    found: List[Door], a: str, b: str
+) -> None:
+    moment, asked = moment_of(found), Atom("way", (a, b))
+    shown = proof(moment, asked)
+    assert (shown is not None) == ((a, b) in reached(found))
+    if shown is not None:
+        assert all(moment.true(part) for part in shown)
+        alone = {
+            "facts": {to_pddl(part): {} for part in shown},
+            "objects": moment.section("knowledge")["objects"],
+        }
+        assert Moment({"knowledge": alone}, moment.domain).true(asked)
+        assert all(key_of(to_pddl(part))[0] in ("joins", "open") for part in shown)
+
+
+def test_the_history_of_another_program_is_refused(tmp_path: Path) -> None:
+    from merlin_explain.happening.recorded_past import RecordedPast
+    from merlin_monitor.history.history_file import HistoryError
+
+    (tmp_path / "history.sqlite").write_text("no history")
+    for path in (tmp_path, tmp_path / "other"):
+        with pytest.raises(HistoryError, match="history"):
+            RecordedPast(path, parse_domain(DOMAIN))

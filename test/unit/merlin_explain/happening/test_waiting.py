@@ -1,0 +1,177 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a step or a request waits for: the condition, what will make it true, and when."""
+
+from typing import Any, List
+
+import pytest
+from robot_story import BEGIN, RobotStory
+
+from merlin_explain.claims import Answer, QuestionError, Words
+from merlin_explain.happening.moment import Change, clock
+from merlin_explain.happening.waiting import waiting
+
+RUNNING, NEXT = "/mission-1-5.0", "/tablet-1-6.0"
+DRIVE, MOP = "(drive d1 hall kitchen)", "(mop kitchen)"
+
+
+def ask(story: RobotStory, about: str = "", *timed: Change, seconds: float = 0.0) -> Answer:
+    moment = story.moment(seconds)
+    moment.timed = timed
+    return waiting(moment, about, Words())
+
+
+def kinds(answer: Answer) -> List[str]:
+    return [claim.kind for claim in answer.claims]
+
+
+def drive(story: RobotStory, **fields: Any) -> None:
+    story.runs(RUNNING, ["(tidy kitchen)"], **fields)
+    story.plans((DRIVE, 0.0, 10.0), (MOP, 10.0, 4.0), edges=[(0, 1)])
+    story.begins(0)
+    story.wait(2.0)
+
+
+def test_a_step_waits_for_an_action_that_runs(story: RobotStory) -> None:
+    drive(story)
+    answer = ask(story)
+    due = clock(BEGIN + 10.0)
+    assert kinds(answer) == ["order", "condition", "bringer"]
+    assert (
+        answer.claims[0].text
+        == f"“{DRIVE}” has to end first, it runs since {clock(BEGIN)} and ends at {due} as planned"
+    )
+    assert "“(at kitchen)” does not hold" in answer.sentence
+    assert [each.step for each in answer.claims[2].evidence][0] == 1
+    assert f"waits since {clock(BEGIN)}: " in answer.sentence
+    assert ask(story, MOP) == answer
+
+
+def test_an_action_that_is_late_is_not_said_to_end(story: RobotStory) -> None:
+    drive(story)
+    story.wait(13.0)
+    assert "is 5 s over its planned 10 s" in ask(story).sentence
+
+
+def test_what_only_has_to_have_begun_does_not_block(story: RobotStory) -> None:
+    story.runs(RUNNING, ["(tidy kitchen)"])
+    story.plans((DRIVE, 0.0, 10.0), (MOP, 0.0, 4.0), edges=[(0, 1, "start")])
+    story.begins(0)
+    assert "order" not in kinds(ask(story, MOP))
+
+
+def test_behind_steps_that_wait_it_names_the_one_that_runs(story: RobotStory) -> None:
+    story.runs(RUNNING, ["(tidy kitchen)"])
+    story.plans(
+        (DRIVE, 0.0, 10.0),
+        ("(drive d2 kitchen attic)", 10.0, 10.0),
+        ("(mop attic)", 20.0, 4.0),
+        edges=[(0, 1), (1, 2)],
+    )
+    story.begins(0)
+    orders = [claim.text for claim in ask(story, "(mop attic)").claims if claim.kind == "order"]
+    assert ["drive d2" in orders[0], "drive d1" in orders[1]] == [True, True]
+    assert "has not begun" in orders[0] and "runs since" in orders[1]
+
+
+def test_a_condition_that_a_timed_fact_makes_true(story: RobotStory) -> None:
+    story.changes("/door_sensor", remove=["(open d1)"])
+    story.runs(RUNNING, ["(tidy kitchen)"])
+    story.plans((DRIVE, 0.0, 10.0))
+    opens = Change("+", "(open d1)", "", story.now + 60.0)
+    answer = ask(story, "", opens, Change("+", "(open d2)", "", story.now + 30.0))
+    assert kinds(answer) == ["condition", "timed"]
+    assert f"by itself at {clock(opens.at)}" in answer.sentence
+    assert kinds(ask(story)) == ["condition"]
+
+
+def test_a_number_that_is_too_low(story: RobotStory) -> None:
+    story.changes("/battery", battery=2.0)
+    story.runs(RUNNING, ["(tidy kitchen)"])
+    story.plans((DRIVE, 0.0, 10.0))
+    (claim,) = ask(story).claims
+    assert "(>= (battery) 5)" in claim.text
+    assert [each.text for each in claim.evidence][1] == "(= (battery) 2)"
+
+
+def test_a_breakpoint_holds_a_step(story: RobotStory) -> None:
+    story.plans((DRIVE, 0.0, 10.0))
+    story.runs(RUNNING, ["(tidy kitchen)"], held=DRIVE)
+    assert kinds(ask(story)) == ["held"]
+
+
+def test_a_robot_that_takes_no_actions(story: RobotStory) -> None:
+    story.plans((DRIVE, 0.0, 10.0))
+    story.runs(RUNNING, ["(tidy kitchen)"])
+    story.model.tree.set("robots", "parameters", {"drive": "d"})
+    story.model.tree.set("robots", "robots", "d1", {"away": "its host is silent"})
+    story.record()
+    assert "robot d1 takes no actions: its host is silent" in ask(story).sentence
+
+
+def test_a_step_that_does_not_wait(story: RobotStory) -> None:
+    drive(story)
+    assert "does not wait: it runs since" in ask(story, DRIVE).sentence
+    story.succeeds(0)
+    assert "does not wait: it has succeeded" in ask(story, DRIVE).sentence
+
+
+def queued(**fields: Any) -> Any:
+    return {"request": NEXT, "goals": ["(tidy attic)"], "priority": 1, **fields}
+
+
+def test_a_request_waits_for_the_one_that_runs(story: RobotStory) -> None:
+    drive(story, priority=1, expected_end=BEGIN + 14.0)
+    story.queues(queued(expected_begin=BEGIN + 14.0))
+    answer = ask(story, "(tidy attic)")
+    assert kinds(answer) == ["request", "estimate"]
+    assert f"“(tidy kitchen)” has to end first, expected at {clock(BEGIN + 14)}" in answer.sentence
+    assert ask(story, NEXT) == answer
+
+
+def test_a_request_waits_for_its_time_and_for_more_urgent_ones(story: RobotStory) -> None:
+    other = {"request": "/door-1-2.0", "goals": ["(tidy hall)"], "priority": 5}
+    story.runs()
+    story.queues(other, queued(not_before=BEGIN + 100.0))
+    answer = ask(story, "(tidy attic)")
+    assert kinds(answer) == ["time", "request"]
+    assert "it is more urgent" in answer.claims[1].text
+    story.wait(200.0)
+    assert kinds(ask(story, "(tidy attic)")) == ["request"]
+
+
+@pytest.mark.parametrize(
+    "kind, fields, words",
+    [
+        ("guard", {"waits": "the base is held by Ana since 14:03"}, "the base is held by Ana"),
+        ("paused", {"paused": True}, "until it is resumed"),
+        ("held", {"held": "(tidy attic)"}, "a breakpoint holds “(tidy attic)”"),
+    ],
+)
+def test_what_keeps_every_request(story: RobotStory, kind: str, fields: Any, words: str) -> None:
+    story.runs(**fields)
+    story.queues(queued())
+    answer = ask(story)
+    assert kinds(answer) == [kind]
+    assert words in answer.sentence
+
+
+def test_of_a_past_moment(story: RobotStory) -> None:
+    drive(story)
+    story.wait(20.0)
+    story.succeeds(0)
+    story.begins(1)
+    assert "“(mop kitchen)” waits" in ask(story, seconds=2.0).sentence
+    assert ask(story).sentence.startswith("Nothing waits")
+    with pytest.raises(QuestionError, match="the recording is of"):
+        ask(story, seconds=-100.0)
+
+
+def test_what_is_not_there_cannot_wait(story: RobotStory) -> None:
+    drive(story)
+    for about, words in (
+        ("(mop attic)", "is neither in the plan nor in the queue"),
+        ("(tidy kitchen)", "its request runs"),
+        ("mop", "is not PDDL"),
+    ):
+        with pytest.raises(QuestionError, match=words):
+            ask(story, about)
