@@ -138,8 +138,7 @@ class Bench:
         self.request = self.make_request(KITCHEN, Course(3))
         self.requests: List[Any] = [self.request]
 
-    @staticmethod
-    def make_request(items: List[Any], course: Course) -> Any:
+    def make_request(self, items: List[Any], course: Course) -> Any:
         request = SimpleNamespace(
             course=course,
             items=items,

@@ -17,7 +17,6 @@ from merlin_rosplan.planning.planning_outcome import PlannerState
 from merlin_rosplan.supervision.plan_preview import (
     BUSY,
     LATER_ERRORS,
-    PREVIEW_LIMIT,
     Previews,
     Wanted,
     steps_of,

@@ -85,9 +85,7 @@ def warm_up(folder: Path, last: Dict[str, Any]) -> None:
             domain.write_text(_DOMAIN)
             problem.write_text(_PROBLEM)
             files = str(domain), str(problem)
-            _plan(
-                PlannerJob(*files, [engine], name, "", _WARM, _WARM, 0.2, True, 0.0, 0.0, [], []), own
-            )
+            _plan(PlannerJob(*files, [engine], name, "", _WARM, _WARM, 0.2, True, 0.0, 0.0, [], []), own)
 
 
 def work(message: Dict[str, Any], folder: Path) -> Dict[str, Any]:
