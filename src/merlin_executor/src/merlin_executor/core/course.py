@@ -59,9 +59,7 @@ class Course:
     def __init__(
         self, max_replans: int, same_failures: int = SAME_FAILURES, replan_wait: float = REPLAN_WAIT
     ) -> None:
-        self._new_policy = partial(
-            Replanning, max_replans, same_failures=same_failures, wait=replan_wait
-        )
+        self._new_policy = partial(Replanning, max_replans, same_failures=same_failures, wait=replan_wait)
         self._replanning = self._new_policy()
         self._entered = 0.0
         self._earlier_replans = 0
