@@ -32,7 +32,7 @@ def plan(
     code = validate([str(DOMAIN), str(problem), goal])
     output = capsys.readouterr().out
     assert code == 0, output
-    return [line[line.index("(") : line.index(")") + 1] for line in output.splitlines() if line[:1].isdigit()]
+    return [line for line in output.splitlines() if line.startswith("(")]
 
 
 def found(spot: str, *things: str) -> Belief:
