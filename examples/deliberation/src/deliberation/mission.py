@@ -111,7 +111,7 @@ class Deliberation(GoalDispatcher):
         if result is not None:
             self._replans += result.replans
             self._planning += sum(
-                each.time.to_sec() for each in result.stage_times if each.stage == "planning"
+                each.time.to_sec() for each in result.stage_times if each.stage == "PLAN"
             )
 
     def _receive(self, message: String) -> None:

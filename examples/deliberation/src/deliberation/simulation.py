@@ -140,6 +140,9 @@ class Simulation:
             return str(result.message or result.status.name.lower()), []
         if action == "navigate" and self._name_of(self._robot.location) != target:
             return f"the robot did not arrive at {target}", []
+        site = self._name_of(self._robot.location)
+        if action in ("open", "close") and self.house.sites[site].kind == "door":
+            self._robot.reset_path_planner()  # its map of the house has the door as it was
         seen = self._robot.last_detected_objects if action == "detect" else ()
         return "", [pddl_name(each.name) for each in seen]
 
