@@ -110,9 +110,7 @@ class Deliberation(GoalDispatcher):
     def _book(self, result: Optional[ExecuteResult]) -> None:
         if result is not None:
             self._replans += result.replans
-            self._planning += sum(
-                each.time.to_sec() for each in result.stage_times if each.stage == "PLAN"
-            )
+            self._planning += sum(each.time.to_sec() for each in result.stage_times if each.stage == "PLAN")
 
     def _receive(self, message: String) -> None:
         with self._changed:
