@@ -23,6 +23,7 @@ from deliberation.world_file import WorldError
 from merlin_planning.knowledge_client import (
     ADD,
     REMOVE,
+    KnowledgeClient,
     KnowledgeError,
     Update,
     fact,
@@ -47,11 +48,11 @@ class Senses:
 
     :param belief: what is known of things.
     :param simulation: whose state is sensed.
+    :param knowledge: where it is kept.
     """
 
-    def __init__(self, belief: Belief, simulation: Simulation) -> None:
-        self._belief, self._simulation = belief, simulation
-        self._knowledge = knowledge_client()
+    def __init__(self, belief: Belief, simulation: Simulation, knowledge: KnowledgeClient) -> None:
+        self._belief, self._simulation, self._knowledge = belief, simulation, knowledge
         self._facts: Optional[FrozenSet[Fact]] = None  # in the knowledge base; None: not known
         self._values: Values = {}
 
@@ -101,12 +102,13 @@ class Bridge:
     """Serves `pyrobosim/<action>`, each a merlin_msgs/RunAction with the parameter `target`.
 
     :param simulation: what it serves; one action at a time.
+    :param knowledge: where it keeps what is sensed.
     """
 
-    def __init__(self, simulation: Simulation) -> None:
+    def __init__(self, simulation: Simulation, knowledge: KnowledgeClient) -> None:
         self._simulation = simulation
         self._belief = Belief(simulation.house, simulation.state().things)
-        self._senses = Senses(self._belief, simulation)
+        self._senses = Senses(self._belief, simulation, knowledge)
         self._robot = threading.Lock()  # guards the robot, which does one action at a time, and the counts
         self._begun = self._failed = 0
         self._told = rospy.Publisher("pyrobosim/state", String, queue_size=10, latch=True)
@@ -203,7 +205,7 @@ def _start() -> None:
     if not world:
         raise WorldError("parameter ~world is missing; give a world file of pyrobosim, _world:=FILE")
     simulation = Simulation(Path(world), whole("~seed", 1, 0), number("~rtf", 1.0, 0.01))
-    bridge = Bridge(simulation)
+    bridge = Bridge(simulation, knowledge_client())
     rospy.on_shutdown(bridge.shutdown)
     wait_for_knowledge_base("rosplan_knowledge_base", KNOWLEDGE_WAIT)
     bridge.start()
