@@ -2,7 +2,7 @@
 """The house of a simulation: what stands where, what is open, what a drive costs. Without ROS."""
 
 import math
-from typing import Any, Dict, FrozenSet, List, Mapping, NamedTuple, Tuple
+from typing import Any, Dict, FrozenSet, List, Mapping, NamedTuple, Set, Tuple
 
 #: What a pyrobosim robot can do.
 ACTIONS = ("navigate", "pick", "place", "open", "close", "detect")
@@ -88,12 +88,13 @@ NOWHERE = State("", "", 0.0, 0.0, "", 0.0, frozenset(), {})
 
 def accessible(house: House, state: State) -> FrozenSet[str]:
     """The rooms to which no closed door bars the robot's way."""
-    found, news = {state.room}, True
+    found: Set[str] = set()
+    news = {state.room} - {""}
     while news:
+        found |= news
         doors = (house.sites[name] for name in house.of_kind("door") if name in state.open)
         news = {room for door in doors if set(door.rooms) & found for room in door.rooms} - found
-        found |= news
-    return frozenset(found - {""})
+    return frozenset(found)
 
 
 def holds(goal: Tuple[str, ...], state: State) -> bool:

@@ -6,7 +6,7 @@ import random
 import threading
 import time
 from pathlib import Path
-from typing import Any, Dict, List, Optional, Tuple
+from typing import Any, Dict, List, Optional, Set, Tuple
 
 import rospy
 from merlin_msgs.msg import ExecuteResult
@@ -153,7 +153,7 @@ class Deliberation(GoalDispatcher):
             self._changed.wait_for(lambda: self._data is not None and not self._data["running"], STATE_WAIT)
         _, state = self._truth()
         known = {name: {tuple(each.strip("()").split()) for each in self.facts(name)} for name in SENSED[:6]}
-        expected = {
+        expected: Dict[str, Set[Tuple[str, ...]]] = {
             "robot_at": {("robot_at", state.site or ANYWHERE)},
             "holding": {("holding", state.holding)} if state.holding else set(),
             "hand_empty": set() if state.holding else {("hand_empty",)},
