@@ -18,6 +18,7 @@ from deliberation.oracle import expected_actions
 from deliberation.problems import Run, problem_of
 from merlin_executor.executor_request import ExecutorRequest
 from merlin_executor.mission import GoalDispatcher, MissionError, MissionFailed, outcome_name, results_folder
+from merlin_ros.work.threads import start_thread
 
 STATE_WAIT = 60.0  # s of wall time for the first state of the simulation
 MOST_BEFORE = 4  # actions that begin before a cancel, at most
@@ -136,8 +137,7 @@ class Deliberation(GoalDispatcher):
             with self._changed:
                 self._changed.notify_all()
 
-        waiter = threading.Thread(target=wake, name="request", daemon=True)
-        waiter.start()
+        start_thread("request", wake)
         with self._changed:
             assert self._data is not None
             until = self._data["begun"] + actions
