@@ -19,12 +19,13 @@ LINGER ?= auto
 IN := tools/in_workspace.sh
 RUN := $(IN) rosrun merlin run
 
-.PHONY: help build imports demo experiment restaurant fleet fleet-chaos try check test repeat lint docs bench chaos chaos-table mutants pins soak screenshots debian deb clean
+.PHONY: help build imports demo experiment restaurant deliberation fleet fleet-chaos try check test repeat lint docs bench chaos chaos-table mutants pins soak screenshots debian deb clean
 
 help:
 	@echo "make demo   Mission 1 of the paper in the simulated apartment (RTF= SEED= MISSION= APPROACH= CANCEL_AFTER= RECORD= LINGER=)"
 	@echo "make experiment   Missions 1, 2, 3, naive and MERLIN, and a report (MISSION= APPROACH= RUNS= SEED= RTF= SWEEPS= WORLDS= CHECK=1)"
 	@echo "make restaurant   an evening in the simulated restaurant (ROBOTS= GUESTS= DISTURBANCES= HASTE= SEED= RTF= RECORD= LINGER=)"
+	@echo "make deliberation   four problems of deliberation in pyrobosim, and their table (PROBLEM= SEED= SEEDS= CANCELS= RTF=)"
 	@echo "make fleet  a fleet on this machine: a hub, robots, a link that is cut, a robot that is killed (ROBOTS=)"
 	@echo "make fleet-chaos  its fault campaign (TRIALS= of each FAULT=, CLOCKS=same|apart, SEED=)"
 	@echo "make try    a new application on simulated action servers: what a robot's computer runs"
@@ -43,13 +44,14 @@ help:
 	@echo "make debian  build and demo in a bare root of another Debian (VERSION=11|12|13 TARGET='build demo test' PROFILE= PYTEST='FILE …' AS=root|user)"
 	@echo "make deb    a Debian package of the install space, in results/deb (PROFILE=robot|simulation|all)"
 	@echo "make imports  import every module that is built (PROFILE=), with the Python of this system"
-	@echo "make build  only what the others need (PROFILE=robot|simulation|all; robot+fleet, simulation+fleet)"
+	@echo "make build  only what the others need (PROFILE=robot|simulation|all; robot+fleet, simulation+fleet; +deliberation behind each)"
 
 # The profile that a target needs; PROFILE=, which make passes on, may ask for more.
 NEEDS = $(if $(filter-out build,$(MAKECMDGOALS)),all)
 deb imports: NEEDS = $(PROFILE)
 demo experiment restaurant: NEEDS = simulation
 try: NEEDS = robot
+deliberation: NEEDS = robot+deliberation
 build:
 	@tools/build.sh $(NEEDS)
 
@@ -70,6 +72,11 @@ restaurant: build
 	@$(RUN) restaurant.launch guests:=$(GUESTS) disturbances:=$(DISTURBANCES) haste:=$(HASTE) seed:=$(SEED) $(several) \
 	  $(if $(filter-out file default undefined,$(origin RTF)),rtf:=$(RTF)) record:=$(RECORD) linger:=$(LINGER) \
 	  results:=$(CURDIR)/results/restaurant
+
+# In docs/deliberation.md: its table.
+deliberation: build
+	@$(IN) rosrun deliberation solve $(call given,PROBLEM,problem) $(call given,SEED,seed) $(call given,SEEDS,seeds) \
+	  $(call given,CANCELS,cancels) $(call given,RTF,rtf) --results $(CURDIR)/results/deliberation
 
 fleet: build
 	@$(IN) python bench/fleet $(call given,ROBOTS,robots)
@@ -149,4 +156,4 @@ lint: build
 	@$(IN) tools/lint.sh
 
 clean:
-	rm -rf build devel install .venv .venv-docs src/extras src/merlin_test
+	rm -rf build devel install .venv .venv-docs src/extras src/examples src/merlin_test

@@ -3,7 +3,7 @@
 # Prepares the workspace from a bare machine: apt packages, virtual environment, catkin build.
 # Each step is skipped when it has nothing to do, so a second call costs seconds.
 #   build.sh [NEEDED]        a profile that the caller needs
-#   PROFILE=robot|simulation|all   what is asked for, robot+fleet and simulation+fleet too (tools/packages.sh); neither: all
+#   PROFILE=robot|simulation|all   what is asked for, robot+fleet and simulation+fleet too, +deliberation behind each (tools/packages.sh); neither: all
 #   UNDERLAY=auto|all|none   which underlay packages to build (tools/underlay.py)
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -115,6 +115,7 @@ build_catkin() {
   # catkin and rospack find packages below src only. The links are not in git: what prepares a release would find a package twice.
   ln -sfn ../test src/merlin_test
   if [ -n "$(tools/packages.sh --extras "$profile")" ]; then ln -sfn ../extras src/extras; else rm -f src/extras; fi
+  if [ -n "$(tools/packages.sh --examples "$profile")" ]; then ln -sfn ../examples src/examples; else rm -f src/examples; fi
   local files key stamp=build/.built
   files=$(find -L src -name CATKIN_IGNORE -o \( -name CMakeLists.txt -o -name package.xml -o -name setup.py -o -name '*.msg' -o -name '*.srv' -o -name '*.action' -o -path '*/scripts/*' \) -type f | grep -v '^src/CMakeLists.txt$' | sort)
   # shellcheck disable=SC2086
@@ -135,7 +136,7 @@ build_catkin() {
 # Compiled modules halve the time in which a node starts; Python may have been told not to keep any. Not with catkin's
 # build only: a module that was changed since would be compiled anew at each start.
 compile_modules() {
-  .venv/bin/python -m compileall -q src/*/src extras/*/src src/underlay/*/src >/dev/null || true
+  .venv/bin/python -m compileall -q src/*/src extras/*/src examples/*/src src/underlay/*/src >/dev/null || true
 }
 
 # shellcheck disable=SC2086

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Checks the map of docs/architecture.md: which package and which sub-package may import which.
 
-Checked are all packages below src and extras: imports between packages and between the sub-packages of one,
-and that each manifest names every imported package. In benchmarks, tests and tools too: how many modules a
-folder holds, how long a file is, and that an imported module of the project exists.
+Checked are all packages below src, extras and examples: imports between packages and between the
+sub-packages of one, and that each manifest names every imported package. In benchmarks, tests and tools
+too: how many modules a folder holds, how long a file is, and that an imported module of the project exists.
 Ends non-zero at any finding.
 """
 
@@ -17,7 +17,7 @@ from typing import Collection, Dict, Iterator, List, NamedTuple, Set, Tuple
 SRC = Path(__file__).resolve().parent.parent / "src"
 
 #: Beside src: packages that are built when asked for. None below src imports one.
-EXTRAS = "extras"
+BESIDE = ("extras", "examples")
 
 #: Most modules in one folder.
 MOST_MODULES = 15
@@ -75,6 +75,14 @@ MAY_IMPORT: Dict[str, Tuple[str, ...]] = {
         "merlin_sim",
         "merlin_executor",
         "merlin_home",
+    ),
+    "deliberation": (
+        "merlin_msgs",
+        "merlin_ros",
+        "merlin_planning",
+        "merlin_sm",
+        "merlin_actions",
+        "merlin_executor",
     ),
     "merlin": (
         "merlin_msgs",
@@ -169,6 +177,7 @@ FROM_PIP = {
     "pyastar2d",
     "pybullet",
     "pybullet_utils",
+    "pyrobosim",
     "rdflib",
 }
 
@@ -191,16 +200,17 @@ class Import(NamedTuple):
 
 
 def packages() -> List[Path]:
-    """The folders of all packages below src and extras."""
+    """The folders of all packages below src and beside it."""
     # merlin_test is a link, which `**` does not follow.
     found = {path.parent for pattern in ("*/", "**/") for path in SRC.glob(f"{pattern}package.xml")}
-    return sorted(found | {path.parent for path in (SRC.parent / EXTRAS).glob("*/package.xml")})
+    beside = (path for folder in BESIDE for path in (SRC.parent / folder).glob("*/package.xml"))
+    return sorted(found | {path.parent for path in beside})
 
 
 def home_of(package: str) -> Path:
     """The folder of a package, which may not exist."""
-    extra = SRC.parent / EXTRAS / package
-    return extra if extra.is_dir() else SRC / package
+    homes = [SRC.parent / folder / package for folder in BESIDE]
+    return next((home for home in homes if home.is_dir()), SRC / package)
 
 
 def imports_of(package: Path) -> Iterator[Import]:
@@ -309,7 +319,7 @@ def modules(*folders: str) -> List[Path]:
 def full_folders() -> Iterator[str]:
     """Folders that hold more modules than a reader can keep in mind."""
     own_names = ("__init__.py", "__main__.py", "conftest.py")
-    found = modules("src", EXTRAS, "bench", "test", "tools")
+    found = modules("src", *BESIDE, "bench", "test", "tools")
     counts = Counter(path.parent for path in found if path.name not in own_names)
     for folder, count in sorted(counts.items()):
         if count > MOST_MODULES:
@@ -318,7 +328,7 @@ def full_folders() -> Iterator[str]:
 
 def long_files() -> Iterator[str]:
     """Files that hold more than one idea."""
-    for path in modules("src", EXTRAS, "bench", "test", "tools"):
+    for path in modules("src", *BESIDE, "bench", "test", "tools"):
         count = len(path.read_text(encoding="utf-8").splitlines())
         if count > MOST_LINES:
             yield f"{path.relative_to(SRC.parent)}: {count} lines; {MOST_LINES} is the most"
@@ -326,7 +336,7 @@ def long_files() -> Iterator[str]:
 
 def gone_modules() -> Iterator[str]:
     """Modules of MERLIN and of bench that are imported and do not exist."""
-    for path in modules("src", EXTRAS, "bench", "test", "tools"):
+    for path in modules("src", *BESIDE, "bench", "test", "tools"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"), str(path))):
             if isinstance(node, ast.Import):
                 names = [alias.name for alias in node.names]

@@ -20,6 +20,7 @@ library=$root$prefix/lib/python3/dist-packages
 left_out=$(tools/packages.sh --left-out "$profile")
 # The link src/extras may be there for a larger profile of this checkout.
 [ -n "$(tools/packages.sh --extras "$profile")" ] || left_out+=" $(ls extras)"
+[ -n "$(tools/packages.sh --examples "$profile")" ] || left_out+=" $(ls examples)"
 rm -rf "$root"
 mkdir -p "$build/work" "$root/DEBIAN" "$root/usr/share/doc/$name" "$library"
 

@@ -25,6 +25,7 @@ MENU: Tuple[Tuple[str, Tuple[str, ...]], ...] = (
             "docs/hello.md",
             "docs/tutorial.md",
             "docs/museum.md",
+            "docs/deliberation.md",
             "docs/testing.md",
             "docs/check.md",
             "docs/troubleshooting.md",

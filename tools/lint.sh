@@ -11,9 +11,9 @@ ruff format --check . || status=1
 python tools/check_imports.py || status=1
 python tools/check_tests.py || status=1
 mypy || status=1
-vermin --target=3.8- --violations --no-tips --quiet --exclude-regex '\.j2$' src extras bench || status=1
+vermin --target=3.8- --violations --no-tips --quiet --exclude-regex '\.j2$' src extras examples bench || status=1
 python tools/application_lines.py --check || status=1
-catkin_lint -q -W2 --strict src extras || status=1
+catkin_lint -q -W2 --strict src extras examples || status=1
 if [ "${1:-}" = --changed-launch-files ]; then
   since=${2:-$(git merge-base HEAD '@{upstream}' 2>/dev/null || echo HEAD)}
   { git diff --name-only "$since"; git ls-files --others --exclude-standard; } |

@@ -77,8 +77,10 @@ def test_the_command_can_be_started(page: str, command: str) -> None:
         assert node_path(package, name), page
         written = arguments and arguments[0].startswith("./")  # by the page, whose own test runs it
         if (package, name) in RUNNERS and arguments and not written and arguments[0] not in OTHERS:
-            (file,) = roslib.packages.find_resource("merlin", arguments[0])
-            check_launch(page, file, arguments[1:])
+            own = not arguments[0].endswith(".launch")  # of the package that it names
+            home, file_name, *given = arguments if own else ["merlin", *arguments]
+            (file,) = roslib.packages.find_resource(home, file_name)
+            check_launch(page, file, given)
         return
     (file,) = roslaunch.rlutil.resolve_launch_arguments([package, name])
     check_launch(page, file, arguments)

@@ -136,3 +136,14 @@ def test_the_largest_profile_is_taken(tmp_path: Path) -> None:
     assert ask(tmp_path, "--largest", "robot", "simulation", "robot") == ["simulation"]
     assert ask(tmp_path, "--largest", "all", "robot+fleet") == ["all"]
     assert ask(tmp_path, "--largest", "robot+fleet", "simulation") == ["simulation+fleet"]
+
+
+def test_pyrobosim_is_added_when_asked_for_only(tmp_path: Path) -> None:
+    for name in ("robot", "simulation+fleet", "all"):
+        assert "pyrobosim==5.0.1;" not in profile(name, tmp_path)
+        assert "pyrobosim==5.0.1;" in profile(f"{name}+deliberation", tmp_path)
+    asked = ("robot", "robot+deliberation", "all")
+    assert [ask(tmp_path, "--examples", each) for each in asked] == [[], ["yes"], ["yes"]]
+    assert ask(tmp_path, "--largest", "robot+deliberation", "all") == ["all+deliberation"]
+    both = ask(tmp_path, "--largest", "robot+fleet", "simulation+deliberation")
+    assert both == ["simulation+fleet+deliberation"]

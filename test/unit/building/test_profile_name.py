@@ -14,5 +14,6 @@ def test_an_unknown_profile_is_one_sentence(command: str) -> None:
     done = subprocess.run(command.split(), cwd=str(ROOT), capture_output=True, text=True, check=False)
     assert done.returncode == 2
     assert done.stderr.startswith(
-        "build: PROFILE=laptop is not one of robot, simulation, robot+fleet, simulation+fleet, all\n"
+        "build: PROFILE=laptop is not one of robot, simulation, robot+fleet, simulation+fleet, all; "
+        "+deliberation may follow\n"
     )

@@ -190,6 +190,17 @@ def test_a_plan_that_no_longer_fits_is_replaced_at_once_and_a_bounded_number_of_
     assert course.replans == 3
 
 
+def test_an_action_that_fails_by_chance_is_tried_as_often_as_allowed_and_without_waits() -> None:
+    course = Course(10, same_failures=4, replan_wait=0.0)
+    course.begin()
+    for expected in (True, True, True, False):
+        course.action = "(pick cup table)"
+        run(course, ("DISPATCH_PLAN", "failed", "the hand slipped"))
+        decision = course.replan()
+        assert (decision.again, decision.wait) == (expected, 0.0)
+    assert decision.reason == "the hand slipped (4 times for the same reason)"
+
+
 def test_other_failures_are_bounded_and_wait_longer_each_time() -> None:
     policy = Replanning(4)
     decisions = [policy.failed(Failure(f"reason {number}", "(navigate a b)")) for number in range(5)]

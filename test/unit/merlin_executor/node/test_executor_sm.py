@@ -11,7 +11,6 @@ import rospy
 from merlin_msgs.msg import GoalDeadline
 from rosplan_dispatch_msgs.msg import ActionDispatch
 
-from merlin_executor.core import replanning
 from merlin_executor.core.course import Course
 from merlin_executor.core.outcome import Outcome, Stop, StopKind, Verdict
 from merlin_executor.node import executor_stages
@@ -360,7 +359,7 @@ def test_all_returns_of_a_planning_system_that_dies_again_and_again_have_one_dea
     bench: Bench, monkeypatch: pytest.MonkeyPatch, works: float, waits: List[float]
 ) -> None:
     monkeypatch.setattr(executor_stages, "running_time", lambda: bench.now)
-    monkeypatch.setattr(replanning, "REPLAN_WAIT", 0.0)
+    bench.request.course = Course(3, replan_wait=0.0)
 
     def dies() -> None:
         bench.now += works

@@ -1,11 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """The course of a run through the stages of planning, and the verdict on it. Pure."""
 
+from functools import partial
 from typing import Dict, List, NamedTuple, Sequence, Tuple
 
 from merlin_executor.core.awaited import Absence
 from merlin_executor.core.outcome import Outcome, Verdict
-from merlin_executor.core.replanning import Failure, ReplanDecision, Replanning
+from merlin_executor.core.replanning import (
+    REPLAN_WAIT,
+    SAME_FAILURES,
+    Failure,
+    ReplanDecision,
+    Replanning,
+)
 from merlin_pddl.plan_text import OUTDATED
 
 SETTLE = "SETTLE"
@@ -47,11 +54,14 @@ class Course:
     """One request on its way, or several that run together.
 
     :param max_replans: how often a failed plan is replaced in each run.
+    :param same_failures, replan_wait: as of :class:`.replanning.Replanning`.
     """
 
-    def __init__(self, max_replans: int) -> None:
-        self._max_replans = max_replans
-        self._replanning = Replanning(max_replans)
+    def __init__(
+        self, max_replans: int, same_failures: int = SAME_FAILURES, replan_wait: float = REPLAN_WAIT
+    ) -> None:
+        self._new_policy = partial(Replanning, max_replans, same_failures=same_failures, wait=replan_wait)
+        self._replanning = self._new_policy()
         self._entered = 0.0
         self._earlier_replans = 0
         self.stage = ""
@@ -117,7 +127,7 @@ class Course:
     def begin(self) -> None:
         """A run begins: the first, or after an interruption."""
         self._earlier_replans = self.replans
-        self._replanning = Replanning(self._max_replans, self._replanning.given_up)
+        self._replanning = self._new_policy(self._replanning.given_up)
         self.end = StageEnd()
         self.stage = self.action = self.no_retry = ""
         self.unstopped = ()

@@ -6,8 +6,8 @@ from typing import Dict, List, NamedTuple, Optional, Sequence, Tuple
 #: s of running time before the second new plan; twice as long before each further one. What makes a plan fail
 #: at once, such as an action that has not ended yet, may pass.
 REPLAN_WAIT = 1.0
-#: How often the same action may fail for the same reason.
-SAME_FAILURE = 2
+#: How often the same action may fail for the same reason, where its failures are no matter of chance.
+SAME_FAILURES = 2
 
 
 class Failure(NamedTuple):
@@ -37,14 +37,22 @@ class ReplanDecision(NamedTuple):
 
 
 class Replanning:
-    """The policy for one run: a bounded number of new plans, and not the same way a third time.
+    """The policy for one run: a bounded number of new plans, and not the same way too often.
 
     :param limit: how many new plans there may be.
     :param given_up: failures of earlier runs of the request that no other try can help.
+    :param same_failures: how often the same action may fail for the same reason.
+    :param wait: s of running time before the second new plan; twice as long before each further one.
     """
 
-    def __init__(self, limit: int, given_up: Sequence[Failure] = ()) -> None:
-        self._limit = limit
+    def __init__(
+        self,
+        limit: int,
+        given_up: Sequence[Failure] = (),
+        same_failures: int = SAME_FAILURES,
+        wait: float = REPLAN_WAIT,
+    ) -> None:
+        self._limit, self._same_failures, self._wait = limit, same_failures, wait
         self.given_up: List[Failure] = list(given_up)
         """Failures that no other try of their actions can help: further plans have to do without these."""
         self._failures: Dict[Tuple[str, str], int] = {}
@@ -72,13 +80,13 @@ class Replanning:
         if failure.outdated:
             self.count += 1
             return ReplanDecision(True)
-        if same >= SAME_FAILURE and not failure.gone:
+        if same >= self._same_failures and not failure.gone:
             # The world has not changed enough for another end, or the planner would have found another way.
             if failure.action:  # a request of a joint run that can do without the action goes on
                 self.given_up.append(failure._replace(no_retry=failure.action))
             return ReplanDecision(False, reason=f"{failure.reason} ({same} times for the same reason)")
         self.count += 1
-        return ReplanDecision(True, REPLAN_WAIT * 2 ** (self.count - 2) if self.count > 1 else 0.0)
+        return ReplanDecision(True, self._wait * 2 ** (self.count - 2) if self.count > 1 else 0.0)
 
 
 def _times(count: int) -> str:

@@ -8,6 +8,7 @@ import itertools
 import threading
 import traceback
 from contextlib import contextmanager
+from functools import partial
 from typing import Callable, Dict, Iterator, List, Optional, Set
 
 import rospy
@@ -24,8 +25,10 @@ from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
 from merlin_executor.core.activity import LONGEST_REASON, Activity, end_words
 from merlin_executor.core.agenda import OVERTAKE_LIMIT, TOGETHER, Agenda, Client, Decision
 from merlin_executor.core.answering import unreadable
+from merlin_executor.core.course import Course
 from merlin_executor.core.engine import Engine
 from merlin_executor.core.outcome import Outcome, StopKind, Verdict, crashed
+from merlin_executor.core.replanning import REPLAN_WAIT, SAME_FAILURES
 from merlin_executor.core.request_limits import RequestTooLarge
 from merlin_executor.core.standstill import STAND_WAIT
 from merlin_executor.core.time_window import Outlook
@@ -71,6 +74,7 @@ class Executor:
     :param dispatcher: name of its dispatcher.
     :param cancel_deadline: s of running time for a cancelled plan to stop; zero or less: no limit.
     :param max_replans: how often a failed plan is replaced.
+    :param same_failures, replan_wait: as of :class:`merlin_executor.core.replanning.Replanning`.
     :param goals_file: where it notes the goals it added; empty: on the parameter server.
     :param return_wait: s of running time for a planning system that was ended to return.
     :param stand_wait: s of running time for the base to come to rest after everything has ended.
@@ -98,9 +102,11 @@ class Executor:
         overtake_limit: float = OVERTAKE_LIMIT,
         together: int = TOGETHER,
         look_ahead: bool = True,
+        same_failures: int = SAME_FAILURES,
+        replan_wait: float = REPLAN_WAIT,
     ) -> None:
         self._knowledge = knowledge
-        self._max_replans = max_replans
+        self._new_course = partial(Course, max_replans, same_failures, replan_wait)
         self._told = threading.Event()  # set when statuses may be published
         self._own = OwnGoals(knowledge, goals_file, LeaseHolder(f"{knowledge.name}/goals/lease"))
         self._dispatcher = DispatchClient(
@@ -210,7 +216,7 @@ class Executor:
 
     def _read(self, goal: ServerGoal) -> None:
         try:
-            request = Request(goal, next(self._order), self._max_replans)
+            request = Request(goal, next(self._order), self._new_course())
             with self._checking(goal):
                 check_goals(request.items, self._knowledge)
             request.texts = [to_pddl(item) for item in request.items]  # the arguments are in order now

@@ -7,6 +7,7 @@ from typing import Any, Collection, Dict, List, Mapping
 import rospy
 
 from merlin_executor.core.agenda import OVERTAKE_LIMIT, TOGETHER
+from merlin_executor.core.replanning import REPLAN_WAIT, SAME_FAILURES
 from merlin_executor.core.standstill import STAND_WAIT
 from merlin_executor.node.executor import Executor
 from merlin_planning.dispatch_client import STUCK_AFTER
@@ -49,6 +50,8 @@ def _start() -> None:
             dispatcher=dispatcher,
             cancel_deadline=number("~cancel_deadline", 5.0, -math.inf),
             max_replans=round(number("~max_replans", 3, 0)),
+            same_failures=round(number("~same_failures", SAME_FAILURES, 1)),
+            replan_wait=number("~replan_wait", REPLAN_WAIT, 0.0),
             goals_file=str(rospy.get_param("~goals_file", "")),
             return_wait=number("~planning_system_return", 8.0, 0.0),
             stand_wait=number("~stand_wait", STAND_WAIT, 0.0),

@@ -35,12 +35,12 @@ class Request(Job):
 
     :param goal: as received.
     :param order: number of arrival.
-    :param max_replans: how often a failed plan is replaced.
+    :param course: its way through the planning system, which has not begun.
     :raises PDDLSyntaxError: when a goal is not PDDL.
     :raises RequestTooLarge: beyond a limit.
     """
 
-    def __init__(self, goal: ServerGoal, order: int, max_replans: int) -> None:
+    def __init__(self, goal: ServerGoal, order: int, course: Course) -> None:
         wanted: ExecuteGoal = goal.goal
         super().__init__(
             order,
@@ -59,7 +59,7 @@ class Request(Job):
         check_size((), len(self.items))
         self.texts = [to_pddl(item) for item in self.items]
         self.queued = rospy.Time.now()
-        self.course = Course(max_replans)
+        self.course = course
         self.plan: List[ActionDispatch] = []
         self._times = PlanTimes()
         self._late = ""  # as its client was told last, while it waits

@@ -7,7 +7,7 @@ import functools
 import itertools
 import os
 import threading
-from typing import TYPE_CHECKING, Any, Callable, Optional, Set, Type
+from typing import TYPE_CHECKING, Any, Callable, Optional, Sequence, Set, Type
 
 import rospy
 from merlin_msgs.msg import PlannerStatus, PlanWithoutAction, PlanWithoutFeedback, PlanWithoutResult
