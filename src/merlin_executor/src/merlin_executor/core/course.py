@@ -60,6 +60,7 @@ class Course:
     def __init__(
         self, max_replans: int, same_failures: int = SAME_FAILURES, replan_wait: float = REPLAN_WAIT
     ) -> None:
+        self._limits = max_replans, same_failures, replan_wait
         self._new_policy = partial(Replanning, max_replans, same_failures=same_failures, wait=replan_wait)
         self._replanning = self._new_policy()
         self._entered = 0.0
@@ -112,7 +113,7 @@ class Course:
 
         What one of them has given up, all do without.
         """
-        made = cls(courses[0]._max_replans)
+        made = cls(*courses[0]._limits)
         made._earlier_replans = max(course.replans for course in courses)
         made.absence = courses[0].absence
         given_up = {
