@@ -32,13 +32,8 @@ cmake -S src -B "$build/work" -DCMAKE_INSTALL_PREFIX=$prefix -DCATKIN_DEVEL_PREF
   tail -n 5 "$build/log" >&2
   fail "the build failed; the whole log is $build/log"
 }
-# pip takes all that they need, also what this machine has and another may not have; but numpy is Debian's, as in build.sh.
-pip=".venv/bin/pip --disable-pip-version-check -q install --root-user-action ignore --target $library --no-compile"
-$pip -c .venv/constraints.txt -r <(tools/packages.sh requirements.txt "$profile") 2>"$build/pip.log" &&
-  $pip --upgrade --no-deps -r <(tools/packages.sh requirements-nodeps.txt "$profile") 2>>"$build/pip.log" || {
-  tail -n 5 "$build/pip.log" >&2
-  fail "pip could not install the packages of requirements.txt (network?)"
-}
+# numpy is Debian's, as in build.sh.
+tools/install_pins.sh "$profile" "$library" || exit 1
 rm -rf "$library"/numpy "$library"/numpy.libs "$library"/numpy-*.dist-info "$library/bin"
 # Nothing is compiled on the robot, so nothing is left there when the package is removed.
 find "$root" -name __pycache__ -prune -exec rm -rf {} +
