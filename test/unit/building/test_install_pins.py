@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What has no wheel that fits is built from source, for a Debian package as for a checkout; pip is stood in for."""
+"""What has no wheel that fits is built from source, for a package of Debian too; pip is stood in for."""
 
 import os
 import shutil
@@ -13,7 +13,7 @@ import pytest
 pytestmark = pytest.mark.everywhere
 
 ROOT = Path(__file__).resolve().parents[3]
-#: pip on a Python for which pybullet has no wheel, and with a numpy for which the wheel of pyastar2d is too new.
+#: pip of a Python for which pybullet has no wheel, with a numpy that is too old for pyastar2d's.
 PIP = """#!{python}
 import pathlib, re, sys
 words = sys.argv[1:]
