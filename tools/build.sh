@@ -3,6 +3,7 @@
 # Prepares the workspace from a bare machine: apt packages, virtual environment, catkin build.
 # Each step is skipped when it has nothing to do, so a second call costs seconds.
 #   build.sh [NEEDED]        a profile that the caller needs
+#   build.sh --without-catkin [NEEDED]   all but the catkin build, which a Debian package has of its own
 #   PROFILE=robot|simulation|all   what is asked for, robot+fleet and simulation+fleet too (tools/packages.sh); neither: all
 #   UNDERLAY=auto|all|none   which underlay packages to build (tools/underlay.py)
 set -euo pipefail
@@ -68,7 +69,7 @@ make_venv() {
   echo "$key" >$stamp
 }
 
-build_catkin() {
+choose_packages() {
   # shellcheck disable=SC1091
   . .venv/bin/activate
   python tools/underlay.py "${UNDERLAY:-auto}" || exit 1
@@ -81,6 +82,9 @@ build_catkin() {
   # catkin and rospack find packages below src only. The links are not in git: what prepares a release would find a package twice.
   ln -sfn ../test src/merlin_test
   if [ -n "$(tools/packages.sh --extras "$profile")" ]; then ln -sfn ../extras src/extras; else rm -f src/extras; fi
+}
+
+build_catkin() {
   local files key stamp=build/.built
   files=$(find -L src -name CATKIN_IGNORE -o \( -name CMakeLists.txt -o -name package.xml -o -name setup.py -o -name '*.msg' -o -name '*.srv' -o -name '*.action' -o -path '*/scripts/*' \) -type f | grep -v '^src/CMakeLists.txt$' | sort)
   # shellcheck disable=SC2086
@@ -104,6 +108,8 @@ compile_modules() {
   .venv/bin/python -m compileall -q src/*/src extras/*/src src/underlay/*/src >/dev/null || true
 }
 
+catkin=yes
+[ "${1:-}" != --without-catkin ] || { catkin= && shift; }
 # shellcheck disable=SC2086
 asked=$(tools/packages.sh --largest ${1:-} "${PROFILE:-${1:-all}}") || exit 2
 mkdir -p build
@@ -115,6 +121,8 @@ profile=$(tools/packages.sh --largest "$asked" "$(cat build/.profile 2>/dev/null
 ros=$(tools/packages.sh --ros)   # prefix of a ROS 1 that is not Debian's; empty: Debian's
 install_apt
 make_venv
+choose_packages
+[ -n "$catkin" ] || exit 0
 build_catkin
 compile_modules
 echo "$profile" >build/.profile

@@ -26,6 +26,7 @@ mkdir -p "$build/work" "$root/DEBIAN" "$root/usr/share/doc/$name" "$library"
 # Run by Debian's Python: the virtual environment is not taken along.
 unset CMAKE_PREFIX_PATH PYTHONPATH ROS_PACKAGE_PATH
 export ROS_LANG_DISABLE=geneus:genlisp:gennodejs:gencpp
+[ -e src/CMakeLists.txt ] || catkin_init_workspace src >/dev/null
 cmake -S src -B "$build/work" -DCMAKE_INSTALL_PREFIX=$prefix -DCATKIN_DEVEL_PREFIX="$build/devel" -DPYTHON_EXECUTABLE=/usr/bin/python3 \
   -DCATKIN_ENABLE_TESTING=OFF -DCATKIN_BLACKLIST_PACKAGES="${left_out// /;}" >"$build/log" 2>&1 &&
   DESTDIR=$root make -C "$build/work" -j"$(nproc)" install >>"$build/log" 2>&1 || {
