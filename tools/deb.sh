@@ -36,6 +36,9 @@ cmake -S src -B "$build/work" -DCMAKE_INSTALL_PREFIX=$prefix -DCATKIN_DEVEL_PREF
 # numpy is Debian's, as in build.sh.
 tools/install_pins.sh "$profile" "$library" || exit 1
 rm -rf "$library"/numpy "$library"/numpy.libs "$library"/numpy-*.dist-info "$library/bin"
+# pybullet's wheel has debugging symbols, data and examples: 270 MB that nothing here uses.
+rm -rf "$library"/pybullet_{data,envs,examples,robots}
+find "$library" -maxdepth 1 -name 'pybullet.*.so' -exec strip --strip-unneeded {} +
 # Nothing is compiled on the robot, so nothing is left there when the package is removed.
 find "$root" -name __pycache__ -prune -exec rm -rf {} +
 /usr/bin/python3 -m compileall -q --invalidation-mode unchecked-hash -s "$root" -p / "$root$prefix" >/dev/null || true
