@@ -149,7 +149,8 @@ debian:
 	@VERSION=$(VERSION) TARGET="$(TARGET)" PROFILE="$(PROFILE)" PYTEST="$(PYTEST)" AS="$(AS)" DEB="$(DEB)" tools/debian.sh
 
 # What a robot's computer installs instead of a checkout: docs/platforms.md.
-deb: build
+deb:
+	@tools/build.sh --without-catkin $(NEEDS)
 	@PROFILE=$(PROFILE) tools/deb.sh
 
 lint: build

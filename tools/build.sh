@@ -3,6 +3,7 @@
 # Prepares the workspace from a bare machine: apt packages, virtual environment, catkin build.
 # Each step is skipped when it has nothing to do, so a second call costs seconds.
 #   build.sh [NEEDED]        a profile that the caller needs
+#   build.sh --without-catkin [NEEDED]   all but the catkin build, which a Debian package has of its own
 #   PROFILE=robot|simulation|all   what is asked for, robot+fleet and simulation+fleet too, +deliberation behind each (tools/packages.sh); neither: all
 #   UNDERLAY=auto|all|none   which underlay packages to build (tools/underlay.py)
 set -euo pipefail
@@ -46,63 +47,29 @@ install_apt() {
   rm -f "$log"
 }
 
-# pybullet has no wheel for Python 3.13, and its C is older than the errors of gcc 14. Built once, with the numpy that
-# is installed, without which its pictures come as lists.
-build_pybullet() {
-  local wanted=$1 temporary=$workspace/.venv/tmp shown=0 done builder
-  say "$wanted has no wheel for this Python: it is built from source, which takes some minutes"
-  rm -rf "$temporary"
-  mkdir "$temporary"
-  TMPDIR=$temporary CFLAGS="-Wno-incompatible-pointer-types -Wno-int-conversion -Wno-implicit-function-declaration -fpermissive -g0 -w" \
-    $pip install -v --no-deps --no-build-isolation --no-binary pybullet "$wanted" >.venv/pybullet.log 2>&1 &
-  builder=$!
-  while kill -0 $builder 2>/dev/null; do
-    # pip removes folders meanwhile, which find calls an error.
-    done=$({ find "$temporary" -name '*.o' 2>/dev/null || true; } | wc -l)
-    if [ "$done" -ge $((shown + 25)) ]; then
-      say "pybullet: $done files compiled"
-      shown=$done
-    fi
-    sleep 1
-  done
-  wait $builder || {
-    tail -n 5 .venv/pybullet.log >&2
-    fail "pip could not build $wanted (network?); the whole log is $workspace/.venv/pybullet.log"
-  }
-  rm -rf "$temporary"
-}
-
 make_venv() {
-  local python=/usr/bin/python3 stamp=.venv/.requirements pip=".venv/bin/pip --disable-pip-version-check" key numpy pybullet wanted nodeps
+  local python=/usr/bin/python3 stamp=.venv/.requirements key numpy
   local alone='import site; site.ENABLE_USER_SITE = False'
   # The Python of a conda environment with ROS is the one that can import it.
   case $ros/ in "${CONDA_PREFIX:-/none}"/*) python=$CONDA_PREFIX/bin/python3 ;; esac
   # cv_bridge and OpenCV are built for this numpy.
   numpy=$("$python" -s -c 'import numpy; print("numpy==" + numpy.__version__)') || fail "$python has no numpy"
-  wanted=$(tools/packages.sh requirements.txt "$profile")
-  nodeps=$(tools/packages.sh requirements-nodeps.txt "$profile")
-  key=$(echo "$python $numpy $alone $wanted $nodeps" | sha256sum)
+  key=$({
+    echo "$python $numpy $alone"
+    tools/packages.sh requirements.txt "$profile"
+    tools/packages.sh requirements-nodeps.txt "$profile"
+  } | sha256sum)
   [ -x .venv/bin/python ] && [ "$(cat $stamp 2>/dev/null)" = "$key" ] && return
   say "virtual environment .venv"
   [ -x .venv/bin/python ] || "$python" -m venv --system-site-packages .venv
   # What the user has for himself in ~/.local would otherwise come before Debian's packages: another numpy, for one.
   find .venv/lib -path '*/python3*/site-packages' -prune -exec sh -c 'echo "$1" >"$2/_without_user_site.pth"' sh "$alone" {} \;
   echo "$numpy" >.venv/constraints.txt
-  pybullet=$(grep '^pybullet' <<<"$wanted" || true)
-  [ -z "$pybullet" ] || $pip install -q --no-deps --only-binary :all: "$pybullet" 2>.venv/pip.log || build_pybullet "$pybullet"
-  $pip install -q -c .venv/constraints.txt -r <(echo "$wanted") 2>.venv/pip.log &&
-    $pip install -q --no-deps -r <(echo "$nodeps") 2>>.venv/pip.log &&
-    # Its wheels are compiled for a newer numpy than that of Debian 11 and Ubuntu 20.04.
-    { .venv/bin/python -c 'import pyastar2d' 2>/dev/null ||
-      $pip install -q --no-deps --no-build-isolation --force-reinstall --no-binary pyastar2d \
-        -r <(grep '^pyastar2d' <<<"$nodeps") 2>>.venv/pip.log; } || {
-    tail -n 5 .venv/pip.log >&2
-    fail "pip could not install the packages of requirements.txt (network? a Python that docs/platforms.md does not have?)"
-  }
+  tools/install_pins.sh "$profile" || exit 1
   echo "$key" >$stamp
 }
 
-build_catkin() {
+choose_packages() {
   # shellcheck disable=SC1091
   . .venv/bin/activate
   python tools/underlay.py "${UNDERLAY:-auto}" || exit 1
@@ -116,6 +83,9 @@ build_catkin() {
   ln -sfn ../test src/merlin_test
   if [ -n "$(tools/packages.sh --extras "$profile")" ]; then ln -sfn ../extras src/extras; else rm -f src/extras; fi
   if [ -n "$(tools/packages.sh --examples "$profile")" ]; then ln -sfn ../examples src/examples; else rm -f src/examples; fi
+}
+
+build_catkin() {
   local files key stamp=build/.built
   files=$(find -L src -name CATKIN_IGNORE -o \( -name CMakeLists.txt -o -name package.xml -o -name setup.py -o -name '*.msg' -o -name '*.srv' -o -name '*.action' -o -path '*/scripts/*' \) -type f | grep -v '^src/CMakeLists.txt$' | sort)
   # shellcheck disable=SC2086
@@ -139,6 +109,8 @@ compile_modules() {
   .venv/bin/python -m compileall -q src/*/src extras/*/src examples/*/src src/underlay/*/src >/dev/null || true
 }
 
+catkin=yes
+[ "${1:-}" != --without-catkin ] || { catkin= && shift; }
 # shellcheck disable=SC2086
 asked=$(tools/packages.sh --largest ${1:-} "${PROFILE:-${1:-all}}") || exit 2
 mkdir -p build
@@ -150,6 +122,8 @@ profile=$(tools/packages.sh --largest "$asked" "$(cat build/.profile 2>/dev/null
 ros=$(tools/packages.sh --ros)   # prefix of a ROS 1 that is not Debian's; empty: Debian's
 install_apt
 make_venv
+choose_packages
+[ -n "$catkin" ] || exit 0
 build_catkin
 compile_modules
 echo "$profile" >build/.profile

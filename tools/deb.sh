@@ -27,20 +27,19 @@ mkdir -p "$build/work" "$root/DEBIAN" "$root/usr/share/doc/$name" "$library"
 # Run by Debian's Python: the virtual environment is not taken along.
 unset CMAKE_PREFIX_PATH PYTHONPATH ROS_PACKAGE_PATH
 export ROS_LANG_DISABLE=geneus:genlisp:gennodejs:gencpp
+[ -e src/CMakeLists.txt ] || catkin_init_workspace src >/dev/null
 cmake -S src -B "$build/work" -DCMAKE_INSTALL_PREFIX=$prefix -DCATKIN_DEVEL_PREFIX="$build/devel" -DPYTHON_EXECUTABLE=/usr/bin/python3 \
   -DCATKIN_ENABLE_TESTING=OFF -DCATKIN_BLACKLIST_PACKAGES="${left_out// /;}" >"$build/log" 2>&1 &&
   DESTDIR=$root make -C "$build/work" -j"$(nproc)" install >>"$build/log" 2>&1 || {
   tail -n 5 "$build/log" >&2
   fail "the build failed; the whole log is $build/log"
 }
-# pip takes all that they need, also what this machine has and another may not have; but numpy is Debian's, as in build.sh.
-pip=".venv/bin/pip --disable-pip-version-check -q install --root-user-action ignore --target $library --no-compile"
-$pip -c .venv/constraints.txt -r <(tools/packages.sh requirements.txt "$profile") 2>"$build/pip.log" &&
-  $pip --upgrade --no-deps -r <(tools/packages.sh requirements-nodeps.txt "$profile") 2>>"$build/pip.log" || {
-  tail -n 5 "$build/pip.log" >&2
-  fail "pip could not install the packages of requirements.txt (network?)"
-}
+# numpy is Debian's, as in build.sh.
+tools/install_pins.sh "$profile" "$library" || exit 1
 rm -rf "$library"/numpy "$library"/numpy.libs "$library"/numpy-*.dist-info "$library/bin"
+# pybullet's wheel has debugging symbols, data and examples: 270 MB that nothing here uses.
+rm -rf "$library"/pybullet_{data,envs,examples,robots}
+find "$library" -maxdepth 1 -name 'pybullet.*.so' -exec strip --strip-unneeded {} +
 # Nothing is compiled on the robot, so nothing is left there when the package is removed.
 find "$root" -name __pycache__ -prune -exec rm -rf {} +
 /usr/bin/python3 -m compileall -q --invalidation-mode unchecked-hash -s "$root" -p / "$root$prefix" >/dev/null || true

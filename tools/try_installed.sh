@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
 # A mission on simulated action servers where /opt/merlin is installed and nothing else of MERLIN: what a robot's computer
-# runs, without its robot. Ends with 0 when its goals hold. For an ordinary user; needs nothing of the checkout.
+# runs, without its robot. Where the simulator is installed, Mission 1 in it, too, whose page answers meanwhile.
+# Ends with 0 when the goals hold. For an ordinary user; needs nothing of the checkout.
 set -euo pipefail
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
@@ -38,3 +39,18 @@ cat >round.launch <<'END'
 END
 rosrun merlin unit round.launch on:=robot
 PYTHONPATH=$folder:$PYTHONPATH rosrun merlin run round.launch on:=servers
+[ -d /opt/merlin/share/merlin_sim ] || exit 0
+python3 - <<'END'
+import subprocess
+import sys
+import urllib.request
+
+command = ["rosrun", "merlin", "run", "home.launch", "rtf:=3", "linger:=false"]
+with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as demo:
+    for line in demo.stderr:
+        print(line, end="", flush=True)
+        if line.startswith("monitor: http"):
+            with urllib.request.urlopen(line.split()[1], timeout=120.0) as page:
+                print(f"the page answers with {len(page.read())} bytes", flush=True)
+sys.exit(demo.returncode)
+END

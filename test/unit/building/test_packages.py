@@ -89,7 +89,7 @@ def profile(name: str, tmp_path: Path) -> List[str]:
 def test_profiles_contain_each_other(tmp_path: Path) -> None:
     robot, simulation, everything = (set(profile(name, tmp_path)) for name in ("robot", "simulation", "all"))
     assert robot < simulation < everything
-    assert {"python3-rospy", "py_trees==2.2.3"} <= robot
+    assert {"python3-rospy", "rdflib==7.6.0"} <= robot
     assert {"panda3d==1.10.16", "python3-matplotlib"} <= simulation - robot
 
 

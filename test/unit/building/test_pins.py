@@ -11,12 +11,12 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[3] / "tools"))
 
 import pins
 
-LINES = ["# --- planner ---", 'kairos-planner==1.0.6; python_version >= "3.10"', "", "rdflib==6.3.2"]
+LINES = ["# --- planner ---", 'kairos-planner==1.0.6; python_version >= "3.10"', "", "rdflib==7.6.0"]
 
 
 @pytest.mark.parametrize(
     ("python", "names"),
-    [("3.9", ["rdflib==6.3.2"]), ("3.10", ["kairos-planner==1.0.6", "rdflib==6.3.2"])],
+    [("3.9", ["rdflib==7.6.0"]), ("3.10", ["kairos-planner==1.0.6", "rdflib==7.6.0"])],
 )
 def test_a_marker_is_read_for_the_python_that_is_asked_about(python: str, names: List[str]) -> None:
     assert pins.wanted(LINES, python, "aarch64") == names

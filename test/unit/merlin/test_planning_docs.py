@@ -11,15 +11,14 @@ import pytest
 import yaml
 from merlin_msgs.msg import DispatchStatus, RunningAction
 
-from merlin_pddl.checks import validate
+from merlin_pddl.checks import installed_planners, validate
+from merlin_pddl.checks.installed_planners import expand, is_preset
 from merlin_planning.action_messages import dispatched_action
 from merlin_planning.dispatch_client import DispatchClient
 from merlin_planning.planning_client import PlanningClient
 from merlin_rosplan.nodes.planner_interface import PlannerInterface
-from merlin_rosplan.planning import planner_engines
 from merlin_rosplan.planning.planner_command import parse_command
 from merlin_rosplan.planning.planner_engines import _parts as parts_of
-from merlin_rosplan.planning.planner_engines import expand, is_preset
 from merlin_rosplan.planning.planning_outcome import PlannerState
 
 ROOT = Path(__file__).parents[3]
@@ -59,9 +58,10 @@ def test_the_commands_that_install_planners_name_packages_and_variable_of_the_co
     assert shlex.split(venv)[:3] == ["python3", "-m", "venv"]
     program, verb, *packages = shlex.split(pip)
     assert (program, verb) == (f"{folder}/bin/pip", "install")
-    looked_in = {preset.package for preset in planner_engines._PRESETS.values()} | {"unified_planning"}
+    looked_in = {preset.package for preset in installed_planners._PRESETS.values()} - {""}
+    looked_in.add("unified_planning")
     assert {package.replace("-", "_") for package in packages} == looked_in
-    assert export == f"export {planner_engines.PLANNERS}={folder}"
+    assert export == f"export {installed_planners.PLANNERS}={folder}"
     assert subprocess.run(["bash", "-n", "-c", block], check=False).returncode == 0
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from merlin.doctor.machine import free_space, is_own, look_at_machine, sound_fault
+from merlin_pddl.checks import kairos_check
 
 
 def test_a_folder_that_is_not_yet_there_has_the_space_of_its_disk(tmp_path: Path) -> None:
@@ -34,6 +35,14 @@ def test_the_address_and_the_master_that_the_user_gives(monkeypatch: pytest.Monk
     assert machine.address == "ROS_IP=192.0.2.7" and not machine.address_is_own
     assert machine.master_is_elsewhere and machine.host == socket.gethostname()
     assert not machine.missing
+
+
+def test_what_stands_in_for_kairos_is_a_planner(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(kairos_check, "available", lambda: False)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert not look_at_machine().planner
+    (tmp_path / "popf").touch(mode=0o755)
+    assert look_at_machine().planner
 
 
 @pytest.mark.parametrize("master", ["nonsense", "http://", "http://localhost:port"])

@@ -8,8 +8,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from merlin_pddl.checks import kairos_check
-from merlin_rosplan.planning import planner_engines
+from merlin_pddl.checks import installed_planners, kairos_check
 from merlin_rosplan.planning.planner import Attempt, PlannerSettings, Task
 from merlin_rosplan.planning.planner_command import PlannerCommandError
 from merlin_rosplan.planning.planner_engines import engines
@@ -171,20 +170,20 @@ def test_planners_may_have_an_environment_of_their_own(tmp_path, monkeypatch, na
     file.touch()
     monkeypatch.setenv("PATH", "/nowhere")
     monkeypatch.setenv("MERLIN_PLANNERS", str(tmp_path))
-    monkeypatch.setattr(planner_engines.importlib.util, "find_spec", lambda name: None)
-    words = planner_engines.expand(name).split()
+    monkeypatch.setattr(installed_planners.importlib.util, "find_spec", lambda name: None)
+    words = installed_planners.expand(name).split()
     assert words[0] == {"python": f"{tmp_path}/bin/python", "java": "java", "": str(file)}[runner]
-    assert "DOMAIN" in words and "PROBLEM" in words and planner_engines.is_preset(name)
+    assert "DOMAIN" in words and "PROBLEM" in words and installed_planners.is_preset(name)
 
 
 def test_a_planner_that_is_nowhere_keeps_its_name(monkeypatch):
     monkeypatch.setenv("PATH", "/nowhere")
     monkeypatch.delenv("MERLIN_PLANNERS", raising=False)
-    monkeypatch.setattr(planner_engines.importlib.util, "find_spec", lambda name: None)
-    for name in ("symk", "fast-downward", "lpg", "enhsp"):
-        assert planner_engines.expand(name).startswith(name)
-    assert planner_engines.expand("up:tamer").startswith("up ")
-    assert sys.executable not in planner_engines.expand("up:tamer")
+    monkeypatch.setattr(installed_planners.importlib.util, "find_spec", lambda name: None)
+    for name in ("symk", "fast-downward", "lpg", "enhsp", "popf"):
+        assert installed_planners.expand(name).startswith(name)
+    assert installed_planners.expand("up:tamer").startswith("up ")
+    assert sys.executable not in installed_planners.expand("up:tamer")
 
 
 def test_node_and_launch_file_have_one_default_for_better_plans():

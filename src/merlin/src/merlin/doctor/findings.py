@@ -100,7 +100,7 @@ def judge_machine(machine: Machine, planner_command: bool = False) -> Iterator[F
         )
     if not machine.planner and not planner_command:
         what = f"kairos, which needs Python 3.10, is not installed for this {python}"
-        yield Finding(f"there is no planner: {what}; install it, or set planner_command:=")
+        yield Finding(f"there is no planner: {what}; install it, popf or lpg, or set planner_command:=")
     for folder, free in sorted(machine.free.items()):
         if free < 0:
             yield Finding(f"{folder} cannot be written; give it to this user, or set ROS_HOME")

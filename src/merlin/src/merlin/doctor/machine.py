@@ -16,10 +16,10 @@ from rosgraph.network import parse_http_host_and_port
 
 from merlin.doctor.findings import Machine
 from merlin.local_names import given_address, is_own, resolves
+from merlin_pddl.checks import installed_planners, kairos_check
 
 #: What a robot's computer has to have.
 MODULES = ("rospy", "actionlib", "tf2_ros", "smach", "merlin_msgs", "merlin_sm", "merlin_rosplan", "numpy")
-PLANNER = "kairos"
 SOUND = Path("/dev/snd")
 PATIENT_TCP = Path("/proc/sys/net/ipv4/tcp_rto_max_ms")
 
@@ -35,7 +35,7 @@ def look_at_machine() -> Machine:
     return Machine(
         python=sys.version_info[:2],
         missing=[name for name in MODULES if importlib.util.find_spec(name) is None],
-        planner=importlib.util.find_spec(PLANNER) is not None,
+        planner=kairos_check.available() or installed_planners.stand_in() is not None,
         free={folder: free_space(Path(folder)) for folder in folders},
         host=host,
         host_resolves=resolves(host),

@@ -87,6 +87,14 @@ class PlannerInterface(Component):
 
         if self._preview and not kairos_check.available():
             rospy.logwarn("%s: kairos is not installed: PDDL and plans are not checked", self.scope)
+            from merlin_rosplan.planning.planner_engines import PlannerCommandError, engines
+
+            try:
+                self._warn(
+                    engines(self._request_of_params().planner_command, self._settings.fallback).warning
+                )
+            except PlannerCommandError as error:
+                rospy.logerr("%s: %s", self.scope, error)
 
     def on_shutdown(self) -> None:
         """Kills the planner that runs."""
@@ -300,9 +308,7 @@ class PlannerInterface(Component):
         finally:
             with self._state:
                 self._current = self._current_goal = None
-        if planning.warning is not None and planning.warning not in self._warned:
-            self._warned.add(planning.warning)
-            rospy.logwarn("%s: %s", self.scope, planning.warning)
+        self._warn(planning.warning)
         if outcome.solved:
             # One line, whatever the texts are: the parser numbers such a plan's actions on.
             heading = "" if after is None else f"{' '.join([AFTER, *' '.join(after).split()])}\n"
@@ -310,6 +316,11 @@ class PlannerInterface(Component):
             self._hand_over.hand_over(message)
             self._output.publish(message)
         return outcome
+
+    def _warn(self, warning: Optional[str]) -> None:
+        if warning is not None and warning not in self._warned:
+            self._warned.add(warning)
+            rospy.logwarn("%s: %s", self.scope, warning)
 
     def _write_problem(self, problem_path: str) -> str:
         """Writes the problem received on the topic to a file, as ROSPlan does; returns its path."""

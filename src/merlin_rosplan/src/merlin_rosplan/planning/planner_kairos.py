@@ -23,7 +23,7 @@ Plan = List[PlanStep]
 KAIROS = "kairos"
 MISSING = (
     "there is no planner: kairos needs Python 3.10 (pip install kairos-planner); "
-    "set ~planner_command to another one, with DOMAIN and PROBLEM"
+    "install popf or lpg, or set ~planner_command to another one, with DOMAIN and PROBLEM"
 )
 _DAY = 86400.0  # s
 _LOOK = 60.0  # s, for kairos' sake: plans and the end of a search wake the wait by themselves
