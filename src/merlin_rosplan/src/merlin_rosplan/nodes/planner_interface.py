@@ -17,7 +17,6 @@ from rosplan_dispatch_msgs.srv import PlanningService, PlanningServiceRequest, P
 from std_msgs.msg import String
 from std_srvs.srv import Empty, EmptyRequest, EmptyResponse, Trigger
 
-from merlin_pddl.plan_text import AFTER
 from merlin_ros.actions.action_server import ServerGoal
 from merlin_ros.actions.serial_action_server import SerialActionServer
 from merlin_ros.health import OK, WARN, Health
@@ -310,6 +309,8 @@ class PlannerInterface(Component):
                 self._current = self._current_goal = None
         self._warn(planning.warning)
         if outcome.solved:
+            from merlin_pddl.plan_text import AFTER
+
             # One line, whatever the texts are: the parser numbers such a plan's actions on.
             heading = "" if after is None else f"{' '.join([AFTER, *' '.join(after).split()])}\n"
             message = String(heading + outcome.plan)
