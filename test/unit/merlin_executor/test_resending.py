@@ -14,8 +14,9 @@ from merlin_msgs.msg import ExecuteGoal, ExecuteResult
 
 from merlin_executor import resending as resending_rules
 from merlin_executor.core import agenda as agenda_rules
-from merlin_executor.core.agenda import Agenda, AgendaAnswer, Ticket
+from merlin_executor.core.agenda import Agenda, AgendaAnswer
 from merlin_executor.core.outcome import Outcome, StopKind, Verdict
+from merlin_executor.core.ticket import Ticket
 from merlin_executor.executor_request import ExecutorRequest
 from merlin_executor.resending import END, RESEND, RESENDS, Next, Resending
 from merlin_ros import late_topics

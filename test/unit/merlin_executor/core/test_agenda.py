@@ -8,9 +8,10 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
-from merlin_executor.core.agenda import Agenda, AgendaAnswer, Client, Decision, StopRun, Ticket
+from merlin_executor.core.agenda import Agenda, AgendaAnswer, Decision, StopRun
 from merlin_executor.core.outcome import Outcome, Stop, StopKind, Verdict
 from merlin_executor.core.request_limits import MAX_OF_CLIENT, MAX_WAITING
+from merlin_executor.core.ticket import Client, Ticket
 
 CANCELLED = Verdict(Outcome.CANCELLED, "cancelled")
 

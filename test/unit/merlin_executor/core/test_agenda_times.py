@@ -9,8 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
-from merlin_executor.core.agenda import Agenda, AgendaAnswer, Decision, StopRun, Ticket
+from merlin_executor.core.agenda import Agenda, AgendaAnswer, Decision, StopRun
 from merlin_executor.core.outcome import Outcome, Stop, StopKind, Verdict
+from merlin_executor.core.ticket import Ticket
 from merlin_executor.core.time_window import Forecast, Outlook, PlanTimes, TimeWindow, outlook_running
 
 CANCELLED = Verdict(Outcome.CANCELLED, "cancelled")

@@ -8,8 +8,9 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
-from merlin_executor.core.agenda import APART, GATHER, Agenda, AgendaAnswer, Client, Decision, StopRun, Ticket
+from merlin_executor.core.agenda import APART, GATHER, Agenda, AgendaAnswer, Decision, StopRun
 from merlin_executor.core.outcome import Outcome, Stop, StopKind, Verdict
+from merlin_executor.core.ticket import Client, Ticket
 from merlin_executor.core.time_window import TimeWindow
 
 CANCELLED = Verdict(Outcome.CANCELLED, "cancelled")

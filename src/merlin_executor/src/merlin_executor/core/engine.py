@@ -11,8 +11,9 @@ import threading
 from functools import partial
 from typing import Any, Callable, Dict, Generic, List, Optional, Sequence, Tuple, TypeVar, cast
 
-from merlin_executor.core.agenda import Agenda, AgendaAnswer, Decision, StopRun, Ticket
+from merlin_executor.core.agenda import Agenda, AgendaAnswer, Decision, StopRun
 from merlin_executor.core.outcome import Outcome, Stop, StopKind, Verdict, crashed
+from merlin_executor.core.ticket import Ticket
 from merlin_executor.core.time_window import Outlook
 from merlin_pddl.breakpoints import Breakpoints
 from merlin_ros.alarms import wait_ticks

@@ -23,7 +23,7 @@ from merlin_msgs.msg import (
 from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
 
 from merlin_executor.core.activity import LONGEST_REASON, Activity, end_words
-from merlin_executor.core.agenda import OVERTAKE_LIMIT, TOGETHER, Agenda, Client, Decision
+from merlin_executor.core.agenda import OVERTAKE_LIMIT, TOGETHER, Agenda, Decision
 from merlin_executor.core.answering import unreadable
 from merlin_executor.core.course import Course
 from merlin_executor.core.engine import Engine
@@ -31,6 +31,7 @@ from merlin_executor.core.outcome import Outcome, StopKind, Verdict, crashed
 from merlin_executor.core.replanning import REPLAN_WAIT, SAME_FAILURES
 from merlin_executor.core.request_limits import RequestTooLarge
 from merlin_executor.core.standstill import STAND_WAIT
+from merlin_executor.core.ticket import Client
 from merlin_executor.core.time_window import Outlook
 from merlin_executor.goal_check import GoalError, check_goals
 from merlin_executor.node.executor_sm import ExecutorSM

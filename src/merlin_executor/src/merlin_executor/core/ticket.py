@@ -1,0 +1,88 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A request as the agenda sees it."""
+
+import math
+from enum import Enum
+from typing import Optional
+
+from merlin_executor.core.outcome import Stop
+from merlin_executor.core.time_window import ALWAYS, Forecast, TimeWindow
+
+
+class Client(Enum):
+    """State of a request's client."""
+
+    ALIVE = "alive"
+    SILENT = "silent"
+    GONE = "gone"
+
+
+class Ticket:
+    """What the agenda knows of a request.
+
+    :param order: number of arrival; equal priorities with equal deadlines run in this order.
+    :param priority: higher is more urgent.
+    :param resumes: whether it runs again after an interruption; otherwise it is dropped.
+    :param goes_on: whether it continues without its client.
+    :param sender: the node of its client; empty: not known.
+    :param window: when it may run.
+    :param alone: whether it is never planned together with others.
+    :ivar party: it runs together only with those of the same number; a joint run that failed divides its own.
+    :ivar begun: whether it has begun and was not interrupted since; a pause lets it go on.
+    :ivar forecast: how long it will take; None: that is not known.
+    :ivar rank: of those of its priority that have deadlines, where not all can be in time.
+    :ivar left_out: why there is no time for it, as a sentence; empty: that is not so.
+    :ivar ready_since: when it could first begin, in the agenda's own time; None: it could not yet.
+    """
+
+    def __init__(
+        self,
+        order: int,
+        priority: int = 0,
+        resumes: bool = True,
+        goes_on: bool = True,
+        sender: str = "",
+        window: TimeWindow = ALWAYS,
+        alone: bool = False,
+    ) -> None:
+        self.order = order
+        self.priority = priority
+        self.resumes = resumes
+        self.goes_on = goes_on
+        self.sender = sender
+        self.window = window
+        self.alone = alone
+        self.party = 0
+        self.forecast: Optional[Forecast] = None
+        self.rank = 0
+        self.left_out = ""
+        self.ready_since: Optional[float] = None
+        self.begun = False
+        self.interrupted = False
+        self.client = Client.ALIVE
+        self.stop: Optional[Stop] = None
+
+    @property
+    def text(self) -> str:
+        """What it is for, as PDDL text."""
+        return ""
+
+    @property
+    def expected_end(self) -> Optional[float]:
+        """When its run is expected to end, s of ROS time; None: not known."""
+        return None
+
+    @property
+    def may_run(self) -> bool:
+        """Whether it may begin: no request of a silent client begins."""
+        return self.goes_on or self.client is Client.ALIVE
+
+    @property
+    def joins(self) -> bool:
+        """Whether it may run together with others; a planner that does not know its deadline may miss it."""
+        return not self.alone and self.window.deadline == math.inf
+
+    @property
+    def under_way(self) -> bool:
+        """Whether its plan is being carried out: another one would stop its actions."""
+        return False
