@@ -70,7 +70,14 @@ def planned(*seconds: float, state: int = PlannerStatus.SOLVED, reached: float =
     starts = [sum(seconds[:number]) for number in range(len(seconds))]
     reached = sum(seconds) if reached < 0.0 else reached
     actions = [f"(drive a{number})" for number in range(len(seconds))]
-    return PreviewPlanResponse(PlannerStatus(state=state), actions, starts, list(seconds), [reached], [0.0])
+    return PreviewPlanResponse(
+        status=PlannerStatus(state=state),
+        actions=actions,
+        starts=starts,
+        durations=list(seconds),
+        reached=[reached],
+        late=[0.0],
+    )
 
 
 def test_when_a_request_that_waits_will_be_done_is_said_before_it_begins(bench: Bench) -> None:
