@@ -130,7 +130,7 @@ class Exchange(unittest.TestCase):
         result = self.result(thread)
         self.assertTrue(result.goal_achieved, result.reason)
         self.assertTrue(all(map(self.knowledge.holds, GOALS)))
-        self.assertEqual(self.dispatcher.steps_done, len(plan) + 1)
+        self.status.wait(lambda status: status.steps_done == len(plan) + 1)
         sent = [message for message in self.dispatched.messages if message.name != "cancel_action"]
         self.assertEqual([text(each) for each in sent], [text(drive), *map(text, plan)])
         self.assertEqual({each.plan_id for each in sent}, {drive.plan_id})
@@ -167,7 +167,7 @@ class Exchange(unittest.TestCase):
         self.assertIn("carries out no plan for this goal", refused)
         self.held.end()
         self.assertEqual(self.result(thread).unmet, (GOALS[1],))
-        self.assertEqual(self.dispatcher.steps_done, 2)
+        self.status.wait(lambda status: status.steps_done == 2)
 
 
 if __name__ == "__main__":

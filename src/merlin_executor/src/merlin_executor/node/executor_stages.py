@@ -158,7 +158,7 @@ class PlanInTime(PlanState):
         deadlines = self._run.run.request.deadlines(self._planning.plan_text) if self._proves else []
         if outcome != SUCCEEDED or not deadlines:
             return outcome
-        second = self._planning.plan(self.interruptible, self._left_out(), deadlines)
+        second = self._planning.plan(self.interruptible, self._left_out(), deadlines=deadlines)
         if self.preempt_requested():
             return PREEMPTED
         if second.verdict is Planned.LATE:
