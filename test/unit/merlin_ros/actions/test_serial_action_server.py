@@ -11,6 +11,7 @@ from fakes.topics import Topics
 from merlin_msgs.msg import ListenAction, ListenActionGoal
 
 from merlin_ros.actions.action_server import ServerGoal
+from merlin_ros.actions.lease_watch import LeaseWatch
 from merlin_ros.actions.serial_action_server import SerialActionServer
 
 LONG = 60.0
@@ -106,3 +107,21 @@ def test_a_goal_that_was_answered_before_its_turn_is_not_executed(server: Server
     server.send("third")
     assert server.begun.acquire(timeout=LONG)
     assert [goal.id for goal in server.executed] == ["first", "third"]
+
+
+def test_a_goal_whose_cancel_is_read_while_it_arrives_is_not_executed(
+    server: Server, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    arrive = LeaseWatch.arrive
+
+    def cancel_meanwhile(watch: LeaseWatch, goal: str) -> None:
+        arrive(watch, goal)
+        if goal == "first":
+            server.cancel(goal)
+
+    monkeypatch.setattr(LeaseWatch, "arrive", cancel_meanwhile)
+    server.send("first")
+    assert server.text("first") == "cancelled before it began"
+    server.send("second")
+    assert server.begun.acquire(timeout=LONG)
+    assert [goal.id for goal in server.executed] == ["second"]

@@ -11,6 +11,8 @@ from merlin_ros.actions.action_server import ActionServer, ServerGoal
 from merlin_ros.work.threads import start_thread
 from merlin_ros.work.work_book import Decision, Policy, Step, WorkBook
 
+NOT_BEGUN = "cancelled before it began"
+
 
 class SerialActionServer:
     """Runs goals one after the other in one worker thread.
@@ -61,14 +63,19 @@ class SerialActionServer:
 
     def _receive(self, goal: ServerGoal) -> None:
         with self._changed:
-            self._goals[goal.id] = goal
-            decisions = self._book.arrive(goal.id)
-            self._changed.notify_all()
-        self._carry_out(decisions)
+            overtaken = goal.cancel_requested  # by a cancel that did not find it here
+            if not overtaken:
+                self._goals[goal.id] = goal
+                decisions = self._book.arrive(goal.id)
+                self._changed.notify_all()
+        if overtaken:
+            goal.cancelled(text=NOT_BEGUN)
+        else:
+            self._carry_out(decisions)
 
     def _cancel(self, goal: ServerGoal) -> None:
         with self._changed:
-            decisions = self._book.cancel(goal.id, "cancelled before it began")
+            decisions = self._book.cancel(goal.id, NOT_BEGUN)
             runs = goal.id in self._goals and not any(each.what is Step.REFUSE for each in decisions)
         if runs:
             self._on_cancel(goal)  # also when it has raised before
