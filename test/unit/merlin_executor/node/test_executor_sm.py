@@ -408,6 +408,27 @@ def test_what_came_true_before_it_is_planned_again_has_succeeded(bench: Bench) -
     assert bench.ended == [(bench.requests[1], Outcome.SUCCEEDED)]
 
 
+def test_a_request_that_ends_while_goals_are_looked_at_does_not_end_the_others(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench.joined_by("(checked hall)")
+    kitchen, _ = bench.requests
+    bench.results = [SAID_NO]
+    bench.on_dispatch = lambda: bench.knowledge.facts.append("(checked kitchen)")
+    query = bench.knowledge.query
+
+    def end_meanwhile(items: List[Any]) -> List[bool]:
+        found = query(items)
+        if bench.dispatched == 1 and not bench.ended:
+            bench.machine.run.end([kitchen], Verdict(Outcome.SUCCEEDED))
+        return found
+
+    monkeypatch.setattr(bench.knowledge, "query", end_meanwhile)
+    assert bench.run().outcome is Outcome.SUCCEEDED
+    assert bench.ended == [(kitchen, Outcome.SUCCEEDED)]
+    assert bench.dispatched == 2, "the hall is not checked yet"
+
+
 def test_a_run_that_others_join_ends_before_it_is_planned_again(bench: Bench) -> None:
     bench.results, bench.others_come = [SAID_NO], True
     assert bench.run().outcome is Outcome.CANCELLED

@@ -117,7 +117,7 @@ class AddGoals(PlanningState):
             # What an earlier request, or one that has ended meanwhile, could not remove.
             self._own.keep(run.items if again else [])
             holding = run.holding()
-            if len(holding) == len(run.requests):
+            if all(request in holding for request in run.requests):  # some may have ended meanwhile
                 self.reason = HOLDS_ALREADY
                 return ALREADY_TRUE
             achieved = Verdict(Outcome.SUCCEEDED, ACHIEVED_MEANWHILE)
