@@ -238,7 +238,7 @@ class PlanningClient:
     ) -> PlanningResult:
         """Calls the planner. The interruption cancels the planner.
 
-        ROSPlan's own planner interface knows neither wish: ERROR.
+        ROSPlan's own planner interface knows none of these wishes: ERROR.
 
         :param without: actions that it has to do without, as PDDL text with ``*`` for any argument.
         :param after: actions that run, as PDDL text in the order of their ends: the plan begins where they

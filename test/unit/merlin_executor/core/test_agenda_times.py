@@ -426,3 +426,34 @@ def test_where_not_all_can_be_in_time_the_chosen_ones_begin_first(
     agenda.arrange({0: (2, "there is no time for it"), 1: (0, ""), 2: (1, "")})
     assert agenda.outlook(long).late == "", "nothing is known that makes it late"
     assert order_of(agenda) == [4, 1, 2, 3, 0]
+
+
+@pytest.mark.parametrize("how", ["cancelled", "late", "failed"])
+def test_a_choice_is_taken_back_when_one_that_was_preferred_leaves(
+    agenda: "Agenda[Errand]", clock: Clock, how: str
+) -> None:
+    preferred, left_out, endless = Errand(0, deadline=150.0), Errand(1, deadline=140.0), Errand(2)
+    if how == "late":
+        left_out.window = TimeWindow(deadline=160.0)
+    for ticket in (preferred, left_out, endless):
+        agenda.receive(ticket)
+    agenda.arrange({0: (0, ""), 1: (1, "there is no time for it (preferred: (checked hall))")})
+    if how == "cancelled":
+        agenda.cancel(preferred)
+    elif how == "late":
+        clock.now = 155.0
+        agenda.elapse()
+    else:
+        assert agenda.begin() is preferred
+        agenda.ended(Verdict(Outcome.ACTION_FAILED, "it failed"))
+    assert left_out.left_out == "" and order_of(agenda) == [1, 2]
+
+
+def test_a_newcomer_does_not_go_before_those_that_were_chosen(agenda: "Agenda[Errand]") -> None:
+    first, second = Errand(0, deadline=150.0), Errand(1, deadline=140.0)
+    for ticket in (first, second):
+        agenda.receive(ticket)
+    agenda.arrange({0: (0, ""), 1: (1, "")})
+    for ticket in (Errand(2, deadline=900.0), Errand(3, deadline=145.0, priority=1)):
+        agenda.receive(ticket)
+    assert order_of(agenda) == [3, 0, 1, 2]

@@ -26,11 +26,15 @@ class Bench(ExecutorBench):
         self.previews: List[dict] = []  # what the planner was asked
         self.answers: List[PreviewPlanResponse] = []  # of the planner; then it does not answer
         self.takes: Dict[str, float] = {}  # goal -> s, in place of these answers
+        self.asked, self.may_answer = threading.Event(), threading.Event()
+        self.may_answer.set()
         super().__init__(monkeypatch)
         monkeypatch.setattr(executor_module, "publish", self.publish)
 
     def preview(self, **fields: Any) -> PreviewPlanResponse:
         self.previews.append(fields)
+        self.asked.set()
+        assert self.may_answer.wait(LONG)
         if self.takes:  # every errand takes its time, from wherever it begins
             (due,) = fields["deadlines"]
             seconds = self.takes[due.goals[0]]
@@ -156,3 +160,19 @@ def test_a_planning_system_without_previews_is_no_fault(bench: Bench) -> None:
     assert bench.machine.begun.acquire(timeout=LONG)
     bench.machine.end(Verdict(Outcome.SUCCEEDED))
     assert second.end()[1] == "SUCCEEDED" and second.told == []
+
+
+def test_an_answer_to_a_question_about_what_did_not_come_about_is_dropped(bench: Bench) -> None:
+    first = bench.run(Goal("(checked kitchen)"))
+    bench.machine.running[0].take_plan([ActionDispatch(name="drive", duration=60.0)])
+    bench.takes = {"(checked hall)": 20.0}
+    bench.may_answer.clear()
+    bench.send(Goal("(checked hall)", not_before=rospy.Time(50), deadline=rospy.Time(100)))
+    assert bench.asked.wait(LONG)
+    bench.asked.clear()
+    bench.machine.end(Verdict(Outcome.ACTION_FAILED, "it failed"))
+    assert first.end()[1] == "ACTION_FAILED"
+    bench.may_answer.set()
+    assert bench.asked.wait(LONG), "it is planned anew, from where the robot is now"
+    (queued,) = bench.queue_when(lambda queue: bool(queue and queue[0].expected_end.to_sec()))
+    assert (queued.expected_begin, queued.expected_end) == (rospy.Time(50), rospy.Time(70))

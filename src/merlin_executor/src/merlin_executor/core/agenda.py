@@ -201,6 +201,8 @@ class Agenda(Generic[T]):
         why = full or ticket.window.why_refused(self._clock())
         if why:
             return [AgendaAnswer(ticket, Verdict(Outcome.REFUSED, why))]
+        chosen = [t.rank + 1 for t in self._rivals(ticket) if t.rank or t.left_out]
+        ticket.rank = max(chosen, default=0)  # behind those that were chosen, until it is chosen anew
         self._queue(ticket)
         return self._interrupt()
 
@@ -211,6 +213,7 @@ class Agenda(Generic[T]):
         if ticket not in self._waiting:
             return []
         self._waiting.remove(ticket)
+        self._choose_anew([ticket])
         not_run = NOT_RESUMED if ticket.interrupted else NOT_BEGUN
         reason = not_run if stop.kind is StopKind.CANCELLED else f"{not_run}: {stop.reason}"
         return [AgendaAnswer(ticket, Verdict(Outcome.CANCELLED, reason))]
@@ -232,6 +235,7 @@ class Agenda(Generic[T]):
         self._look()
         late = [ticket for ticket in self._waiting if ticket.window.deadline <= self._now]
         self._waiting = [ticket for ticket in self._waiting if ticket not in late]
+        self._choose_anew(late)
         decisions: List[Decision] = [
             AgendaAnswer(ticket, Verdict(Outcome.LATE, ticket.window.missed)) for ticket in late
         ]
@@ -307,6 +311,8 @@ class Agenda(Generic[T]):
         """
         members, self._running = self._running, ()
         assert members
+        if not verdict.outcome.achieved:
+            self._choose_anew(members)
         stopped = any(ticket.stop for ticket in members)
         divided = len(members) > 1 and verdict.outcome in APART
         if divided:
@@ -334,6 +340,16 @@ class Agenda(Generic[T]):
 
     def _queue(self, ticket: T) -> None:
         self._waiting.append(ticket)
+        self._look()
+
+    def _rivals(self, ticket: T) -> List[T]:
+        """Those that wait, of the priority of one with a deadline."""
+        return [t for t in self._waiting if ticket.window.is_limited and t.priority == ticket.priority]
+
+    def _choose_anew(self, tickets: Iterable[T]) -> None:
+        """Takes back what :meth:`arrange` has decided: there may be time for others than these now."""
+        for rival in itertools.chain.from_iterable(map(self._rivals, tickets)):
+            rival.rank, rival.left_out = 0, ""
         self._look()
 
     def _look(self) -> None:

@@ -281,8 +281,8 @@ class Executor:
     # --- what is published ---------------------------------------------------------------------------------
 
     def _ended(self, request: Request, verdict: Verdict) -> None:
-        if self._forecasts is not None and not verdict.outcome.achieved:
-            self._forecasts.forget()
+        if self._forecasts is not None:
+            self._forecasts.forget(verdict.outcome.achieved)
         self._activity.ended(request.texts, verdict)
 
     def _log(self, request: Request, verdict: Verdict, error: Optional[BaseException]) -> None:

@@ -65,8 +65,9 @@ class Forecasts:
         self._actions = actions
         self._steps_done = steps_done
         self._calls = CallQueue("forecasts")
-        self._lock = threading.Lock()  # guards the field below
+        self._lock = threading.Lock()  # guards the two fields below
         self._asked = False
+        self._forgotten = 0  # how often
         self._chosen: Tuple[int, ...] = ()  # of what was chosen last; in the thread of the calls only
 
     def look(self) -> None:
@@ -79,10 +80,18 @@ class Forecasts:
             self._asked = True
         self._calls.put(self._work)
 
-    def forget(self) -> None:
-        """What ran has not ended as planned, so all that follows begins from elsewhere."""
+    def forget(self, as_planned: bool) -> None:
+        """A request has ended.
+
+        :param as_planned: what follows still begins from where it was expected, but may begin earlier, and
+            what begins at once from another state. Otherwise all begins from elsewhere.
+        """
+        with self._lock:
+            self._forgotten += not as_planned
         for request in self._engine.waiting:
-            request.forecast = None
+            forecast = request.forecast
+            if forecast is not None and not (as_planned and forecast.ahead and not forecast.late):
+                request.forecast = None
 
     def _work(self) -> None:
         with self._lock:
@@ -118,12 +127,21 @@ class Forecasts:
         ahead = dict(self._engine.lines()).get(request)
         if ahead is None:
             return
+        with self._lock:
+            forgotten = self._forgotten
         start = self._start(request, ahead)
         within = request.window.deadline - start.begin
         answer = self._ask(request, start.running, start.coming, within)
+        if answer.status.state == PlannerStatus.CANCELLED:
+            return  # another client looks ahead now; the next change asks again
         found = _forecast(answer, ahead, start.begin, request.window.deadline)
         equal = {other.order for other in self._engine.waiting if other.priority == request.priority}
         found = found._replace(alone=not equal & set(ahead))
+
+        with self._lock:
+            outdated = forgotten != self._forgotten
+        if outdated:
+            raise _Changed
 
         def take(_: Agenda[Request]) -> List[Decision]:
             request.forecast = found
