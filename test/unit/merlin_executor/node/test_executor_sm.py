@@ -374,17 +374,23 @@ def test_all_returns_of_a_planning_system_that_dies_again_and_again_have_one_dea
         assert verdict.reason == "the dispatcher died; lost 3 times, and not back for 0.1 s in between"
 
 
-def test_a_brake_that_cannot_be_sent_does_not_keep_the_cancel() -> None:
+def test_a_brake_that_cannot_be_sent_does_not_keep_the_cancel(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def broken(_: str) -> None:
         raise OSError("the topic is closed")
 
-    bench = Bench()
-    bench.machine._system = SimpleNamespace(guard=SimpleNamespace(brake=broken))  # type: ignore[assignment]
-    course = SimpleNamespace(may_move=True)
-    bench.machine._joint_run = SimpleNamespace(course=course, cancel=lambda: None)  # type: ignore[assignment]
-    with pytest.raises(OSError, match="closed"):
-        bench.machine.cancel()
-    assert bench.machine.preempt_requested()
+    stopped = []
+
+    def cancel() -> None:
+        with pytest.raises(OSError, match="closed"):
+            bench.machine.cancel()
+        stopped.append(bench.machine.preempt_requested())
+
+    monkeypatch.setattr(bench, "brake", broken)
+    bench.on_dispatch = cancel
+    bench.run()
+    assert stopped == [True]
 
 
 def test_of_several_requests_those_end_at_once_whose_goals_hold_already(bench: Bench) -> None:
