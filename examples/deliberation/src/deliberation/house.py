@@ -128,7 +128,7 @@ def words(goals: str) -> List[Tuple[str, ...]]:
             found.append(tuple(goal.split()))
             goal = ""
     if not found or depth:
-        raise ValueError(f"{goals!r} is no list of goals; write (is_at mug table) (not (is_open fridge))")
+        raise ValueError(f"{goals!r} is not a list of goals; write (is_at mug table) (not (is_open fridge))")
     for each in found:
         holds(each, NOWHERE)
     return found

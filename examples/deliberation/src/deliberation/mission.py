@@ -35,7 +35,7 @@ class Deliberation(GoalDispatcher):
     :param urgent: instead of its urgent goals; `none`: those.
     :param attempts: how often goals are sent whose plans have failed too often.
     :param results: folder.
-    :raises ValueError: for an unknown problem or goals that are none.
+    :raises ValueError: for an unknown problem, or text that is not a list of goals.
     """
 
     servers = tuple(f"pyrobosim/{action}" for action in ACTIONS)
