@@ -29,8 +29,8 @@ def test_goals_are_read_and_compared_with_what_is_true() -> None:
 
 
 @pytest.mark.parametrize("text", ["", "(is_at mug", "  "])
-def test_a_text_that_is_no_list_of_goals_is_refused(text: str) -> None:
-    with pytest.raises(ValueError, match="no list of goals"):
+def test_a_text_that_is_not_a_list_of_goals_is_refused(text: str) -> None:
+    with pytest.raises(ValueError, match="not a list of goals"):
         words(text)
 
 
