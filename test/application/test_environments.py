@@ -19,6 +19,7 @@ from chaos.under_test import processes
 
 ROOT = Path(__file__).resolve().parents[2]
 LIMIT = 400.0  # s for the tests, on a machine that does much else
+ONE = 150.0  # s for one of them: so that one which hangs is named, with its stacks
 BUSY_PORTS = (11311, 8080)
 #: A ROS that is another workspace's, and robot's: none of its folders, names and addresses is there.
 OTHER_WORKSPACE = {
@@ -134,7 +135,8 @@ def passes(environment: Environment, home: Path) -> None:
     files = [
         path for path in (ROOT / "test" / "unit").rglob("test_*.py") if "mark.everywhere" in path.read_text()
     ]
-    tests = ["-n", "0", "-rs", "-m", "everywhere and not long", *map(str, sorted(files))]
+    tests = ["-n", "0", "-vv", "-rs", "-o", f"timeout={ONE}", "-m", "everywhere and not long"]
+    tests += map(str, sorted(files))
     words = [str(ROOT / "tools" / "in_workspace.sh"), "python", "-m", "pytest", *tests]
     shell = ["bash", "-ec", environment.shell.format(home=home) + '; exec "$@"', "bash", *words]
     if environment.machine:
@@ -157,6 +159,8 @@ def passes(environment: Environment, home: Path) -> None:
             timeout=LIMIT,
             check=False,
         )
+    except subprocess.TimeoutExpired as error:
+        pytest.fail(f"not done after {LIMIT:.0f} s; the last of it:\n{(error.output or b'')[-12000:].decode()}")
     finally:
         processes.kill_marked(home.name)
     assert done.returncode == 0 and " passed" in done.stdout, done.stdout[-12000:]
