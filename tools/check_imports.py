@@ -134,7 +134,7 @@ LAYERS: Dict[str, Tuple[str, ...]] = {
     "merlin": ("new", ".", "doctor replay services testing why"),
     "merlin_home": (".", "actions"),
     "merlin_restaurant": (".", "actions"),
-    "merlin_experiment": ("records oracle", "mission runs", "report", "."),
+    "merlin_experiment": ("records oracle", "mission"),
 }
 
 #: Package → its sub-packages that import neither ROS nor what does; "*" is the whole package.

@@ -3,8 +3,8 @@
 
 from typing import Iterable, List, Optional, Sequence
 
-from merlin_experiment.report.paper_results import PaperFigure
-from merlin_experiment.report.statistics import Ratio, Summary
+from experiment.analysis import Ratio, Summary
+from experiment.paper_results import PaperFigure
 
 APPROACH_NAMES = {"naive": "Naive", "merlin": "MERLIN", "oracle": "oracle"}
 

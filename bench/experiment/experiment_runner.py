@@ -11,9 +11,9 @@ import time
 from pathlib import Path
 from typing import Dict, Iterator, List, Optional, Sequence, Tuple
 
-from merlin_experiment.runs.generated_world import write_world
-from merlin_experiment.runs.run_plan import ExperimentRun
-from merlin_experiment.runs.run_table import Row, finished
+from experiment.generated_world import write_world
+from experiment.run_plan import ExperimentRun
+from experiment.run_table import Row, finished
 
 LAUNCH_FILE = "experiment.launch"
 #: First guess of the wall time that a run needs besides its simulated time, s.
