@@ -119,7 +119,7 @@ LAYERS: Dict[str, Tuple[str, ...]] = {
     "merlin_sim": ("world", "robot people", "rendering", "engine", "node"),
     "merlin_actions": ("core", ".", "actions nodes testing"),
     "merlin_executor": ("core goals errands", ".", "mission node"),
-    "merlin_fleet": ("core", ". testing", "page node", "commands"),
+    "merlin_fleet": ("core", ".", "page node", "commands"),
     "merlin_monitor": (
         "text drawing access",
         "history truth",
@@ -143,7 +143,7 @@ WITHOUT_ROS: Dict[str, str] = {
     "merlin_actions": "core",
     "merlin_executor": "core goals errands",
     "merlin_explain": "core",
-    "merlin_fleet": "core testing",
+    "merlin_fleet": "core",
     "merlin_monitor": "access history truth",
     "merlin_rosplan": "knowledge planning dispatch storage supervision rest",
 }
