@@ -14,8 +14,12 @@ from typing import Dict, Iterator, List, Optional, Sequence, Tuple
 from experiment.generated_world import write_world
 from experiment.run_plan import ExperimentRun
 from experiment.run_table import Row, finished
+from merlin.running import living
+from merlin_ros.processes.process_tree import descendants
 
 LAUNCH_FILE = "experiment.launch"
+#: Between two looks for the master of a run that begins, s.
+LOOK = 0.2
 #: First guess of the wall time that a run needs besides its simulated time, s.
 OVERHEAD = 15.0
 #: First guess of the simulated time of a task, s.
@@ -74,7 +78,8 @@ class ExperimentRunner:
             # On a signal the runner ends all below it; a terminal sends it to the runner, too.
             process = subprocess.Popen(command, stdout=output, stderr=subprocess.STDOUT)
             try:
-                process.wait()
+                with _fault(process, run.killed_in) if run.killed_in else contextlib.nullcontext():
+                    process.wait()
             except BaseException:
                 process.send_signal(signal.SIGINT)
                 process.wait()
@@ -106,6 +111,26 @@ class ExperimentRunner:
         if known:
             return sum(known) / len(known)
         return OVERHEAD + run.tasks * TASK_TIME[run.approach] / max(1.0, run.factor)
+
+
+@contextlib.contextmanager
+def _fault(process: "subprocess.Popen[bytes]", task: int) -> Iterator[None]:
+    """Within it, navigation is killed in a task of a run that begins."""
+    uri = ""
+    while not uri and process.poll() is None:
+        time.sleep(LOOK)
+        below = {process.pid, *descendants(process.pid)}
+        uri = next((each.uri for each in living() if each.pid in below), "")
+    program = (
+        f"import sys; sys.path[:] = {sys.path!r}; from experiment.fault_injector import main; main({task})"
+    )
+    environment = {**os.environ, "ROS_MASTER_URI": uri}
+    injector = subprocess.Popen([sys.executable, "-c", program], env=environment, stdout=subprocess.DEVNULL)
+    try:
+        yield
+    finally:
+        injector.terminate()
+        injector.wait()
 
 
 def outcome_line(run: ExperimentRun, row: Optional[Row], cost: float) -> str:
