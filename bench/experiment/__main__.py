@@ -2,6 +2,7 @@
 """The paper's experiment, `make experiment`: `python bench/experiment --mission 1 --runs 5`."""
 
 import argparse
+import os
 import shutil
 import sys
 from pathlib import Path
@@ -9,10 +10,11 @@ from typing import List, Optional
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from measuring.tables import end_as_by_ctrl_c
+
 from experiment.experiment_runner import (
     ExperimentInterrupted,
     ExperimentRunner,
-    raise_on_terminate,
     say,
 )
 from experiment.report import write_report
@@ -112,7 +114,8 @@ def planned(arguments: argparse.Namespace) -> List[ExperimentRun]:
 def main() -> int:
     """Entry point; returns the exit code."""
     arguments = parse()
-    raise_on_terminate()
+    end_as_by_ctrl_c()
+    os.environ.setdefault("PYTHONUNBUFFERED", "1")
     results = arguments.results.absolute()
     runs = planned(arguments)
     failed: List[ExperimentRun] = []
@@ -120,8 +123,8 @@ def main() -> int:
     try:
         if not arguments.report_only:
             failed = ExperimentRunner(results, arguments.record).run_all(runs)
-    except (ExperimentInterrupted, KeyboardInterrupt) as error:
-        print(f"experiment: {str(error) or STOPPED}", file=sys.stderr)
+    except (ExperimentInterrupted, KeyboardInterrupt):
+        print(f"experiment: {STOPPED}", file=sys.stderr)
         code = EXIT_INTERRUPTED
     run_rows, task_rows = collect(results, runs)
     if not run_rows:

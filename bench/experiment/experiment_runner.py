@@ -163,13 +163,3 @@ def duration_text(seconds: float) -> str:
 def say(text: str) -> None:
     """One line of progress, also where there is no terminal."""
     print(text, file=sys.stdout, flush=True)
-
-
-def raise_on_terminate() -> None:
-    """Makes SIGTERM end the experiment as SIGINT does."""
-
-    def interrupt(number: int, frame: object) -> None:
-        raise KeyboardInterrupt
-
-    signal.signal(signal.SIGTERM, interrupt)
-    os.environ.setdefault("PYTHONUNBUFFERED", "1")
