@@ -62,7 +62,7 @@ demo: build
 # Only what was given narrows the experiment; the defaults above are those of the demo.
 given = $(if $(filter-out file default undefined,$(origin $(1))),--$(2) $($(1)))
 experiment: build
-	@$(IN) rosrun merlin_experiment experiment $(call given,MISSION,mission) $(call given,APPROACH,approach) \
+	@$(IN) python bench/experiment $(call given,MISSION,mission) $(call given,APPROACH,approach) \
 	  $(call given,RUNS,runs) $(call given,SEED,seed) $(call given,RTF,rtf) $(call given,SWEEPS,sweeps) $(call given,WORLDS,worlds) \
 	  $(if $(CHECK),--check) $(if $(filter true,$(RECORD)),--record) --results $(CURDIR)/results/experiment
 

@@ -119,7 +119,7 @@ LAYERS: Dict[str, Tuple[str, ...]] = {
     "merlin_sim": ("world", "robot people", "rendering", "engine", "node"),
     "merlin_actions": ("core", ".", "actions nodes testing"),
     "merlin_executor": ("core goals errands", ".", "mission node"),
-    "merlin_fleet": ("core", ". testing", "page node", "commands"),
+    "merlin_fleet": ("core", ".", "page node", "commands"),
     "merlin_monitor": (
         "text drawing access",
         "history truth",
@@ -134,7 +134,7 @@ LAYERS: Dict[str, Tuple[str, ...]] = {
     "merlin": ("new", ".", "doctor replay services testing why"),
     "merlin_home": (".", "actions"),
     "merlin_restaurant": (".", "actions"),
-    "merlin_experiment": ("records oracle", "mission runs", "report", "."),
+    "merlin_experiment": ("records oracle", "mission"),
 }
 
 #: Package → its sub-packages that import neither ROS nor what does; "*" is the whole package.
@@ -143,7 +143,7 @@ WITHOUT_ROS: Dict[str, str] = {
     "merlin_actions": "core",
     "merlin_executor": "core goals errands",
     "merlin_explain": "core",
-    "merlin_fleet": "core testing",
+    "merlin_fleet": "core",
     "merlin_monitor": "access history truth",
     "merlin_rosplan": "knowledge planning dispatch storage supervision rest",
 }

@@ -4,7 +4,6 @@
 import argparse
 import fnmatch
 import os
-import signal
 import sys
 from itertools import chain
 from pathlib import Path
@@ -14,6 +13,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import rospkg
 import yaml
+from measuring.tables import end_as_by_ctrl_c
 
 from chaos import endurance, table
 from chaos.campaign import Campaign
@@ -169,8 +169,7 @@ def _guarded(work: Callable[[], int]) -> int:
     """Does work that starts systems; an interrupt ends it cleanly."""
     # What a killed launcher leaves behind becomes a child of this process, which ends it.
     adopt_orphans()
-    for number in (signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, _interrupt)
+    end_as_by_ctrl_c()
     try:
         return work()
     except StartError as error:
@@ -179,10 +178,6 @@ def _guarded(work: Callable[[], int]) -> int:
     except KeyboardInterrupt:
         print("chaos: interrupted", file=sys.stderr)
         return EXIT_INTERRUPTED
-
-
-def _interrupt(number: int, _frame: object) -> None:
-    raise KeyboardInterrupt(signal.Signals(number).name)
 
 
 if __name__ == "__main__":

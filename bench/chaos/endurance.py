@@ -6,6 +6,8 @@ import time
 from pathlib import Path
 from typing import Dict, List, TextIO, Tuple
 
+from measuring.tables import markdown
+
 from chaos.judging import events
 from chaos.judging.scene import scene_at
 from chaos.trials import Variant
@@ -46,14 +48,17 @@ def report(samples: List[Tuple[int, Dict[str, Usage]]]) -> str:
     """What each process held after the warm-up and at the end, for the screen and for a page."""
     (first, before), (last, after) = samples[0], samples[-1]
     heads = ("process", "memory, MB", "threads", "descriptors", "sockets")
-    lines = ["| " + " | ".join(heads) + " |", "| --- " * len(heads) + "|"]
-    for node in sorted(before):
-        cells = [
-            f"{value:.0f} → {getattr(after[node], name):.0f}" if node in after else f"{value:.0f} → ended"
-            for name, value in before[node]._asdict().items()
+    rows = [
+        [
+            node,
+            *(
+                f"{value:.0f} → {getattr(after[node], name):.0f}" if node in after else f"{value:.0f} → ended"
+                for name, value in before[node]._asdict().items()
+            ),
         ]
-        lines.append(f"| {node} | {' | '.join(cells)} |")
-    return "\n".join([f"After {first} and after {last} goals:", "", *lines])
+        for node in sorted(before)
+    ]
+    return f"After {first} and after {last} goals:\n\n{markdown(heads, rows)}"
 
 
 def run(goals: int, points: Dict[str, Tuple[float, float]], folder: Path, out: TextIO) -> List[str]:

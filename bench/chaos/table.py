@@ -6,6 +6,8 @@ import statistics
 from pathlib import Path
 from typing import Dict, Iterable, List, Optional, Sequence, Tuple
 
+from measuring import tables
+
 from chaos.moments import Moment
 from chaos.result import Result
 
@@ -111,8 +113,7 @@ def text(rows: Iterable[Dict[str, str]]) -> str:
     """The table for the screen, and below it why trials did not count."""
     rows = list(rows)
     lines = [HEADS, *summary(rows)]
-    widths = [max(len(line[column]) for line in lines) for column in range(len(HEADS))]
-    texts = ["  ".join(cell.ljust(width) for cell, width in zip(line, widths)).rstrip() for line in lines]
+    texts = tables.aligned(lines)
     notes = [fields["note"] for fields in rows if fields["valid"] != "1"]
     texts += [f"{notes.count(note)} did not count: {note}" for note in dict.fromkeys(notes)]
     return "\n".join(texts)
@@ -127,8 +128,7 @@ def markdown(rows: Iterable[Dict[str, str]]) -> str:
         (line, *_moments([fields for fields in valid if _line_of(fields["name"]) == line]))
         for line in sorted({_line_of(name) for name in names})
     ]
-    lines = [PAGE_HEADS, ("---",) * len(PAGE_HEADS), *lines, ("all", *_moments(valid))]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+    return tables.markdown(PAGE_HEADS, [*lines, ("all", *_moments(valid))])
 
 
 def _line_of(name: str) -> str:
@@ -150,12 +150,7 @@ def write_into(page: Path, rows: Iterable[Dict[str, str]]) -> None:
 
     :raises ValueError: when the page has no marks.
     """
-    old = page.read_text()
-    before, begin, rest = old.partition(BEGIN)
-    _, end, after = rest.partition(END)
-    if not (begin and end):
-        raise ValueError(f"{page} has no lines '{BEGIN}' and '{END}' for the table")
-    page.write_text(f"{before}{begin}\n{markdown(rows)}\n{end}{after}")
+    tables.put_between(page, BEGIN, END, markdown(rows))
 
 
 def _figures(group: Sequence[Dict[str, str]]) -> Tuple[str, ...]:

@@ -16,6 +16,7 @@ from typing import List, Optional, Sequence
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from chaos.under_test.network import NetworkError
+from measuring.tables import markdown
 
 from fleet.clocks import APART
 from fleet.faults import FAULTS
@@ -44,7 +45,7 @@ def violations(row: Row) -> int:
 
 def table(rows: Sequence[Row]) -> str:
     """The rows of each fault in one line."""
-    lines = ["| " + " | ".join(HEADS) + " |", "|" + "---|" * len(HEADS)]
+    lines = []
     for name, fault in FAULTS.items():
         of_fault = [row for row in rows if row.fault == name]
         if not of_fault:
@@ -52,9 +53,8 @@ def table(rows: Sequence[Row]) -> str:
         sums = [sum(getattr(row, what) for row in of_fault) for what in ("lost", "twice", "forgotten")]
         more = [sum(getattr(row, what) for row in of_fault) for what in ("again", "failed")]
         times = [_times([row.next_owner for row in of_fault]), _times([row.back for row in of_fault])]
-        cells = [fault.words, len(of_fault), 2 * len(of_fault), *sums, *more, *times]
-        lines.append("| " + " | ".join(map(str, cells)) + " |")
-    return "\n".join(lines)
+        lines.append([fault.words, len(of_fault), 2 * len(of_fault), *sums, *more, *times])
+    return markdown(HEADS, lines)
 
 
 def _times(found: Sequence[Optional[float]]) -> str:

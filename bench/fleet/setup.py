@@ -2,13 +2,13 @@
 """What a fleet on one machine needs before its robots start."""
 
 import os
-import signal
 import threading
 import time
 from pathlib import Path
 from typing import Callable, List, Optional, Sequence, Tuple, Type
 
 from chaos.under_test.network import NetworkError
+from measuring.tables import end_as_by_ctrl_c
 
 from fleet.network import FleetNetwork
 from merlin_fleet.certificates import Folder
@@ -37,8 +37,7 @@ def play(run: Callable[[Say], int], mistakes: Tuple[Type[BaseException], ...]) -
     :param run: takes what prints its lines, returns its exit code.
     :param mistakes: exceptions that say why it cannot run.
     """
-    for number in (signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, _interrupt)
+    end_as_by_ctrl_c()
     say = Say()
     try:
         return run(say)
@@ -48,10 +47,6 @@ def play(run: Callable[[Say], int], mistakes: Tuple[Type[BaseException], ...]) -
     except KeyboardInterrupt:
         say("interrupted")
         return EXIT_INTERRUPTED
-
-
-def _interrupt(number: int, _frame: object) -> None:
-    raise KeyboardInterrupt(signal.Signals(number).name)
 
 
 def make_network(names: List[str], folder: Path, say: Say) -> Optional[FleetNetwork]:

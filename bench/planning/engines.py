@@ -12,6 +12,8 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from measuring.tables import markdown
+
 from merlin_pddl.checks.kairos_check import PlanValidator
 from merlin_pddl.plan_text import parse_plan
 from merlin_rosplan.planning.planner import PlannerSettings
@@ -44,7 +46,7 @@ def main() -> None:
     parser.add_argument("--limit", type=float, default=10.0)
     parser.add_argument("--anytime", type=float, default=PlannerSettings().anytime)
     given = parser.parse_args()
-    lines = ["| problem | " + " | ".join(given.engines) + " |", "|---" * (len(given.engines) + 1) + "|"]
+    rows = []
     with tempfile.TemporaryDirectory(prefix="engines-") as name:
         for title, (domain, problem) in problems().items():
             print(title, flush=True)
@@ -52,8 +54,8 @@ def main() -> None:
                 cell(engine, domain, problem, Path(name), given.limit, given.anytime)
                 for engine in given.engines
             ]
-            lines.append(f"| {title} | " + " | ".join(cells) + " |")
-    print("\n".join(lines))
+            rows.append([title, *cells])
+    print(markdown(["problem", *given.engines], rows))
 
 
 if __name__ == "__main__":

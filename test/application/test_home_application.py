@@ -29,6 +29,7 @@ from merlin_ros.health import ENDED as ENDED_WORD
 from merlin_ros.health import STALE
 from merlin_test.node_path import node_path
 
+EXPERIMENT = Path(__file__).resolve().parents[2] / "bench" / "experiment"
 RUN = [node_path("merlin", "run"), "home.launch"]
 REPLAY = [sys.executable, "-c", "from merlin.replay.command import main; raise SystemExit(main())"]
 LIMIT = 100.0  # s for an answer
@@ -291,7 +292,7 @@ def test_a_pair_in_a_generated_world_ends_as_listed_and_is_reported(tmp_path: Pa
     env = dict(os.environ, ROS_HOME=str(tmp_path), ROS_LOG_DIR=str(tmp_path / "log"))
     env.pop("ROS_MASTER_URI", None)
     results = tmp_path / "results"
-    command = ["rosrun", "merlin_experiment", "experiment", "--worlds", "1", "--rtf", "5"]
+    command = [sys.executable, str(EXPERIMENT), "--worlds", "1", "--rtf", "5"]
     done = subprocess.run([*command, "--results", str(results)], env=env, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
     with (results / "runs.csv").open() as file:

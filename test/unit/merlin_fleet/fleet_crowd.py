@@ -5,6 +5,8 @@ import bisect
 import sys
 from typing import Callable, Dict, List, Optional, Tuple
 
+from fakes.simulated_store import SimulatedStore
+
 from merlin_fleet.core import events as ev
 from merlin_fleet.core import records
 from merlin_fleet.core.agent import Agent
@@ -12,7 +14,6 @@ from merlin_fleet.core.auction import lot
 from merlin_fleet.core.records import Goal, Keys, Profile
 from merlin_fleet.core.reporting import Outbox
 from merlin_fleet.core.store import Put, Txn
-from merlin_fleet.testing.simulated_store import SimulatedStore
 
 KEYS = Keys("lab")
 TTL = 15.0

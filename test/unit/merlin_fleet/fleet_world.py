@@ -9,6 +9,7 @@ What a robot executes outlives its agent by `SILENCE` rounds, as the Executor's 
 import pickle
 from typing import Dict, Iterator, List, Set, Tuple
 
+from fakes.simulated_store import SimulatedLeaseUnknown, SimulatedStore
 from fleet_execution import DEAD, HUNG, TAKES, UP, Execution, Message, Robot
 
 from merlin_fleet.core import events as ev
@@ -21,7 +22,6 @@ from merlin_fleet.core.robot_lease import LeaseTimes
 from merlin_fleet.core.store import Compare, Put, Txn, TxnResult
 from merlin_fleet.core.view import FleetView
 from merlin_fleet.forgetting import Leavings, leavings
-from merlin_fleet.testing.simulated_store import SimulatedLeaseUnknown, SimulatedStore
 
 SILENCE = 2  # rounds after which an execution whose agent is silent is cancelled
 KEYS = Keys("lab")

@@ -5,6 +5,7 @@ from typing import Any, Iterator, List, Tuple
 
 import fleet_world as model
 import pytest
+from fakes.simulated_store import SimulatedStore
 
 from merlin_fleet.commands.fleet_command import main
 from merlin_fleet.core import records
@@ -13,7 +14,6 @@ from merlin_fleet.core.store import Put, Txn, Unwritten
 from merlin_fleet.core.view import FleetGoalState, FleetView
 from merlin_fleet.forgetting import MOST, leavings
 from merlin_fleet.hub import EtcdHub
-from merlin_fleet.testing.simulated_store import SimulatedStore
 from merlin_test.etcd_process import EtcdProcess
 
 KEYS = Keys("lab")

@@ -7,8 +7,18 @@ from pathlib import Path
 import cv2
 
 from merlin_executor.core.robot_lines import Deed
-from merlin_restaurant.evening_record import CAME, DISTURBED, LEFT, ORDERED, SEATED, SERVED, EveningRecord
-from merlin_restaurant.evening_results import guest_table, plot_timeline, write_guests
+from merlin_restaurant.evening_record import (
+    CAME,
+    COLUMNS,
+    DISTURBED,
+    LEFT,
+    ORDERED,
+    SEATED,
+    SERVED,
+    EveningRecord,
+)
+from merlin_restaurant.evening_results import guest_table, plot_timeline
+from merlin_restaurant.robots_account import write_rows
 
 
 def evening_record() -> EveningRecord:
@@ -28,14 +38,16 @@ def evening_record() -> EveningRecord:
 
 def test_the_table_tells_waiting_serving_and_errors() -> None:
     lines = guest_table(evening_record())
-    assert lines[0].split()[:2] == ["guest", "table"]
+    assert " ".join(lines[0].split()) == (
+        "guest table came for table for waiter for order ordered served calls outcome"
+    )
     assert lines[1].split() == ["ann", "table_1", "5", "35", "22", "78", "cake", "cake", "0", "served"]
     assert lines[2].endswith("walked off before there was a table")
     assert lines[3:] == ["  ben: walks off"]
 
 
 def test_the_file_has_a_row_per_guest(tmp_path: Path) -> None:
-    write_guests(tmp_path / "guests.csv", evening_record())
+    write_rows(tmp_path / "guests.csv", COLUMNS, evening_record().rows())
     with (tmp_path / "guests.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert [(row["guest"], row["waited_for_order_s"], row["errors"]) for row in rows] == [

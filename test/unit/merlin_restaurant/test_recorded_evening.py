@@ -104,7 +104,7 @@ def test_a_folder_that_cannot_be_made_and_a_full_disk_are_two_things(
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(evening_results, "write_guests", full)
+    monkeypatch.setattr(evening_results, "plot_timeline", full)
     assert mission_host.main(MISSION) == 2
     printed = capsys.readouterr()
     assert BALANCED in printed.out, "what is known is said first"

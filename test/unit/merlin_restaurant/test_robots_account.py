@@ -8,7 +8,7 @@ import pytest
 from nav_msgs.msg import Odometry
 
 from merlin_executor.core.robot_lines import Deed
-from merlin_restaurant.robots_account import Mileage, robot_rows, robot_table, write_robots
+from merlin_restaurant.robots_account import COLUMNS, Mileage, robot_rows, robot_table, write_rows
 
 ROBOTS = ["robot_1", "robot_2"]
 DEEDS = [
@@ -37,7 +37,7 @@ def test_each_robot_has_a_row_of_its_own(tmp_path: Path) -> None:
     ]
     assert [(row["actions"], row["failed"], row["busy_s"]) for row in rows] == [(2, 0, 18.0), (2, 1, 7.0)]
     assert [row["driven_m"] for row in rows] == [3.0, 0.0], "a robot that stands drives nothing"
-    write_robots(tmp_path / "robots.csv", rows)
+    write_rows(tmp_path / "robots.csv", COLUMNS, rows)
     with (tmp_path / "robots.csv").open() as file:
         assert [row["driven_m"] for row in csv.DictReader(file)] == ["3.0", "0.0"]
     assert robot_table(rows)[1].split()[:3] == ["robot_1", "0", "1"]

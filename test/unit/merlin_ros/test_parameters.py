@@ -4,7 +4,7 @@
 import pytest
 import rospy
 
-from merlin_ros.parameters import ParameterError, flag, graph_name, whole
+from merlin_ros.parameters import ParameterError, choice, flag, graph_name, whole
 
 
 def read(monkeypatch: pytest.MonkeyPatch, value: object) -> int:
@@ -56,3 +56,18 @@ def test_what_is_neither_true_nor_false_is_named(monkeypatch: pytest.MonkeyPatch
     with pytest.raises(ParameterError) as refused:
         flag("~robots")
     assert str(refused.value) == f"parameter ~robots is {value!r}; it has to be true or false"
+
+
+def test_one_of_some_words_is_taken_the_first_by_default(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(rospy, "get_param", lambda name, default: default)
+    assert choice("~policy", ("constant", "adaptive")) == "constant"
+    monkeypatch.setattr(rospy, "get_param", lambda name, default: "adaptive")
+    assert choice("~policy", ("constant", "adaptive")) == "adaptive"
+
+
+@pytest.mark.parametrize("value", ["sometimes", "", 1, ["constant"], {"constant": 1}])
+def test_another_word_is_named_with_those_there_are(monkeypatch: pytest.MonkeyPatch, value: object) -> None:
+    monkeypatch.setattr(rospy, "get_param", lambda name, default: value)
+    with pytest.raises(ParameterError) as refused:
+        choice("~policy", ("constant", "adaptive"))
+    assert str(refused.value) == f"parameter ~policy is {value!r}, not one of constant, adaptive"

@@ -11,21 +11,6 @@ from merlin_restaurant.menu import listed
 CAME, SEATED, CALLED, ORDERED, SERVED, LEFT, CLEARED, DISTURBED, CLOSED = range(9)
 #: Reasons to leave that begin so are the robot's fault.
 WAITED = "waited too long"
-#: Of the table per guest.
-COLUMNS = (
-    "guest",
-    "table",
-    "came_s",
-    "waited_for_table_s",
-    "waited_for_waiter_s",
-    "waited_for_order_s",
-    "ordered",
-    "served",
-    "calls",
-    "outcome",
-    "errors",
-)
-
 Items = Tuple[str, ...]
 
 
@@ -165,23 +150,23 @@ class EveningRecord:
 
     def rows(self) -> List[Dict[str, object]]:
         """One row of COLUMNS per guest."""
-        return [dict(zip(COLUMNS, _cells(account))) for account in self.guests.values()]
+        return [_row(account) for account in self.guests.values()]
 
 
-def _cells(account: GuestAccount) -> Sequence[object]:
-    return (
-        account.name,
-        account.table,
-        account.came,
-        _span(account.came, account.seated),
-        _span(account.seated, account.ordered),
-        _span(account.ordered, account.served),
-        " ".join(account.ordered_items),
-        " ".join(account.served_items),
-        account.calls,
-        account.outcome,
-        "; ".join(account.errors),
-    )
+def _row(account: GuestAccount) -> Dict[str, object]:
+    return {
+        "guest": account.name,
+        "table": account.table,
+        "came_s": account.came,
+        "waited_for_table_s": _span(account.came, account.seated),
+        "waited_for_waiter_s": _span(account.seated, account.ordered),
+        "waited_for_order_s": _span(account.ordered, account.served),
+        "ordered": " ".join(account.ordered_items),
+        "served": " ".join(account.served_items),
+        "calls": account.calls,
+        "outcome": account.outcome,
+        "errors": "; ".join(account.errors),
+    }
 
 
 def _account_problems(account: GuestAccount) -> List[str]:
@@ -201,3 +186,7 @@ def _span(start: Optional[float], end: Optional[float]) -> Optional[float]:
 
 def _named(items: Sequence[str]) -> str:
     return listed(items) or "nothing"
+
+
+#: Of the table per guest.
+COLUMNS = tuple(_row(GuestAccount("")))

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is left of an evening: the table per guest, its file, and the timeline."""
 
-import csv
 from pathlib import Path
 from typing import List, Sequence
 
@@ -15,7 +14,7 @@ from matplotlib.patches import Patch
 
 from merlin_executor.core.robot_lines import Deed
 from merlin_restaurant.evening_record import COLUMNS, EveningRecord, GuestAccount
-from merlin_restaurant.robots_account import robot_of
+from merlin_restaurant.robots_account import aligned, robot_of
 
 COLORS = {
     "navigate": "#9bb7d4",
@@ -43,32 +42,12 @@ LEGEND = {"loc": "upper left", "frameon": False, "fontsize": 8, "alignment": "le
 
 def guest_table(record: EveningRecord) -> List[str]:
     """The table for the screen; what went wrong follows below it."""
-    heads = (
-        "guest",
-        "table",
-        "came",
-        "for table",
-        "for waiter",
-        "for order",
-        "ordered",
-        "served",
-        "calls",
-        "outcome",
-    )
-    rows = [heads] + [tuple(_cell(row[column]) for column in COLUMNS[:10]) for row in record.rows()]
-    widths = [max(map(len, column)) for column in zip(*rows)]
-    lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths)).rstrip() for row in rows]
+    shown = COLUMNS[:-1]  # without the errors
+    heads = [name.replace("waited_", "").replace("_s", "").replace("_", " ") for name in shown]
+    lines = aligned([heads, *([_cell(row[column]) for column in shown] for row in record.rows())])
     for account in record.guests.values():
         lines += [f"  {account.name}: {error}" for error in account.errors]
     return lines
-
-
-def write_guests(path: Path, record: EveningRecord) -> None:
-    """Writes guests.csv."""
-    with path.open("w", newline="") as file:
-        writer = csv.DictWriter(file, COLUMNS)
-        writer.writeheader()
-        writer.writerows(record.rows())
 
 
 def plot_timeline(

@@ -18,8 +18,10 @@ from merlin_executor.mission import RESEND, MissionError, results_folder
 from merlin_executor.mission.robot_log import RobotLog
 from merlin_planning.knowledge_text import to_pddl
 from merlin_restaurant.evening import Evening
+from merlin_restaurant.evening_record import COLUMNS as GUEST_COLUMNS
 from merlin_restaurant.evening_record import EveningRecord
-from merlin_restaurant.robots_account import Mileage, robot_rows, robot_table, write_robots
+from merlin_restaurant.robots_account import COLUMNS as ROBOT_COLUMNS
+from merlin_restaurant.robots_account import Mileage, robot_rows, robot_table, write_rows
 from merlin_restaurant.table_state import STATES
 from merlin_sm.states.merlin_state import SUCCEEDED
 
@@ -94,7 +96,7 @@ class RecordedEvening(Evening):
 
     def _written(self, problems: List[str]) -> bool:
         # matplotlib takes a second to import, which the start of the evening is spared.
-        from merlin_restaurant.evening_results import guest_table, plot_timeline, write_guests
+        from merlin_restaurant.evening_results import guest_table, plot_timeline
 
         with self._record_lock:
             problems += self._record.problems()
@@ -109,9 +111,9 @@ class RecordedEvening(Evening):
         shares = self._results / "robots.csv"
         try:
             with self._record_lock:
-                write_guests(table, self._record)
+                write_rows(table, GUEST_COLUMNS, self._record.rows())
                 plot_timeline(timeline, self._watch.deeds, self._record, self._begun, self._names)
-            write_robots(shares, robots)
+            write_rows(shares, ROBOT_COLUMNS, robots)
         except OSError as error:
             raise MissionError(f"the results cannot be written: {error}") from error
         print(f"written: {table}\nwritten: {shares}\nwritten: {timeline}", flush=True)

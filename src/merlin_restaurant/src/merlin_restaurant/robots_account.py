@@ -11,24 +11,15 @@ from nav_msgs.msg import Odometry
 
 from merlin_executor.core.robot_lines import Deed
 
-#: Of the table per robot.
-COLUMNS = (
-    "robot",
-    "orders",
-    "delivered",
-    "guided",
-    "tables_checked",
-    "actions",
-    "failed",
-    "busy_s",
-    "driven_m",
-)
+#: Columns that count actions which ended well → the operator.
 COUNTED = {
     "orders": "take_order",
     "delivered": "deliver_order",
     "guided": "guide_client",
     "tables_checked": "check_table",
 }
+#: Of the table per robot.
+COLUMNS = ("robot", *COUNTED, "actions", "failed", "busy_s", "driven_m")
 STEP = 0.05  # m between two places that count, so that a standing robot drives nothing
 
 
@@ -90,15 +81,23 @@ def _covered(spans: Sequence[Tuple[float, float]]) -> float:
 
 def robot_table(rows: Sequence[Dict[str, object]]) -> List[str]:
     """The table for the screen."""
-    lines = [[column.replace("_", " ") for column in COLUMNS]]
-    lines += [[str(row[column]) for column in COLUMNS] for row in rows]
+    return aligned(
+        [
+            [column.replace("_", " ") for column in COLUMNS],
+            *([str(row[column]) for column in COLUMNS] for row in rows),
+        ]
+    )
+
+
+def aligned(lines: Sequence[Sequence[str]]) -> List[str]:
+    """The lines of a table whose columns stand below each other."""
     widths = [max(map(len, column)) for column in zip(*lines)]
     return ["  ".join(cell.ljust(width) for cell, width in zip(line, widths)).rstrip() for line in lines]
 
 
-def write_robots(path: Path, rows: Sequence[Dict[str, object]]) -> None:
-    """Writes robots.csv."""
+def write_rows(path: Path, columns: Sequence[str], rows: Sequence[Dict[str, object]]) -> None:
+    """Writes a CSV file."""
     with path.open("w", newline="") as file:
-        writer = csv.DictWriter(file, COLUMNS)
+        writer = csv.DictWriter(file, columns)
         writer.writeheader()
         writer.writerows(rows)

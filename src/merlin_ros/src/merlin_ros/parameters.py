@@ -2,6 +2,7 @@
 """Parameters of nodes, checked when they are read."""
 
 import math
+from typing import Sequence
 
 import rospy
 from rosgraph.names import is_legal_name
@@ -55,3 +56,14 @@ def flag(name: str, default: bool = False) -> bool:
     if not isinstance(value, bool):
         raise ParameterError(f"parameter {name} is {value!r}; it has to be true or false")
     return value
+
+
+def choice(name: str, choices: Sequence[str]) -> str:
+    """One of some words from a parameter; the first one is the default.
+
+    :raises ParameterError: when it is something else.
+    """
+    value = rospy.get_param(name, choices[0])
+    if value not in choices:
+        raise ParameterError(f"parameter {name} is {value!r}, not one of {', '.join(choices)}")
+    return str(value)

@@ -2,6 +2,7 @@
 """What the keys hold: read back as written, and refused where this version cannot know them."""
 
 import pytest
+from fakes.simulated_store import SimulatedStore
 
 from merlin_fleet.core import events as ev
 from merlin_fleet.core import records
@@ -12,7 +13,6 @@ from merlin_fleet.core.reporting import Outbox
 from merlin_fleet.core.robot_lease import LeaseTimes, RobotLease
 from merlin_fleet.core.store import Change, Item, Put, Snapshot, Txn, Unwritten
 from merlin_fleet.core.view import FleetGoalState, FleetView
-from merlin_fleet.testing.simulated_store import SimulatedStore
 
 KEYS = Keys("lab")
 GOAL = Goal("g1", ("(delivered box_1 ward_2)",), 12.5, "ana", deadline=99.0, groups=("carriers",), tries=2)

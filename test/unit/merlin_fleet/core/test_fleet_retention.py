@@ -6,6 +6,7 @@ from typing import Any, Iterator, List
 
 import fleet_world as model
 import pytest
+from fakes.simulated_store import SimulatedStore
 
 from merlin_fleet.commands import keep_command
 from merlin_fleet.commands.fleet_command import main, words
@@ -18,7 +19,6 @@ from merlin_fleet.core.view import FleetView
 from merlin_fleet.fleet_client import FleetClient
 from merlin_fleet.fleet_request import REMOVED
 from merlin_fleet.hub import EtcdHub
-from merlin_fleet.testing.simulated_store import SimulatedStore
 from merlin_test.etcd_process import EtcdProcess
 
 KEYS = Keys("lab")

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Callable, Iterator, List, Optional
 
 import pytest
+from fakes.simulated_store import SimulatedStore
 from fleet_page_command import LIMIT, Command
 from served import TOKEN, WEB, ask
 from shown_page import Visit, chromium
@@ -23,7 +24,6 @@ from merlin_fleet.hub import EtcdHub
 from merlin_fleet.hub_watch import Listener
 from merlin_fleet.page.fleet_control import FleetControl
 from merlin_fleet.page.fleet_page import PANELS, FleetPage
-from merlin_fleet.testing.simulated_store import SimulatedStore
 from merlin_monitor.access.operators import Operators, write_operators
 from merlin_monitor.access.web_access import WebAccess
 from merlin_monitor.panel_scripts import script_file

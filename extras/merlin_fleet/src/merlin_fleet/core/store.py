@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the protocol asks of a store: keys with revisions, leases, and transactions that compare and set.
 
-etcd has all of it (`merlin_fleet.hub`); `merlin_fleet.testing.simulated_store` is the one of the tests.
+etcd has all of it (`merlin_fleet.hub`).
 """
 
 from typing import NamedTuple, Optional, Tuple, Union

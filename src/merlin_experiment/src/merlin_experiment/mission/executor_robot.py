@@ -19,7 +19,7 @@ from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 IDLE_TIMEOUT = 30.0
 
 
-class _Request:
+class SentRequest:
     """A request to the Executor."""
 
     def __init__(self, sent: ExecutorRequest) -> None:
@@ -27,9 +27,14 @@ class _Request:
         self.id = sent.id
 
     def cancel(self) -> None:
+        """Asks for its end; returns at once."""
         self._sent.cancel()
 
     def wait(self) -> RequestEnding:
+        """Waits until it has ended.
+
+        :raises MissionStopped: this node ends.
+        """
         self._sent.wait()
         result = self._sent.result
         if result is None:
@@ -73,9 +78,9 @@ class ExecutorRobot(MerlinROSPlanAssistant):
         """Makes a point of interest unchecked."""
         self.remove_facts(f"(checked {poi})")
 
-    def send(self, poi: str) -> _Request:
+    def send(self, poi: str) -> SentRequest:
         """Sends the goal that a point of interest is checked; never in a plan with others."""
-        return _Request(self.client.send(f"(checked {poi})", alone=True))
+        return SentRequest(self.client.send(f"(checked {poi})", alone=True))
 
     def call_after(self, seconds: float, action: Callable[[], None]) -> Callable[[], None]:
         """Calls a function after some ROS time, in a thread of its own; returns what prevents that."""

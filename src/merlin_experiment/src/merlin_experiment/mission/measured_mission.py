@@ -1,15 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """The Goal Dispatcher of the home: sends the tasks of a mission one after the other, and keeps the times.
 
-Without ROS: what the mission needs of the robot is :class:`MissionRobot`.
+Without ROS: what the mission needs of the robot is in ``executor_robot``.
 """
 
 import threading
-from typing import Callable, List, NamedTuple, Optional, Protocol, Sequence, Tuple
+from typing import TYPE_CHECKING, Callable, List, NamedTuple, Optional, Sequence, Tuple
 
 from merlin_experiment.records.task_record import TaskRecord
-from merlin_experiment.records.trajectory import Trajectory
 from merlin_home.mission_list import MissionTask
+
+if TYPE_CHECKING:
+    from merlin_experiment.mission.executor_robot import ExecutorRobot, SentRequest
 
 #: By how much the clocks of two nodes may differ in a simulation, s: they learn of the time by messages.
 CLOCK_TICK = 0.05
@@ -33,43 +35,6 @@ class RequestEnding(NamedTuple):
     replans: int
 
 
-class SentRequest(Protocol):
-    """A request under way."""
-
-    def cancel(self) -> None:
-        """Asks for its end; returns at once."""
-
-    def wait(self) -> RequestEnding:
-        """Waits until it has ended."""
-
-
-class MissionRobot(Protocol):
-    """What a mission needs."""
-
-    trajectory: Trajectory
-
-    def now(self) -> float:
-        """ROS time, s."""
-
-    def forget(self, poi: str) -> None:
-        """Makes a point of interest unchecked."""
-
-    def send(self, poi: str) -> SentRequest:
-        """Sends the goal that a point of interest is checked."""
-
-    def call_after(self, seconds: float, action: Callable[[], None]) -> Callable[[], None]:
-        """Calls a function after some ROS time in another thread; returns what prevents that."""
-
-    def wait_idle(self) -> None:
-        """Waits until the Executor takes the next request."""
-
-    def disturbed(self, since: float, until: float) -> float:
-        """s between two times in which the Executor worked for others, or waited for a release."""
-
-    def action_times(self, since: float) -> List[Tuple[str, float, float]]:
-        """The actions that began since a time: operator, start, end (s of ROS time)."""
-
-
 class MissionStopped(Exception):
     """The mission cannot continue; the text says why."""
 
@@ -84,7 +49,7 @@ class MeasuredMission:
     def __init__(
         self,
         tasks: Sequence[MissionTask],
-        robot: MissionRobot,
+        robot: "ExecutorRobot",
         cancel_after: float,
         before_cancel: Tuple[float, Callable[[], None]] = (0.0, lambda: None),
         on_change: Callable[[TaskRecord], None] = lambda record: None,
@@ -174,7 +139,7 @@ class MeasuredMission:
         self._measure(record)
         self._on_change(record)
 
-    def _cancel(self, record: TaskRecord, request: SentRequest) -> None:
+    def _cancel(self, record: TaskRecord, request: "SentRequest") -> None:
         assert self.start is not None
         with self._lock:
             if self._request is not request:

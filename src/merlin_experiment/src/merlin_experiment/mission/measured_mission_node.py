@@ -48,13 +48,9 @@ class MeasuredMissionNode(MissionNode):
     def from_parameters(cls) -> "MeasuredMissionNode":
         """Makes the mission from the parameters of the node.
 
-        :raises ParameterError: when the folder for the results cannot be made.
-        :raises SettingsError: when a parameter has a wrong value.
+        :raises ParameterError: when one has a wrong value, or the folder for the results cannot be made.
         """
-        settings = MissionSettings.read(
-            lambda name, default: rospy.get_param(f"~{name}", default),
-            rospy.get_param("world/points_of_interest", {}),
-        )
+        settings = MissionSettings.read()
         results_folder(settings.results)
         return cls(settings)
 

@@ -9,64 +9,8 @@ from merlin_home.mission_list import MissionTask
 #: A success this soon after the cancel (s of ROS time) crossed it on the way, and counts as before it.
 CROSSING = 0.25
 
-TASK_COLUMNS = (
-    "mission",
-    "approach",
-    "seed",
-    "task",
-    "poi",
-    "marked",
-    "cancelled",
-    "outcome",
-    "right",
-    "sent",
-    "first_dispatch",
-    "cancel_sent",
-    "robot_stopped",
-    "idle",
-    "time_s",
-    "distance_m",
-    "oracle_time_s",
-    "oracle_distance_m",
-    "efficiency",
-    "deliberating_s",
-    "navigating_s",
-    "speaking_s",
-    "stopping_s",
-    "disturbed_s",
-    "start_x",
-    "start_y",
-    "start_yaw",
-    "start_speed",
-    "start_turn_rate",
-    "replans",
-    "stage",
-    "reason",
-)
-RUN_COLUMNS = (
-    "mission",
-    "approach",
-    "seed",
-    "real_time_factor",
-    "rtf_policy",
-    "cancel_after",
-    "marked_share",
-    "tasks",
-    "marked",
-    "cancelled",
-    "succeeded",
-    "right",
-    "time_s",
-    "distance_m",
-    "oracle_time_s",
-    "oracle_distance_m",
-    "efficiency",
-    "efficiency_completed",
-    "efficiency_cancelled",
-    "wall_s",
-    "ended",
-    "versions",
-)
+#: The columns of runs.csv that are settings of the run.
+SETTINGS = ["mission", "approach", "seed", "real_time_factor", "rtf_policy", "cancel_after", "marked_share"]
 
 
 @dataclass
@@ -249,3 +193,8 @@ def efficiency(tasks: List[TaskRecord]) -> Optional[float]:
     """The oracle's time over the measured one, of all the tasks together; None: no tasks, or no oracle."""
     oracle, measured = total([record.oracle_time for record in tasks]), sum(record.time for record in tasks)
     return oracle / measured if oracle is not None and measured > 0 else None
+
+
+_EMPTY = RunRecord(dict.fromkeys(SETTINGS), [TaskRecord(MissionTask(0, "", False))])
+RUN_COLUMNS = tuple(_EMPTY.run_row())
+TASK_COLUMNS = tuple(_EMPTY.task_rows()[0])

@@ -9,7 +9,7 @@ from typing import Any, List
 import rospy
 
 from merlin_reactive.pose import Pose
-from merlin_ros.parameters import ParameterError, number, whole
+from merlin_ros.parameters import ParameterError, choice, number, whole
 from merlin_sim.engine.scene import ROBOT
 from merlin_sim.engine.simulation import RobotSpec
 from merlin_sim.robot.camera import CameraModel
@@ -42,18 +42,12 @@ def read_parameters() -> SimParameters:
     world = rospy.get_param("~world", "")
     if not isinstance(world, str) or not world:
         raise ParameterError("parameter ~world is missing: the path of a world file (see docs/simulation.md)")
-    seed = whole("~seed", 1)
-    localization = rospy.get_param("~localization", "truth")
-    if localization not in ("truth", "particles", "none"):
-        raise ParameterError(
-            f"parameter ~localization is {localization!r}, not one of truth, particles, none"
-        )
     return SimParameters(
         world=world,
         urdf=str(rospy.get_param("~urdf", "")),
-        seed=seed,
+        seed=whole("~seed", 1),
         real_time_factor=number("~real_time_factor", 1.0, 0.0),
-        localization=localization,
+        localization=choice("~localization", ("truth", "particles", "none")),
         pose_noise=PoseNoise(
             xy=number("~localization_noise_xy", PoseNoise.xy, 0.0),
             yaw=number("~localization_noise_yaw", PoseNoise.yaw, 0.0),

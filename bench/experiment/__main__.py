@@ -1,20 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The command `rosrun merlin_experiment experiment`, behind `make experiment`."""
+"""The paper's experiment, `make experiment`: `python bench/experiment --mission 1 --runs 5`."""
 
 import argparse
+import os
 import shutil
 import sys
 from pathlib import Path
 from typing import List, Optional
 
-from merlin_experiment.report.report import write_report
-from merlin_experiment.runs.experiment_runner import (
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from measuring.tables import end_as_by_ctrl_c
+
+from experiment.experiment_runner import (
     ExperimentInterrupted,
     ExperimentRunner,
-    raise_on_terminate,
     say,
 )
-from merlin_experiment.runs.run_plan import (
+from experiment.report import write_report
+from experiment.run_plan import (
     APPROACHES,
     DEFAULT_RUNS,
     ExperimentRun,
@@ -23,7 +27,7 @@ from merlin_experiment.runs.run_plan import (
     sweep_runs,
     world_runs,
 )
-from merlin_experiment.runs.run_table import collect, write_joined
+from experiment.run_table import collect, write_joined
 
 EXIT_FAILED_RUNS = 1
 EXIT_INTERRUPTED = 130
@@ -110,7 +114,8 @@ def planned(arguments: argparse.Namespace) -> List[ExperimentRun]:
 def main() -> int:
     """Entry point; returns the exit code."""
     arguments = parse()
-    raise_on_terminate()
+    end_as_by_ctrl_c()
+    os.environ.setdefault("PYTHONUNBUFFERED", "1")
     results = arguments.results.absolute()
     runs = planned(arguments)
     failed: List[ExperimentRun] = []
@@ -118,15 +123,15 @@ def main() -> int:
     try:
         if not arguments.report_only:
             failed = ExperimentRunner(results, arguments.record).run_all(runs)
-    except (ExperimentInterrupted, KeyboardInterrupt) as error:
-        print(f"experiment: {str(error) or STOPPED}", file=sys.stderr)
+    except (ExperimentInterrupted, KeyboardInterrupt):
+        print(f"experiment: {STOPPED}", file=sys.stderr)
         code = EXIT_INTERRUPTED
     run_rows, task_rows = collect(results, runs)
     if not run_rows:
         print(f"experiment: no finished run below {results}", file=sys.stderr)
         return code or EXIT_FAILED_RUNS
     paths = write_joined(results, run_rows, task_rows)
-    command = " ".join(["rosrun merlin_experiment experiment", *sys.argv[1:]])
+    command = " ".join(["python bench/experiment", *sys.argv[1:]])
     paths.append(write_report(results, runs, run_rows, task_rows, command))
     if arguments.docs:
         paths += publish(results, arguments.docs.absolute())
@@ -135,3 +140,7 @@ def main() -> int:
     for run in failed:
         say(f"failed: {run.name}")
     return code or (EXIT_FAILED_RUNS if failed else 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

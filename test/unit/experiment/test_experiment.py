@@ -7,16 +7,16 @@ from typing import Dict, List
 
 import numpy as np
 import pytest
+from experiment.__main__ import parse, planned, publish
+from experiment.analysis import Ratio, Summary
+from experiment.experiment_runner import ExperimentRunner, duration_text
+from experiment.generated_world import write_world
+from experiment.report import write_report
+from experiment.run_plan import ExperimentRun, check_runs, main_runs, sweep_runs, world_runs
+from experiment.run_table import collect, finished, read_table, write_joined
 
-from merlin_experiment.command_line import parse, planned, publish
 from merlin_experiment.records.result_files import write_run
 from merlin_experiment.records.task_record import RunRecord, TaskRecord
-from merlin_experiment.report.report import write_report
-from merlin_experiment.report.statistics import Ratio, Summary
-from merlin_experiment.runs.experiment_runner import ExperimentRunner, duration_text
-from merlin_experiment.runs.generated_world import write_world
-from merlin_experiment.runs.run_plan import ExperimentRun, check_runs, main_runs, sweep_runs, world_runs
-from merlin_experiment.runs.run_table import collect, finished, read_table, write_joined
 from merlin_home.mission_list import make_mission
 from merlin_pddl.domain_reader import read_domain
 from merlin_pddl.problem_reader import read_problem
@@ -95,7 +95,7 @@ def test_a_run_in_a_generated_world_is_given_its_files(
         def wait(self) -> int:
             return self.returncode
 
-    monkeypatch.setattr("merlin_experiment.runs.experiment_runner.subprocess.Popen", Launched)
+    monkeypatch.setattr("experiment.experiment_runner.subprocess.Popen", Launched)
     (run,) = world_runs(["merlin"], 1, 2, 5.0)
     assert ExperimentRunner(tmp_path).run_all([run]) == [run]  # it leaves no row
     (words,) = commands

@@ -11,11 +11,15 @@ import time
 from pathlib import Path
 from typing import Dict, Iterator, List, Optional, Sequence, Tuple
 
-from merlin_experiment.runs.generated_world import write_world
-from merlin_experiment.runs.run_plan import ExperimentRun
-from merlin_experiment.runs.run_table import Row, finished
+from experiment.generated_world import write_world
+from experiment.run_plan import ExperimentRun
+from experiment.run_table import Row, finished
+from merlin.running import living
+from merlin_ros.processes.process_tree import descendants
 
 LAUNCH_FILE = "experiment.launch"
+#: Between two looks for the master of a run that begins, s.
+LOOK = 0.2
 #: First guess of the wall time that a run needs besides its simulated time, s.
 OVERHEAD = 15.0
 #: First guess of the simulated time of a task, s.
@@ -74,7 +78,8 @@ class ExperimentRunner:
             # On a signal the runner ends all below it; a terminal sends it to the runner, too.
             process = subprocess.Popen(command, stdout=output, stderr=subprocess.STDOUT)
             try:
-                process.wait()
+                with _fault(process, run.killed_in) if run.killed_in else contextlib.nullcontext():
+                    process.wait()
             except BaseException:
                 process.send_signal(signal.SIGINT)
                 process.wait()
@@ -108,6 +113,26 @@ class ExperimentRunner:
         return OVERHEAD + run.tasks * TASK_TIME[run.approach] / max(1.0, run.factor)
 
 
+@contextlib.contextmanager
+def _fault(process: "subprocess.Popen[bytes]", task: int) -> Iterator[None]:
+    """Within it, navigation is killed in a task of a run that begins."""
+    uri = ""
+    while not uri and process.poll() is None:
+        time.sleep(LOOK)
+        below = {process.pid, *descendants(process.pid)}
+        uri = next((each.uri for each in living() if each.pid in below), "")
+    program = (
+        f"import sys; sys.path[:] = {sys.path!r}; from experiment.fault_injector import main; main({task})"
+    )
+    environment = {**os.environ, "ROS_MASTER_URI": uri}
+    injector = subprocess.Popen([sys.executable, "-c", program], env=environment, stdout=subprocess.DEVNULL)
+    try:
+        yield
+    finally:
+        injector.terminate()
+        injector.wait()
+
+
 def outcome_line(run: ExperimentRun, row: Optional[Row], cost: float) -> str:
     """One line on a run that has ended; `cost` in s of wall time."""
     head = f"Mission {run.mission} {run.approach:<6} seed {run.seed}"
@@ -138,13 +163,3 @@ def duration_text(seconds: float) -> str:
 def say(text: str) -> None:
     """One line of progress, also where there is no terminal."""
     print(text, file=sys.stdout, flush=True)
-
-
-def raise_on_terminate() -> None:
-    """Makes SIGTERM end the experiment as SIGINT does."""
-
-    def interrupt(number: int, frame: object) -> None:
-        raise KeyboardInterrupt
-
-    signal.signal(signal.SIGTERM, interrupt)
-    os.environ.setdefault("PYTHONUNBUFFERED", "1")

@@ -3,17 +3,17 @@
 
 from typing import Iterable, List, Optional, Sequence
 
-from merlin_experiment.report.paper_results import PaperFigure
-from merlin_experiment.report.statistics import Ratio, Summary
+from measuring import tables
+
+from experiment.analysis import Ratio, Summary
+from experiment.paper_results import PaperFigure
 
 APPROACH_NAMES = {"naive": "Naive", "merlin": "MERLIN", "oracle": "oracle"}
 
 
 def table(header: str, rows: Iterable[Sequence[object]]) -> str:
     """A table; the header's cells are separated by `|`."""
-    names = [name.strip() for name in header.split("|")]
-    lines = [names, ["---"] * len(names), *rows]
-    return "\n".join(f"| {' | '.join(str(cell) for cell in line)} |" for line in lines)
+    return tables.markdown([name.strip() for name in header.split("|")], rows)
 
 
 def section(title: str, *parts: str) -> str:

@@ -11,12 +11,11 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
+from experiment.analysis import Analysis, Ratio, Summary
+from experiment.markdown import APPROACH_NAMES, section
+from experiment.paper_results import DISTANCE, TIME, PaperFigure
+from experiment.run_table import Row
 from merlin_experiment.records.path_plot import MapPicture
-from merlin_experiment.report.analysis import Analysis
-from merlin_experiment.report.markdown import APPROACH_NAMES, section
-from merlin_experiment.report.paper_results import DISTANCE, TIME, PaperFigure
-from merlin_experiment.report.statistics import Ratio, Summary
-from merlin_experiment.runs.run_table import Row
 
 COLORS = {"naive": "tab:orange", "merlin": "tab:blue", "oracle": "tab:green"}
 PHASES = (

@@ -6,10 +6,9 @@ import platform
 from pathlib import Path
 from typing import List, Sequence
 
-from merlin_experiment.mission.real_time_factor import SPEECH_AHEAD
-from merlin_experiment.report.analysis import Analysis, Key
-from merlin_experiment.report.figures import figures_section
-from merlin_experiment.report.markdown import (
+from experiment.analysis import Analysis, Key, Ratio
+from experiment.figures import figures_section
+from experiment.markdown import (
     APPROACH_NAMES,
     four_figures,
     mean_and_variation,
@@ -19,17 +18,17 @@ from merlin_experiment.report.markdown import (
     section,
     table,
 )
-from merlin_experiment.report.paper_results import DISTANCE, TIME, paper_ratio
-from merlin_experiment.report.sensitivity import (
+from experiment.paper_results import DISTANCE, TIME, paper_ratio
+from experiment.run_plan import APPROACHES, ExperimentRun
+from experiment.run_table import Row
+from experiment.sensitivity import (
     check_section,
     early_cancel_section,
     killed_section,
     sweep_section,
     worlds_section,
 )
-from merlin_experiment.report.statistics import Ratio
-from merlin_experiment.runs.run_plan import APPROACHES, ExperimentRun
-from merlin_experiment.runs.run_table import Row
+from merlin_experiment.mission.real_time_factor import SPEECH_AHEAD
 from merlin_home.mission_list import MISSION_TASKS
 
 EFFICIENCY_GOAL = 0.95

@@ -5,9 +5,9 @@ import csv
 from pathlib import Path
 from typing import Any, Dict, List, Optional, Sequence, Tuple
 
+from experiment.run_plan import ExperimentRun
 from merlin_experiment.records.result_files import write_table
 from merlin_experiment.records.task_record import RUN_COLUMNS, TASK_COLUMNS
-from merlin_experiment.runs.run_plan import ExperimentRun
 
 Row = Dict[str, Any]
 

@@ -74,7 +74,6 @@ class ExperimentRun:
             "rtf_policy": self.policy,
             "cancel_after": self.cancel_after,
             "marked_share": repr(self.share),
-            "kill_navigation": self.killed_in,
         }
         return [f"{name}:={value}" for name, value in values.items()]
 

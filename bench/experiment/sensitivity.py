@@ -5,13 +5,12 @@ from pathlib import Path
 from statistics import median
 from typing import Dict, List, Sequence, Tuple
 
-from merlin_experiment.report import figures
-from merlin_experiment.report.analysis import Analysis
-from merlin_experiment.report.markdown import APPROACH_NAMES, number, section, spread_cell, table
-from merlin_experiment.report.statistics import Ratio
-from merlin_experiment.runs.generated_world import HEIGHT, ROOMS, WIDTH
-from merlin_experiment.runs.run_plan import APPROACHES, KILLED_IN
-from merlin_experiment.runs.run_table import Row
+from experiment import figures
+from experiment.analysis import Analysis, Ratio
+from experiment.generated_world import HEIGHT, ROOMS, WIDTH
+from experiment.markdown import APPROACH_NAMES, number, section, spread_cell, table
+from experiment.run_plan import APPROACHES, KILLED_IN
+from experiment.run_table import Row
 
 
 def check_section(analysis: Analysis) -> str:

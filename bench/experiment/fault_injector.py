@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Node `fault_injector`: kills a node of the robot in the middle of a mission, as a crash would.
+"""A node that kills a node of the robot in the middle of a mission, as a crash would.
 
 Waits until a task of the mission runs, and a little longer; then sends SIGKILL to the process of a node. What
 happens next is up to the robot: the launch file may start the node again.
@@ -8,6 +8,7 @@ happens next is up to the robot: the launch file may start the node again.
 import os
 import signal
 import threading
+import time
 from typing import Any
 
 import rospy
@@ -15,7 +16,6 @@ from merlin_msgs.msg import MissionStatus
 
 from merlin_ros.master.master_link import ERRORS, bounded_master, bounded_proxy
 from merlin_ros.node import run_node
-from merlin_ros.parameters import number
 
 
 class FaultInjector:
@@ -49,14 +49,12 @@ class FaultInjector:
         os.kill(process, signal.SIGKILL)
 
 
-def main() -> int:
-    """Runs the node; returns the exit code."""
-    return run_node("fault_injector", _start)
+def main(task: int, node: str = "navigation", delay: float = 5.0) -> int:
+    """Runs the node; returns the exit code. The clock is the launch file's, so its parameters come first."""
+    while not bounded_master().hasParam("/use_sim_time"):
+        time.sleep(0.1)
 
+    def start() -> None:
+        FaultInjector(node, task, delay)
 
-def _start() -> None:
-    FaultInjector(
-        str(rospy.get_param("~node", "navigation")),
-        round(number("~task", 2, 1)),
-        number("~delay", 5.0, 0.0),
-    )
+    return run_node("fault_injector", start)
