@@ -88,18 +88,13 @@ class DomainReader:
             ":functions": self._functions,
         }
         actions = (":action", ":durative-action")
-        passed = (
-            ":constraints",
-            ":process",
-            ":event",
-        )  # the planner's business: a robot executes none of them
+        # The planner's business: a robot executes none of them.
+        passed = (":constraints", ":process", ":event")
         for section in self._sections:
             if section.head not in (*readers, *actions, *passed, ":derived"):
                 raise section.error(f"unknown section '{section.head}'")
-        for (
-            head,
-            reader,
-        ) in readers.items():  # in this order, whatever the file's: each builds on the ones before
+        # In this order, whatever the file's: each builds on the ones before.
+        for head, reader in readers.items():
             for section in self._sections:
                 if section.head == head:
                     reader(section)
