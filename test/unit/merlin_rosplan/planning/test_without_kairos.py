@@ -64,17 +64,18 @@ def test_without_any_planner_the_error_says_what_to_install(old_python: Path) ->
 
 
 DOMAIN = """(define (domain lift) (:requirements :typing :durative-actions :fluents) (:types place thing)
-  (:predicates (at ?t - thing ?p - place) (free)) (:functions (way ?a ?b - place) (used))
+  (:predicates (at ?t - thing ?p - place) (free)) (:functions (way ?a ?b - place) (fee ?a ?b - place) (used))
   (:durative-action carry :parameters (?t - thing ?a ?b - place) :duration (= ?duration (way ?a ?b))
     :condition (and (at start (at ?t ?a)) (at start (free)))
     :effect (and (at start (not (at ?t ?a))) (at start (not (free))) (at end (free)) (at end (at ?t ?b))
-      (at end (increase (used) (way ?a ?b)))))
+      (at end (increase (used) (fee ?a ?b)))))
   (:durative-action look :parameters () :duration (= ?duration 1) :condition (at start (free)) :effect ()))"""
 PROBLEM = """(define (problem p) (:domain lift) (:objects a b c - place cup - thing)
-  (:init (at cup a) (free) (= (used) 0) (= (way a b) 9) (= (way a c) 2) (= (way c b) 3) (= (way b c) 3))
+  (:init (at cup a) (free) (= (used) 0) (= (way a b) 4) (= (way a c) 2) (= (way c b) 3) (= (way b c) 3)
+    (= (fee a b) 9) (= (fee a c) 1) (= (fee c b) 1) (= (fee b c) 1))
   (:goal (at cup b)) (:metric minimize (used)))"""
-SHORT = "0.000: (carry cup a c) [2.000]\\n2.001: (carry cup c b) [3.000]"
-LONG = "0.000: (carry cup a b) [9.000]"
+CHEAP = "0.000: (carry cup a c) [2.000]\\n2.001: (carry cup c b) [3.000]"
+QUICK = "0.000: (carry cup a b) [4.000]"
 
 
 def planned(folder: Path, *plans: str, domain: str = DOMAIN, problem: str = PROBLEM) -> Any:
@@ -92,17 +93,17 @@ def planned(folder: Path, *plans: str, domain: str = DOMAIN, problem: str = PROB
 @pytest.mark.parametrize(
     "plan, why",
     [
-        (LONG, ""),
-        (SHORT, ""),
+        (QUICK, ""),
+        (CHEAP, ""),
         ("", "(at cup b) does not hold"),
         ("0.000: (carry cup c b) [3.000]", "(at cup c) does not hold, which (carry cup c b) needs"),
-        ("0.000: (carry cup a b) [4.000]", "(= ?duration (way a b)) does not hold"),
-        ("0.000: (carry cup a d) [9.000]", "'d' is no object of the problem"),
-        ("0.000: (carry a a b) [9.000]", "'a' has another type"),
+        ("0.000: (carry cup a b) [9.000]", "(= ?duration (way a b)) does not hold"),
+        ("0.000: (carry cup a d) [4.000]", "'d' is no object of the problem"),
+        ("0.000: (carry a a b) [4.000]", "'a' has another type"),
         ("0.000: (lift cup) [9.000]", "is no action of 'lift'"),
         ("0.000: (carry cup a c) [2.000]\\n2.000: (carry cup c b) [3.000]", "does not hold"),
-        (f"{LONG}\\n9.001: (carry cup b c) [3.000]", "(at cup b) does not hold"),
-        (f"0.000: (look) [1.000]\\n{LONG}", "meet in (free) at one moment"),
+        (f"{QUICK}\\n4.001: (carry cup b c) [3.000]", "(at cup b) does not hold"),
+        (f"0.000: (look) [1.000]\\n{QUICK}", "meet in (free) at one moment"),
     ],
 )
 def test_plans_are_carried_out_on_paper(old_python: Path, plan: str, why: str) -> None:
@@ -117,13 +118,13 @@ def test_a_plan_with_a_fault_is_not_passed_on(old_python: Path) -> None:
 
 
 def test_of_two_plans_the_one_with_the_better_metric_wins(old_python: Path) -> None:
-    assert "(carry cup c b)" in planned(old_python, LONG, SHORT)["plan"]
+    assert "(carry cup c b)" in planned(old_python, QUICK, CHEAP)["plan"]
 
 
 def test_bad_input_is_named_with_its_place(old_python: Path) -> None:
-    outcome = planned(old_python, LONG, problem=PROBLEM.replace("(:goal (at cup b))", "(:goal (at cap b))"))
+    outcome = planned(old_python, QUICK, problem=PROBLEM.replace("(:goal (at cup b))", "(:goal (at cap b))"))
     assert outcome["state"] == PlannerState.INVALID
-    assert f"{old_python / 'problem.pddl'}:3:" in outcome["reason"] and "'cap'" in outcome["reason"]
+    assert f"{old_python / 'problem.pddl'}:4:" in outcome["reason"] and "'cap'" in outcome["reason"]
 
 
 @pytest.mark.processes
