@@ -98,19 +98,13 @@ class DomainReader:
             for section in self._sections:
                 if section.head == head:
                     reader(section)
-        for section in self._sections:
-            if section.head == ":derived":
-                self._derived(section)
+        derived = [section for section in self._sections if section.head == ":derived"]
+        for section in derived:
+            self._derived(section)
         confused = self_negating(self._domain.derived)
-        if confused is not None:
-            section = next(
-                section
-                for section in self._sections
-                if section.head == ":derived"
-                and isinstance(section[1], Expression)
-                and section[1].head == confused
-            )
-            raise section.error(f"the derived predicate '{confused}' depends on its own negation")
+        for section in derived:
+            if confused is not None and isinstance(section[1], Expression) and section[1].head == confused:
+                raise section.error(f"the derived predicate '{confused}' depends on its own negation")
         for section in self._sections:
             if section.head in actions:
                 self._operator(section)

@@ -372,11 +372,10 @@ def _ground(number: int, step: PlanStep, domain: Domain, known: Dict[str, Tuple[
     if operator is None or len(operator.parameters) != len(step.arguments):
         raise PlanRunError(f"step {number + 1} of the plan, {step}, is no action of '{domain.name}'")
     bindings = {parameter.name: name for parameter, name in zip(operator.parameters, step.arguments)}
-    for parameter in operator.parameters:
-        types = known.get(bindings[parameter.name].lower())
-        if types is None or not domain.accepts(parameter.types, types):
-            wrong = "has another type" if types else "is no object of the problem"
-            raise PlanRunError(f"step {number + 1} of the plan, {step}: '{bindings[parameter.name]}' {wrong}")
+    for parameter, name in zip(operator.parameters, step.arguments):
+        if name.lower() not in known or not domain.accepts(parameter.types, known[name.lower()]):
+            kind = domain.type_name(parameter.types)
+            raise PlanRunError(f"step {number + 1} of the plan, {step}: the problem has no {kind} '{name}'")
     needs: Dict[str, List[Condition]] = {}
     for timed in operator.conditions:
         needs.setdefault(timed.when, []).extend(conjuncts(ground(timed.condition, bindings)))
