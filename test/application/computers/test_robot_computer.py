@@ -68,7 +68,7 @@ PROFILES = pytest.mark.parametrize("profile", ["robot", "simulation"])
     bool(missing("debootstrap", "dpkg-deb", "unshare")), reason=missing("debootstrap", "dpkg-deb", "unshare")
 )
 def test_the_package_runs_a_mission_and_leaves_nothing(profile: str) -> None:
-    run("tools/deb.sh", PROFILE=profile)
+    run("make", "-s", "deb", f"PROFILE={profile}")
     (package,) = (ROOT / "results" / "deb").glob(f"merlin-{profile}_*.deb")
     said = run("tools/debian.sh", VERSION=DEBIAN, DEB=str(package))
     judge(said, profile)
