@@ -164,8 +164,9 @@ def plan_fault(domain: Domain, problem: Problem, steps: Sequence[PlanStep]) -> s
     for each in outcome.unmet:
         needs = "" if each.step == GOAL else f", which {steps[each.step]} needs"
         return f"{to_pddl(each.condition)} does not hold{needs}"
-    for one, other, key in outcome.clashes:
-        return f"{steps[one]} and {steps[other]} meet in {call_text(key[0], key[1:])} at one moment"
+    for one, other, key in sorted(outcome.clashes):
+        what = f"{steps[one]} and {steps[other]} changes {call_text(key[0], key[1:])}"
+        return f"one of {what} at the moment at which the other needs or changes it"
     return ""
 
 
