@@ -15,6 +15,11 @@ FROM source AS simulation-package
 RUN make -s deb PROFILE=simulation
 
 FROM ${BASE} AS user
+# What Debian's SciPy and catkin were made with, and need no more; with them come a compiler, a linker, make and CMake.
+RUN mkdir -p /tmp/stub/DEBIAN && printf '%s\n' 'Package: merlin-no-compiler' 'Version: 1' 'Architecture: all' \
+  'Maintainer: MERLIN' 'Provides: python3-pythran, cmake-extras' \
+  'Description: stands for what nothing in this image is compiled with' >/tmp/stub/DEBIAN/control && \
+  dpkg-deb --build /tmp/stub /tmp/stub.deb && dpkg -i /tmp/stub.deb && rm -r /tmp/stub /tmp/stub.deb
 RUN useradd --create-home --uid 1000 --groups audio --shell /bin/bash merlin
 # The script of the workspace would take the words of the command for its own.
 ENTRYPOINT ["/bin/bash", "-c", "words=(\"$@\"); set --; . /opt/merlin/setup.bash; exec \"${words[@]}\"", "merlin"]

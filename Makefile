@@ -146,7 +146,7 @@ docs:
 	@tools/docs.sh
 
 debian:
-	@VERSION=$(VERSION) TARGET="$(TARGET)" PROFILE="$(PROFILE)" PYTEST="$(PYTEST)" AS="$(AS)" DEB="$(DEB)" tools/debian.sh
+	@VERSION=$(VERSION) TARGET="$(TARGET)" PROFILE="$(PROFILE)" PYTEST="$(PYTEST)" AS="$(AS)" ALL="$(ALL)" DEB="$(DEB)" tools/debian.sh
 
 # What a robot's computer installs instead of a checkout: docs/platforms.md.
 deb:

@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 # Runs the README's commands in a bare root of a Debian release: make debian VERSION=13
 #   VERSION=13            12 or 11
-#   TARGET="build demo"   targets of make that are run one after the other; test: all tests, and PYTEST="FILE …": these
+#   TARGET="build demo"   targets of make that are run one after the other; test: all tests, and PYTEST="FILE …": these;
+#                         check with ALL=1: all unit tests
 #   DEB=FILE              a package that make deb has made, which is installed instead, tried and removed again
 #   PROFILE=robot         of the build: robot, simulation, all, robot+fleet …; each target asks for what it needs
 #   AS=user               in the home of an ordinary user who may use sudo; root
@@ -80,14 +81,14 @@ if [ "${1:-}" = --inside ]; then
       inside sh -c 'cd ~/merlin && exec tools/in_workspace.sh python -m pytest -q "$@"' sh $PYTEST
       continue
     fi
-    inside make -s -C "$home/merlin" LINGER=false ${PROFILE:+PROFILE="$PROFILE"} "$target"   # no key is waited for between two targets
+    inside make -s -C "$home/merlin" LINGER=false ${PROFILE:+PROFILE="$PROFILE"} ${ALL:+ALL="$ALL"} "$target"   # no key is waited for between two targets
     say "make $target: $SECONDS s since the bare root, $(size)"
   done
   exit 0
 fi
 
 [ -z "${DEB:-}" ] || dpkg-deb -f "$DEB" Package >/dev/null 2>&1 || fail "DEB=$DEB is not a Debian package; make deb makes one"
-[ "$(id -u)" = 0 ] || exec sudo --preserve-env=VERSION,TARGET,PROFILE,DEB,PYTEST,AS,MIRROR,FOLDER,http_proxy,https_proxy,no_proxy "$0"
+[ "$(id -u)" = 0 ] || exec sudo --preserve-env=VERSION,TARGET,PROFILE,ALL,DEB,PYTEST,AS,MIRROR,FOLDER,http_proxy,https_proxy,no_proxy "$0"
 for tool in debootstrap unshare git pkill; do
   command -v "$tool" >/dev/null || fail "it needs $tool: apt-get install debootstrap util-linux git procps"
 done

@@ -58,6 +58,8 @@ def judge(said: str, profile: str) -> None:
     assert ("the page answers" in said) == (profile == "simulation")
 
 
+#: What the final layer of the container does without.
+COMPILERS = ["cc", "c++", "gcc", "g++", "gcc-12", "g++-12", "cpp", "as", "ld", "make", "cmake", "clang"]
 PROFILES = pytest.mark.parametrize("profile", ["robot", "simulation"])
 
 
@@ -66,7 +68,7 @@ PROFILES = pytest.mark.parametrize("profile", ["robot", "simulation"])
     bool(missing("debootstrap", "dpkg-deb", "unshare")), reason=missing("debootstrap", "dpkg-deb", "unshare")
 )
 def test_the_package_runs_a_mission_and_leaves_nothing(profile: str) -> None:
-    run("tools/deb.sh", PROFILE=profile)
+    run("make", "-s", "deb", f"PROFILE={profile}")
     (package,) = (ROOT / "results" / "deb").glob(f"merlin-{profile}_*.deb")
     said = run("tools/debian.sh", VERSION=DEBIAN, DEB=str(package))
     judge(said, profile)
@@ -116,6 +118,8 @@ def test_the_container_runs_a_mission_as_an_ordinary_user(base: str, profile: st
     try:
         command = ["buildah", "run", *chroot, "--hostname", "localhost", container, "--"]
         assert run(*command, "id", "-u").split()[0] == "1000"
+        tools = run(*command, "sh", "-c", 'for tool; do command -v "$tool"; done; true', "sh", *COMPILERS)
+        assert not tools.split(), "build tools in the final layer"
         assert "nothing is wrong" in run(*command, *settings["Entrypoint"], *settings["Cmd"])
         run("buildah", "copy", container, str(ROOT / "tools/try_installed.sh"), "/opt/try_installed.sh")
         judge(run(*command, "/opt/try_installed.sh"), profile)

@@ -88,34 +88,23 @@ class DomainReader:
             ":functions": self._functions,
         }
         actions = (":action", ":durative-action")
-        passed = (
-            ":constraints",
-            ":process",
-            ":event",
-        )  # the planner's business: a robot executes none of them
+        # The planner's business: a robot executes none of them.
+        passed = (":constraints", ":process", ":event")
         for section in self._sections:
             if section.head not in (*readers, *actions, *passed, ":derived"):
                 raise section.error(f"unknown section '{section.head}'")
-        for (
-            head,
-            reader,
-        ) in readers.items():  # in this order, whatever the file's: each builds on the ones before
+        # In this order, whatever the file's: each builds on the ones before.
+        for head, reader in readers.items():
             for section in self._sections:
                 if section.head == head:
                     reader(section)
-        for section in self._sections:
-            if section.head == ":derived":
-                self._derived(section)
+        derived = [section for section in self._sections if section.head == ":derived"]
+        for section in derived:
+            self._derived(section)
         confused = self_negating(self._domain.derived)
-        if confused is not None:
-            section = next(
-                section
-                for section in self._sections
-                if section.head == ":derived"
-                and isinstance(section[1], Expression)
-                and section[1].head == confused
-            )
-            raise section.error(f"the derived predicate '{confused}' depends on its own negation")
+        for section in derived:
+            if confused is not None and isinstance(section[1], Expression) and section[1].head == confused:
+                raise section.error(f"the derived predicate '{confused}' depends on its own negation")
         for section in self._sections:
             if section.head in actions:
                 self._operator(section)

@@ -35,17 +35,8 @@ COMPARISONS = (">", ">=", "<", "<=", "=")
 ARITHMETIC = ("+", "-", "*", "/")
 TIMES = {("at", "start"): START, ("over", "all"): OVER_ALL, ("at", "end"): END}
 #: The trajectory constraints of PDDL 3 that carry a name of their own.
-TRAJECTORY = {
-    "always",
-    "sometime",
-    "at-most-once",
-    "sometime-after",
-    "sometime-before",
-    "within",
-    "hold-after",
-    "hold-during",
-    "always-within",
-}
+TRAJECTORY = {"always", "sometime", "at-most-once", "sometime-after", "sometime-before", "within"}
+TRAJECTORY |= {"hold-after", "hold-during", "always-within"}
 #: What to do with one that stands in a condition.
 IN_CONSTRAINTS = (
     "is a trajectory constraint: a condition is about one moment; "

@@ -5,7 +5,7 @@ from typing import List, Optional, Sequence
 
 from merlin_pddl.analysis.demand import demand
 from merlin_pddl.analysis.leave_out import leave_out
-from merlin_pddl.analysis.plan_run import GOAL, Outcome, PaperState, PlanRun, PlanRunError
+from merlin_pddl.analysis.plan_run import Outcome, PaperState, PlanRun, plan_fault
 from merlin_pddl.analysis.relaxed_state import CutOffError
 from merlin_pddl.analysis.shortfall import Gap, Shortfall
 from merlin_pddl.checks.kairos_check import PlanQuality, PlanValidator
@@ -49,17 +49,10 @@ class Judge:
 
     def fault(self, steps: Sequence[PlanStep]) -> str:
         """What is wrong with a plan, for either witness; empty: nothing."""
-        try:
-            unmet = self.run(steps).unmet
-        except PlanRunError as error:
-            return str(error)
-        if unmet:
-            needs = "" if unmet[0].step == GOAL else f", which {steps[unmet[0].step]} needs"
-            return f"{to_pddl(unmet[0].condition)} does not hold{needs}"
-        return self.checked(steps)
+        return plan_fault(self.domain, self.problem, steps) or self.checked(steps)
 
     def checked(self, steps: Sequence[PlanStep]) -> str:
-        """What is wrong with a plan for kairos' validator; empty: nothing, or it is not installed."""
+        """What is wrong with a plan for the validator, that of kairos if there is one; empty: nothing."""
         return self._validator.fault(steps) or ""
 
     def quality(self, steps: Sequence[PlanStep]) -> PlanQuality:

@@ -140,7 +140,7 @@ class DeadlineTask:
                 marks.setdefault(step.name.lower(), step)
         reached = []
         for mark in self._marks:
-            if mark.action not in marks:  # without kairos nothing has checked it
+            if mark.action not in marks:  # it was not validated
                 raise PddlError(f"the plan does not reach {to_pddl(mark.goal)}")
             step = marks[mark.action]
             others = [*steps, *(other for other in marks.values() if other is not step)]

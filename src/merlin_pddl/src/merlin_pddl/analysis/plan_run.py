@@ -9,15 +9,21 @@ from merlin_pddl.formula import (
     END,
     OVER_ALL,
     START,
+    Atom,
     Comparison,
     Condition,
     Effect,
+    Fluent,
+    Formula,
     Special,
     bind,
+    call_text,
     conjuncts,
     ground,
+    terms,
+    to_pddl,
 )
-from merlin_pddl.knowledge import Fact, FunctionValue, Instance, Key
+from merlin_pddl.knowledge import DECREASE, INCREASE, Fact, FunctionValue, Instance, Key
 from merlin_pddl.plan_text import PlanStep
 from merlin_pddl.problem import Problem
 
@@ -51,8 +57,7 @@ class PaperState(WorldState):
         self.facts: Set[Key] = {fact.key for fact in problem.facts if not fact.negative}
         self.values: Dict[Key, float] = {value.key: value.value for value in problem.values}
         self._domain = domain
-        self._known = {name.lower(): types for name, types in domain.constants.items()}
-        self._known.update({name.lower(): types for name, types in problem.objects.items()})
+        self._known = _known(domain, problem)
 
     def holds(self, key: Key) -> bool:
         """Whether that fact is stored."""
@@ -73,11 +78,14 @@ class Outcome(NamedTuple):
     :ivar unmet: in the order of the plan, goals last.
     :ivar state: at its end.
     :ivar reached: goals that held at the start or after a happening, each with the first time, s.
+    :ivar clashes: two numbers of steps, and a ground predicate or function that one of them changes at the
+        moment at which the other needs or changes it.
     """
 
     unmet: List[Unmet]
     state: PaperState
     reached: Dict[Condition, float]
+    clashes: List[Tuple[int, int, Key]]
 
 
 class _Step(NamedTuple):
@@ -117,7 +125,8 @@ class PlanRun:
         """By time: steps, each with whether it ends then."""
         self.timed: Dict[float, List[Union[Instance, Fact, FunctionValue]]] = {}
         """What comes by itself, by time; the goals are judged behind the last of it."""
-        for step in (_ground(number, step, domain) for number, step in enumerate(steps)):
+        known = _known(domain, problem)
+        for step in (_ground(number, step, domain, known) for number, step in enumerate(steps)):
             self.happenings.setdefault(step.begin, []).append((step, False))
             if step.operator.durative:
                 self.happenings.setdefault(step.end, []).append((step, True))
@@ -143,29 +152,71 @@ class PlanRun:
             left_out = {*left_out, failed[0]}
 
 
+def plan_fault(domain: Domain, problem: Problem, steps: Sequence[PlanStep]) -> str:
+    """What is wrong with a plan, as a sentence; empty: nothing.
+
+    Trajectory constraints, preferences, processes and events are left out of account.
+    """
+    try:
+        outcome = PlanRun(domain, problem, steps).run()
+    except PlanRunError as error:
+        return str(error)
+    for each in outcome.unmet:
+        needs = "" if each.step == GOAL else f", which {steps[each.step]} needs"
+        return f"{to_pddl(each.condition)} does not hold{needs}"
+    for one, other, key in sorted(outcome.clashes):
+        what = f"{steps[one]} and {steps[other]} changes {call_text(key[0], key[1:])}"
+        return f"one of {what} at the moment at which the other needs or changes it"
+    return ""
+
+
 class _Changes:
-    """What happens together: what is deleted and added is added."""
+    """What one step, or time, changes at a moment, and what that depends on."""
 
     def __init__(self) -> None:
-        self._deleted: Set[Key] = set()
-        self._added: Set[Key] = set()
-        self._numbers: List[Tuple[Key, str, Optional[float]]] = []
+        self.deleted: Set[Key] = set()
+        self.added: Set[Key] = set()
+        self.numbers: List[Tuple[Key, str, Optional[float]]] = []
+        self._touched: Set[Tuple[Key, str]] = set()
+
+    def need(self, formulas: Sequence[Formula], bindings: Mapping[str, str]) -> None:
+        """Takes what conditions and values depend on."""
+        self._touched.update((_key(term, bindings), "need") for each in formulas for term in terms(each))
 
     def note(self, effect: Effect, evaluator: Evaluator, bindings: Mapping[str, str]) -> None:
         """Takes an effect in the state before."""
         target = effect.atom or effect.fluent
         assert target is not None
-        key = (target.name.lower(), *(bind(term, bindings).lower() for term in target.args))
+        key, how = _key(target, bindings), "delete" if effect.negative else "add"
         if effect.atom is not None:
-            (self._deleted if effect.negative else self._added).add(key)
+            (self.deleted if effect.negative else self.added).add(key)
         elif effect.value is not None:
-            self._numbers.append((key, effect.op, evaluator.number(effect.value, bindings)))
+            self.numbers.append((key, effect.op, evaluator.number(effect.value, bindings)))
+            how = INCREASE if effect.op == DECREASE else effect.op
+            self.need([effect.value], bindings)
+        self._touched.add((key, how))
 
-    def apply(self, state: PaperState) -> None:
-        """Changes the state."""
-        state.facts -= self._deleted
-        state.facts |= self._added
-        for key, op, number in self._numbers:
+    def clash(self, other: "_Changes") -> Set[Key]:
+        """What one changes and the other needs at the same moment, or changes in another way."""
+        return {
+            key
+            for key, how in self._touched
+            for another, way in other._touched
+            if key == another and not how == way in ("need", "add", "delete", INCREASE)
+        }
+
+
+def _key(term: Union[Atom, Fluent, Special], bindings: Mapping[str, str]) -> Key:
+    return (term.name.lower(), *(bind(word, bindings).lower() for word in term.args))
+
+
+def _apply(parts: Sequence[_Changes], state: PaperState) -> None:
+    """What is deleted and added at a moment is added."""
+    for part in parts:
+        state.facts -= part.deleted
+    for part in parts:
+        state.facts |= part.added
+        for key, op, number in part.numbers:
             value = changed(op, state.values.get(key), number)
             if value is None:
                 state.values.pop(key, None)
@@ -185,6 +236,7 @@ class _Paper:
         self._allowed: Dict[Tuple[int, int], List[Dict[str, str]]] = {}
         self._unmet: Dict[Unmet, None] = {}
         self._reached: Dict[Condition, float] = {}
+        self._clashes: List[Tuple[int, int, Key]] = []
 
     def run(self) -> Outcome:
         """Carries it out."""
@@ -199,7 +251,7 @@ class _Paper:
         for goal in self._plan.goals:
             if not evaluator.holds(goal):
                 self._unmet[Unmet(GOAL, "", goal)] = None
-        return Outcome(list(self._unmet), self.state, self._reached)
+        return Outcome(list(self._unmet), self.state, self._reached, self._clashes)
 
     def _evaluator(self, specials: Mapping[str, float]) -> Evaluator:
         return Evaluator(self._plan.domain, self.state, specials)
@@ -218,7 +270,7 @@ class _Paper:
                 changing = True
                 self._collect(changes, step, OVER_ALL, self._evaluator(step.specials(seconds)))
         if changing:
-            changes.apply(self.state)
+            _apply([changes], self.state)
             self._look_over_all()
 
     def _look_over_all(self) -> None:
@@ -226,7 +278,7 @@ class _Paper:
             self._need(step, OVER_ALL, self._evaluator(step.specials(0.0)))
 
     def _happen(self, at: float) -> None:
-        changes = _Changes()
+        parts: List[Tuple[_Step, _Changes]] = []
         begun: List[_Step] = []
         for step, at_end in self._plan.happenings[at]:
             if step.number in self._left_out or (at_end and step.number not in self._running):
@@ -242,7 +294,13 @@ class _Paper:
                     continue
                 self._allow(step, evaluator)
                 begun += [step] if step.operator.durative else []
+            changes = _Changes()
+            changes.need(step.needs.get(when, ()), {})
             self._collect(changes, step, when, evaluator)
+            for other, before in parts:
+                if other.number != step.number:
+                    self._clashes += [(other.number, step.number, key) for key in changes.clash(before)]
+            parts.append((step, changes))
         for step, at_end in self._plan.happenings[at]:
             if at_end:
                 self._running.pop(step.number, None)
@@ -251,7 +309,7 @@ class _Paper:
                 (self.state.facts.discard if item.negative else self.state.facts.add)(item.key)
             elif isinstance(item, FunctionValue):
                 self.state.values[item.key] = item.value
-        changes.apply(self.state)
+        _apply([changes for _, changes in parts], self.state)
         self._running.update({step.number: step for step in begun})
         self._look_over_all()
 
@@ -300,15 +358,25 @@ class _Paper:
             ]
             everything = evaluator.extend(effect.variables, step.bindings)
             for bindings in everything if allowed is None else allowed:
+                changes.need(conditions, bindings)
                 if all(evaluator.holds(condition, bindings) for condition in conditions):
                     changes.note(effect, evaluator, bindings)
 
 
-def _ground(number: int, step: PlanStep, domain: Domain) -> _Step:
+def _known(domain: Domain, problem: Problem) -> Dict[str, Tuple[str, ...]]:
+    """Types by object, in lower case."""
+    return {name.lower(): types for name, types in (*domain.constants.items(), *problem.objects.items())}
+
+
+def _ground(number: int, step: PlanStep, domain: Domain, known: Dict[str, Tuple[str, ...]]) -> _Step:
     operator = domain.operators.get(step.name.lower())
     if operator is None or len(operator.parameters) != len(step.arguments):
         raise PlanRunError(f"step {number + 1} of the plan, {step}, is no action of '{domain.name}'")
     bindings = {parameter.name: name for parameter, name in zip(operator.parameters, step.arguments)}
+    for parameter, name in zip(operator.parameters, step.arguments):
+        if name.lower() not in known or not domain.accepts(parameter.types, known[name.lower()]):
+            kind = domain.type_name(parameter.types)
+            raise PlanRunError(f"step {number + 1} of the plan, {step}: the problem has no {kind} '{name}'")
     needs: Dict[str, List[Condition]] = {}
     for timed in operator.conditions:
         needs.setdefault(timed.when, []).extend(conjuncts(ground(timed.condition, bindings)))

@@ -80,11 +80,7 @@ def shortfall(domain: str, problem: str, limit: float = LIMIT) -> Tuple[bool, st
         sentences = [_sentence(found.gap(goal)) for goal in found.goals[:NAMED]]
     except CutOffError:
         return False, CUT_OFF.format(limit=limit)
-    except (
-        PddlError,
-        KeyError,
-        RecursionError,
-    ):  # the planner reports such errors
+    except (PddlError, KeyError, RecursionError):  # the planner reports such errors
         return False, ""
     if not found.goals:
         return False, TOGETHER

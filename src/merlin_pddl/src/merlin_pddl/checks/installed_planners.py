@@ -31,10 +31,12 @@ class _Preset(NamedTuple):
 
 #: Of ROSPlan, in a folder of packages.
 _POPF = "rosplan_planning_system/common/bin/popf"
-#: What reads durative actions, and so can stand in for kairos, in this order; and what it does not read.
+#: What reads durative actions, and so can stand in for kairos, in this order; and what it does not read: popf
+#: by its documents, lpg as the wheel up-lpg was tried.
 STAND_INS = {
-    "popf": "negative conditions, derived predicates, constraints and preferences",
-    "lpg": "continuous effects, constraints and preferences",
+    "popf": "negative or disjunctive conditions over what changes, conditional effects, derived predicates, "
+    "constraints and preferences",
+    "lpg": "conditional effects, durations of a range, continuous effects, constraints and preferences",
 }
 _PRESETS: Dict[str, _Preset] = {
     "popf": _Preset(["popf"], "", "", "DOMAIN PROBLEM"),

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Checks PDDL and plans with kairos, in this process: no planner sees bad input, no dispatcher a bad plan."""
+"""Checks PDDL and plans, in this process: no planner sees bad input, no dispatcher a bad plan.
+
+With kairos where it is installed; else our own reader reads, and plans are carried out on paper.
+"""
 
 import functools
 import importlib
@@ -10,10 +13,13 @@ from dataclasses import dataclass
 from types import ModuleType
 from typing import Any, Iterable, List, Optional, Tuple
 
+from merlin_pddl.analysis.plan_run import PlanRun, plan_fault
 from merlin_pddl.constraint_reader import misplaced
 from merlin_pddl.domain_reader import open_definition, parse_domain
+from merlin_pddl.evaluation import Evaluator
 from merlin_pddl.formula_reader import IN_CONSTRAINTS, TRAJECTORY
 from merlin_pddl.plan_text import NO_DURATION, PlanStep
+from merlin_pddl.problem_reader import parse_problem
 from merlin_pddl.text_reader import PddlError, read_expression
 
 # What kairos accepts with a warning, and what makes a plan impossible for a reason that is hard to find.
@@ -23,8 +29,9 @@ _FATAL_WARNINGS = ("dialect.undeclared_predicate", "dialect.undeclared_function"
 _METRIC = re.compile(r"\(\s*:metric\s+(minimize|maximize)", re.IGNORECASE)
 
 
+@functools.lru_cache(maxsize=None)
 def available() -> bool:
-    """Whether kairos is installed; without it nothing is checked here and everything passes."""
+    """Whether kairos is installed; does not load it."""
     return importlib.util.find_spec("kairos") is not None
 
 
@@ -47,6 +54,10 @@ def check_input(domain: str, problem: str, domain_name: str, problem_name: str) 
     """
     kairos = load()
     if kairos is None:
+        try:
+            parse_problem(problem, parse_domain(domain, domain_name), problem_name, constraints=True)
+        except PddlError as error:
+            return str(error)
         return None
     fault = _misplaced_constraint(domain, problem, problem_name)
     if fault is not None:
@@ -112,7 +123,6 @@ class PlanValidator:
 
     def __init__(self, domain: str, problem: str) -> None:
         self._kairos = load()
-        self._problem = None
         # Where no metric is stated, kairos takes the length of the plan for it.
         found = _METRIC.search(re.sub(r";[^\n]*", "", problem))
         self._sense = 0.0 if found is None else -1.0 if found.group(1).lower() == "maximize" else 1.0
@@ -121,11 +131,17 @@ class PlanValidator:
                 self._problem = self._kairos.parse_problem(problem, self._kairos.parse_domain(domain))
             except self._kairos.PddlError as error:
                 raise ValueError(str(error)) from None
+            return
+        try:
+            model = parse_domain(domain)
+            self._task = model, parse_problem(problem, model, constraints=True)
+        except PddlError as error:
+            raise ValueError(str(error)) from None
 
     def fault(self, steps: Iterable[PlanStep]) -> Optional[str]:
-        """What is wrong with a plan, or None when it solves the problem (or without kairos)."""
+        """What is wrong with a plan, or None when it solves the problem."""
         if self._kairos is None:
-            return None
+            return plan_fault(*self._task, list(steps)) or None
         try:
             report = self._report(list(steps))
         except self._kairos.PddlError as error:
@@ -140,11 +156,14 @@ class PlanValidator:
     def quality(self, steps: Iterable[PlanStep]) -> PlanQuality:
         """How good a plan is that has no fault."""
         steps = list(steps)
-        metric = None
-        if self._kairos is not None and self._sense:
-            value = self._report(steps).metric
-            metric = None if value is None else self._sense * value
-        return PlanQuality(metric, max((s.time + s.duration for s in steps), default=0.0), len(steps))
+        length = max((s.time + s.duration for s in steps), default=0.0)
+        value = None
+        if self._kairos is not None:
+            value = self._report(steps).metric if self._sense else None
+        elif self._task[1].metric is not None:
+            end = PlanRun(*self._task, steps).run().state
+            value = Evaluator(self._task[0], end, {"total-time": length}).number(self._task[1].metric.value)
+        return PlanQuality(None if value is None else self._sense * value, length, len(steps))
 
     def _report(self, steps: List[PlanStep]) -> Any:
         # An action without duration must not have one in the text either.

@@ -7,7 +7,6 @@ of it happens in a process of its own, which is ended when its time is over.
 """
 
 import argparse
-import importlib
 import json
 import os
 import select
@@ -19,6 +18,7 @@ from typing import Any, Callable, List, Optional, Tuple
 
 from merlin_pddl.analysis.shortfall import shortfall
 from merlin_pddl.checks import portability
+from merlin_pddl.checks.kairos_check import load
 from merlin_pddl.domain import Domain
 from merlin_pddl.domain_reader import parse_domain
 from merlin_pddl.formula import to_pddl
@@ -32,14 +32,6 @@ VALID, INVALID, USAGE = 0, 1, 2
 #: MB that a file may have; reading one MB takes about a second.
 MAX_SIZE = 8.0
 TIME_LIMIT = 10.0
-
-
-def kairos() -> Optional[Any]:
-    """The planner's module; None where it is not installed (it needs Python 3.10)."""
-    try:
-        return importlib.import_module("kairos")
-    except ImportError:
-        return None
 
 
 class Validation:
@@ -62,7 +54,7 @@ class Validation:
         self._stage = on_stage
         self.messages: List[str] = []
         self.valid = True
-        self._kairos = kairos()
+        self._kairos = load()
 
     def run(self, domain_path: str, problem_path: Optional[str] = None, goal: Optional[str] = None) -> bool:
         """Checks everything; returns whether it is valid and, if a goal is stated, solvable."""

@@ -85,7 +85,10 @@ class PlannerInterface(Component):
         from merlin_pddl.checks import kairos_check  # while that process starts
 
         if self._preview and not kairos_check.available():
-            rospy.logwarn("%s: kairos is not installed: PDDL and plans are not checked", self.scope)
+            self._warn(
+                "kairos is not installed: our reader checks PDDL, and plans are carried out on paper; "
+                "trajectory constraints, preferences, processes and events are not looked at"
+            )
             from merlin_rosplan.planning.planner_engines import PlannerCommandError, engines
 
             try:

@@ -4,8 +4,9 @@
 from typing import List, NamedTuple, Optional
 
 from merlin_pddl.checks.installed_planners import STAND_INS, expand, is_preset, stand_in
+from merlin_pddl.checks.kairos_check import available
 from merlin_rosplan.planning.planner_command import PlannerCommandError, parse_command
-from merlin_rosplan.planning.planner_kairos import KAIROS, MISSING, installed
+from merlin_rosplan.planning.planner_kairos import KAIROS, MISSING
 
 MOST = 2
 
@@ -41,12 +42,12 @@ def engines(text: str, fallback: bool) -> Engines:
     limits: List[float] = []
     missing: List[str] = []
     warning = None
-    instead = stand_in() if fallback and wanted == [KAIROS] and not installed() else None
+    instead = stand_in() if fallback and wanted == [KAIROS] and not available() else None
     if instead is not None:
         wanted = [instead]
     for part in wanted:
         if part.lower() == KAIROS:
-            if installed():
+            if available():
                 found.append(KAIROS)
                 names.append(KAIROS)
             elif len(wanted) == 1:
@@ -70,7 +71,7 @@ def engines(text: str, fallback: bool) -> Engines:
     if missing and not fallback:
         raise PlannerCommandError(f"the planner {missing[0]} is not installed")
     if missing:
-        if not found and not installed():
+        if not found and not available():
             raise PlannerCommandError(f"the planner {missing[0]} is not installed, and {MISSING}")
         found, names = found or [KAIROS], names or [KAIROS]
         plans = "plan" if len(names) > 1 else "plans"

@@ -1,15 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """kairos as an engine, in the process that plans."""
 
-import functools
-import importlib
-import importlib.util
 import os
 import threading
 import time
 from typing import Any, List, Optional
 
-from merlin_pddl.checks.kairos_check import PlanValidator
+from merlin_pddl.checks.kairos_check import PlanValidator, load
 from merlin_pddl.plan_text import NO_DURATION, PlanStep, restore_case
 from merlin_pddl.text_reader import PddlError
 from merlin_rosplan.planning.metric_goal import MetricGoal
@@ -45,12 +42,6 @@ _ENDED = {
 }
 
 
-@functools.lru_cache(maxsize=None)
-def installed() -> bool:
-    """Whether kairos is installed; does not load it."""
-    return importlib.util.find_spec(KAIROS) is not None
-
-
 class KairosPlanner:
     """Plans with kairos."""
 
@@ -74,9 +65,8 @@ class KairosPlanner:
 
     def plan(self, task: Task) -> Attempt:
         """Plans in this thread; an attempt without a plan says why."""
-        try:
-            kairos = importlib.import_module(KAIROS)
-        except ImportError:
+        kairos = load()
+        if kairos is None:
             return Attempt(KAIROS, PlannerState.CRASHED, MISSING)
         try:
             domain = kairos.parse_domain(task.domain, str(task.domain_path))

@@ -9,7 +9,7 @@ import dataclasses
 import math
 import time
 from pathlib import Path
-from typing import Any, Callable, Dict, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Dict, List, NamedTuple, Optional, Sequence, Tuple
 
 from merlin_pddl.analysis.deadlines import DeadlineTask, Due
 from merlin_pddl.analysis.leave_out import leave_out
@@ -141,7 +141,7 @@ def _plan_in_time(job: PlannerJob, domain: str, problem: str, folder: Path) -> D
         entry, task = _solve(job, texts, _written(part, *texts), part)
         attempt = entry.attempt
         if attempt.state == PlannerState.SOLVED:
-            steps, reached = timed.unmarked(entry.plan, _fault(texts))
+            steps, reached = timed.unmarked(entry.plan, PlanValidator(*texts).fault)
             if proven and any(time > due.within for due, time in zip(dues, reached)):
                 outcome = _outcome(PlannerState.UNSOLVABLE, _late(dues, reached), attempt.planner)
             else:
@@ -158,11 +158,6 @@ def _plan_in_time(job: PlannerJob, domain: str, problem: str, folder: Path) -> D
         outcome = _outcome(PlannerState.UNSOLVABLE, reason, attempt.planner)
         return {**outcome, "reached": [NOT_KNOWN] * len(dues)}
     return _outcome(attempt.state, reason, attempt.planner)
-
-
-def _fault(texts: Tuple[str, str]) -> Callable[[List[PlanStep]], Optional[str]]:
-    """Says what is wrong with a plan; without kairos no plan counts as right."""
-    return PlanValidator(*texts).fault if kairos_check.available() else lambda steps: "not checked"
 
 
 def _late(dues: Sequence[Due], reached: Sequence[float] = ()) -> str:
