@@ -22,7 +22,7 @@ from merlin_sm.state_factory import MerlinStateFactory
 from merlin_test.knowledge_fixture import LONG, Received
 
 DOCUMENT = Path(__file__).resolve().parents[3] / "docs" / "real-robot.md"
-OUTCOMES = ["succeeded", "aborted", "preempted"]
+OUTCOMES = ["succeeded", "not_found", "aborted", "preempted"]
 STATES = ("pick", "place", "open", "close")
 
 
@@ -65,6 +65,12 @@ class Arm(unittest.TestCase):
         for name in STATES:
             sm = machine(name, "{o}", "desk", action=f"/ann/{name}")
             self.assertEqual(sm.execute(), "succeeded", sm.reason)
+
+    def test_what_is_there_is_seen_and_what_is_not_is_not_found(self):
+        self.assertEqual(machine("detect", "{o}").execute(), "succeeded")
+        sm = machine("detect", "apple", "desk")
+        self.assertEqual(sm.execute(), "not_found")
+        self.assertEqual(sm.reason, "apple was not seen at desk")
 
     def test_the_words_of_a_foreign_server_are_the_reason(self):
         goals = []
@@ -109,7 +115,7 @@ class Arm(unittest.TestCase):
         self.assertTrue(begun.wait(LONG))
         run.machine.request_preempt()
         self.assertEqual(run.end(), ["aborted"])
-        self.assertEqual(run.machine.reason, "/deaf/close did not stop within 0.3 s")
+        self.assertIn("/deaf/close did not stop within 0.3 s", run.machine.reason)
 
     def test_an_arm_that_is_killed_ends_the_state(self):
         command = ["rosrun", "merlin_actions", "simulated_action_server", "__ns:=carl"]
