@@ -20,11 +20,12 @@ from PIL import Image
 from merlin_test.chromium import Visit, chromium
 
 WORDS = ("deliberation", "deliberation.launch", "rtf:=2", "monitor_port:=0")
-SIZE = {"width": 1180, "height": 620}
+SIZE = {"width": 1180, "height": 800}
+FILMED = (885, 600)
 PERIOD = 1.2  # s of wall time between two pictures
 SHOWN = 280  # ms for which one is shown
 LAST = 3000  # ms, likewise of the last one
-COLOURS = 48
+COLOURS = 64
 LONGEST = 90  # pictures
 WHOLE = 20  # the picture at which the whole page is taken, too
 LIMIT = 600.0  # s of wall time for the mission
@@ -44,9 +45,11 @@ def main() -> int:
             end = time.monotonic() + LIMIT
             while time.monotonic() < end and not run.is_file():
                 began = time.monotonic()
-                pictures.append(Image.open(io.BytesIO(visit.page.screenshot())).convert("RGB"))
+                picture = Image.open(io.BytesIO(visit.page.screenshot())).convert("RGB")
+                pictures.append(picture.resize(FILMED, Image.Resampling.LANCZOS))
                 if len(pictures) == WHOLE:
-                    visit.page.screenshot(path=file.with_name(f"{file.stem}-page.png"), full_page=True)
+                    whole = Image.open(io.BytesIO(visit.page.screenshot(full_page=True))).convert("RGB")
+                    whole.quantize(COLOURS).save(file.with_name(f"{file.stem}-page.png"), optimize=True)
                 visit.page.wait_for_timeout(max(0.0, 1000 * (began + PERIOD - time.monotonic())))
     write(pictures, file)
     return 0
