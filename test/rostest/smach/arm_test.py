@@ -40,7 +40,7 @@ class Run:
     def __init__(self, sm):
         self.machine = sm
         self._outcomes = []
-        self._thread = threading.Thread(target=lambda: self._outcomes.append(sm.execute()))
+        self._thread = threading.Thread(target=lambda: self._outcomes.append(sm.execute()), daemon=True)
         self._thread.start()
 
     def end(self):
@@ -95,9 +95,10 @@ class Arm(unittest.TestCase):
     def test_an_arm_does_one_action_at_a_time(self):
         run = Run(machine("place", "{o}", action="/bob/place"))
         self.begun("bob", "place")
-        sm = machine("open", "fridge", action="/bob/open")
-        self.assertEqual(sm.execute(), "aborted")
-        self.assertEqual(sm.reason, "/bob/open aborted: the robot does another action; cancel that first")
+        other = Run(machine("open", "fridge", action="/bob/open"))
+        self.assertEqual(other.end(), ["aborted"])
+        reason = "/bob/open aborted: the robot does another action; cancel that first"
+        self.assertEqual(other.machine.reason, reason)
         run.machine.request_preempt()
         self.assertEqual(run.end(), ["preempted"])
 
