@@ -19,7 +19,7 @@ LINGER ?= auto
 IN := tools/in_workspace.sh
 RUN := $(IN) rosrun merlin run
 
-.PHONY: help build imports demo experiment restaurant deliberation fleet fleet-chaos try check test repeat lint docs bench chaos chaos-table mutants pins soak screenshots debian deb clean
+.PHONY: help build imports demo experiment restaurant deliberation fleet fleet-chaos try check test repeat lint docs bench chaos chaos-table mutants pins soak screenshots film debian deb clean
 
 help:
 	@echo "make demo   Mission 1 of the paper in the simulated apartment (RTF= SEED= MISSION= APPROACH= CANCEL_AFTER= RECORD= LINGER=)"
@@ -41,6 +41,7 @@ help:
 	@echo "make lint   ruff, mypy, vermin, the map of imports, tests that assert nothing, catkin_lint, roslaunch-check"
 	@echo "make docs   the documents and an API reference as a site in results/docs/html, links checked"
 	@echo "make screenshots  the monitor's pictures in docs/images, over a running mission"
+	@echo "make film   the monitor's page while a robot of examples/deliberation solves a problem, as docs/images/deliberation.png (PROBLEM= SEED=)"
 	@echo "make debian  build and demo in a bare root of another Debian (VERSION=11|12|13 TARGET='build demo test' PROFILE= PYTEST='FILE …' AS=root|user)"
 	@echo "make deb    a Debian package of the install space, in results/deb (PROFILE=robot|simulation|all)"
 	@echo "make imports  import every module that is built (PROFILE=), with the Python of this system"
@@ -52,6 +53,7 @@ deb imports: NEEDS = $(PROFILE)
 demo experiment restaurant: NEEDS = simulation
 try: NEEDS = robot
 deliberation: NEEDS = robot+deliberation
+film: NEEDS = all+deliberation
 build:
 	@tools/build.sh $(NEEDS)
 
@@ -141,6 +143,9 @@ soak: build
 
 screenshots: build
 	@$(IN) python tools/monitor_screenshots.py
+
+film: build
+	@$(IN) python tools/film.py problem:=$(or $(PROBLEM),3) seed:=$(SEED)
 
 docs:
 	@tools/docs.sh

@@ -179,6 +179,7 @@ FROM_PIP = {
     "pybullet_utils",
     "pyrobosim",
     "rdflib",
+    "shapely",
 }
 
 

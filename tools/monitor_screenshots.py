@@ -5,6 +5,7 @@
 Usage: tools/in_workspace.sh python tools/monitor_screenshots.py [folder, default docs/images]
 """
 
+import contextlib
 import os
 import re
 import secrets
@@ -13,7 +14,7 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
-from typing import Any, Dict
+from typing import Any, Dict, Iterator
 
 from merlin_monitor.access.operators import write_operators
 from merlin_test.chromium import Visit, chromium
@@ -42,40 +43,51 @@ def main() -> int:
     token = secrets.token_urlsafe()
     with tempfile.TemporaryDirectory(prefix="merlin_screenshots_") as results:
         write_operators(Path(results, "merlin", "operators.yaml"), {"Ana": token})
-        mission = subprocess.Popen(
-            ["rosrun", "merlin", "run", "home.launch", "tasks:=20", "rtf:=1", f"results:={results}/results"],
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.PIPE,
-            text=True,
-            start_new_session=True,
-            env={**os.environ, "ROS_HOME": results},
-        )
-        try:
-            address = _address(mission)
-            with chromium() as browser:
-                visits = {name: Visit(browser, address, **options) for name, options in PICTURES.items()}
-                for visit in visits.values():
-                    visit.page.click("#operator")
-                    visit.page.fill("#token", token)
-                    visit.page.keyboard.press("Enter")
-                    visit.wait_text("#operator", "Ana")
-                for name, visit in visits.items():
-                    # On the way to a later task's place, so that there is something to look back at.
-                    visit.wait(DRIVING, limit=LIMIT)
-                    visit.page.screenshot(path=folder / name)
-                    print(folder / name)
-                visit.page.click("#stop")
-                visit.wait_text("#now-doing", "stopped and held")
-                visit.page.screenshot(path=folder / HELD)
-                print(folder / HELD)
-        finally:
-            os.killpg(mission.pid, signal.SIGINT)
-            try:
-                mission.wait(STOP)
-            except subprocess.TimeoutExpired:
-                os.killpg(mission.pid, signal.SIGKILL)
-                mission.wait()
+        with page_of("home.launch", "tasks:=20", "rtf:=1", results=results) as address, chromium() as browser:
+            visits = {name: Visit(browser, address, **options) for name, options in PICTURES.items()}
+            for visit in visits.values():
+                visit.page.click("#operator")
+                visit.page.fill("#token", token)
+                visit.page.keyboard.press("Enter")
+                visit.wait_text("#operator", "Ana")
+            for name, visit in visits.items():
+                # On the way to a later task's place, so that there is something to look back at.
+                visit.wait(DRIVING, limit=LIMIT)
+                visit.page.screenshot(path=folder / name)
+                print(folder / name)
+            visit.page.click("#stop")
+            visit.wait_text("#now-doing", "stopped and held")
+            visit.page.screenshot(path=folder / HELD)
+            print(folder / HELD)
     return 0
+
+
+@contextlib.contextmanager
+def page_of(*words: str, results: str) -> Iterator[str]:
+    """The address of the page of an application, which runs meanwhile.
+
+    :param words: of `rosrun merlin run`.
+    :param results: folder of all that it writes.
+    :raises RuntimeError: it has ended without a page.
+    """
+    mission = subprocess.Popen(
+        ["rosrun", "merlin", "run", *words, f"results:={results}/results"],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        env={**os.environ, "ROS_HOME": results},
+    )
+    try:
+        yield _address(mission)
+    finally:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(mission.pid, signal.SIGINT)
+        try:
+            mission.wait(STOP)
+        except subprocess.TimeoutExpired:
+            os.killpg(mission.pid, signal.SIGKILL)
+            mission.wait()
 
 
 def _address(mission: "subprocess.Popen[str]") -> str:

@@ -44,6 +44,7 @@ OWN = "merlin_sm."
 #: Group → states.
 GROUPS: Tuple[Tuple[str, Tuple[str, ...]], ...] = (
     ("Drive, speak, hear, see", ("navigation", "speak", "listen", "ask", "recognize")),
+    ("Handle objects", ("detect", "pick", "place", "open", "close")),
     ("Decide, remember, wait", ("function", "knowledge", "wait", "while")),
     ("Anything of ROS", ("action", "service", "topic")),
     ("The planning system", ("generate_problem", "plan", "parse_plan", "dispatch_plan")),
@@ -55,6 +56,11 @@ WRITTEN: Dict[str, Tuple[str, ...]] = {
     "listen": ('state("listen", GRAMMAR, timeout=10.0)',),
     "ask": ('state("ask", "Is this {order} right?", GRAMMAR)',),
     "recognize": ('state("recognize", ["cup", "person"], least_score=0.5)',),
+    "detect": ('state("detect", "{o}", "{s}")',),
+    "pick": ('state("pick", "{o}", "{s}")', 'state("pick", "{o}", seen="detections")'),
+    "place": ('state("place", "{o}", "{s}")',),
+    "open": ('state("open", "fridge")',),
+    "close": ('state("close", "{s}")',),
     "function": ('state("function", decide)', 'state("function", decide, ["heard"], ["order"], ["refused"])'),
     "knowledge": ('state("knowledge", add=["(at {o} {p})"], remove=["(held {o})"])',),
     "wait": ('state("wait", 2.0)',),

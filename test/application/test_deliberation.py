@@ -43,10 +43,17 @@ def test_the_battery_is_charged_in_time_while_actions_fail(seed: int, tmp_path: 
     assert run["failed"] > 0
 
 
-def test_an_unknown_world_ends_with_one_sentence(tmp_path: Path) -> None:
-    command = ["rosrun", "merlin", "run", "deliberation", "deliberation.launch", "world:=nowhere.yaml"]
+@pytest.mark.parametrize(
+    ("word", "said"),
+    [
+        ("world:=nowhere.yaml", "there is no world nowhere.yaml"),
+        ("goals:=(is_near mug table)", "none that can be compared with the simulation"),
+    ],
+)
+def test_a_mistake_ends_with_one_sentence(word: str, said: str, tmp_path: Path) -> None:
+    command = ["rosrun", "merlin", "run", "deliberation", "deliberation.launch", word]
     done = subprocess.run(
         [*command, "monitor:=false", f"results:={tmp_path}"], capture_output=True, text=True, check=False
     )
     assert done.returncode == 2
-    assert "there is no world nowhere.yaml" in done.stdout + done.stderr
+    assert said in done.stdout + done.stderr

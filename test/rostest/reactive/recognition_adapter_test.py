@@ -30,7 +30,8 @@ def detection(number, x):
 
 class RecognitionAdapter(unittest.TestCase):
     def setUp(self):
-        (code,) = re.findall(r"```python\n(.*?SerialActionServer\(.*?)```", DOCUMENT.read_text(), re.S)
+        codes = re.findall(r"```python\n(.*?)```", DOCUMENT.read_text(), re.S)
+        (code,) = (each for each in codes if 'init_node("recognition")' in each)
         self.adapter = subprocess.Popen([sys.executable, "-c", code])
         self.addCleanup(self.adapter.wait, LONG)
         self.addCleanup(self.adapter.send_signal, signal.SIGINT)

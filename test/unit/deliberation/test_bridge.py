@@ -2,19 +2,17 @@
 """The bridge: sensed facts before the answer, cancels, one action at a time. Without pyrobosim and master."""
 
 import threading
-from typing import Any, Iterator, List, Set, Tuple
+from typing import Any, Dict, Iterator, List, Set, Tuple
 from unittest.mock import MagicMock
 
 import pytest
 import rospy
 from actionlib_msgs.msg import GoalID, GoalStatus
-from diagnostic_msgs.msg import KeyValue
 from fakes.topics import Topics
-from merlin_msgs.msg import RunActionActionGoal, RunActionGoal
 from small_house import HOUSE, state
 
 from deliberation import bridge as module
-from deliberation.bridge import Bridge
+from deliberation.bridge import SERVERS, Bridge
 from merlin_planning.knowledge_client import ADD, KnowledgeError, Update
 
 LONG = 60.0
@@ -35,6 +33,8 @@ class Bench:
         self.known: Set[Tuple[str, ...]] = set()
         self.refuses = False
         monkeypatch.setattr(module, "ServiceProxy", lambda *_, **__: MagicMock())
+        self.points: Dict[str, Any] = {}
+        monkeypatch.setattr(module, "set_param", lambda name, value: self.points.update(value))
         self.topics = Topics(monkeypatch)
         self.bridge = Bridge(self, self)  # type: ignore[arg-type]
         self.bridge.start()
@@ -69,12 +69,20 @@ class Bench:
     # --- clients
 
     def send(self, action: str, target: str, name: str = "g") -> None:
-        goal = RunActionGoal(parameters=[KeyValue("target", target)])
-        message = RunActionActionGoal(goal_id=GoalID(id=name, stamp=rospy.Time(1)), goal=goal)
-        self.topics.send(f"/pyrobosim/{action}/goal", message)
+        server, kind = SERVERS[action]
+        message = type(kind().action_goal)(goal_id=GoalID(id=name, stamp=rospy.Time(1)))
+        if action == "navigate":
+            position = message.goal.target_pose.pose.position
+            point = self.points.get(target, {"x": 99.0, "y": 0.0})
+            position.x, position.y = point["x"], point["y"]
+        elif action == "detect":
+            message.goal.classes = [target]
+        else:
+            message.goal.object = target
+        self.topics.send(f"/{server}/goal", message)
 
     def result(self, action: str) -> Any:
-        return self.topics.published(f"/pyrobosim/{action}/result").get(timeout=LONG)
+        return self.topics.published(f"/{SERVERS[action][0]}/result").get(timeout=LONG)
 
 
 @pytest.fixture
@@ -99,20 +107,27 @@ def test_what_was_seen_is_known_before_the_action_is_answered(bench: Bench) -> N
     assert known == [True]
 
 
-def test_a_look_that_does_not_find_the_wanted_thing_fails_and_is_remembered(bench: Bench) -> None:
+def test_a_look_that_does_not_find_the_wanted_thing_is_remembered(bench: Bench) -> None:
     assert ("maybe_at", "soap", "desk") in bench.known
     bench.answer = ("", ["mug"])
     bench.send("detect", "soap")
     result = bench.result("detect")
-    assert (result.status.status, result.status.text) == (GoalStatus.ABORTED, "soap is not at desk")
+    assert (result.status.status, list(result.result.names)) == (GoalStatus.SUCCEEDED, ["mug"])
     assert ("maybe_at", "soap", "desk") not in bench.known and ("is_at", "mug", "desk") in bench.known
+
+
+def test_a_goal_that_is_no_site_is_refused(bench: Bench) -> None:
+    bench.send("navigate", "nowhere")
+    result = bench.result("navigate")
+    assert result.status.status == GoalStatus.ABORTED
+    assert result.status.text == "there is no site at (99.00, 0.00) m; drive to a point of interest"
 
 
 def test_a_cancel_is_asked_for_until_the_drive_has_ended(bench: Bench) -> None:
     bench.may_end.clear()
     bench.send("navigate", "table")
     assert bench.begun.wait(LONG)
-    bench.topics.send("/pyrobosim/navigate/cancel", GoalID(id="g"))
+    bench.topics.send("/move_base/cancel", GoalID(id="g"))
     assert bench.result("navigate").status.status == GoalStatus.PREEMPTED
     assert bench.stops > 1
 

@@ -1,23 +1,26 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The bridge: runs pyrobosim without a window, and serves its robot's actions as action servers.
+"""The bridge: runs pyrobosim without a window, and serves what its robot does as a robot's action servers.
 
 Beside them it keeps what the robot senses in the knowledge base, and says on a topic what is true.
 """
 
 import functools
 import json
+import math
 import threading
 from pathlib import Path
-from typing import Dict, FrozenSet, List, Optional
+from typing import Any, FrozenSet, List, Optional
 
 import rospy
-from diagnostic_msgs.msg import KeyValue
-from merlin_msgs.msg import RunActionAction, RunActionResult
+from merlin_msgs.msg import ManipulateAction, RecognizeAction, RecognizeResult
+from move_base_msgs.msg import MoveBaseAction
 from rosplan_knowledge_msgs.srv import SetNamedBool
 from std_msgs.msg import String
+from vision_msgs.msg import Detection3D, Detection3DArray, ObjectHypothesisWithPose
 
 from deliberation.belief import SENSED, Belief, Fact, Values, fixed_facts, fixed_values, objects
-from deliberation.house import ACTIONS, as_data
+from deliberation.house import House, as_data
+from deliberation.shown import Shown
 from deliberation.simulation import Simulation
 from deliberation.world_file import WorldError
 from merlin_planning.knowledge_client import (
@@ -34,13 +37,22 @@ from merlin_planning.knowledge_client import (
 )
 from merlin_ros.actions.action_server import ServerGoal
 from merlin_ros.actions.serial_action_server import SerialActionServer
+from merlin_ros.master.master_link import set_param
 from merlin_ros.node import run_node
 from merlin_ros.parameters import number, whole
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
 from merlin_ros.work.threads import start_thread
+from merlin_sm.states.navigation import POINTS_PARAM
 
 KNOWLEDGE_WAIT = 60.0  # s of wall time
 STOP_PERIOD = 0.05  # s of wall time
+NEAR = 0.01  # m between a goal of move_base and the site that it means
+#: Action of pyrobosim → the server by which it is reached, and its type.
+SERVERS = {
+    "navigate": ("move_base", MoveBaseAction),
+    "detect": ("recognize", RecognizeAction),
+    **{each: (each, ManipulateAction) for each in ("pick", "place", "open", "close")},
+}
 
 
 class Senses:
@@ -99,7 +111,7 @@ class Senses:
 
 
 class Bridge:
-    """Serves `pyrobosim/<action>`, each a merlin_msgs/RunAction with the parameter `target`.
+    """Serves move_base, recognize, pick, place, open and close, and sets the points of interest.
 
     :param simulation: what it serves; one action at a time.
     :param knowledge: where it keeps what is sensed.
@@ -113,10 +125,8 @@ class Bridge:
         self._begun = self._failed = 0
         self._told = rospy.Publisher("pyrobosim/state", String, queue_size=10, latch=True)
         self._servers = [
-            SerialActionServer(
-                f"pyrobosim/{action}", RunActionAction, functools.partial(self._execute, action), self._cancel
-            )
-            for action in ACTIONS
+            SerialActionServer(name, kind, functools.partial(self._execute, action), self._cancel)
+            for action, (name, kind) in SERVERS.items()
         ]
 
     def start(self) -> None:
@@ -124,6 +134,8 @@ class Bridge:
 
         :raises KnowledgeError: when it refuses that, or a :class:`ServiceError` when it does not answer.
         """
+        sites = self._simulation.house.sites.items()
+        set_param(POINTS_PARAM, {name: {"x": site.x, "y": site.y, "yaw": 0.0} for name, site in sites})
         self._senses.begin()
         self._tell("")
         for server in self._servers:
@@ -136,9 +148,8 @@ class Bridge:
         self._simulation.end()
 
     def _execute(self, action: str, goal: ServerGoal) -> None:
-        parameters = values_of(goal.goal.parameters)
         if not self._robot.acquire(blocking=False):
-            _fail(goal, "the robot is at another action; cancel that first")
+            goal.abort(text="the robot is at another action; cancel that first")
             return
         try:
             if goal.cancel_requested:
@@ -146,26 +157,27 @@ class Bridge:
                 return
             self._begun += 1
             self._tell(action)
-            reason, seen = self._simulation.act(action, parameters.get("target", ""))
-            reason = self._learn(action, parameters, reason, seen)
-            self._failed += bool(reason)
+            try:
+                reason, seen = self._simulation.act(action, target_of(self._simulation.house, goal.goal))
+            except ValueError as error:
+                reason, seen = str(error), []
+            reason = self._learn(action, reason, seen)
+            wanted = goal.goal.classes if action == "detect" else ()
+            self._failed += bool(reason) or not set(wanted) <= set(seen)
             self._tell("")
         finally:
             self._robot.release()
         if reason and goal.cancel_requested:
             goal.cancelled(text=reason)
         elif reason:
-            _fail(goal, reason)
+            goal.abort(text=reason)
         else:
-            goal.succeed(RunActionResult(outcome="succeeded"))
+            goal.succeed(looked(seen) if action == "detect" else None)
 
-    def _learn(self, action: str, parameters: Dict[str, str], reason: str, seen: List[str]) -> str:
+    def _learn(self, action: str, reason: str, seen: List[str]) -> str:
         """Keeps what was found out; returns why the action failed."""
         if action == "detect" and not reason:
-            spot, thing = self._simulation.state().site, parameters.get("target", "")
-            self._belief.looked(spot, seen)
-            if thing and thing not in seen:
-                reason = f"{thing} is not at {spot}"
+            self._belief.looked(self._simulation.state().site, seen)
         self._belief.felt(self._simulation.state())
         try:
             self._senses.sense()
@@ -191,13 +203,24 @@ class Bridge:
         self._told.publish(String(json.dumps({**data, **counts})))
 
 
-def values_of(parameters: List[KeyValue]) -> Dict[str, str]:
-    """Parameters of a goal by their names."""
-    return {each.key: each.value for each in parameters}
+def target_of(house: House, goal: Any) -> str:
+    """The site to which a goal of move_base drives, or the object of one of the arm; of recognize none.
+
+    :raises ValueError: when the pose is no site's.
+    """
+    if not hasattr(goal, "target_pose"):
+        return str(getattr(goal, "object", ""))
+    at = goal.target_pose.pose.position
+    for name, site in house.sites.items():
+        if math.hypot(site.x - at.x, site.y - at.y) < NEAR:
+            return name
+    raise ValueError(f"there is no site at ({at.x:.2f}, {at.y:.2f}) m; drive to a point of interest")
 
 
-def _fail(goal: ServerGoal, reason: str) -> None:
-    goal.abort(RunActionResult(outcome="aborted", reason=reason), reason)
+def looked(seen: List[str]) -> RecognizeResult:
+    """What a look has seen; pyrobosim tells names only."""
+    found = [Detection3D(results=[ObjectHypothesisWithPose(id=each, score=1.0)]) for each in range(len(seen))]
+    return RecognizeResult(Detection3DArray(detections=found), seen)
 
 
 def _start() -> None:
@@ -205,10 +228,12 @@ def _start() -> None:
     if not world:
         raise WorldError("parameter ~world is missing; give a world file of pyrobosim, _world:=FILE")
     simulation = Simulation(Path(world), whole("~seed", 1, 0), number("~rtf", 1.0, 0.01))
-    bridge = Bridge(simulation, knowledge_client())
+    bridge, shown = Bridge(simulation, knowledge_client()), Shown(simulation)
+    rospy.on_shutdown(shown.shutdown)
     rospy.on_shutdown(bridge.shutdown)
     wait_for_knowledge_base("rosplan_knowledge_base", KNOWLEDGE_WAIT)
     bridge.start()
+    shown.start()
     rospy.loginfo("pyrobosim: the robot is ready")
 
 

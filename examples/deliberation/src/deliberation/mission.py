@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The mission of all four problems: reach the goals, through cancels and an urgent request."""
+"""The missions of the four problems: reach the goals, through cancels and an urgent request."""
 
 import json
 import random
@@ -13,7 +13,7 @@ from merlin_msgs.msg import ExecuteResult
 from std_msgs.msg import String
 
 from deliberation.belief import SENSED
-from deliberation.house import ACTIONS, ANYWHERE, House, State, from_data, holds, words
+from deliberation.house import ANYWHERE, House, State, from_data, holds, words
 from deliberation.oracle import expected_actions
 from deliberation.problems import Run, problem_of
 from merlin_executor.executor_request import ExecutorRequest
@@ -26,23 +26,23 @@ HELD = (ExecuteResult.SUCCEEDED, ExecuteResult.ALREADY_TRUE)
 
 
 class Deliberation(GoalDispatcher):
-    """Sends the goals of a problem. With cancels, an urgent request comes in between as well.
+    """Base: sends the goals of a problem. With cancels, an urgent request comes in between as well.
 
-    :param problem: 1 to 4.
+    :cvar number: of the problem.
     :param seed: of the moments of cancels.
     :param cancels: how often the goals are cancelled and sent again.
     :param goals: instead of those of the problem; `none`: those.
     :param urgent: instead of its urgent goals; `none`: those.
     :param attempts: how often goals are sent whose plans have failed too often.
     :param results: folder.
-    :raises ValueError: for an unknown problem, or text that is not a list of goals.
+    :raises ValueError: for text that is not a list of goals.
     """
 
-    servers = tuple(f"pyrobosim/{action}" for action in ACTIONS)
+    number = 0
+    servers = ("move_base", "recognize", "pick", "place", "open", "close")
 
     def __init__(
         self,
-        problem: int = 1,
         seed: int = 1,
         cancels: int = 0,
         goals: str = "none",
@@ -54,8 +54,8 @@ class Deliberation(GoalDispatcher):
             raise ValueError(
                 f"~cancels is {cancels} and ~attempts {attempts}; they have to be at least 0 and 1"
             )
-        asked = problem_of(problem)
-        self._number, self._seed, self._cancels, self._attempts = problem, seed, cancels, attempts
+        asked = problem_of(self.number)
+        self._seed, self._cancels, self._attempts = seed, cancels, attempts
         self._goals = words(asked.goals if goals == "none" else goals)
         self._urgent = words(asked.urgent if urgent == "none" else urgent) if cancels else []
         self._results = results_folder(results)
@@ -63,7 +63,7 @@ class Deliberation(GoalDispatcher):
         self._data: Optional[Dict[str, Any]] = None
         self._replans, self._planning, self._done_urgent, self._done_cancels = 0, 0.0, 0, 0
         self._wrong: List[str] = []
-        super().__init__(f"problem {problem}", 1)
+        super().__init__(asked.title, 1)
         rospy.Subscriber("pyrobosim/state", String, self._receive, queue_size=50, tcp_nodelay=True)
 
     def run(self) -> None:
@@ -186,7 +186,7 @@ class Deliberation(GoalDispatcher):
             if not holds(goal, state)
         ]
         run = Run(
-            self._number,
+            self.number,
             self._seed,
             succeeded and not wrong,
             self._begun(),
@@ -206,6 +206,30 @@ class Deliberation(GoalDispatcher):
         for each in wrong:
             print(f"WRONG: {each}", flush=True)
         return run.solved
+
+
+class Fetch(Deliberation):
+    """Mug and apple on the table: they have to be found."""
+
+    number = 1
+
+
+class Doors(Deliberation):
+    """Mug on the table, book on the desk: doors are closed, and a full hand opens none."""
+
+    number = 2
+
+
+class Containers(Deliberation):
+    """Apple on the table, soap in the bin: things are in closed containers, and actions fail."""
+
+    number = 3
+
+
+class Battery(Deliberation):
+    """These, and the book on the desk, with a battery that has to be charged in time."""
+
+    number = 4
 
 
 def texts(goals: List[Tuple[str, ...]]) -> List[str]:

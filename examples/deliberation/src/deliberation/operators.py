@@ -1,89 +1,73 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The operators of the domain as state machines: each does one action of the simulated robot."""
+"""The operators of the domain as state machines, each of one ready state."""
 
-from typing import Any
-
-from diagnostic_msgs.msg import KeyValue
-from merlin_msgs.msg import RunActionAction, RunActionGoal
+from typing import Sequence
 
 from merlin_actions.merlin_action_sm import MerlinActionSM
 
 CANCEL_LIMIT = 2.5  # s: pyrobosim does not interrupt the planning of a path
 
 
-class OnRobot(MerlinActionSM):
-    """Runs an action of the robot on one of the operator's objects."""
+class OneState(MerlinActionSM):
+    """Runs a ready state with the operator's objects."""
 
-    action = ""
-    """Of pyrobosim."""
-    target = ""
-    """The variable of the object; empty: the action has none."""
+    ready: Sequence[str] = ()
+    """Its name and arguments."""
 
     def build(self) -> None:
-        """One state: the robot's action."""
-        state = self.state(
-            "action",
-            f"pyrobosim/{self.action}",
-            RunActionAction,
-            self._goal,
-            input_keys=[self.target] if self.target else [],
-            cancel_limit=CANCEL_LIMIT,
-        )
-        self.add("ACT", state)
-
-    def _goal(self, userdata: Any) -> RunActionGoal:
-        named = [KeyValue("target", userdata[self.target])] if self.target else []
-        return RunActionGoal(parameters=named)
+        """One state."""
+        self.add("ACT", self.state(*self.ready))
 
 
-class Navigate(OnRobot):
+class Navigate(MerlinActionSM):
     """Drives to a spot or a door."""
 
     parameters = ["from", "to", "r"]
-    action, target = "navigate", "to"
+
+    def build(self) -> None:
+        """One state."""
+        self.add("DRIVE", self.state("navigation", cancel_limit=CANCEL_LIMIT), remapping={"target": "to"})
 
 
 class Charge(Navigate):
     """Drives to a charger, which fills the battery when the robot arrives."""
 
 
-class Open(OnRobot):
+class Open(OneState):
     """Opens the container at which the robot is."""
 
-    parameters = ["s"]
-    action = "open"
+    parameters, ready = ["s"], ("open", "{s}")
 
 
-class OpenDoor(OnRobot):
+class OpenDoor(OneState):
     """Opens the door at which the robot is."""
 
-    parameters = ["d", "a", "b"]
-    action = "open"
+    parameters, ready = ["d", "a", "b"], ("open", "{d}")
 
 
-class Close(OnRobot):
+class Close(OneState):
     """Closes the container at which the robot is."""
 
-    parameters = ["s"]
-    action = "close"
+    parameters, ready = ["s"], ("close", "{s}")
 
 
-class Detect(OnRobot):
+class Pick(OneState):
+    """Picks a thing up."""
+
+    parameters, ready = ["o", "s"], ("pick", "{o}", "{s}")
+
+
+class Place(OneState):
+    """Puts the thing in the hand down."""
+
+    parameters, ready = ["o", "s"], ("place", "{o}", "{s}")
+
+
+class Detect(MerlinActionSM):
     """Looks at all that is at a spot. Fails when the wanted thing is not there; what it saw is known."""
 
     parameters = ["o", "s"]
-    action, target = "detect", "o"
 
-
-class Pick(OnRobot):
-    """Picks a thing up."""
-
-    parameters = ["o", "s"]
-    action, target = "pick", "o"
-
-
-class Place(OnRobot):
-    """Puts the thing in the hand down."""
-
-    parameters = ["o", "s"]
-    action, target = "place", "o"
+    def build(self) -> None:
+        """One state."""
+        self.add("LOOK", self.state("detect", "{o}", "{s}"), {"not_found": "aborted"})

@@ -79,6 +79,28 @@ class Simulation:
             {action: float(options[action].battery_usage) for action in ACTIONS},
         )
 
+    def pose(self) -> Tuple[float, float, float]:
+        """Where the robot is, m and rad, frame of the world."""
+        pose = self._robot.get_pose()
+        return float(pose.x), float(pose.y), float(pose.get_yaw())
+
+    def floor(self, cell: float) -> Tuple[float, float, Any]:
+        """What is free (0) and what is not (100), rows from the south, and x and y of the first corner, m.
+
+        :param cell: m.
+        """
+        import numpy
+        import shapely
+
+        world, margin = self._world, 5 * cell
+        low = world.x_bounds[0] - margin, world.y_bounds[0] - margin
+        high = world.x_bounds[1] + margin, world.y_bounds[1] + margin
+        x, y = numpy.meshgrid(*(numpy.arange(a + cell / 2, b, cell) for a, b in zip(low, high)))
+        free = shapely.union_all([each.polygon for each in (*world.rooms, *world.hallways)])
+        full = shapely.union_all([each.polygon for each in world.locations])
+        inside = shapely.contains_xy(free, x, y) & ~shapely.contains_xy(full, x, y)
+        return float(low[0]), float(low[1]), numpy.where(inside, 0, 100)
+
     def state(self) -> State:
         """What is true now."""
         pose, robot = self._robot.get_pose(), self._robot
@@ -120,7 +142,7 @@ class Simulation:
         """Does one action, to its end or to :meth:`stop`.
 
         :param action: one of :data:`deliberation.house.ACTIONS`.
-        :param target: a site of navigate, a thing of pick; unused by the others.
+        :param target: a site of navigate, open and close, a thing of pick and place; unused by detect.
         :return: why it failed, empty when it did not; the things that detect saw.
         """
         from pyrobosim.planning.actions import TaskAction
@@ -134,6 +156,12 @@ class Simulation:
             entity = next((each for each in self._world.objects if pddl_name(each.name) == target), None)
             if entity is None:
                 return f"there is no thing {target}", []
+        elif action != "detect":
+            state = self.state()
+            here = state.holding if action == "place" else state.site
+            if here != target:
+                does = "holds" if action == "place" else "is at"
+                return f"the robot {does} {here or 'nothing'}, not {target}", []
         task = TaskAction(action, object=entity if action == "pick" else None, target_location=entity)
         result = self._robot.execute_action(task, realtime_factor=self._rtf)
         if not result.is_success():

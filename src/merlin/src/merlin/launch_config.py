@@ -115,12 +115,11 @@ class LaunchConfig:
         for node in self.nodes:
             if node.namespace != namespace:
                 continue
-            action = SERVED.get((node.package, node.type), "")
+            actions: Any = SERVED.get((node.package, node.type), "")
             if (node.package, node.type) == ("merlin_actions", "simulated_action_server"):
-                action = str(self.param(f"{namespace}{node.name}/action", ""))
-            action = dict(node.remap_args).get(action, action)
-            if action:
-                yield action, node
+                actions = self.param(f"{namespace}{node.name}/action", "")
+            for action in actions if isinstance(actions, list) else [str(actions)] * bool(actions):
+                yield dict(node.remap_args).get(action, action), node
 
     @property
     def has_robot(self) -> bool:

@@ -9,6 +9,7 @@ from merlin_sm.states.action_state import ActionState
 from merlin_sm.states.dialogue import AskSM
 from merlin_sm.states.function_state import FunctionState
 from merlin_sm.states.knowledge import KnowledgeState
+from merlin_sm.states.manipulation import CloseState, OpenState, PickState, PlaceState
 from merlin_sm.states.navigation import NavigationState
 from merlin_sm.states.planning import (
     DispatchPlanState,
@@ -16,7 +17,7 @@ from merlin_sm.states.planning import (
     ParsePlanState,
     PlanState,
 )
-from merlin_sm.states.recognition import RecognizeState
+from merlin_sm.states.recognition import DetectState, RecognizeState
 from merlin_sm.states.ros_calls import ServiceCallState, TopicState
 from merlin_sm.states.speech import ListenState, SpeakState
 from merlin_sm.states.wait import WaitState
@@ -36,6 +37,11 @@ class MerlinStateFactory:
     listen            :class:`merlin_sm.states.speech.ListenState`
     ask               :class:`merlin_sm.states.dialogue.AskSM`
     recognize         :class:`merlin_sm.states.recognition.RecognizeState`
+    detect            :class:`merlin_sm.states.recognition.DetectState`
+    pick              :class:`merlin_sm.states.manipulation.PickState`
+    place             :class:`merlin_sm.states.manipulation.PlaceState`
+    open              :class:`merlin_sm.states.manipulation.OpenState`
+    close             :class:`merlin_sm.states.manipulation.CloseState`
     action            :class:`merlin_sm.states.action_state.ActionState`
     service           :class:`merlin_sm.states.ros_calls.ServiceCallState`
     topic             :class:`merlin_sm.states.ros_calls.TopicState`
@@ -105,13 +111,18 @@ class MerlinStateFactory:
 for _name, _maker in (
     ("action", ActionState),
     ("ask", AskSM),
+    ("close", CloseState),
+    ("detect", DetectState),
     ("dispatch_plan", DispatchPlanState),
     ("function", FunctionState),
     ("generate_problem", GenerateProblemState),
     ("knowledge", KnowledgeState),
     ("listen", ListenState),
     ("navigation", NavigationState),
+    ("open", OpenState),
     ("parse_plan", ParsePlanState),
+    ("pick", PickState),
+    ("place", PlaceState),
     ("plan", PlanState),
     ("recognize", RecognizeState),
     ("service", ServiceCallState),

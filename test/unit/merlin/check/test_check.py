@@ -57,6 +57,17 @@ class Drive(MerlinActionSM):
 """
 
 
+FETCHES = """from merlin_actions.merlin_action_sm import MerlinActionSM
+
+
+class TakeOrder(MerlinActionSM):
+    parameters = ["t"]
+
+    def build(self):
+        self.add("PICK", self.state("pick", "{t}"))
+"""
+
+
 def command(tmp_path: Path, *words: str) -> "subprocess.CompletedProcess[str]":
     """The command in a process of its own; `check` says the same in a tenth of the time."""
     env = {**os.environ, "ROS_LOG_DIR": str(tmp_path), "ROS_HOME": str(tmp_path)}
@@ -178,20 +189,38 @@ def test_a_mission_that_does_not_exist_and_an_object_declared_twice_are_named(
     assert "warning: 'kitchen' is declared in line" in done.stdout
 
 
-def test_a_server_that_is_missing_is_named_and_one_with_a_script_is_there(check: Any, tmp_path: Path) -> None:
+def order_application(tmp_path: Path, on: str, action: str) -> Path:
     domain = tmp_path / "order.pddl"
     domain.write_text("(define (domain order) (:action take_order :parameters (?t - object)))")
-    action = tmp_path / "my_orders.py"
-    action.write_text(ORDERS)
-    launch = Path(application(tmp_path, "my_orders:TakeOrder", on="servers"))
+    (tmp_path / f"my_orders_{on}.py").write_text(action)
+    launch = Path(application(tmp_path, f"my_orders_{on}:TakeOrder", on=on))
     text = launch.read_text().replace("$(find merlin)/pddl/home/domain.pddl", str(domain))
     launch.write_text(text.replace("$(find merlin)/pddl/home/problem.pddl", ""))
+    return launch
+
+
+def test_a_server_that_is_missing_is_named_and_one_with_a_script_is_there(check: Any, tmp_path: Path) -> None:
+    launch = order_application(tmp_path, "servers", ORDERS)
     missing = check(tmp_path, str(launch))
     assert missing.returncode == 2
     assert "state ASK/LISTEN of TakeOrder uses the action server 'listen', which the launch" in missing.stderr
     launch.write_text(
         launch.read_text().replace('name="on"', """name="answers" value="['a tea']"/><arg name="on\"""")
     )
+    assert check(tmp_path, str(launch)).returncode == 0
+
+
+def test_an_arm_is_among_the_simulated_servers_and_in_a_simulator_where_it_is_asked_for(
+    check: Any, tmp_path: Path
+) -> None:
+    fits = check(tmp_path, str(order_application(tmp_path, "servers", FETCHES)))
+    assert fits.returncode == 0, fits.stderr
+    assert "servers: pick" in fits.stdout
+    launch = order_application(tmp_path, "simulator", FETCHES)
+    missing = check(tmp_path, str(launch))
+    assert missing.returncode == 2
+    assert "state PICK of TakeOrder uses the action server 'pick', which the launch" in missing.stderr
+    launch.write_text(launch.read_text().replace('name="on"', 'name="arm" value="true"/><arg name="on"'))
     assert check(tmp_path, str(launch)).returncode == 0
 
 

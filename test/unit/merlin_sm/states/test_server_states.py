@@ -14,11 +14,13 @@ from vision_msgs.msg import Detection3D, ObjectHypothesisWithPose
 
 from merlin_ros.actions import hang_watch
 from merlin_ros.actions.hang_watch import HUNG, HangWatch
+from merlin_sm.merlin_sm import MerlinSM
 from merlin_sm.states import action_state, navigation
 from merlin_sm.states.action_state import ActionState
+from merlin_sm.states.manipulation import CloseState, OpenState, PickState, PlaceState
 from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, SUCCEEDED, GivenUp
 from merlin_sm.states.navigation import POINTS_PARAM, NavigationState
-from merlin_sm.states.recognition import RecognizeState
+from merlin_sm.states.recognition import NOT_FOUND, DetectState, Recognized, RecognizeState
 from merlin_sm.states.speech import MISUNDERSTOOD, ListenState, SpeakState
 from smach import UserData
 
@@ -382,3 +384,67 @@ def test_seeing_nothing_is_a_success(server: Server) -> None:
     server.end = (GoalStatus.SUCCEEDED, "", seen([]))
     data: Dict[str, Any] = userdata()
     assert RecognizeState().execute(data) == SUCCEEDED and data.detections == []
+
+
+@pytest.mark.parametrize(
+    ("wanted", "outcome", "reason", "kept"),
+    [
+        ("cup", SUCCEEDED, "", [0.9, 0.4]),
+        ("plate", NOT_FOUND, "plate was not seen at desk", []),
+    ],
+)
+def test_one_object_is_looked_for(
+    server: Server, wanted: str, outcome: str, reason: str, kept: List[float]
+) -> None:
+    server.end = (GoalStatus.SUCCEEDED, "", seen(["cup", "plate"], (0, 0.4), (1, 0.1), (0, 0.9)))
+    look = DetectState("{o}", "{s}", least_score=0.2)
+    machine = MerlinSM([SUCCEEDED, NOT_FOUND, ABORTED, PREEMPTED], ["o", "s"], ["detections"])
+    with machine:
+        machine.add("LOOK", look)
+    data = userdata(o=wanted, s="desk")
+    assert (machine.execute(data), machine.reason) == (outcome, reason)
+    assert [item.score for item in data.detections] == kept
+    assert list(server.goals[0].classes) == [wanted]
+
+
+def test_a_look_that_fails_is_no_look_that_finds_nothing(server: Server) -> None:
+    server.end = (GoalStatus.ABORTED, "no camera", None)
+    look = DetectState("cup")
+    assert (look.execute(userdata()), look.reason) == (ABORTED, "/server aborted: no camera")
+
+
+def test_only_words_that_are_known_before_are_compared_with_the_recogniser(server: Server) -> None:
+    assert (RecognizeState(["cup", "{o}"]).asks, DetectState("{o}").asks) == (("cup",), ())
+
+
+@pytest.mark.parametrize("kind", [PickState, PlaceState, OpenState, CloseState])
+def test_what_an_arm_is_asked_for(server: Server, kind: Any) -> None:
+    work = kind("{o}", "{s}")
+    assert work.execute(userdata(o="cup", s="desk")) == SUCCEEDED
+    (goal,) = server.goals
+    assert (goal.object, goal.place, goal.pose) == ("cup", "desk", PoseStamped())
+    assert (work.action, kind("cup", action="left/arm").action) == (kind.does, "left/arm")
+
+
+def test_the_best_pose_that_was_seen_goes_with_the_goal(server: Server) -> None:
+    found = seen(["cup"], (0, 0.4), (0, 0.9)).detections.detections
+    for detection, x in zip(found, (1.0, 2.0)):
+        detection.header.frame_id = "map"
+        detection.results[0].pose.pose.position.x = x
+    data = userdata(detections=[Recognized("cup", each) for each in found])
+    assert PickState("cup", seen="detections").execute(data) == SUCCEEDED
+    pose = server.goals[0].pose
+    assert (pose.header.frame_id, pose.pose.position.x) == ("map", 2.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [
+        ("plate", "plate is not among what was seen; look for it first"),
+        ("", "pick has no object; its name is empty"),
+    ],
+)
+def test_an_arm_is_not_asked_for_what_it_cannot_know(server: Server, name: str, reason: str) -> None:
+    work = PickState("{o}", seen="detections")
+    assert work.execute(userdata(o=name, detections=[])) == ABORTED
+    assert (work.reason, server.goals) == (reason, [])

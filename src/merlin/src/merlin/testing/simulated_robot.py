@@ -2,13 +2,14 @@
 """A robot for tests: simulated servers that a test scripts, below actions, or below a whole application."""
 
 import contextlib
+import functools
 import threading
 from pathlib import Path
 from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple, Type, Union
 
 import rospy
 import yaml
-from merlin_msgs.msg import ListenAction, RecognizeAction
+from merlin_msgs.msg import ListenAction, ManipulateAction, RecognizeAction
 from move_base_msgs.msg import MoveBaseAction
 from sound_play.msg import SoundRequestAction
 
@@ -26,6 +27,7 @@ SERVED = {
     "listen": ListenAction,
     "recognize": RecognizeAction,
 }
+ARM = ("pick", "place", "open", "close")
 DURATION = 0.02  # s that each goal takes
 LIMIT = 60.0  # s for what a test waits for
 
@@ -126,30 +128,35 @@ class ActionRun:
 
 
 class SimulatedRobot:
-    """Servers for move_base, sound_play, listen and recognize, which do what the test says.
+    """Servers for move_base, sound_play, listen, recognize and an arm, which do what the test says.
 
     Without a script each goal succeeds after 0.02 s, hears nothing and sees nothing.
 
     :param name: of one of several robots, below which it serves; empty: the only robot.
     :ivar said: texts that were spoken, in order.
     :ivar drives: goals of move_base, as (x, y) in frame map.
+    :ivar handled: what the arm began, as (action, object, place): ("pick", "mug", "desk").
     """
 
     def __init__(self, name: str = "") -> None:
         self.said: List[str] = []
         self.drives: List[Tuple[float, float]] = []
+        self.handled: List[Tuple[str, str, str]] = []
         self._runs: List[MissionRun] = []
         self._folder = Path()
-        self._drive_began = threading.Event()
+        self._begun = {server: threading.Event() for server in ("move_base", *ARM)}
         notes = {"move_base": self._note_drive, "sound_play": self._note_speech}
+        notes.update({each: functools.partial(self._note_arm, each) for each in ARM})
+        arm = threading.Lock()  # held while it does one of its actions
         self._servers: Dict[str, SimulatedActionServer] = {
             server: SimulatedActionServer(
                 f"{name}/{server}" if name else server,
                 action,
                 Behaviour(DURATION),
                 on_goal=notes.get(server, lambda goal: None),
+                body=arm if server in ARM else None,
             )
-            for server, action in SERVED.items()
+            for server, action in {**SERVED, **dict.fromkeys(ARM, ManipulateAction)}.items()
         }
         for server in self._servers.values():
             server.start()
@@ -164,7 +171,9 @@ class SimulatedRobot:
             server.follow(Behaviour(DURATION))
         self.said.clear()
         self.drives.clear()
-        self._drive_began.clear()
+        self.handled.clear()
+        for begun in self._begun.values():
+            begun.clear()
 
     def shutdown(self) -> None:
         """Stops serving."""
@@ -248,8 +257,12 @@ class SimulatedRobot:
 
         :raises TimeoutError: when none begins.
         """
-        if not self._drive_began.wait(limit):
-            raise TimeoutError(f"no drive began within {limit:g} s")
+        self.wait_for("move_base", limit)
+
+    def wait_for(self, server: str, limit: float = LIMIT) -> None:
+        """Likewise, for move_base or an action of the arm."""
+        if not self._begun[server].wait(limit):
+            raise TimeoutError(f"no goal of {server} began within {limit:g} s")
 
     def _find(self, file: Path) -> Path:
         for base in (Path(), self._folder, *self._folder.parents):
@@ -260,7 +273,11 @@ class SimulatedRobot:
     def _note_drive(self, goal: Any) -> None:
         position = goal.target_pose.pose.position
         self.drives.append((position.x, position.y))
-        self._drive_began.set()
+        self._begun["move_base"].set()
+
+    def _note_arm(self, action: str, goal: Any) -> None:
+        self.handled.append((action, goal.object, goal.place))
+        self._begun[action].set()
 
     def _note_speech(self, goal: Any) -> None:
         self.said.append(goal.sound_request.arg)

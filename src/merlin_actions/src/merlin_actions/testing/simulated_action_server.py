@@ -3,7 +3,7 @@
 
 import os
 import threading
-from typing import Any, Callable, Mapping, Optional
+from typing import Any, Callable, Mapping, Optional, Tuple
 
 import rospy
 from roslib.message import get_message_class
@@ -13,8 +13,10 @@ from merlin_actions.testing.result_script import ScriptedResults
 from merlin_ros.actions.action_server import ServerGoal
 from merlin_ros.actions.serial_action_server import SerialActionServer
 from merlin_ros.node import run_node
-from merlin_ros.robot_values import of_robot
+from merlin_ros.robot_values import of_robot, texts
 from merlin_ros.ros_alarm import call_after
+
+BUSY = "the robot does another action; cancel that first"
 
 
 class SimulatedActionServer:
@@ -27,6 +29,7 @@ class SimulatedActionServer:
     :param on_goal: called with each goal's message before it begins.
     :param on_start: called when a goal begins.
     :param on_stop: called when it ends or is cancelled, at once, possibly twice.
+    :param body: held while a goal runs: servers that share it refuse a goal while another one has it.
     """
 
     def __init__(
@@ -38,12 +41,14 @@ class SimulatedActionServer:
         on_stop: Callable[[], None] = lambda: None,
         script: Optional[Mapping[str, Any]] = None,
         on_goal: Callable[[Any], None] = lambda goal: None,
+        body: Optional[threading.Lock] = None,
     ) -> None:
         self._result_class = type(action_spec().action_result.result)
         self._on_goal = on_goal
         self.follow(behaviour, script)
         self._on_start = on_start
         self._on_stop = on_stop
+        self._body = body or threading.Lock()
         self._over = threading.Event()
         self._hold = threading.Lock()  # guards the two fields below
         self._hold_next = False
@@ -96,6 +101,24 @@ class SimulatedActionServer:
         alarm.shutdown()
 
     def _execute(self, goal: ServerGoal) -> None:
+        if not self._body.acquire(blocking=False):
+            goal.abort(text=BUSY)
+            return
+        try:
+            act, cancelled = self._run(goal)
+        finally:
+            self._body.release()  # before the answer, after which the next goal comes
+        if cancelled:
+            goal.cancelled(text="stopped on request")
+        elif act is Act.FAIL:
+            goal.abort(text="failed as its parameters say")
+        else:
+            result = self._results.result(self._succeeded)
+            self._succeeded += 1
+            goal.succeed(result, text="done")
+
+    def _run(self, goal: ServerGoal) -> Tuple[Act, bool]:
+        """Runs a goal to its end: how it ends by itself, and whether it was cancelled."""
         self._on_goal(goal.goal)
         act, duration = self._behaviour.draw(self.goals)
         self.goals += 1
@@ -112,21 +135,15 @@ class SimulatedActionServer:
             # Until the node ends: a hung server is one that does nothing any more.
             rospy.spin()
         self._on_stop()
-        if cancelled:
-            goal.cancelled(text="stopped on request")
-        elif act is Act.FAIL:
-            goal.abort(text="failed as its parameters say")
-        else:
-            result = self._results.result(self._succeeded)
-            self._succeeded += 1
-            goal.succeed(result, text="done")
+        return act, cancelled
 
 
-def behaviour_from_params() -> Behaviour:
+def behaviour_from_params(action: str = "") -> Behaviour:
     """A behaviour from the private parameters duration, spread, fail, hang, crash, seed.
 
     Robots with the same seed, each in its namespace, have streams of their own.
 
+    :param action: of several that have a stream each.
     :raises ValueError: for values that make no sense.
     """
     values = {
@@ -135,19 +152,21 @@ def behaviour_from_params() -> Behaviour:
         if rospy.has_param(f"~{key}")
     }
     seed, robot = int(rospy.get_param("~seed", 0)), rospy.get_namespace().strip("/")
-    return Behaviour(seed=f"{seed}/{robot}" if robot else str(seed), **values)
+    return Behaviour(seed="/".join(filter(None, (str(seed), robot, action))), **values)
 
 
 def main() -> int:
     """Runs a node: `~action` (name) and `~type` (``move_base_msgs/MoveBase``), a behaviour and a script.
 
+    Of several names of one type, a list, each is served, and one goal runs at a time.
     A script may be one for each of several robots; `~robot` is the name of its own, `~robots` has all names.
     """
     return run_node("simulated_action_server", _start, KeyError, ValueError)
 
 
 def _start() -> None:
-    name, type_name = rospy.get_param("~action"), rospy.get_param("~type")
+    given, type_name = rospy.get_param("~action"), rospy.get_param("~type")
+    names, body = texts("~action", given) if isinstance(given, list) else [given], threading.Lock()
     if not type_name.endswith("Action"):
         type_name += "Action"
     action_spec: Optional[type] = get_message_class(type_name)
@@ -158,6 +177,8 @@ def _start() -> None:
         key: of_robot(key, rospy.get_param(f"~{key}", None), robot, robots)
         for key in ("results", "answers", "sees")
     }
-    server = SimulatedActionServer(name, action_spec, behaviour_from_params(), script=script)
-    rospy.on_shutdown(server.shutdown)
-    server.start()
+    for name in names:
+        behaviour = behaviour_from_params(name if len(names) > 1 else "")
+        server = SimulatedActionServer(name, action_spec, behaviour, script=script, body=body)
+        rospy.on_shutdown(server.shutdown)
+        server.start()

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """A state that changes what the robot knows."""
 
-from typing import Any, List, Optional, Sequence
+from typing import Any, Optional, Sequence
 
 from merlin_planning.knowledge_client import KnowledgeError
 from merlin_ros.service_proxy import ServiceError
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 from merlin_sm.states.merlin_state import SUCCEEDED, MerlinState
-from merlin_sm.states.text_keys import keys_of
+from merlin_sm.states.text_keys import filled, keys_of
 
 
 class KnowledgeState(MerlinState, MerlinROSPlanAssistant):
@@ -21,21 +21,16 @@ class KnowledgeState(MerlinState, MerlinROSPlanAssistant):
     def __init__(
         self, add: Sequence[str] = (), remove: Sequence[str] = (), keys: Optional[Sequence[str]] = None
     ) -> None:
-        self._keys = keys_of([*add, *remove], keys)
-        super().__init__(input_keys=self._keys)
+        super().__init__(input_keys=keys_of([*add, *remove], keys))
         self.changes = (*add, *remove)
         self._add = list(add)
         self._remove = list(remove)
 
     def run(self, userdata: Any) -> str:
         """Applies the change."""
-        values = {key: userdata[key] for key in self._keys}
-
-        def filled(texts: List[str]) -> List[str]:
-            return [text.format(**values) for text in texts]
-
+        added, removed = ([filled(each, userdata) for each in texts] for texts in (self._add, self._remove))
         try:
-            self.change_facts(add=filled(self._add), remove=filled(self._remove))
+            self.change_facts(add=added, remove=removed)
         except (ValueError, KnowledgeError, ServiceError) as error:
             return self.fail(str(error))
         return SUCCEEDED

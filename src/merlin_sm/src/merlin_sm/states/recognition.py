@@ -1,12 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Object recognition: one look through the camera."""
 
-from typing import Any, NamedTuple, Sequence, Tuple
+from typing import Any, List, NamedTuple, Optional, Sequence, Tuple
 
 from merlin_msgs.msg import RecognizeAction, RecognizeGoal, RecognizeResult
 from vision_msgs.msg import Detection3D
 
 from merlin_sm.states.action_state import ActionState
+from merlin_sm.states.text_keys import filled, keys_of
+
+NOT_FOUND = "not_found"
 
 
 class Recognized(NamedTuple):
@@ -33,7 +36,8 @@ class RecognizeState(ActionState):
     ``userdata.detections`` becomes a list of :class:`Recognized`, best score first; empty, and still a
     success, when nothing was seen.
 
-    :param classes: names to look for; empty: all that the recogniser knows.
+    :param classes: names to look for, ``{key}`` is replaced by the userdata of that name; empty: all that the
+        recogniser knows.
     :param action: name of the recognize action.
     :param least_score: of what is kept, 0..1.
     """
@@ -45,13 +49,58 @@ class RecognizeState(ActionState):
         least_score: float = 0.0,
         **options: Any,
     ) -> None:
-        def keep(userdata: Any, result: RecognizeResult) -> None:
-            seen = [item for item in recognized(result) if item.score >= least_score]
-            userdata.detections = sorted(seen, key=lambda item: -item.score)
+        inputs = [*keys_of(classes), *options.pop("input_keys", ())]
+        super().__init__(
+            action,
+            RecognizeAction,
+            lambda userdata: RecognizeGoal(classes=[filled(name, userdata) for name in classes]),
+            on_result=self._keep,
+            input_keys=list(dict.fromkeys(inputs)),
+            output_keys=["detections"],
+            **options,
+        )
+        self.asks = tuple(name for name in classes if not keys_of([name]))
+        self._least_score = least_score
 
-        goal = RecognizeGoal(classes=list(classes))
-        super().__init__(action, RecognizeAction, goal, on_result=keep, output_keys=["detections"], **options)
-        self.asks = tuple(classes)
+    def _keep(self, userdata: Any, result: RecognizeResult) -> Optional[str]:
+        userdata.detections = self._seen(result)
+        return None
+
+    def _seen(self, result: RecognizeResult) -> List[Recognized]:
+        seen = [item for item in recognized(result) if item.score >= self._least_score]
+        return sorted(seen, key=lambda item: -item.score)
+
+
+class DetectState(RecognizeState):
+    """Looks for one object. ``userdata.detections`` becomes what was seen of it, best score first.
+
+    The outcome not_found means that the recogniser has looked and does not see it; the reason says so.
+
+    :param name: as the recogniser knows it; ``{key}`` is replaced by the userdata of that name.
+    :param place: where the robot looks, for that reason; likewise.
+    :param action: name of the recognize action.
+    :param least_score: below which it is not seen, 0..1.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        place: str = "",
+        action: str = "recognize",
+        least_score: float = 0.0,
+        **options: Any,
+    ) -> None:
+        keys = keys_of([place])
+        super().__init__([name], action, least_score, outcomes=[NOT_FOUND], input_keys=keys, **options)
+        self._named, self._place = name, place
+
+    def _keep(self, userdata: Any, result: RecognizeResult) -> Optional[str]:
+        name, place = filled(self._named, userdata), filled(self._place, userdata)
+        found = userdata.detections = [item for item in self._seen(result) if item.name == name]
+        if found:
+            return None
+        self.reason = f"{name} was not seen" + (f" at {place}" if place else "")
+        return NOT_FOUND
 
 
 def recognized(result: RecognizeResult) -> Sequence[Recognized]:

@@ -30,6 +30,11 @@ def keys_of(texts: Sequence[str], keys: Optional[Sequence[str]] = None) -> List[
     return list(dict.fromkeys(named)) if keys is None else list(keys)
 
 
+def filled(text: str, userdata: Any) -> str:
+    """A text with the userdata that it names."""
+    return text.format(**{key: userdata[key] for key in keys_of([text])})
+
+
 def keys_read(function: Callable[..., Any]) -> List[str]:
     """The userdata keys that a function, whose first argument is the userdata, itself reads by their names.
 
