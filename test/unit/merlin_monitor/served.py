@@ -11,6 +11,7 @@ import aiohttp
 from merlin_monitor.access.operators import Operators, write_operators
 from merlin_monitor.access.tls import ServerTls
 from merlin_monitor.access.web_access import WebAccess
+from merlin_monitor.state.history_store import HistoryStore
 from merlin_monitor.state.inbox import Inbox
 from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_monitor.text.wording import Wording
@@ -124,7 +125,7 @@ class Served:
         host: str = "127.0.0.1",
         open_look: bool = False,
     ) -> None:
-        self.state = MonitorModel(Inbox(), folder / "history.sqlite")
+        self.state = MonitorModel(Inbox(), HistoryStore(folder / "history.sqlite", 100_000))
         self.robot = FakeRobot()
         control = Control(self.robot) if token else None
         self.operators = folder / "operators.yaml"

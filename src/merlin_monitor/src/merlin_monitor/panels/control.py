@@ -7,14 +7,12 @@ from typing import Any, Dict, List, NamedTuple, Optional
 import rospy
 
 from merlin_monitor.access.operators import Operators, OperatorsError
-from merlin_monitor.listeners.graph_watch import GraphWatch
 from merlin_monitor.listeners.panel import Panel
 from merlin_monitor.listeners.ros_system import RosSystem
 from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_monitor.text.phrase import in_english, say
-from merlin_monitor.text.sentences import Sentences, SentencesError, read_sentences
+from merlin_monitor.text.sentences import Sentences, SentencesError, YamlFileError, read_sentences, read_yaml
 from merlin_monitor.text.wording import Wording
-from merlin_monitor.text.yaml_file import YamlFileError, read_yaml
 from merlin_planning.knowledge_text import PDDLSyntaxError, parse_goal
 from merlin_ros.parameters import ParameterError
 
@@ -95,8 +93,8 @@ class ControlPanel(Panel):
 
     name, place, width = "control", 15, 7
 
-    def __init__(self, state: MonitorModel, watch: GraphWatch) -> None:
-        super().__init__(state, watch)
+    def __init__(self, state: MonitorModel, ros: RosSystem) -> None:
+        super().__init__(state, ros)
         self._operators = operators_of_node(self.ros)
         self._trouble = ""
         self.state.tree.set("meta", "open_stop", self._operators is not None and open_stop_of_node(self.ros))

@@ -4,7 +4,7 @@
 import re
 from typing import Any, Callable, Dict, List, NamedTuple, Optional, Set, Tuple
 
-from merlin_monitor.drawing.machine_graph import inside
+from merlin_monitor.drawing.graph_layout import inside
 from merlin_monitor.state.history_events import Reporter, sentence
 from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.text.phrase import Phrase, say, with_reason

@@ -19,7 +19,7 @@ from merlin_monitor.panels.control import (
     path_of_node,
     sentences_of_node,
 )
-from merlin_monitor.state.history_store import HistoryError
+from merlin_monitor.state.history_store import HistoryError, HistoryStore
 from merlin_monitor.state.inbox import Inbox
 from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_monitor.web.page_control import Control
@@ -50,7 +50,8 @@ def _start() -> None:
     path = history_path(str(rospy.get_param("~history", "")))
     megabytes = whole("~history_megabytes", 500, 1, 1_000_000)
     make_folder = flag("~make_folder", True)
-    state = MonitorModel(Inbox(rospy.logwarn), path, limit, make_folder, megabytes, session=_session())
+    history = HistoryStore(path, limit, make_folder, megabytes, session=_session()) if path else None
+    state = MonitorModel(Inbox(rospy.logwarn), history)
     state.wording.sentences = sentences_of_node(RosSystem())
     ros = ReplayedSystem() if flag("~replayed") else RosSystem()
     panels = PanelBoard(state, _class_paths("~panels"), offered=True, ros=ros)
