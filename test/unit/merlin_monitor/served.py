@@ -133,7 +133,6 @@ class Served:
             write_operators(self.operators, {"Ana": token})
         self.server = WebServer(
             self.state,
-            WEB,
             WebAccess(host, names, Operators(self.operators), open_stop, open_look=open_look),
             control,
             scripts={"plan": WEB / "panels" / "plan.js"},

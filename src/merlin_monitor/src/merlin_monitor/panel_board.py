@@ -72,12 +72,7 @@ class PanelBoard:
         if simulated:  # elsewhere its topic says nothing
             take = self._take_simulator
             self._simulator = asked.subscribe(SIM_STATUS_TOPIC, SimStatus, take, queue_size=10)
-        for field, value in (
-            ("robot", asked.namespace.strip("/")),
-            ("simulated", simulated),
-            ("started", time.time()),
-        ):
-            state.tree.set("meta", field, value)
+        state.tree.put("meta", robot=asked.namespace.strip("/"), simulated=simulated, started=time.time())
         self._add_offered()
         self._describe()
 

@@ -113,8 +113,7 @@ class SaidSection:
         pixels = rows.reshape(message.height, message.width, size)
         stride = max(1, -(-message.width // WIDEST))
         picture = png(numpy.ascontiguousarray(pixels[::stride, ::stride, list(channels)]))
-        self._tree.set("said", "picture", self._pictures.put("seen", picture))
-        self._tree.set("said", "looked", robot)
+        self._tree.put("said", picture=self._pictures.put("seen", picture), looked=robot)
 
     def _add(self, kind: str, words: Phrase, at: float, robot: str, told: Phrase) -> None:
         self._number += 1

@@ -68,13 +68,8 @@ class HealthSection:
             was_silent = self._tree.get(SECTION, "parts", status.name, "silent", default=False)
             self._parts.setdefault(status.name, _Part(wall)).reports_again(wall, node)
             values = [[pair.key, pair.value] for pair in status.values]
-            for field, value in (
-                ("level", word),
-                ("message", status.message),
-                ("values", values),
-                ("silent", False),
-            ):
-                self._tree.set(SECTION, "parts", status.name, field, value)
+            shown = {"level": word, "message": status.message, "values": values, "silent": False}
+            self._tree.put(SECTION, "parts", status.name, **shown)
             if was_silent:
                 heard = say("{part} is heard again", part=status.name)
                 self._report(sentence("health", with_reason(heard, status.message), at))

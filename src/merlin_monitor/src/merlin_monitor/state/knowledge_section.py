@@ -40,12 +40,10 @@ class KnowledgeSection:
         self._wording = wording or Wording()
         self._tree = tree
         self._report = report
-        self._tables: Dict[str, Table] = {kind: {} for kind in KINDS}
         self._recent: Deque[str] = deque()
         self._number = 0
         self._version: Dict[str, int] = {}  # of the change that is taken in, as a field; empty: not known
-        for kind in KINDS:
-            tree.set(SECTION, kind, {})
+        self._clear({kind: {} for kind in KINDS})
         tree.set(SECTION, "recent", {})
 
     def source(self, text: str) -> None:
@@ -54,8 +52,7 @@ class KnowledgeSection:
 
     def domain(self, description: Dict[str, Any]) -> None:
         """Takes the domain: name, types, predicates, functions, operators."""
-        self._tree.set(SECTION, "domain", description)
-        self._tree.set(SECTION, "words", self._wording.shown())
+        self._tree.put(SECTION, domain=description, words=self._wording.shown())
 
     def replace(self, contents: Contents, by: str, at: float, first: bool) -> None:
         """Takes all there is, read by services.
@@ -112,8 +109,7 @@ class KnowledgeSection:
     def _clear(self, tables: Dict[str, Table]) -> None:
         """Replaces all there is."""
         self._tables = tables
-        for kind in KINDS:
-            self._tree.set(SECTION, kind, tables[kind])
+        self._tree.put(SECTION, **tables)
 
     def _remove(self, kind: str, key: str, by: str, at: float, changes: Changes) -> None:
         if key in self._tables[kind]:

@@ -202,7 +202,6 @@ class MonitorModel:
 
     def _laid_out(self, name: str, picture: Optional[Dict[str, Any]], reason: str) -> None:
         if name == PLAN_PICTURE:
-            self.tree.set("plan", "layout", picture)
-            self.tree.set("plan", "layout_error", reason)
+            self.tree.put("plan", layout=picture, layout_error=reason)
         else:
             self.machines.layout(name, picture if picture is not None or not reason else {"error": reason})

@@ -150,8 +150,7 @@ class PlanSection:
         self._status_at = 0.0  # s of ROS time
         self._kept: Mapping[str, Any] = {}  # the section of an earlier life, until the first plan
         self._missed: List[Tuple[Any, float]] = []  # dispatches of no step that is known
-        tree.set(SECTION, "steps", {})
-        tree.set(SECTION, "replans", [])
+        tree.put(SECTION, steps={}, replans=[])
 
     @property
     def current(self) -> Optional[Dict[str, Any]]:
@@ -187,9 +186,7 @@ class PlanSection:
             self._early = {key: answer for key, answer in self._early.items() if key[0] in kept}
         self._edges = edges
         self._replaced, self._steps = self._steps, {step.id: self._shown(step) for step in steps}
-        self._tree.set(SECTION, "number", self._plans)
-        self._tree.set(SECTION, "at", at)
-        self._tree.set(SECTION, "edges", [[*map(str, edge)] for edge in edges])
+        self._tree.put(SECTION, number=self._plans, at=at, edges=[[*map(str, edge)] for edge in edges])
         self._show_steps()
         before = [step["text"] for step in self._kept.get("steps", {}).values()]
         if steps and sorted(before) != sorted(step.text for step in steps):
@@ -309,21 +306,15 @@ class PlanSection:
         }
 
     def _show_steps(self) -> None:
-        self._tree.set(SECTION, "order", [str(key) for key in self._steps])
-        self._tree.set(SECTION, "steps", {str(key): step for key, step in self._steps.items()})
+        steps = {str(key): step for key, step in self._steps.items()}
+        self._tree.put(SECTION, order=list(steps), steps=steps)
 
     def planner(self, message: Any, at: float) -> None:
         """Takes a message with the fields of merlin_msgs/PlannerStatus."""
         state = _word(_PLANNER, message.state)
         before = self._tree.get(SECTION, "planner", "state")
-        for field, value in (
-            ("state", state),
-            ("planner", message.planner),
-            ("seconds", message.seconds),
-            ("reason", message.reason),
-            ("at", at),
-        ):
-            self._tree.set(SECTION, "planner", field, value)
+        fields = {name: getattr(message, name) for name in ("planner", "seconds", "reason")}
+        self._tree.put(SECTION, "planner", state=state, at=at, **fields)
         if state not in ("idle", "planning") and before is not None:
             said = say(
                 "{what}: {state} after {time}",

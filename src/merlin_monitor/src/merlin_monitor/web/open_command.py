@@ -16,8 +16,6 @@ import tty
 from pathlib import Path
 from typing import Any, Callable, Dict, Iterable, Iterator, List, Optional, Sequence
 
-import rospkg
-
 from merlin_monitor.access.operators import Operators, OperatorsError, default_path
 from merlin_monitor.access.web_access import HostNameError, WebAccess, is_loopback
 from merlin_monitor.bag.recorded_topics import BAG
@@ -77,7 +75,7 @@ def history_of(bag: Path, folder: Optional[Path]) -> Iterator[Path]:
         if file.exists():
             raise BagError(f"there is a history {file} already; name another folder, or open that one")
         try:
-            with _ended_by_signals():
+            with _handled(_TIDY):
                 _import(bag, file)
         except BaseException:  # also Ctrl-C: half a history would look like a whole one
             for ending in _SIDE_FILES:
@@ -124,19 +122,22 @@ def _progress(bag: Path, minutes: float) -> Iterator[Callable[[float], None]]:
 
 
 @contextlib.contextmanager
-def _ended_by_signals() -> Iterator[None]:
-    """SIGTERM and SIGHUP tidy up, too, as Ctrl-C does."""
-
-    def end(number: int, frame: Any) -> None:
-        raise SystemExit(128 + number)
-
-    before = {number: signal.signal(number, end) for number in (signal.SIGTERM, signal.SIGHUP)}
-    before[signal.SIGINT] = signal.signal(signal.SIGINT, signal.default_int_handler)
+def _handled(handlers: Dict[signal.Signals, Any]) -> Iterator[None]:
+    """Handles signals, until the context ends."""
+    before = {number: signal.signal(number, handler) for number, handler in handlers.items()}
     try:
         yield
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def _end(number: int, frame: Any) -> None:
+    raise SystemExit(128 + number)
+
+
+#: Also SIGTERM and SIGHUP tidy up, as Ctrl-C does.
+_TIDY = {signal.SIGTERM: _end, signal.SIGHUP: _end, signal.SIGINT: signal.default_int_handler}
 
 
 STARTUP = 60.0  # s for each of the first answers
@@ -188,9 +189,7 @@ class Archive:
         except (ValueError, LookupError, TypeError) as error:
             raise HistoryError(f"{path} is damaged: its last segment cannot be read") from error
         HistorySection(self.tree).add(newest)
-        self.tree.set("meta", "simulated", bool(meta.get("simulated")))
-        self.tree.set("meta", "archive", name)
-        self.tree.set("meta", "panels", panels)
+        self.tree.put("meta", simulated=bool(meta.get("simulated")), archive=name, panels=panels)
 
     def _panel(self, described: Dict[str, Any]) -> Dict[str, Any]:
         # The file may come from anywhere: only what is a script of a package here is shown.
@@ -229,10 +228,9 @@ def opened(
     folder = path if path.is_dir() else path.parent if path.name == FILE else path
     archive = Archive(path, name or _shown(folder))
     try:
-        web = Path(rospkg.RosPack().get_path("merlin_monitor")) / "web"
         operators = None if open_look or is_loopback(host) else Operators(default_path())
         access = WebAccess(host, allowed, operators, setting="--allowed-host ", open_look=open_look)
-        server = WebServer(archive, web, access, None, host, port, archive.scripts)
+        server = WebServer(archive, access, None, host, port, archive.scripts)
         server.start()
         try:
             for missing in archive.missing:
@@ -260,11 +258,9 @@ def wait_for_end(key: bool) -> None:
     os.set_blocking(writing, False)
     # A handler of Python does not run once the wait has begun; this is written at the signal itself.
     woken = signal.set_wakeup_fd(writing)
-    before = {}
+    keys = _single_keys() if key else contextlib.nullcontext()
     try:
-        for number in SIGNALS:
-            before[number] = signal.signal(number, lambda *_: None)
-        with _single_keys() if key else contextlib.nullcontext():
+        with _handled(dict.fromkeys(SIGNALS, lambda *_: None)), keys:
             ready: Iterable[object] = ()
             while sys.stdin not in ready:
                 ready, _, _ = select.select([reading, sys.stdin] if key else [reading], [], [])
@@ -272,8 +268,6 @@ def wait_for_end(key: bool) -> None:
                     break
     finally:
         signal.set_wakeup_fd(woken)
-        for number, handler in before.items():
-            signal.signal(number, handler)
         os.close(reading)
         os.close(writing)
 

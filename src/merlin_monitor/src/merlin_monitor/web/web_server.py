@@ -13,6 +13,7 @@ import time
 from pathlib import Path
 from typing import Any, Awaitable, Callable, Dict, List, Optional, Protocol, Tuple
 
+import rospkg
 from aiohttp import web
 
 from merlin_monitor.access.web_access import (
@@ -73,7 +74,6 @@ class WebServer:
     """Serves the page in a thread of its own.
 
     :param state: what is shown.
-    :param folder: of the page's files.
     :param access: which requests are served.
     :param control: of the robot; None: it is only shown.
     :param host: address to listen on.
@@ -86,7 +86,6 @@ class WebServer:
     def __init__(
         self,
         state: Shown,
-        folder: Path,
         access: WebAccess,
         control: Optional[Controls] = None,
         host: str = "127.0.0.1",
@@ -95,7 +94,7 @@ class WebServer:
         tls: Optional[ssl.SSLContext] = None,
     ) -> None:
         self._state = state
-        self._folder = folder
+        self._folder = Path(rospkg.RosPack().get_path("merlin_monitor")) / "web"
         self._access = access
         self._control = control
         self._scripts: Dict[str, Path] = scripts if scripts is not None else {}
