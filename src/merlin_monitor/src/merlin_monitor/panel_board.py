@@ -13,12 +13,13 @@ import rospy
 from merlin_msgs.msg import SimStatus
 
 from merlin_monitor import panels
-from merlin_monitor.listeners.panel import Panel, sender_of
+from merlin_monitor.listeners.panel import Panel
 from merlin_monitor.listeners.ros_system import RosSystem
 from merlin_monitor.panel_scripts import script_file
 from merlin_monitor.state.freshness import Source
 from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_monitor.truth.worst_truth import SIMULATOR
+from merlin_planning.robot_roster import sender_of
 from merlin_ros.class_path import load_class
 from merlin_ros.deadline import SIM_STATUS_TOPIC
 from merlin_ros.master.master_link import ERRORS, bounded_master
@@ -140,7 +141,7 @@ class PanelBoard:
         self._state.freshness.check(at, sources, owners)
         self._state.now.refresh()
         self._state.refresh_problems(silence)
-        self._state.checked(now)
+        self._state.checked_at = now
 
     def _owners(self) -> Dict[str, Source]:
         owners = {owner: source for panel in self._panels for owner, source in panel.owners().items()}

@@ -104,11 +104,6 @@ class Panel:
         return {"name": cls.name, "title": cls.title, "width": cls.width, "script": script}
 
 
-def sender_of(message: Any) -> str:
-    """Name of the node that has sent a message; empty: it is not known."""
-    return str((message._connection_header or {}).get("callerid", ""))
-
-
 #: Robots of one plan that can have topics: any node can name others.
 _NAME = re.compile(r"[A-Za-z]\w*", re.ASCII)
 

@@ -7,9 +7,10 @@ from typing import Any, Dict
 from diagnostic_msgs.msg import DiagnosticArray
 from merlin_msgs.msg import GuardStatus
 
-from merlin_monitor.listeners.panel import Panel, sender_of
+from merlin_monitor.listeners.panel import Panel
 from merlin_monitor.listeners.ros_system import RosSystem
 from merlin_monitor.state.monitor_model import MonitorModel
+from merlin_planning.robot_roster import sender_of
 
 #: Nodes that hang after which one look asks no others: each takes 2 s, and the next look waits.
 MOST_HANGING = 3

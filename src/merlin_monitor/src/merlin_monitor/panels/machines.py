@@ -8,9 +8,10 @@ from merlin_msgs.msg import MachineHolds, StateOutcome
 from smach_msgs.msg import SmachContainerStatus, SmachContainerStructure
 from std_msgs.msg import String
 
-from merlin_monitor.listeners.panel import Panel, sender_of
+from merlin_monitor.listeners.panel import Panel
 from merlin_monitor.listeners.ros_system import RosSystem
 from merlin_monitor.state.monitor_model import MonitorModel
+from merlin_planning.robot_roster import sender_of
 from merlin_ros.publishing import publish
 from merlin_sm.holding.node_holds import CONSOLES_TOPIC, HOLDS_TOPIC, OUTCOMES_TOPIC
 

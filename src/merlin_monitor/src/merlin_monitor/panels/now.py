@@ -6,11 +6,12 @@ from typing import Dict
 from actionlib_msgs.msg import GoalID
 from merlin_msgs.msg import ExecuteActionResult, ExecutorStatus, GoalQueue, MissionStatus
 
-from merlin_monitor.listeners.panel import Panel, sender_of
+from merlin_monitor.listeners.panel import Panel
 from merlin_monitor.listeners.ros_system import RosSystem
 from merlin_monitor.state.freshness import Source
 from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_monitor.truth.worst_truth import LIVE, MISSION
+from merlin_planning.robot_roster import sender_of
 
 
 class NowPanel(Panel):

@@ -57,7 +57,6 @@ class MonitorModel:
         self.wording = Wording()
         """What actions, facts and goals are called."""
         self._domain: Dict[str, Any] = {}
-        self._edges: Edges = []
         self.knowledge = KnowledgeSection(self.tree, self.report, self.wording)
         self.plan = PlanSection(self.tree, self.report, self.wording)
         self.machines = MachineSection(self.tree, self.report, self._machine_changed)
@@ -148,18 +147,10 @@ class MonitorModel:
         fields = ("silent", *PROBLEM_FIELDS.get(name, ()))
         return {field: self.tree.get(name, field) for field in fields if self.tree.get(name, field)}
 
-    def checked(self, wall: float) -> None:
-        """All sections were checked.
-
-        :param wall: s of ``time.monotonic``.
-        """
-        self.checked_at = wall
-
     def planned(self, steps: List[ShownStep], edges: Edges, at: float) -> None:
         """Takes a new plan and has it drawn."""
         self.plan.planned(steps, edges, at)
         self.now.refresh()
-        self._edges = edges
         self._draw_plan()
 
     def domain(self, description: Dict[str, Any], warn: Callable[[str], object] = lambda text: None) -> None:
@@ -189,7 +180,7 @@ class MonitorModel:
 
     def _draw_plan(self) -> None:
         shown = self.plan.in_words()
-        pairs = [[str(before), str(after)] for before, after, *_ in self._edges]
+        pairs = [edge[:2] for edge in self.tree.get("plan", "edges")]
         self._layouts.ask(PLAN_PICTURE, lambda: plan_graph(shown, pairs))
 
     def _machine_changed(self, root: str) -> None:
