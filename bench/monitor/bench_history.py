@@ -19,8 +19,8 @@ from rosplan_knowledge_msgs.msg import KnowledgeItem
 from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 
+from merlin_monitor.bag import KNOWLEDGE, PARAMETERS
 from merlin_monitor.bag.bag_import import import_bag
-from merlin_monitor.bag.recorded_topics import KNOWLEDGE, PARAMETERS
 from merlin_monitor.bag.recording import BagRecording
 from merlin_monitor.state.history_events import Event
 from merlin_monitor.state.history_store import Frames, HistoryStore

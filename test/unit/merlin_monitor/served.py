@@ -15,14 +15,14 @@ from merlin_monitor.state.history_store import HistoryStore
 from merlin_monitor.state.inbox import Inbox
 from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_monitor.text.wording import Wording
-from merlin_monitor.web.page_control import Control, ControlError
+from merlin_monitor.web.page_control import ControlError, RobotRequests
 from merlin_monitor.web.web_server import WebServer
 
 WEB = Path(__file__).resolve().parents[3] / "src" / "merlin_monitor" / "web"
 TOKEN = "ünguessable, really"
 
 
-class FakeRobot:
+class FakeRobot(RobotRequests):
     """Notes what is asked of it."""
 
     def __init__(self) -> None:
@@ -127,7 +127,7 @@ class Served:
     ) -> None:
         self.state = MonitorModel(Inbox(), HistoryStore(folder / "history.sqlite", 100_000))
         self.robot = FakeRobot()
-        control = Control(self.robot) if token else None
+        control = self.robot if token else None
         self.operators = folder / "operators.yaml"
         if token:
             write_operators(self.operators, {"Ana": token})

@@ -23,9 +23,8 @@ from sound_play.msg import SoundRequest, SoundRequestActionGoal
 from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 
-from merlin_monitor.bag import bag_import
+from merlin_monitor.bag import KNOWLEDGE, PARAMETERS, bag_import
 from merlin_monitor.bag.bag_import import BagClock, import_bag
-from merlin_monitor.bag.recorded_topics import KNOWLEDGE, PARAMETERS
 from merlin_monitor.bag.recording import BagRecording
 from merlin_monitor.history.frames import Recording
 from merlin_monitor.history.history_file import HistoryError

@@ -116,7 +116,6 @@ class MapSection:
     def __init__(self, tree: StateTree, pictures: Optional[Pictures] = None) -> None:
         self._tree = tree
         self._pictures = pictures or Pictures()
-        self.picture: Optional[bytes] = None
         self._mapped: Any = None  # cells with something on or near them, rows from the south
         self._info: Any = None
         self._tracks = {"": RobotTrack(tree, SECTION)}  # the others: of the robots of one plan
@@ -130,13 +129,12 @@ class MapSection:
         why = grid_trouble(info, len(message.data))
         self._tree.set(SECTION, "trouble", why and say("the map cannot be drawn: {why}", why=why))
         if why:
-            self.picture = self._mapped = self._info = None
+            self._mapped = self._info = None
             self._tree.set(SECTION, "grid", None)
             return
-        self.picture = grid_picture(message.data, info.width, info.height)
         self._info = info
         self._mapped = near_cells(message.data, info.width, info.height, NEAR_MAP / info.resolution)
-        version = self._pictures.put(SECTION, self.picture)
+        version = self._pictures.put(SECTION, grid_picture(message.data, info.width, info.height))
         place = {"version": version, "frame": message.header.frame_id, **grid_place(info)}
         self._tree.set(SECTION, "grid", place)
 

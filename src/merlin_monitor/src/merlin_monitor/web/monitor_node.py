@@ -19,7 +19,6 @@ from merlin_monitor.panels.control import (
 from merlin_monitor.state.history_store import HistoryError, HistoryStore
 from merlin_monitor.state.inbox import Inbox
 from merlin_monitor.state.monitor_model import MonitorModel
-from merlin_monitor.web.page_control import Control
 from merlin_monitor.web.robot_control import RobotControl
 from merlin_monitor.web.web_server import ServerError, WebServer
 from merlin_ros.health import OK, Health, HealthReporter
@@ -49,7 +48,7 @@ def _start() -> None:
     open_look = flag("~open_look")
     check_lookers(host, operators is not None, open_look)
     # Operators may come later; the files of a monitor that never has any stay unwritten.
-    control = Control(RobotControl(state)) if operators is not None else None
+    control = RobotControl(state) if operators is not None else None
     names = str(rospy.get_param("~allowed_hosts", "")).replace(",", " ").split()
     tls = _tls(own)
     server = WebServer(

@@ -18,7 +18,7 @@ from typing import Any, Callable, Dict, Iterable, Iterator, List, Optional, Sequ
 
 from merlin_monitor.access.operators import Operators, OperatorsError, default_path
 from merlin_monitor.access.web_access import HostNameError, WebAccess, is_loopback
-from merlin_monitor.bag.recorded_topics import BAG
+from merlin_monitor.bag import BAG
 from merlin_monitor.history.history_file import FILE, HistoryError
 from merlin_monitor.history.history_reader import HistoryReader
 from merlin_monitor.history.pictures import Pictures

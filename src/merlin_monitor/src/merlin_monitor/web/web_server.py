@@ -32,7 +32,6 @@ from merlin_monitor.state.history_events import Event, sentence
 from merlin_monitor.state.history_store import HistoryError
 from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.text.phrase import say
-from merlin_monitor.web import silent_connections
 from merlin_monitor.web.live_feed import LiveFeed
 from merlin_monitor.web.page_control import ControlError, Controls
 
@@ -45,6 +44,10 @@ OLD_CHECK = 1.5  # s since the model's last check, after which it counts as hung
 LONGEST_REQUEST = 64 * 1024  # bytes
 COMPRESSED = 64 * 1024  # characters of an answer from when it is compressed, but for this machine
 LARGEST_NUMBER = 2**62
+FIRST_REQUEST = 15.0  # s from the connection to the end of its first request's head
+NEXT_REQUEST = 15  # s between two requests
+BODY = 15.0  # s from a request's head to the end of its body
+LOOK = 5.0  # s of wall time between two looks; aiohttp has no limit for the first request
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 
@@ -114,7 +117,7 @@ class WebServer:
             *(self._index, self._serve_file, self._serve_panel),
             *(self._serve_live, self._may_follow, self._serve_control),
         )
-        self._silent = silent_connections.SilentConnections()
+        self._silent = SilentConnections()
         self._loop = asyncio.new_event_loop()
         self._started = threading.Event()
         self._failed = ""
@@ -169,9 +172,7 @@ class WebServer:
 
     async def _serve(self) -> None:
         self._stop = asyncio.Event()
-        runner = web.AppRunner(
-            self.application(), access_log=None, keepalive_timeout=silent_connections.NEXT_REQUEST
-        )
+        runner = web.AppRunner(self.application(), access_log=None, keepalive_timeout=NEXT_REQUEST)
         await runner.setup()
         await web.SockSite(runner, self._socket, shutdown_timeout=1.0, ssl_context=self._tls).start()
         watch = self._loop.create_task(self._silent.watch(runner))
@@ -326,7 +327,7 @@ class WebServer:
                 raise
             by = f"a visitor at {address}"
         try:
-            fields = json.loads(await silent_connections.body_of(request) or "{}")
+            fields = json.loads(await body_of(request) or "{}")
             if not isinstance(fields, dict):
                 raise ValueError("no object")
         except (ValueError, LookupError, RecursionError):
@@ -352,6 +353,47 @@ class WebServer:
         event = sentence("control", said, self._state.tree.get("meta", "time") or 0.0)
         logging.getLogger(__name__).warning("%s", event.text)
         self._state.report(event)
+
+
+class SilentConnections:
+    """Watches the connections of a server, in its loop.
+
+    A connection that has asked once is aiohttp's: it closes it `NEXT_REQUEST` after the last answer.
+    """
+
+    def __init__(self) -> None:
+        self._waiting: Dict[Any, float] = {}  # connection → s of the loop's time when it was seen first
+        self._asked: Dict[Any, None] = {}
+
+    def heard(self, request: web.Request) -> None:
+        """A connection has asked something."""
+        self._asked[request.protocol] = None
+
+    async def watch(self, runner: web.AppRunner) -> None:
+        """Looks again and again, until it is cancelled."""
+        loop = asyncio.get_running_loop()
+        while True:
+            await asyncio.sleep(LOOK)
+            server = runner.server
+            there = list(server.connections) if server is not None else []
+            self._asked = {each: None for each in there if each in self._asked}
+            now = loop.time()
+            silent = [each for each in there if each not in self._asked]
+            self._waiting = {each: self._waiting.get(each, now) for each in silent}
+            for connection, since in self._waiting.items():
+                if now - since >= FIRST_REQUEST - LOOK:
+                    connection.force_close()
+
+
+async def body_of(request: web.Request) -> str:
+    """The text of a request.
+
+    :raises web.HTTPRequestTimeout: it does not come.
+    """
+    try:
+        return await asyncio.wait_for(request.text(), BODY)
+    except asyncio.TimeoutError:
+        raise web.HTTPRequestTimeout(text="The request did not end.\n") from None
 
 
 def _number(request: web.Request, name: str, default: str = "") -> int:
