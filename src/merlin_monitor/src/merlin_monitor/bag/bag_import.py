@@ -6,6 +6,7 @@ import contextlib
 import sys
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
 
 import genpy
@@ -161,7 +162,7 @@ class RecordedSystem(RosSystem):
 
     def publisher(self, topic: str, message_class: type) -> Any:
         """Nothing that is published arrives anywhere."""
-        return _Mute()
+        return SimpleNamespace(publish=lambda message: None)
 
     def transforms(self) -> Callable[[str, str], Any]:
         """Follows the transforms of then."""
@@ -228,11 +229,6 @@ class _Receiver:
     def unregister(self) -> None:
         """Ends the subscription."""
         self._receivers[self.resolved_name].remove(self)
-
-
-class _Mute:
-    def publish(self, message: Any) -> None:
-        pass
 
 
 STEP = 0.2  # s between two looks at what is shown, as when a robot is recorded

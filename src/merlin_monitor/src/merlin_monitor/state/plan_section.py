@@ -160,7 +160,7 @@ class PlanSection:
 
     def step(self, text: str) -> Optional[int]:
         """The number of a step by its text, from 1; None: it is not in the plan."""
-        for number, step in enumerate(self._ordered(), 1):
+        for number, step in enumerate(self._steps.values(), 1):
             if step["text"] == text and step["state"] not in ENDED:
                 return number
         return None
@@ -435,9 +435,6 @@ class PlanSection:
     def _put(self, step: Dict[str, Any], **fields: Any) -> None:
         step.update(fields)
         self._tree.set(SECTION, "steps", str(step["id"]), step)
-
-    def _ordered(self) -> List[Dict[str, Any]]:
-        return list(self._steps.values())
 
 
 def _word(words: Tuple[str, ...], number: int) -> str:
