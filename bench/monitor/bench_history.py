@@ -19,12 +19,11 @@ from rosplan_knowledge_msgs.msg import KnowledgeItem
 from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 
-from merlin_monitor.bag.bag_import import BagImport
-from merlin_monitor.bag.recorded_topics import KNOWLEDGE, PARAMETERS
+from merlin_monitor.bag import KNOWLEDGE, PARAMETERS
+from merlin_monitor.bag.bag_import import import_bag
 from merlin_monitor.bag.recording import BagRecording
 from merlin_monitor.state.history_events import Event
-from merlin_monitor.state.history_store import HistoryStore
-from merlin_monitor.state.recorder import Recorder
+from merlin_monitor.state.history_store import Frames, HistoryStore
 from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.web.open_command import opened
 from merlin_test.chromium import Visit, chromium
@@ -68,7 +67,7 @@ class Clock:
 
 
 def write(path: Path) -> float:
-    """Records; returns the s that the recorder computed."""
+    """Records; returns the s that making frames took."""
     tree = StateTree()
     clock = Clock()
     store = HistoryStore(path, EVENTS, clock=clock)
@@ -80,8 +79,8 @@ def write(path: Path) -> float:
     tree.set(
         "knowledge", "facts", {f"(on thing{n} shelf{n % 50})": {"by": "/x", "at": 0.0} for n in range(FACTS)}
     )
-    recorder = Recorder(tree, store.add_frame, clock)
-    recorder.follow()  # without its thread: the time is ours
+    frames_of = Frames(tree, clock, lambda: None)  # apart from the store, to be measured
+    store.follow(tree, live=False)  # the time is ours
     computed = 0.0
     frames = MINUTES * 60 * FRAMES
     for frame in range(frames):
@@ -106,10 +105,9 @@ def write(path: Path) -> float:
                 )
             )
         begin = time.thread_time()
-        recorder.take()
+        frames_of.next(marked=True)
         computed += time.thread_time() - begin
-        if frame % 50 == 0:
-            store.page(limit=1).result(LIMIT)  # waits for the disk
+        store.take()
     store.close()
     return computed
 
@@ -149,7 +147,7 @@ def bag() -> Dict[str, float]:
         source, target = Path(folder) / "run.bag", Path(folder) / "history.sqlite"
         record(source)
         begin = time.monotonic()
-        BagImport(BagRecording(source), target).run()
+        import_bag(BagRecording(source), target)
         return {
             "history_of_an_hour_of_a_bag_s": round((time.monotonic() - begin) * hour, 1),
             "history_of_an_hour_of_a_bag_mb": round(target.stat().st_size / 1e6 * hour, 2),

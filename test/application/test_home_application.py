@@ -21,7 +21,7 @@ from merlin_msgs.msg import MissionStatus
 from std_msgs.msg import String
 
 from merlin_home.mission_list import make_mission
-from merlin_monitor.bag.bag_import import BagImport
+from merlin_monitor.bag.bag_import import import_bag
 from merlin_monitor.bag.recording import BagRecording
 from merlin_monitor.history.history_reader import HistoryReader
 from merlin_monitor.state.state_tree import apply_changes
@@ -189,7 +189,7 @@ def check_replay(tmp_path: Path, live: Dict[str, Any], at: float) -> None:
 def check_opened_bag(tmp_path: Path, live: Dict[str, Any]) -> None:
     """Opens the recording as a history: its last moment is what the page showed then."""
     file = tmp_path / "opened.sqlite"
-    BagImport(BagRecording(tmp_path / "results" / "run.bag"), file).run()
+    import_bag(BagRecording(tmp_path / "results" / "run.bag"), file)
     state = last_moment(file)
     assert (state["now"]["doing"], state["now"]["trouble"]) == (ENDED, []), state["now"]
     assert shown(state) == shown(live)

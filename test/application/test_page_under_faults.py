@@ -15,7 +15,7 @@ from chaos.trials import Variant
 from chaos.under_test import processes
 from chaos.under_test.system import System
 
-from merlin_monitor.listeners.pulse import CHECKS
+from merlin_monitor.panel_board import CHECKS
 from merlin_monitor.state import guard_section, health_section
 from merlin_ros import health
 from merlin_test.chromium import Visit, chromium

@@ -19,6 +19,7 @@ from roslaunch.core import Node
 from merlin.launch_request import LaunchRequest
 from merlin.linger import Linger, Page, lingers, page_of
 from merlin_monitor.state.history_events import Event
+from merlin_monitor.state.history_store import HistoryStore
 from merlin_monitor.state.inbox import Inbox
 from merlin_monitor.state.monitor_model import MonitorModel
 
@@ -70,7 +71,7 @@ def test_the_page_is_that_of_the_launched_monitor(parameters: Dict[str, Any], pa
 def recorded(folder: Path) -> Path:
     """The history of a short run."""
     file = folder / "history.sqlite"
-    state = MonitorModel(Inbox(), file)
+    state = MonitorModel(Inbox(), HistoryStore(file, 1000))
     state.tree.set("meta", "panels", [])
     state.start()
     state.report(Event("mission", "mission 1 succeeded", 5.0))

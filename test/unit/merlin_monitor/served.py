@@ -11,17 +11,18 @@ import aiohttp
 from merlin_monitor.access.operators import Operators, write_operators
 from merlin_monitor.access.tls import ServerTls
 from merlin_monitor.access.web_access import WebAccess
+from merlin_monitor.state.history_store import HistoryStore
 from merlin_monitor.state.inbox import Inbox
 from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_monitor.text.wording import Wording
-from merlin_monitor.web.page_control import Control, ControlError
+from merlin_monitor.web.page_control import ControlError, RobotRequests
 from merlin_monitor.web.web_server import WebServer
 
 WEB = Path(__file__).resolve().parents[3] / "src" / "merlin_monitor" / "web"
 TOKEN = "ünguessable, really"
 
 
-class FakeRobot:
+class FakeRobot(RobotRequests):
     """Notes what is asked of it."""
 
     def __init__(self) -> None:
@@ -124,15 +125,14 @@ class Served:
         host: str = "127.0.0.1",
         open_look: bool = False,
     ) -> None:
-        self.state = MonitorModel(Inbox(), folder / "history.sqlite")
+        self.state = MonitorModel(Inbox(), HistoryStore(folder / "history.sqlite", 100_000))
         self.robot = FakeRobot()
-        control = Control(self.robot) if token else None
+        control = self.robot if token else None
         self.operators = folder / "operators.yaml"
         if token:
             write_operators(self.operators, {"Ana": token})
         self.server = WebServer(
             self.state,
-            WEB,
             WebAccess(host, names, Operators(self.operators), open_stop, open_look=open_look),
             control,
             scripts={"plan": WEB / "panels" / "plan.js"},

@@ -4,36 +4,44 @@
 import importlib
 import pkgutil
 import re
+import threading
 import time
 from pathlib import Path
-from typing import Dict, Iterable, List, Optional, Set, Type
+from typing import Any, Callable, Dict, Iterable, List, Mapping, Optional, Set, Type
 
 import rospy
+from merlin_msgs.msg import SimStatus
 
 from merlin_monitor import panels
-from merlin_monitor.listeners.graph_watch import GraphWatch
 from merlin_monitor.listeners.panel import Panel
-from merlin_monitor.listeners.pulse import Pulse
 from merlin_monitor.listeners.ros_system import RosSystem
 from merlin_monitor.panel_scripts import script_file
 from merlin_monitor.state.freshness import Source
 from merlin_monitor.state.monitor_model import MonitorModel
+from merlin_monitor.truth.worst_truth import SIMULATOR
+from merlin_planning.robot_roster import sender_of
 from merlin_ros.class_path import load_class
+from merlin_ros.deadline import SIM_STATUS_TOPIC
 from merlin_ros.master.master_link import ERRORS, bounded_master
 from merlin_ros.parameters import ParameterError
+from merlin_ros.work.threads import start_thread
 
 #: Below this parameter each launch file that is started beside the monitor's may name a panel.
 OFFERED = "merlin/panels"
+LOOK = 1.0  # s of wall time between two looks at the ROS graph: the master sends no events
+SAMPLE = 0.25  # s of wall time between two samples of what has no messages
+CHECKS = 0.5  # s of wall time between two looks at what is silent
 _NAME = re.compile(r"[a-z][a-z0-9_]{0,40}\Z")
 
 
 class PanelBoard:
-    """All panels of a monitor.
+    """All panels of a monitor, and what changes without an event: topics, the time, a silent node.
 
     :param state: the model.
     :param further: panels of applications, as ``package.module:Class``.
     :param offered: whether the panels below `OFFERED` are added, also those that are named later.
     :param ros: that they follow; None: that of this node.
+    :param only: these panels alone; None: all of this package.
     :raises ParameterError: when one of these cannot be used.
     """
 
@@ -43,62 +51,62 @@ class PanelBoard:
         further: Iterable[str] = (),
         offered: bool = False,
         ros: Optional[RosSystem] = None,
+        only: Optional[Iterable[Type[Panel]]] = None,
     ) -> None:
         self._state = state
         self._offered = OfferedPanels(further) if offered else None
-        classes = sorted([*own_panels(), *map(foreign_panel, further)], key=lambda panel: panel.place)
+        classes = [*(own_panels() if only is None else only), *map(foreign_panel, further)]
+        classes.sort(key=lambda panel: panel.place)
         names = [panel.name for panel in classes]
         twice = {name for name in names if names.count(name) > 1}
         if twice:
             raise ParameterError(f"~panels: there are two panels called {', '.join(sorted(twice))}")
         self.scripts: Dict[str, Path] = {panel.name: script_of(panel) for panel in classes}
         """File that draws a panel, by its name."""
-        self._watch = GraphWatch(self._look, ros)
-        self._panels = [panel(state, self._watch) for panel in classes]  # later ones: by the watch's thread
-        asked = self._watch.ros
-        self._pulse = Pulse(state, self._panels, self._sources, asked)
-        for field, value in (
-            ("robot", asked.namespace.strip("/")),
-            ("simulated", bool(asked.parameter("/use_sim_time", False))),
-            ("started", time.time()),
-        ):
-            state.tree.set("meta", field, value)
+        self._ros = asked = ros or RosSystem()
+        self._panels = [panel(state, asked) for panel in classes]  # later ones: by the thread that looks
+        self._checked = 0.0  # s of wall time; of the thread that beats
+        self._stopped = threading.Event()
+        self._simulator: Any = None  # its subscriber
+        self._simulator_node = ""
+        simulated = bool(asked.parameter("/use_sim_time", False))
+        if simulated:  # elsewhere its topic says nothing
+            take = self._take_simulator
+            self._simulator = asked.subscribe(SIM_STATUS_TOPIC, SimStatus, take, queue_size=10)
+        state.tree.put("meta", robot=asked.namespace.strip("/"), simulated=simulated, started=time.time())
         self._add_offered()
         self._describe()
 
-    def start(self) -> None:
-        """Begins to follow."""
+    def start(self, beats: bool = True) -> None:
+        """Begins to follow.
+
+        :param beats: whether it also samples and checks.
+        """
         for panel in self._panels:
             panel.start()
-        self._watch.start()
-        self._pulse.start()
+        rospy.on_shutdown(self.stop)
+        start_thread("topic watch", self._repeat, self.look, LOOK)
+        if beats:
+            start_thread("pulse", self._repeat, self.beat, SAMPLE)
+
+    def stop(self) -> None:
+        """Ends the threads."""
+        self._stopped.set()
+
+    def _repeat(self, call: Callable[[], object], period: float) -> None:
+        while not self._stopped.is_set():
+            try:
+                call()
+            except Exception as error:  # the master may be gone; a page without these threads is grey forever
+                if not rospy.is_shutdown():
+                    rospy.logwarn_throttle(30.0, f"monitor: {type(error).__name__}: {error}")
+            self._stopped.wait(period)
 
     def look(self) -> None:
-        """Looks once which topics there are, without threads."""
-        self._watch.look()
-
-    def beat(self) -> None:
-        """Samples and checks once, without threads."""
-        self._pulse.beat()
-
-    def _sources(self) -> Dict[str, Source]:
-        found = ((panel.name, panel.source()) for panel in self._panels)
-        return {name: source for name, source in found if source is not None}
-
-    def _add_offered(self) -> bool:
-        """Makes the panels that are offered and not there yet; whether there were any."""
-        added = [] if self._offered is None else self._offered.new(self.scripts)
-        for kind in added:
-            self.scripts[kind.name] = script_of(kind)
-            self._panels.append(kind(self._state, self._watch))
-        return bool(added)
-
-    def _describe(self) -> None:
-        """Sends the page the list of panels; an open page that shows others draws itself anew."""
-        panels = sorted(self._panels, key=lambda panel: panel.place)
-        self._state.tree.set("meta", "panels", [panel.described() for panel in panels])
-
-    def _look(self, topics: Dict[str, str]) -> None:
+        """Looks once which topics there are."""
+        topics = self._ros.look()
+        if topics is None:
+            return
         known = len(self._panels)
         if self._add_offered():
             for panel in self._panels[known:]:
@@ -106,6 +114,58 @@ class PanelBoard:
             self._describe()
         for panel in self._panels:
             panel.look(topics)
+
+    def beat(self) -> None:
+        """Samples, and checks when it is time for that."""
+        for panel in self._panels:
+            panel.sample()
+        ros, now = self._ros, self._ros.wall()
+        if now - self._checked >= CHECKS:
+            self._checked = now
+            self._state.tree.set("meta", "clock_set", round(ros.clock_set(), 1))
+            sources = {panel.name: panel.source() for panel in self._panels}
+            fed = {name: source for name, source in sources.items() if source is not None}
+            self._state.inbox.put(self._check, ros.time(), ros.silence_clock(), now, fed, self._owners())
+
+    def _check(
+        self,
+        at: float,
+        silence: float,
+        now: float,
+        sources: Mapping[str, Source],
+        owners: Mapping[str, Source],
+    ) -> None:
+        self._state.tree.set("meta", "time", round(at, 1))
+        for panel in self._panels:
+            panel.check(at, silence)
+        self._state.freshness.check(at, sources, owners)
+        self._state.now.refresh()
+        self._state.refresh_problems(silence)
+        self._state.checked_at = now
+
+    def _owners(self) -> Dict[str, Source]:
+        owners = {owner: source for panel in self._panels for owner, source in panel.owners().items()}
+        if self._simulator is not None:
+            owners[SIMULATOR] = Source(bool(self._simulator.get_num_connections()), self._simulator_node)
+        return owners
+
+    def _take_simulator(self, message: SimStatus) -> None:
+        self._simulator_node = sender_of(message)
+        shown = {"paused": message.paused, "factor": round(message.achieved_factor, 1)}
+        self._state.inbox.put(self._state.tree.set, "meta", "simulator", shown)
+
+    def _add_offered(self) -> bool:
+        """Makes the panels that are offered and not there yet; whether there were any."""
+        added = [] if self._offered is None else self._offered.new(self.scripts)
+        for kind in added:
+            self.scripts[kind.name] = script_of(kind)
+            self._panels.append(kind(self._state, self._ros))
+        return bool(added)
+
+    def _describe(self) -> None:
+        """Sends the page the list of panels; an open page that shows others draws itself anew."""
+        panels = sorted(self._panels, key=lambda panel: panel.place)
+        self._state.tree.set("meta", "panels", [panel.described() for panel in panels])
 
 
 class OfferedPanels:

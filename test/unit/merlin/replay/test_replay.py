@@ -19,7 +19,7 @@ from tf2_msgs.msg import TFMessage
 
 from merlin.replay import command
 from merlin.replay.recorded_state import recorded_parameters
-from merlin_monitor.bag.recorded_topics import KNOWLEDGE, PARAMETERS
+from merlin_monitor.bag import KNOWLEDGE, PARAMETERS
 from merlin_monitor.bag.recording import BagRecording, RecordingError
 from merlin_monitor.listeners.ros_system import RosSystem
 from merlin_monitor.panels.control import sentences_of_node

@@ -4,6 +4,7 @@
 import json
 import os
 import signal
+import sqlite3
 import sys
 from pathlib import Path
 from typing import Any, Dict, List, Tuple
@@ -22,15 +23,13 @@ from sound_play.msg import SoundRequest, SoundRequestActionGoal
 from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 
-from merlin_monitor.bag import bag_history, bag_import
-from merlin_monitor.bag.bag_import import BagImport
-from merlin_monitor.bag.recorded_system import BagClock
-from merlin_monitor.bag.recorded_topics import KNOWLEDGE, PARAMETERS
+from merlin_monitor.bag import KNOWLEDGE, PARAMETERS, bag_import
+from merlin_monitor.bag.bag_import import BagClock, import_bag
 from merlin_monitor.bag.recording import BagRecording
+from merlin_monitor.history.frames import Recording
 from merlin_monitor.history.history_file import HistoryError
 from merlin_monitor.history.history_reader import HistoryReader
 from merlin_monitor.panel_board import PanelBoard
-from merlin_monitor.state.history_store import HistoryStore
 from merlin_monitor.state.state_tree import apply_changes
 from merlin_monitor.text.phrase import in_english
 from merlin_monitor.web import open_command
@@ -116,7 +115,7 @@ class Opened:
 
     def __init__(self, bag: Path, complain: Any = print) -> None:
         file = bag.with_name("history.sqlite")
-        BagImport(BagRecording(bag), file, complain=complain).run()
+        import_bag(BagRecording(bag), file, complain=complain)
         self.reader = HistoryReader.of(file)
         (self.run,) = self.reader.runs().result(LONG)
 
@@ -135,7 +134,7 @@ class Opened:
 
 @pytest.fixture
 def no_master(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("ROS_MASTER_URI", bag_history.NO_MASTER)
+    monkeypatch.setenv("ROS_MASTER_URI", open_command.NO_MASTER)
 
 
 @pytest.mark.usefixtures("no_master")
@@ -244,10 +243,10 @@ def test_a_panel_that_is_not_here_is_left_out(tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("no_master")
 def test_a_disk_that_takes_nothing_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def full(store: HistoryStore, jobs: Any) -> Any:
-        raise OSError("no space left")
+    def full(*_: Any) -> None:
+        raise sqlite3.OperationalError("no space left")
 
-    monkeypatch.setattr(HistoryStore, "_store", full)
+    monkeypatch.setattr(Recording, "add", full)
     with pytest.raises(HistoryError, match=r"history\.sqlite cannot be written: no space left"):
         Opened(robot(tmp_path / "run.bag"))
 
@@ -403,14 +402,14 @@ def test_half_a_history_is_removed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int, code: int
 ) -> None:
     robot(tmp_path / "run.bag")
-    settle = bag_import.RecordedModel.settle
+    record = bag_import.RecordedModel.record
 
     def interrupted(model: bag_import.RecordedModel) -> None:
-        settle(model)
+        record(model)
         assert list((tmp_path / "kept").iterdir())
         os.kill(os.getpid(), number)
 
-    monkeypatch.setattr(bag_import.RecordedModel, "settle", interrupted)
+    monkeypatch.setattr(bag_import.RecordedModel, "record", interrupted)
     words = (monkeypatch, tmp_path / "run.bag", "--into", tmp_path / "kept")
     if number == signal.SIGINT:
         assert run(*words) == code
@@ -424,8 +423,7 @@ def test_half_a_history_is_removed(
 def test_how_far_it_is_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
     robot(tmp_path / "run.bag")
     monkeypatch.setattr(open_command, "wait_for_end", lambda key: None)
-    monkeypatch.setattr(bag_history, "LINES", 0.0)
-    monkeypatch.setattr(bag_import, "SETTLE", 50)
+    monkeypatch.setattr(open_command, "LINES", 0.0)
     assert run(monkeypatch, tmp_path / "run.bag") == 0
     lines = capsys.readouterr().err.splitlines()
     parts = [int(line.split()[2]) for line in lines]

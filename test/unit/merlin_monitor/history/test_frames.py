@@ -4,7 +4,7 @@
 import itertools
 import json
 import sqlite3
-import threading
+import time
 from pathlib import Path
 from typing import Any, Callable, Dict, List, Tuple
 
@@ -14,13 +14,12 @@ from hypothesis import strategies as st
 
 from merlin_monitor.bag.bag_import import RecordedModel
 from merlin_monitor.history.event_log import Neighbour
-from merlin_monitor.history.frames import Frame
+from merlin_monitor.history.frames import Frame, Recording
 from merlin_monitor.history.history_file import VERSION, HistoryError
 from merlin_monitor.history.history_reader import HistoryReader
-from merlin_monitor.state import recorder as recorder_module
+from merlin_monitor.state import history_store
 from merlin_monitor.state.history_events import Event
 from merlin_monitor.state.history_store import HistoryStore
-from merlin_monitor.state.recorder import Recorder
 from merlin_monitor.state.state_tree import StateTree, apply_changes
 
 LIMIT = 60.0  # s for an answer
@@ -35,7 +34,7 @@ changes = st.lists(st.tuples(st.lists(keys, min_size=1, max_size=3), st.none() |
 
 
 class Recorded:
-    """A tree whose recorder takes a frame by a call, into a real file."""
+    """A tree of which each call makes a frame, in a real file."""
 
     def __init__(self, folder: Path, **options: Any) -> None:
         self.tree = StateTree(("plan", "map"))
@@ -44,8 +43,7 @@ class Recorded:
         self.tick = 0.0
         self.meanwhile: Callable[[], Any] = lambda: None
         self.store.now = lambda: self.tick  # type: ignore[assignment, misc]
-        self.recorder = Recorder(self.tree, self.store.add_frame, self._clock)
-        self.recorder._feed = self.tree.subscribe(lambda: None)  # its thread is not started: frames are ours
+        self.store.follow(self.tree, live=False)
         self.states: List[Tuple[float, Dict[str, Any]]] = []
 
     def _clock(self) -> float:
@@ -54,10 +52,11 @@ class Recorded:
         return self.tick
 
     def frame(self) -> None:
-        before = self.tick
-        self.recorder.take()
-        if self.tick > before:
-            self.states.append((self.tick, shown(self.tree)))
+        self.store.page(limit=1).result(LIMIT)  # what was added has the time of before
+        before, self.store.now = self.store.now, self._clock  # type: ignore[assignment, misc]
+        self.store.take()
+        self.store.now = before  # type: ignore[misc]
+        self.states.append((self.tick, shown(self.tree)))
 
     def reopened(self) -> HistoryReader:
         self.store.close()
@@ -87,7 +86,7 @@ def test_any_moment_is_what_was_shown_then(
     tmp_path_factory: pytest.TempPathFactory, frames: List[Any], largest: int
 ) -> None:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(recorder_module, "LARGEST_SEGMENT", largest)
+        patch.setattr(history_store, "LARGEST_SEGMENT", largest)
         recorded = Recorded(tmp_path_factory.mktemp("recorded"))
         for frame in frames:
             for path, value in frame:
@@ -111,10 +110,9 @@ def test_an_event_leads_to_what_it_is_about_although_that_was_recorded_before_it
     model.start()
     for number in (1, 2):
         model.tree.set("now", "doing", number)
-        model.record()  # a frame of the recorder's thread, between a change and the report of it
+        model.record()  # a frame between a change and the report of it
         model.report(Event("action", f"doing {number}", 0.0))
         model.record()
-    model.settle()
     assert model.history is not None
     for event in model.history.export().result(LIMIT):
         frames = json.loads(model.history.segment(event["run"], 1e12).result(LIMIT) or "")["frames"]
@@ -128,8 +126,7 @@ def test_a_frame_has_all_that_was_changed_by_its_time(tmp_path: Path) -> None:
     for number in range(3):
         # While a frame is taken, another thread changes something, before the time that the frame gets.
         recorded.meanwhile = lambda number=number: recorded.tree.set("plan", "number", number)
-        recorded.recorder.mark()
-        recorded.recorder.take()
+        recorded.frame()
         reader = recorded.store
         assert state_at(reader, reader.run, recorded.tick)["plan"]["number"] == number
     recorded.store.close()
@@ -146,25 +143,28 @@ def test_more_changes_than_a_feed_keeps_are_a_whole_state(tmp_path: Path) -> Non
     reader.close()
 
 
-def test_its_thread_records_what_changes_and_ends_with_the_last_change(tmp_path: Path) -> None:
+def test_it_keeps_what_changes_by_itself_and_the_last_change_at_its_end(tmp_path: Path) -> None:
     tree = StateTree(("plan",))
     store = HistoryStore(tmp_path / "h", 100)
-    recorder = Recorder(tree, store.add_frame, store.now)
-    recorder.start()
+    store.follow(tree)
     for number in range(50):
         tree.set("plan", "number", number)
-    recorder.stop()
-    assert not any(thread.name == "recorder" for thread in threading.enumerate())
-    assert tree._feeds == []
-    (run,) = store.runs().result(LIMIT)
-    assert state_at(store, run["run"], run["ended"]) == {"plan": {"number": 49}}
+    until = time.monotonic() + LIMIT
+    while not store.runs().result(LIMIT) and time.monotonic() < until:
+        time.sleep(0.01)
+    tree.set("plan", "number", "last")
     store.close()
+    reader = HistoryReader.of(tmp_path / "h")
+    (run,) = reader.runs().result(LIMIT)
+    assert state_at(reader, run["run"], run["began"]) == {"plan": {"number": 49}}
+    assert state_at(reader, run["run"], run["ended"]) == {"plan": {"number": "last"}}
+    reader.close()
 
 
 def test_the_file_stays_bounded_and_the_newest_is_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(recorder_module, "LARGEST_SEGMENT", 5_000)
+    monkeypatch.setattr(history_store, "LARGEST_SEGMENT", 5_000)
     recorded = Recorded(tmp_path, megabytes=0.05)
     recorded.store.add_picture("map", "of all the time", b"map")
     for number in range(600):
@@ -191,13 +191,20 @@ def test_a_lost_frame_makes_the_next_one_whole(tmp_path: Path) -> None:
     recorded = Recorded(tmp_path)
     recorded.frame()
     recorded.tree.set("plan", "step", 1)
-    recorded.store._gap = True  # as after a write that failed
-    recorded.frame()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Recording, "add", full)
+        recorded.frame()
+        recorded.store.page(limit=1).result(LIMIT)  # what came before is written
+    assert recorded.store.trouble == "the disk is full"
     recorded.tree.set("plan", "step", 2)
     recorded.frame()
     reader = recorded.reopened()
-    assert state_at(reader, 1, 3.0) == {"plan": {"step": 2}, "map": {}}
+    assert state_at(reader, 1, recorded.tick) == {"plan": {"step": 2}, "map": {}}
     reader.close()
+
+
+def full(*_: Any) -> None:
+    raise sqlite3.OperationalError("the disk is full")
 
 
 def test_a_monitor_that_was_killed_leaves_all_until_then(tmp_path: Path) -> None:
@@ -312,8 +319,10 @@ def test_a_file_of_before_is_gone_on_with(tmp_path: Path) -> None:
 def test_a_damaged_segment_is_an_error_and_the_others_can_be_read(tmp_path: Path, damage: bytes) -> None:
     recorded = Recorded(tmp_path)
     recorded.frame()
-    recorded.store.add_frame(Frame(2, 0, 9.0, damage))
-    reader = recorded.reopened()
+    recorded.store.close()
+    with sqlite3.connect(str(recorded.path)) as file:
+        Recording(file).add(1, Frame(2, 0, 9.0, damage), 1e9)
+    reader = HistoryReader.of(recorded.path)
     with pytest.raises(HistoryError, match="segment 2 of run 1 is damaged"):
         reader.segment(1, 9.0).result(LIMIT)
     assert state_at(reader, 1, 1.0) == {"plan": {}, "map": {}}

@@ -11,14 +11,13 @@ import rospy
 from merlin_msgs.msg import DispatchStatus, ExecuteActionResult, ExecutorStatus
 from messages import dispatch, executor, feedback, running
 
-from merlin_monitor.listeners.graph_watch import GraphWatch
 from merlin_monitor.listeners.ros_system import RosSystem
 from merlin_monitor.panels.now import NowPanel
 from merlin_monitor.panels.plan import PlanPanel
 from merlin_monitor.state.history_events import Event
 from merlin_monitor.state.inbox import Inbox
 from merlin_monitor.state.monitor_model import MonitorModel
-from merlin_monitor.state.plan_order import ShownStep
+from merlin_monitor.state.plan_section import ShownStep
 
 LIMIT = 60.0  # s
 REQUEST = "/mission-1-1.0"
@@ -67,8 +66,7 @@ class Page:
         self.state = MonitorModel(inbox)
         self.events: List[Event] = []
         self.state.on_event = self.events.append
-        watch = GraphWatch(lambda topics: None, self.system)
-        self.panels = [NowPanel(self.state, watch), PlanPanel(self.state, watch)]
+        self.panels = [NowPanel(self.state, self.system), PlanPanel(self.state, self.system)]
         inbox.start()
 
     def hear(self, topic: str, message: Any) -> None:

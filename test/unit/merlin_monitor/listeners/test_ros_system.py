@@ -7,7 +7,6 @@ from typing import Any, List
 import pytest
 
 from merlin_monitor.listeners import ros_system
-from merlin_monitor.listeners.graph_watch import GraphWatch
 from merlin_monitor.listeners.ros_system import STANDS, ReplayedSystem, RosSystem
 
 FEEDBACK = "/rosplan_plan_dispatcher/action_feedback"
@@ -21,15 +20,14 @@ def test_nobody_is_gone_because_the_master_is_new(monkeypatch: pytest.MonkeyPatc
         getSystemState=lambda: [registered], getTopicTypes=lambda: [[topic, "a/B"] for topic, _ in known]
     )
     monkeypatch.setattr(ros_system, "bounded_master", lambda: master)
-    watch = GraphWatch(lambda topics: None, system)
-    watch.look()
-    assert watch.publishers_of(FEEDBACK) == ["/merlin_bridges"]
+    system.look()
+    assert system.publishers_of(FEEDBACK) == ["/merlin_bridges"]
     registered.clear()  # a new one
-    watch.look()
-    assert watch.publishers_of(FEEDBACK) == ["/merlin_bridges"]
+    system.look()
+    assert system.publishers_of(FEEDBACK) == ["/merlin_bridges"]
     registered.append(known[0])  # from here on it knows those that register
-    watch.look()
-    assert watch.publishers_of(FEEDBACK) == []
+    system.look()
+    assert system.publishers_of(FEEDBACK) == []
 
 
 def test_silence_does_not_grow_while_a_recording_is_paused_or_at_its_end(
@@ -60,8 +58,7 @@ def test_the_player_of_a_recording_is_not_taken_for_the_node_that_has_its_name(
     )
     monkeypatch.setattr(ros_system, "bounded_master", lambda: master)
     monkeypatch.setattr(ros_system.rospy, "get_time", lambda: 0.0)
-    seen: List[Any] = []
-    watch = GraphWatch(seen.append, ReplayedSystem())
-    watch.look()
-    assert watch.publisher_of("/merlin/status") == "" and watch.publishers_of("/diagnostics") == []
-    assert seen == [{"/diagnostics": "a/B", "/merlin/status": "a/B"}], "its topics are followed all the same"
+    system = ReplayedSystem()
+    seen = system.look()
+    assert system.publisher_of("/merlin/status") == "" and system.publishers_of("/diagnostics") == []
+    assert seen == {"/diagnostics": "a/B", "/merlin/status": "a/B"}, "its topics are followed all the same"

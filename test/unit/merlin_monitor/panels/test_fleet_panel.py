@@ -21,7 +21,7 @@ from merlin_fleet.fleet_shown import MOST, shown
 from merlin_fleet.hub import EtcdHub
 from merlin_fleet.node import fleet_panel
 from merlin_fleet.node.fleet_panel import FleetPanel
-from merlin_monitor.listeners.graph_watch import GraphWatch
+from merlin_monitor.listeners.ros_system import RosSystem
 from merlin_monitor.panel_board import OFFERED, foreign_panel, own_panels, script_of
 from merlin_ros.master.master_link import ERRORS
 from merlin_test.etcd_process import EtcdProcess
@@ -131,7 +131,7 @@ def test_it_follows_the_hub_that_the_robot_was_told(served: Served, monkeypatch:
     def master(parameters: Any) -> None:
         monkeypatch.setattr(fleet_panel, "bounded_master", lambda: Master(parameters))
 
-    panel = FleetPanel(served.state, GraphWatch(lambda topics: None))
+    panel = FleetPanel(served.state, RosSystem())
     tree = served.state.tree
 
     def until(holds: Callable[[], bool]) -> None:
@@ -175,7 +175,7 @@ def test_it_follows_the_hub_that_the_robot_was_told(served: Served, monkeypatch:
 @pytest.mark.parametrize("hub", [2379, [2379], "hub"])
 def test_a_hub_that_is_not_one_is_named(served: Served, monkeypatch: pytest.MonkeyPatch, hub: Any) -> None:
     monkeypatch.setattr(fleet_panel, "bounded_master", lambda: Master({"fleet": "lab", "hub": hub}))
-    FleetPanel(served.state, GraphWatch(lambda topics: None)).look({})
+    FleetPanel(served.state, RosSystem()).look({})
     taken = threading.Event()
     served.state.inbox.put(taken.set)
     assert taken.wait(LIMIT)

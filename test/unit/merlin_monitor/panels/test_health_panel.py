@@ -7,7 +7,6 @@ from typing import Any, Callable, List, Set
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
-from merlin_monitor.listeners.graph_watch import GraphWatch
 from merlin_monitor.listeners.ros_system import RosSystem
 from merlin_monitor.panels.health import MOST_HANGING, HealthPanel
 from merlin_monitor.state.freshness import Source
@@ -50,7 +49,7 @@ class Robot:
     def __init__(self) -> None:
         self.system, inbox = System(), Inbox()
         self.state = MonitorModel(inbox)
-        self.panel = HealthPanel(self.state, GraphWatch(lambda topics: None, self.system))
+        self.panel = HealthPanel(self.state, self.system)
         self.stop = inbox.stop
         inbox.start()
 

@@ -10,14 +10,28 @@ import pytest
 import rospy
 from merlin_msgs.msg import KnowledgeChanges
 
-from merlin_monitor.listeners import graph_watch, ros_system
-from merlin_monitor.listeners.graph_watch import GraphWatch
+from merlin_monitor import panel_board
+from merlin_monitor.listeners import ros_system
+from merlin_monitor.listeners.panel import Panel
 from merlin_monitor.listeners.ros_system import RosSystem
+from merlin_monitor.panel_board import PanelBoard
 from merlin_monitor.panels import knowledge as knowledge_panel
 from merlin_monitor.panels.knowledge import KnowledgePanel
+from merlin_monitor.state.inbox import Inbox
+from merlin_monitor.state.monitor_model import MonitorModel
 
 LONG = 60.0
 NAME = "/knowledge"
+
+
+class System(RosSystem):
+    """What the panel asks, without a master."""
+
+    def parameter(self, name: str, default: Any) -> Any:
+        return default
+
+    def address_of(self, service: str) -> str:
+        return "rosrpc://here:1"
 
 
 class Client:
@@ -75,10 +89,8 @@ class Followed:
         inbox = SimpleNamespace(put=lambda what, *arguments: self.told.put((what, arguments[0])))
         monkeypatch.setattr(rospy, "get_param", lambda name, default: default)
         state = SimpleNamespace(knowledge=section, inbox=inbox, domain="domain")
-        watch = SimpleNamespace(address_of=lambda service: "rosrpc://here:1", ros=RosSystem())
-        self.listener = KnowledgePanel(state, watch)  # type: ignore
+        self.listener = KnowledgePanel(state, System())  # type: ignore
         self.changed = callbacks[f"{NAME}/changes"]
-        self.listener.start()
         self.listener.look({f"{NAME}/changes": "merlin_msgs/KnowledgeChanges"})
 
     def next(self) -> Tuple[str, Any]:
@@ -93,9 +105,7 @@ class Followed:
 
 @pytest.fixture
 def followed(monkeypatch: pytest.MonkeyPatch) -> Any:
-    made = Followed(monkeypatch)
-    yield made
-    made.listener.stop()
+    return Followed(monkeypatch)
 
 
 def test_what_changes_while_all_is_read_is_told_behind_it(followed: Followed) -> None:
@@ -127,20 +137,23 @@ def test_the_watch_goes_on_after_a_look_that_failed(monkeypatch: pytest.MonkeyPa
         getTopicTypes=lambda: [["/tick", "std_msgs/Empty"], ["/mute", "std_msgs/Empty"]],
     )
     monkeypatch.setattr(ros_system, "bounded_master", lambda: master)
-    monkeypatch.setattr(graph_watch, "PERIOD", 0.01)
+    monkeypatch.setattr(panel_board, "LOOK", 0.01)
     monkeypatch.setattr(rospy, "logwarn_throttle", lambda period, text: complaints.append(text))
     complaints: List[str] = []
     seen: List[Dict[str, str]] = []
     again = threading.Event()
 
-    def look(topics: Dict[str, str]) -> None:
-        seen.append(topics)
-        if len(seen) == 1:
-            raise OSError("the master has gone")
-        again.set()
+    class Looks(Panel):
+        name = "plan"
 
-    watch = GraphWatch(look)
-    watch.start()
+        def look(self, topics: Dict[str, str]) -> None:
+            seen.append(topics)
+            if len(seen) == 1:
+                raise OSError("the master has gone")
+            again.set()
+
+    watch = PanelBoard(MonitorModel(Inbox()), ros=System(), only=[Looks])
+    watch.start(beats=False)
     try:
         assert again.wait(LONG)
     finally:

@@ -7,7 +7,6 @@ from typing import Any, Callable, Dict, Iterator, List, Tuple
 import pytest
 from messages import status, structure
 
-from merlin_monitor.listeners.graph_watch import GraphWatch
 from merlin_monitor.listeners.ros_system import RosSystem, TopicGraph
 from merlin_monitor.panels.machines import STATUS, STRUCTURE, MachinesPanel
 from merlin_monitor.state.inbox import Inbox
@@ -48,12 +47,11 @@ class System(RosSystem):
 
 
 @pytest.fixture
-def panel() -> Iterator[Tuple[MachinesPanel, System, GraphWatch]]:
+def panel() -> Iterator[Tuple[MachinesPanel, System]]:
     system, inbox = System(), Inbox()
-    watch = GraphWatch(lambda topics: made.look(topics), system)
-    made = MachinesPanel(MonitorModel(inbox), watch)
+    made = MachinesPanel(MonitorModel(inbox), system)
     inbox.start()
-    yield made, system, watch
+    yield made, system
     inbox.stop()
 
 
@@ -67,17 +65,17 @@ def shown(panel: MachinesPanel) -> Dict[str, List[str]]:
 
 
 def test_machines_of_nodes_with_one_name_of_a_server_come_and_go_one_by_one(panel: Any) -> None:
-    made, system, watch = panel
+    made, system = panel
     system.nodes = ["/here", "/there"]
-    watch.look()
+    made.look(system.look() or {})
     for node, state in (("/here", "A"), ("/there", "B")):
         machine = structure("/SM_ROOT", ["A", "B"], [("ok", "A", "B"), ("ok", "B", "None")], ["ok"])
         system.send(f"/srv{STRUCTURE}", machine, node)
         system.send(f"/srv{STATUS}", status("/SM_ROOT", state), node)
     assert shown(made) == {"/here": ["A"], "/there": ["B"]}
     system.nodes = ["/there"]
-    watch.look()
+    made.look(system.look() or {})
     assert shown(made) == {"/there": ["B"]}
     system.nodes = []
-    watch.look()
+    made.look(system.look() or {})
     assert shown(made) == {}

@@ -13,10 +13,9 @@ from merlin_msgs.msg import ListenActionResult
 from sensor_msgs.msg import LaserScan
 from sound_play.msg import SoundRequest
 
-from merlin_monitor.listeners.graph_watch import GraphWatch
 from merlin_monitor.listeners.panel import Panel
-from merlin_monitor.listeners.pulse import Pulse
 from merlin_monitor.listeners.ros_system import RosSystem, TopicGraph
+from merlin_monitor.panel_board import PanelBoard
 from merlin_monitor.panels.map import OLD_POSITION, MapPanel
 from merlin_monitor.panels.said import SaidPanel
 from merlin_monitor.state.freshness import Source
@@ -85,7 +84,7 @@ def panel() -> Iterator[Tuple[MapPanel, System]]:
     inbox = Inbox()
     state = MonitorModel(inbox)
     inbox.start()
-    yield MapPanel(state, GraphWatch(lambda topics: None, system)), system
+    yield MapPanel(state, system), system
     inbox.stop()
 
 
@@ -139,7 +138,7 @@ def test_what_robots_say_hear_and_see_has_their_names_from_the_begin(
     monkeypatch.setattr(system, "parameter", lambda name, default: {ROBOTS: ["ria"]}.get(name, default))
     events: List[Any] = []
     monkeypatch.setattr(state, "report", events.append)
-    panel = SaidPanel(state, GraphWatch(lambda topics: None, system))
+    panel = SaidPanel(state, system)
     send = {each.topic: each.receive for each in system.subscribers}
     send["/ria/robotsound"](SoundRequest(sound=SoundRequest.SAY, arg="Hello."))
     state.tree.set("robots", "robots", {"tom": {"away": "", "does": []}})  # joins later
@@ -199,8 +198,7 @@ def test_a_panel_that_fails_does_not_end_the_pulse(monkeypatch: pytest.MonkeyPat
     again = threading.Event()
 
     class Failing(Panel):
-        def __init__(self) -> None:
-            self.times = 0
+        name, times = "plan", 0
 
         def sample(self) -> None:
             self.times += 1
@@ -208,13 +206,13 @@ def test_a_panel_that_fails_does_not_end_the_pulse(monkeypatch: pytest.MonkeyPat
                 raise ValueError("strange")
             again.set()
 
-    pulse = Pulse(MonitorModel(Inbox()), [Failing()], dict, System())
-    pulse.start()
+    board = PanelBoard(MonitorModel(Inbox()), ros=System(), only=[Failing])
+    board.start()
     try:
         assert again.wait(LIMIT)
         assert said == ["monitor: ValueError: strange"]
     finally:
-        pulse.stop()
+        board.stop()
 
 
 def test_of_several_navigation_servers_the_one_that_is_gone_is_named(panel: Tuple[MapPanel, System]) -> None:
@@ -224,7 +222,7 @@ def test_of_several_navigation_servers_the_one_that_is_gone_is_named(panel: Tupl
     own.connections = 0
     system.subscribers.remove(own)  # no server without a name
     made.look({})
-    made.watch.look()
+    system.look()
     ann, bob = "/ann/navigation", "/bob/navigation"
     assert made.owners() == {"navigation": Source(True, ann, (bob,))}
     (result,) = [each for each in system.of("bob") if each.topic.endswith("/result")]

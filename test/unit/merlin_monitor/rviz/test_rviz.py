@@ -16,8 +16,8 @@ from roslaunch.core import RLException
 from roslaunch.xmlloader import XmlLoader
 from visualization_msgs.msg import Marker, MarkerArray
 
-from merlin_monitor.rviz.clicked_goals import NoPlace, nearest
 from merlin_monitor.rviz.markers import HEADLINE, LONGEST_LINE, MarkerPublisher, headline, markers
+from merlin_monitor.rviz.rviz_node import NoPlace, nearest
 from merlin_monitor.state.inbox import Inbox
 from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_ros.publishing import OnSubscriber

@@ -6,6 +6,7 @@ from messages import Told
 
 from merlin_monitor.state.guard_section import KEPT_AFTER, SILENT_AFTER, GuardSection
 from merlin_monitor.state.state_tree import StateTree
+from merlin_monitor.text.phrase import in_english
 
 
 def test_a_stop_is_shown_with_its_reason_until_the_release() -> None:
@@ -65,14 +66,14 @@ def test_of_several_robots_each_is_told_of_and_the_state_is_that_of_all() -> Non
         guard.status(GuardStatus(state=GuardStatus.PASSING), 1.0, 1.0, robot)
     stopped = GuardStatus(state=GuardStatus.STOPPED, reason="stopped by Ana")
     guard.status(stopped, 2.0, 2.0, "ria")
-    assert (tree.get("guard", "state"), tree.get("guard", "held")) == ("partly", "")
+    assert (tree.get("guard", "state"), tree.get("guard", "held_words")) == ("partly", "")
     assert tree.get("guard", "robots", "tom", "state") == "passing"
     guard.status(GuardStatus(state=GuardStatus.PASSING, warning="it stands"), 3.0, 3.0, "tom")
     assert tree.get("guard", "warning") == "tom: it stands"
     guard.status(stopped, 4.0, 4.0, "tom")
     assert tree.get("guard", "state") == "stopped"
     both = "ria stopped and held by Ana since 2.0 s and tom stopped and held by Ana since 4.0 s"
-    assert tree.get("guard", "held") == both
+    assert in_english(tree.get("guard", "held_words")) == both
     guard.met("tom", False, 5.0)
     assert tree.get("guard", "robots") == {}
     assert told.texts == [

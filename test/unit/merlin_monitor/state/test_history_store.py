@@ -4,14 +4,15 @@
 import contextlib
 import sqlite3
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, List, Optional
 
 import pytest
 
+from merlin_monitor.panels.control import path_of_node
 from merlin_monitor.state.history_events import Event
 from merlin_monitor.state.history_store import NEWEST, HistoryError, HistorySection, HistoryStore
 from merlin_monitor.state.state_tree import StateTree
-from merlin_monitor.web.monitor_node import history_path
 
 LIMIT = 60.0  # s for an answer
 
@@ -145,4 +146,5 @@ def test_the_state_holds_the_newest_events_only() -> None:
 
 @pytest.mark.parametrize(("text", "path"), [("", None), ("none", None), ("/tmp/none", Path("/tmp/none"))])
 def test_a_launch_file_can_ask_for_no_history(text: str, path: Optional[Path]) -> None:
-    assert history_path(text) == path
+    ros = SimpleNamespace(parameter=lambda name, default: {"~history": text}[name])
+    assert path_of_node(ros, "~history") == path  # type: ignore[arg-type]

@@ -14,8 +14,7 @@ from merlin_msgs.msg import StateOutcome
 from messages import Told, status, structure
 from std_msgs.msg import Header
 
-from merlin_monitor.drawing.graph_layout import LayoutThread, layout
-from merlin_monitor.drawing.machine_graph import DrawnGraph, machine_graph, plan_graph
+from merlin_monitor.drawing.graph_layout import DrawnGraph, LayoutThread, layout, machine_graph, plan_graph
 from merlin_monitor.state.machine_section import (
     LONGEST_ROW,
     MOST_ROWS,

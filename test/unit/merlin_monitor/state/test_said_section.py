@@ -11,8 +11,7 @@ from messages import Told
 from sensor_msgs.msg import Image
 from sound_play.msg import SoundRequest
 
-from merlin_monitor.drawing.png import png
-from merlin_monitor.history.pictures import Pictures
+from merlin_monitor.history.pictures import Pictures, png
 from merlin_monitor.panels.said import MOST, WIDEST, SaidSection
 from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.text.phrase import in_english

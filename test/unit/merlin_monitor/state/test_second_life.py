@@ -18,9 +18,10 @@ from merlin_msgs.msg import (
 from messages import Told, dispatch, executor, feedback, running
 from rosplan_dispatch_msgs.msg import CompletePlan
 
+from merlin_monitor.state.history_store import HistoryStore
 from merlin_monitor.state.inbox import DirectInbox
 from merlin_monitor.state.monitor_model import MonitorModel
-from merlin_monitor.state.plan_order import sequential_steps
+from merlin_monitor.state.plan_section import sequential_steps
 
 PLAN = CompletePlan([dispatch(number, "ask", ("p", place)) for number, place in enumerate("abcd")])
 REQUEST = "/mission-1-12.5"
@@ -32,7 +33,8 @@ class Life:
 
     def __init__(self, folder: Path, wall: float, session: str = "one", **options: Any) -> None:
         file = folder / "history.sqlite" if options.pop("kept", True) else None
-        self.state = MonitorModel(DirectInbox(), file, clock=lambda: wall, session=session)
+        history = file and HistoryStore(file, 1000, clock=lambda: wall, session=session)
+        self.state = MonitorModel(DirectInbox(), history)
         self.told = Told()
         self.state.on_event = self.told
         self.state.start()

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """How long the tasks of a mission take: of those that were seen from their beginning to their end."""
 
-from merlin_monitor.truth.task_pace import TaskPace
+from merlin_monitor.truth.worst_truth import TaskPace
 
 
 def pace_of(*tasks: "tuple[int, float]") -> TaskPace:

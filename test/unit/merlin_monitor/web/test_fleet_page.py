@@ -10,7 +10,7 @@ from typing import Any, Callable, Iterator, List, Optional
 import pytest
 from fakes.simulated_store import SimulatedStore
 from fleet_page_command import LIMIT, Command
-from served import TOKEN, WEB, ask
+from served import TOKEN, ask
 from shown_page import Visit, chromium
 
 from merlin_fleet import fleet_client
@@ -103,7 +103,7 @@ class Lab:
         self.control = FleetControl(self.client)
         access = WebAccess("127.0.0.1", (), operators, open_stop)
         scripts = {panel["name"]: script_file(panel["script"]) for panel in PANELS}
-        self.server = WebServer(self.page, WEB, access, self.control, scripts=scripts)
+        self.server = WebServer(self.page, access, self.control, scripts=scripts)
 
     def start(self) -> None:
         """Begins to serve."""

@@ -10,6 +10,7 @@ import pytest
 
 from merlin_monitor.history.history_file import HistoryError
 from merlin_monitor.panel_scripts import script_file
+from merlin_monitor.state.history_store import HistoryStore
 from merlin_monitor.state.inbox import Inbox
 from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_monitor.web import open_command
@@ -18,7 +19,7 @@ from merlin_monitor.web.open_command import Archive
 
 def kept(folder: Path, panels: Any) -> Path:
     """The history of a run that showed these panels."""
-    state = MonitorModel(Inbox(), folder / "history.sqlite")
+    state = MonitorModel(Inbox(), HistoryStore(folder / "history.sqlite", 1000))
     state.tree.set("meta", "panels", panels)
     state.start()
     state.stop()
@@ -63,7 +64,7 @@ def test_a_last_state_without_panels_is_damaged(tmp_path: Path) -> None:
 
 
 def test_panels_that_are_told_after_the_first_frame_are_shown(tmp_path: Path) -> None:
-    state = MonitorModel(Inbox(), tmp_path / "history.sqlite")
+    state = MonitorModel(Inbox(), HistoryStore(tmp_path / "history.sqlite", 1000))
     state.start()
     end = time.monotonic() + 60.0
     while not [run for run in state.history.runs().result(60.0) if run["bytes"]]:

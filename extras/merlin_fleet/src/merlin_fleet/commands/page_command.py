@@ -4,9 +4,6 @@
 import argparse
 import re
 import sys
-from pathlib import Path
-
-import rospkg
 
 from merlin_fleet.fleet_client import FleetClient, FleetError
 from merlin_fleet.page.fleet_control import FleetControl
@@ -44,7 +41,6 @@ def _serve(client: FleetClient, given: argparse.Namespace) -> None:
     page = FleetPage(client, operators, open_stop)
     server = WebServer(
         page,
-        Path(rospkg.RosPack().get_path("merlin_monitor")) / "web",
         WebAccess(
             given.host,
             given.allowed_host,

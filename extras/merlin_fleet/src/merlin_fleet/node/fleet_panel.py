@@ -11,8 +11,8 @@ from merlin_fleet.fleet_client import DEFAULT_FLEET, FleetClient, FleetError
 from merlin_fleet.fleet_shown import shown
 from merlin_fleet.hub import DEFAULT_ENDPOINT
 from merlin_fleet.node.fleet_parameters import listed
-from merlin_monitor.listeners.graph_watch import GraphWatch
 from merlin_monitor.listeners.panel import Panel
+from merlin_monitor.listeners.ros_system import RosSystem
 from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_ros.master.master_link import ERRORS, bounded_master
 
@@ -25,8 +25,8 @@ class FleetPanel(Panel):
     name, title, place = "fleet", "Fleet", 45
     script = "package://merlin_fleet/web/fleet.js"
 
-    def __init__(self, state: MonitorModel, watch: GraphWatch) -> None:
-        super().__init__(state, watch)
+    def __init__(self, state: MonitorModel, ros: RosSystem) -> None:
+        super().__init__(state, ros)
         self._node = rospy.resolve_name(NODE)
         self._client: Optional[FleetClient] = None
         self._changed = threading.Event()  # set in the hub's thread, cleared in the model's

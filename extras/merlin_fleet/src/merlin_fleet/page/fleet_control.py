@@ -12,7 +12,7 @@ LONGEST_NAME = 200  # characters
 
 
 class FleetControl:
-    """Stands where a :class:`merlin_monitor.web.page_control.Control` stands otherwise.
+    """Stands where a :class:`merlin_monitor.web.robot_control.RobotControl` stands otherwise.
 
     :param client: of the fleet.
     """

@@ -50,15 +50,9 @@ class FleetPage:
         self._changed = threading.Event()
         self._stopped = threading.Event()
         self._thread = threading.Thread(target=self._work, name="fleet page", daemon=True)
-        for field, value in (
-            ("robot", client.fleet),
-            ("simulated", False),
-            ("started", time.time()),
-            ("stops", False),  # there is no button for all robots: each has its own
-            ("open_stop", open_stop),
-            ("panels", PANELS),
-        ):
-            self.tree.set("meta", field, value)
+        self.tree.put("meta", robot=client.fleet, simulated=False, started=time.time(), panels=PANELS)
+        # There is no button that stops all robots: each has its own.
+        self.tree.put("meta", stops=False, open_stop=open_stop)
         self.tree.set("fleet", "controls", True)
 
     def start(self) -> None:

@@ -12,7 +12,7 @@ from merlin_msgs.msg import KnowledgeChanges
 from rosplan_knowledge_msgs.msg import KnowledgeItem
 from std_msgs.msg import String
 
-from merlin_monitor.bag.recorded_topics import KNOWLEDGE, PARAMETERS
+from merlin_monitor.bag import KNOWLEDGE, PARAMETERS
 from merlin_monitor.listeners.ros_system import RosSystem
 from merlin_monitor.panels.control import SENTENCES, path_of_node
 from merlin_monitor.text.sentences import read_sentences

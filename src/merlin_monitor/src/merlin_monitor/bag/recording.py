@@ -14,7 +14,7 @@ import yaml
 from merlin_msgs.msg import KnowledgeChanges
 from tf2_msgs.msg import TFMessage
 
-from merlin_monitor.bag.recorded_topics import BAG, KNOWLEDGE, PARAMETERS
+from merlin_monitor.bag import BAG, KNOWLEDGE, PARAMETERS
 from merlin_monitor.panels.control import SENTENCES
 
 #: Types of messages that come many times per second: of those before the start only the present is of use.

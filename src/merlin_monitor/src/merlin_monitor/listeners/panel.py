@@ -1,13 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a panel is: the base class of those in ``merlin_monitor.panels`` and of those of applications."""
 
-from typing import Any, Callable, ClassVar, Dict, Mapping, Optional, Union
+import re
+from typing import Any, Callable, ClassVar, Dict, List, Mapping, Optional, Set, Union
 
-from merlin_monitor.listeners.graph_watch import GraphWatch
+from merlin_monitor.listeners.ros_system import RosSystem
 from merlin_monitor.state.freshness import Source
 from merlin_monitor.state.history_events import sentence
 from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_monitor.text.phrase import Phrase
+from merlin_ros.robot_values import ROBOTS
 
 
 class Panel:
@@ -17,7 +19,7 @@ class Panel:
     thread after the other, so that a panel needs no locks.
 
     :param state: the model.
-    :param watch: knows the topics and services that there are.
+    :param ros: topics, parameters and times; a recording that is opened has its own.
     """
 
     name: ClassVar[str] = ""
@@ -31,11 +33,9 @@ class Panel:
     script: ClassVar[str] = ""
     """Its script as ``package://<package>/<path>``; empty: ``web/panels/<name>.js`` of merlin_monitor."""
 
-    def __init__(self, state: MonitorModel, watch: GraphWatch) -> None:
+    def __init__(self, state: MonitorModel, ros: RosSystem) -> None:
         self.state = state
-        self.watch = watch
-        self.ros = watch.ros
-        """Topics, parameters and times; a recording that is opened has its own."""
+        self.ros = ros
 
     # --- what a panel may do when something happens ---------------------------------------------------------
 
@@ -82,7 +82,7 @@ class Panel:
     def source_of(self, *subscribers: Any) -> Source:
         """A source that lives while one of these subscribers is connected."""
         connected = [each for each in subscribers if each.get_num_connections()]
-        return Source(bool(connected), self.watch.publisher_of((connected or subscribers)[0].resolved_name))
+        return Source(bool(connected), self.ros.publisher_of((connected or subscribers)[0].resolved_name))
 
     def set(self, *path_and_value: Any) -> bool:
         """``set("table", "3", value)`` puts a value into the section; whether that changed anything."""
@@ -104,6 +104,45 @@ class Panel:
         return {"name": cls.name, "title": cls.title, "width": cls.width, "script": script}
 
 
-def sender_of(message: Any) -> str:
-    """Name of the node that has sent a message; empty: it is not known."""
-    return str((message._connection_header or {}).get("callerid", ""))
+#: Robots of one plan that can have topics: any node can name others.
+_NAME = re.compile(r"[A-Za-z]\w*", re.ASCII)
+
+
+class PlanRobots:
+    """Follows the robots of ``robots:=`` from the begin, and others once their hosts are heard.
+
+    :param follow: makes the subscribers of a robot; called in the watch's thread.
+    :param forget: called in the model's thread with a robot that is forgotten.
+    """
+
+    def __init__(
+        self,
+        panel: Panel,
+        follow: Callable[[str], List[Any]],
+        forget: Callable[[str], object] = lambda robot: None,
+    ) -> None:
+        self._panel, self._follow, self._forget = panel, follow, forget
+        self._own = panel.ros.namespace.strip("/")
+        self._named = list(panel.ros.parameter(ROBOTS, []) or [])
+        self._followed: Dict[str, List[Any]] = {}  # robot → subscribers; of the watch's thread
+        self.look()
+
+    def names(self) -> Set[str]:
+        """The robots that can have topics, without the one in the namespace of the monitor."""
+        names = [*map(str, self._named), *self._panel.state.tree.keys("robots", "robots")]
+        return {name for name in names if name != self._own and _NAME.fullmatch(name)}
+
+    def subscribers(self, topic: str) -> List[Any]:
+        """Those of a topic below each robot that is followed."""
+        followed = list(self._followed.items())
+        return [each for name, made in followed for each in made if each.resolved_name == f"/{name}/{topic}"]
+
+    def look(self) -> None:
+        """Begins and ends to follow; once per second, in the watch's thread."""
+        names = self.names()
+        for robot in names - self._followed.keys():
+            self._followed[robot] = self._follow(robot)
+        for robot in self._followed.keys() - names:
+            for subscriber in self._followed.pop(robot):
+                subscriber.unregister()
+            self._panel.state.inbox.put(self._forget, robot)

@@ -3,7 +3,7 @@
 
 import threading
 import time
-from typing import Any, Callable, Dict, List, NamedTuple, Optional
+from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional
 
 import rospy
 import rospy.rostime
@@ -37,6 +37,7 @@ class RosSystem:
     """
 
     _steady = WallClock()  # one of the process: times of two systems may be compared
+    _publishers: Mapping[str, List[str]] = {}  # replaced as a whole, never changed
 
     @property
     def namespace(self) -> str:
@@ -120,6 +121,22 @@ class RosSystem:
         if not any(self.name in nodes for nodes in publishers.values()):
             return None
         return TopicGraph(publishers, types)
+
+    def look(self) -> Optional[Dict[str, str]]:
+        """Asks what is published; returns the types by topic. None: no answer, what was known stays."""
+        graph = self.graph()
+        if graph is None:
+            return None
+        self._publishers = graph.publishers
+        return graph.types
+
+    def publisher_of(self, topic: str) -> str:
+        """The first node that publishes a topic, as it was known at the last look; empty when none."""
+        return next(iter(self.publishers_of(topic)), "")
+
+    def publishers_of(self, topic: str) -> List[str]:
+        """All nodes that publish a topic, as they were known at the last look."""
+        return list(self._publishers.get(topic, []))
 
     def hangs(self, node: str) -> bool:
         """Whether a node takes connections and answers none; it may take 2 s to know.

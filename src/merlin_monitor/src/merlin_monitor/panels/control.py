@@ -2,19 +2,17 @@
 """The panel of the control: for operators only, it sends goals; the application may offer some by name."""
 
 from pathlib import Path
-from typing import Any, Dict, List, NamedTuple, Optional
+from typing import Any, List, NamedTuple, Optional
 
 import rospy
 
 from merlin_monitor.access.operators import Operators, OperatorsError
-from merlin_monitor.listeners.graph_watch import GraphWatch
 from merlin_monitor.listeners.panel import Panel
 from merlin_monitor.listeners.ros_system import RosSystem
 from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_monitor.text.phrase import in_english, say
-from merlin_monitor.text.sentences import Sentences, SentencesError, read_sentences
+from merlin_monitor.text.sentences import Sentences, SentencesError, YamlFileError, read_sentences, read_yaml
 from merlin_monitor.text.wording import Wording
-from merlin_monitor.text.yaml_file import YamlFileError, read_yaml
 from merlin_planning.knowledge_text import PDDLSyntaxError, parse_goal
 from merlin_ros.parameters import ParameterError
 
@@ -24,10 +22,9 @@ NONE = "none"
 SENTENCES = "merlin/sentences"
 LONGEST = 4000  # characters of a goal
 MOST = 200  # goals
-_FIELDS = ("name", "goal", "priority")
 
 
-class GoalListError(ValueError):
+class GoalListError(ParameterError):
     """The list cannot be used; the text names it and says why."""
 
 
@@ -37,11 +34,6 @@ class OfferedGoal(NamedTuple):
     name: str
     goal: str
     priority: int = 0
-
-    @property
-    def shown(self) -> Dict[str, Any]:
-        """The fields that the page gets."""
-        return {"name": self.name, "goal": self.goal, "priority": self.priority}
 
 
 def read_goals(path: Path) -> List[OfferedGoal]:
@@ -72,9 +64,9 @@ def _goal(entry: Any, where: str) -> OfferedGoal:
         entry = {"goal": entry}
     if not isinstance(entry, dict):
         raise GoalListError(f"{where} is {entry!r}; write {{name: …, goal: (…)}}")
-    unknown = [str(field) for field in entry if field not in _FIELDS]
+    unknown = [str(field) for field in entry if field not in OfferedGoal._fields]
     if unknown:
-        raise GoalListError(f"{where} has {unknown[0]!r}; there is {', '.join(_FIELDS)}")
+        raise GoalListError(f"{where} has {unknown[0]!r}; there is {', '.join(OfferedGoal._fields)}")
     goal, priority = entry.get("goal"), entry.get("priority", 0)
     if not isinstance(goal, str) or not goal.strip() or len(goal) > LONGEST:
         raise GoalListError(f"{where} has no goal; write goal: (checked kitchen)")
@@ -95,12 +87,14 @@ class ControlPanel(Panel):
 
     name, place, width = "control", 15, 7
 
-    def __init__(self, state: MonitorModel, watch: GraphWatch) -> None:
-        super().__init__(state, watch)
+    def __init__(self, state: MonitorModel, ros: RosSystem) -> None:
+        super().__init__(state, ros)
         self._operators = operators_of_node(self.ros)
         self._trouble = ""
-        self.state.tree.set("meta", "open_stop", self._operators is not None and open_stop_of_node(self.ros))
-        self.set("goals", [goal.shown for goal in goals_of_node(self.ros)])
+        open_stop = self._operators is not None and bool(self.ros.parameter("~open_stop", True))
+        self.state.tree.set("meta", "open_stop", open_stop)
+        goals = path_of_node(self.ros, "~goals")
+        self.set("goals", [goal._asdict() for goal in read_goals(goals)] if goals is not None else [])
 
     def check(self, at: float, wall: float) -> None:
         """Notices operators that are made, changed and removed while the monitor runs."""
@@ -123,23 +117,6 @@ def operators_of_node(ros: RosSystem) -> Optional[Operators]:
     try:
         return None if path is None else Operators(path)
     except OperatorsError as error:
-        raise ParameterError(str(error)) from error
-
-
-def open_stop_of_node(ros: RosSystem) -> bool:
-    """Whether everybody who sees the page may stop the robot, ``~open_stop``."""
-    return bool(ros.parameter("~open_stop", True))
-
-
-def goals_of_node(ros: RosSystem) -> List[OfferedGoal]:
-    """The goals of the file ``~goals``.
-
-    :raises ParameterError: when it cannot be used.
-    """
-    path = path_of_node(ros, "~goals")
-    try:
-        return [] if path is None else read_goals(path)
-    except GoalListError as error:
         raise ParameterError(str(error)) from error
 
 

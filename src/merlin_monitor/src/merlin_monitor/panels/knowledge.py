@@ -14,14 +14,15 @@ from merlin_msgs.msg import KnowledgeChanges
 from rosplan_knowledge_msgs.msg import StatusUpdate
 from rosplan_knowledge_msgs.srv import GetDomainNameService
 
-from merlin_monitor.listeners.graph_watch import GraphWatch
 from merlin_monitor.listeners.panel import Panel
+from merlin_monitor.listeners.ros_system import RosSystem
 from merlin_monitor.state.freshness import Source
 from merlin_monitor.state.knowledge_section import Contents, added, formulas
 from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_planning.knowledge_client import KnowledgeClient
+from merlin_ros.alarms import Alarm, call_later
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
-from merlin_ros.work.threads import start_thread
+from merlin_ros.work.threads import CallQueue
 
 READ_AGAIN = 2.0  # s of wall time between two readings of a knowledge base that does not publish its changes
 SOON = 0.2  # s from an update to reading, so that one reading serves several updates
@@ -35,8 +36,8 @@ class KnowledgePanel(Panel):
 
     name, title, place, width = "knowledge", "Knowledge", 70, 7
 
-    def __init__(self, state: MonitorModel, watch: GraphWatch) -> None:
-        super().__init__(state, watch)
+    def __init__(self, state: MonitorModel, ros: RosSystem) -> None:
+        super().__init__(state, ros)
         self._client = KnowledgeClient(
             self.ros.resolve(str(self.ros.parameter("~knowledge_base", "rosplan_knowledge_base")))
         )
@@ -44,8 +45,10 @@ class KnowledgePanel(Panel):
         self._domain_name = ServiceProxy(
             f"{self._client.name}/domain/name", GetDomainNameService, timeout=5.0
         )
-        self._wanted = threading.Condition()  # guards the fields below
-        self._read_at: Optional[float] = None
+        self._reader = CallQueue("knowledge reader")
+        self._lock = threading.Lock()  # guards the fields below
+        self._reading_comes: Optional[Alarm] = None
+        self._comes_at = 0.0  # s of wall time
         self._reading = False
         self._held: List[KnowledgeChanges] = []  # that arrived while it was read
         self._version: Optional[int] = None
@@ -53,7 +56,6 @@ class KnowledgePanel(Panel):
         self._publishes = False
         self._by = ""
         self._first = True
-        self._stopping = False
         # A connection of one of them shows that the knowledge base lives.
         self._subscribers = [
             self.ros.subscribe(
@@ -68,26 +70,15 @@ class KnowledgePanel(Panel):
             ),
         ]
 
-    def start(self) -> None:
-        """Begins to read."""
-        rospy.on_shutdown(self.stop)
-        start_thread("knowledge reader", self._work)
-
-    def stop(self) -> None:
-        """Ends the thread that reads the knowledge base."""
-        with self._wanted:
-            self._stopping = True
-            self._wanted.notify_all()
-
     def source(self) -> Source:
         """The knowledge base."""
         return self.source_of(*self._subscribers)
 
     def look(self, topics: Dict[str, str]) -> None:
         """Notices a knowledge base that appeared or began anew."""
-        address = self.watch.address_of(f"{self._client.name}/state/propositions")
+        address = self.ros.address_of(f"{self._client.name}/state/propositions")
         publishes = f"{self._client.name}/changes" in topics
-        with self._wanted:
+        with self._lock:
             if not address:
                 if self._address:
                     self._address = ""
@@ -101,20 +92,24 @@ class KnowledgePanel(Panel):
                 self._want(READ_AGAIN)
 
     def _want(self, delay: float) -> None:
+        """Has all be read, in `delay` s at the latest; called with the lock held."""
         at = time.monotonic() + delay
-        if self._read_at is None or at < self._read_at:
-            self._read_at = at
-            self._wanted.notify_all()
+        if self._reading_comes is not None:
+            if self._comes_at <= at:
+                return
+            self._reading_comes.cancel()
+        self._reading_comes = call_later(delay, lambda: self._reader.put(self._read_all))
+        self._comes_at = at
 
     def _updated(self, message: StatusUpdate) -> None:
-        with self._wanted:
+        with self._lock:
             if not self._publishes and self._address:
                 self._by = message.last_update_client
                 self._want(SOON)
 
     def _changed(self, message: KnowledgeChanges) -> None:
-        with self._wanted:
-            if self._reading or self._read_at is not None:
+        with self._lock:
+            if self._reading or self._reading_comes is not None:
                 self._held.append(message)
                 return
             if self._version is not None and message.version != self._version + 1:
@@ -130,33 +125,24 @@ class KnowledgePanel(Panel):
         at = self.ros.time_of(message)
         self.state.inbox.put(self.state.knowledge.changed, message, at)
 
-    def _work(self) -> None:
-        while True:
-            with self._wanted:
-                while not self._stopping and (self._read_at is None or time.monotonic() < self._read_at):
-                    left = None if self._read_at is None else self._read_at - time.monotonic()
-                    self._wanted.wait(left)
-                if self._stopping:
-                    return
-                self._read_at = None
-                self._reading = True
-                # From a knowledge base that may be gone, or contained in what is read now.
-                self._held.clear()
-                by, self._by = self._by, ""
-            try:
-                contents, domain = self._read(), self._domain()
-            except ServiceError as error:
-                if not rospy.is_shutdown():
-                    rospy.logwarn_throttle(30.0, f"monitor: the knowledge cannot be read: {error}")
-                with self._wanted:
-                    self._reading = False
-                    if self._address:
-                        self._want(READ_AGAIN)
-                continue
-            self._take(contents, domain, by)
+    def _read_all(self) -> None:
+        with self._lock:
+            self._reading_comes, self._reading = None, True
+            # From a knowledge base that may be gone, or contained in what is read now.
+            self._held.clear()
+            by, self._by = self._by, ""
+        try:
+            self._take(self._read(), self._domain(), by)
+        except ServiceError as error:
+            if not rospy.is_shutdown():
+                rospy.logwarn_throttle(30.0, f"monitor: the knowledge cannot be read: {error}")
+            with self._lock:
+                self._reading = False
+                if self._address:
+                    self._want(READ_AGAIN)
 
     def _take(self, contents: Contents, domain: Dict[str, Any], by: str) -> None:
-        with self._wanted:
+        with self._lock:
             at = self.ros.time()
             self.state.inbox.put(self.state.domain, domain, rospy.logwarn)
             self.state.inbox.put(self.state.knowledge.replace, contents, by, at, self._first)

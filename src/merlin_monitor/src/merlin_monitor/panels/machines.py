@@ -8,9 +8,10 @@ from merlin_msgs.msg import MachineHolds, StateOutcome
 from smach_msgs.msg import SmachContainerStatus, SmachContainerStructure
 from std_msgs.msg import String
 
-from merlin_monitor.listeners.graph_watch import GraphWatch
-from merlin_monitor.listeners.panel import Panel, sender_of
+from merlin_monitor.listeners.panel import Panel
+from merlin_monitor.listeners.ros_system import RosSystem
 from merlin_monitor.state.monitor_model import MonitorModel
+from merlin_planning.robot_roster import sender_of
 from merlin_ros.publishing import publish
 from merlin_sm.holding.node_holds import CONSOLES_TOPIC, HOLDS_TOPIC, OUTCOMES_TOPIC
 
@@ -24,8 +25,8 @@ class MachinesPanel(Panel):
 
     name, title, place, width = "machines", "State machines", 50, 12
 
-    def __init__(self, state: MonitorModel, watch: GraphWatch) -> None:
-        super().__init__(state, watch)
+    def __init__(self, state: MonitorModel, ros: RosSystem) -> None:
+        super().__init__(state, ros)
         self._namespace = self.ros.namespace
         self._servers: Dict[str, List[Any]] = {}
         self._nodes: Dict[str, Set[str]] = {}  # server → nodes that have one of this name
@@ -69,7 +70,7 @@ class MachinesPanel(Panel):
         for server in set(self._servers) - found:
             for subscriber in self._servers.pop(server):
                 subscriber.unregister()
-        nodes = {server: set(self.watch.publishers_of(server + STATUS)) for server in found}
+        nodes = {server: set(self.ros.publishers_of(server + STATUS)) for server in found}
         for server, known in self._nodes.items():
             for node in known - nodes.get(server, set()):
                 self.state.inbox.put(self.state.machines.server_gone, server, node)

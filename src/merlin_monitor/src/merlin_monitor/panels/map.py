@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The panel of the map: robots on it, their paths, points of interest and people."""
 
-from typing import Any, Dict, List, Optional, Tuple
+from typing import Any, Callable, Dict, List, Optional, Tuple
 
 import numpy
 import roslib.message
@@ -12,11 +12,10 @@ from move_base_msgs.msg import MoveBaseActionResult
 from nav_msgs.msg import OccupancyGrid, Path
 from sensor_msgs.msg import LaserScan
 
-from merlin_monitor.listeners.graph_watch import GraphWatch
-from merlin_monitor.listeners.panel import Panel
-from merlin_monitor.listeners.plan_robots import PlanRobots
+from merlin_monitor.listeners.panel import Panel, PlanRobots
+from merlin_monitor.listeners.ros_system import RosSystem
 from merlin_monitor.state.freshness import Source
-from merlin_monitor.state.map_section import RobotTrack, yaw_of
+from merlin_monitor.state.map_section import yaw_of
 from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_monitor.truth.worst_truth import NAVIGATION
 
@@ -44,8 +43,8 @@ class MapPanel(Panel):
 
     name, title, place, width = "map", "Map", 30, 5
 
-    def __init__(self, state: MonitorModel, watch: GraphWatch) -> None:
-        super().__init__(state, watch)
+    def __init__(self, state: MonitorModel, ros: RosSystem) -> None:
+        super().__init__(state, ros)
         robot = self.ros.namespace.strip("/")
         base_frame = f"{robot}/base_footprint" if robot else "base_footprint"
         self._frames = (
@@ -67,12 +66,10 @@ class MapPanel(Panel):
         self._scan: Optional[LaserScan] = None  # the last one, of the subscriber's thread
         self._scan_shown = 0.0  # s of wall time
         self._transform = self.ros.transforms()
-        self._navigation = self.subscribe(RESULT, MoveBaseActionResult, self._ended)
+        self._navigation = self._follow("")[0]
         self._subscribers = [
             self.subscribe(map_topic, OccupancyGrid, lambda grid, at: state.map.grid(grid), queue_size=1),
-            self.subscribe(GOAL, PoseStamped, self._goal),
             self.ros.subscribe("scan", LaserScan, self._scanned, queue_size=1),
-            *(self.subscribe(path, Path, self._path, queue_size=1) for path in PATHS),
         ]
         self._others = PlanRobots(self, self._follow, state.map.forget)
 
@@ -135,22 +132,16 @@ class MapPanel(Panel):
             self.state.inbox.put(self.state.map.robots, poses)
 
     def _follow(self, robot: str) -> List[Any]:
-        """Subscribes to where a robot of one plan is going."""
-
-        def track() -> RobotTrack:  # in the thread of the state only
-            return self.state.map.track(robot)
-
-        def end(_: MoveBaseActionResult, at: float) -> None:
-            track().goal(None)
-            track().path([])
-
+        """Subscribes to where a robot is going; of several robots of one plan by their names."""
+        shown, below = self.state.map, f"/{robot}/" if robot else ""
+        takes: List[Tuple[str, type, Callable[[Any, float], None]]] = [
+            (RESULT, MoveBaseActionResult, lambda end, at: shown.ended(_failure(end), at, robot)),
+            (GOAL, PoseStamped, lambda to, at: shown.goal(_pose_of(to.pose), self.ros.time(), robot)),
+        ]
+        takes += [(path, Path, lambda way, at: shown.path(_points_of(way), robot)) for path in PATHS]
         return [
-            self.subscribe(f"/{robot}/{topic}", kind, take, queue_size=1)
-            for topic, kind, take in (
-                (GOAL, PoseStamped, lambda goal, at: track().goal(_pose_of(goal.pose))),
-                (RESULT, MoveBaseActionResult, end),
-                *((path, Path, lambda path, at: track().path(_points_of(path))) for path in PATHS),
-            )
+            self.subscribe(f"{below}{topic}", kind, take, queue_size=1 if kind is Path else 100)
+            for topic, kind, take in takes
         ]
 
     def check(self, at: float, wall: float) -> None:
@@ -193,15 +184,11 @@ class MapPanel(Panel):
     def _take_points(self, points: Any) -> None:
         self.state.places(set(self.state.map.points(points)))
 
-    def _path(self, message: Path, at: float) -> None:
-        self.state.map.path(_points_of(message))
 
-    def _goal(self, message: PoseStamped, at: float) -> None:
-        self.state.map.goal(_pose_of(message.pose), self.ros.time())
-
-    def _ended(self, message: MoveBaseActionResult, at: float) -> None:
-        failed = message.status.status in (GoalStatus.ABORTED, GoalStatus.REJECTED, GoalStatus.LOST)
-        self.state.map.ended(message.status.text or "no reason given" if failed else "", at)
+def _failure(end: MoveBaseActionResult) -> str:
+    """Why a drive failed; empty: it did not."""
+    failed = end.status.status in (GoalStatus.ABORTED, GoalStatus.REJECTED, GoalStatus.LOST)
+    return end.status.text or "no reason given" if failed else ""
 
 
 def scan_points(scan: Any, x: float, y: float, yaw: float) -> Any:

@@ -4,13 +4,14 @@
 from typing import Dict
 
 from actionlib_msgs.msg import GoalID
-from merlin_msgs.msg import ExecuteActionResult, ExecutorStatus, MissionStatus
+from merlin_msgs.msg import ExecuteActionResult, ExecutorStatus, GoalQueue, MissionStatus
 
-from merlin_monitor.listeners.graph_watch import GraphWatch
-from merlin_monitor.listeners.panel import Panel, sender_of
+from merlin_monitor.listeners.panel import Panel
+from merlin_monitor.listeners.ros_system import RosSystem
 from merlin_monitor.state.freshness import Source
 from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_monitor.truth.worst_truth import LIVE, MISSION
+from merlin_planning.robot_roster import sender_of
 
 
 class NowPanel(Panel):
@@ -18,8 +19,8 @@ class NowPanel(Panel):
 
     name, place = "now", 2
 
-    def __init__(self, state: MonitorModel, watch: GraphWatch) -> None:
-        super().__init__(state, watch)
+    def __init__(self, state: MonitorModel, ros: RosSystem) -> None:
+        super().__init__(state, ros)
         executor = self.ros.parameter("~executor", "merlin/execute")
         self._status = self.subscribe("merlin/status", ExecutorStatus, state.now.executor)
         self._mission = self.subscribe("merlin/mission", MissionStatus, self._take_mission)
@@ -43,3 +44,23 @@ class NowPanel(Panel):
     def _cancel(self, message: GoalID, at: float) -> None:
         if sender_of(message) != self.ros.name:  # a cancel of ours has its operator's name in the history
             self.state.now.cancel(message, at, sender_of(message))
+
+
+class QueuePanel(Panel):
+    """The requests of the Executor."""
+
+    name, title, place, width = "queue", "Queue", 36, 7
+
+    def __init__(self, state: MonitorModel, ros: RosSystem) -> None:
+        super().__init__(state, ros)
+        self._queue = self.subscribe("merlin/queue", GoalQueue, state.now.queue)
+
+    def source(self) -> Source:
+        """The Executor."""
+        return self.source_of(self._queue)
+
+
+class HistoryPanel(Panel):
+    """The events of the run."""
+
+    name, title, place, width = "history", "History", 80, 5

@@ -8,11 +8,11 @@ from merlin_msgs.msg import DispatchStatus, PlannerStatus
 from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback, CompletePlan, EsterelPlan
 from std_msgs.msg import String
 
-from merlin_monitor.listeners.graph_watch import GraphWatch
 from merlin_monitor.listeners.panel import Panel
+from merlin_monitor.listeners.ros_system import RosSystem
 from merlin_monitor.state.freshness import Source
 from merlin_monitor.state.monitor_model import MonitorModel
-from merlin_monitor.state.plan_order import graph_steps, sequential_steps
+from merlin_monitor.state.plan_section import graph_steps, sequential_steps
 from merlin_monitor.truth.worst_truth import BRIDGES, MACHINES
 
 STATUS = GoalStatusArray._type
@@ -27,8 +27,8 @@ class PlanPanel(Panel):
 
     name, title, place, width = "plan", "Plan", 20, 7
 
-    def __init__(self, state: MonitorModel, watch: GraphWatch) -> None:
-        super().__init__(state, watch)
+    def __init__(self, state: MonitorModel, ros: RosSystem) -> None:
+        super().__init__(state, ros)
         planner, parser, dispatcher = (
             str(self.ros.parameter(f"~{part}", f"rosplan_{part}"))
             for part in ("planner_interface", "parsing_interface", "plan_dispatcher")
@@ -56,7 +56,7 @@ class PlanPanel(Panel):
         """The bridges, and the servers of the actions."""
         found = {}
         for owner, topics in ((BRIDGES, [self._feedback.resolved_name]), (MACHINES, self._servers)):
-            nodes = sorted({node for topic in topics for node in self.watch.publishers_of(topic)})
+            nodes = sorted({node for topic in topics for node in self.ros.publishers_of(topic)})
             found[owner] = Source(bool(nodes), (nodes or [""])[0], tuple(nodes[1:]))
         return found
 

@@ -5,8 +5,8 @@ from typing import Any, Dict, List, Optional
 
 from merlin_msgs.msg import DispatchStatus, RobotHost
 
-from merlin_monitor.listeners.graph_watch import GraphWatch
 from merlin_monitor.listeners.panel import Panel
+from merlin_monitor.listeners.ros_system import RosSystem
 from merlin_monitor.state.history_events import Reporter, sentence
 from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_monitor.state.state_tree import StateTree
@@ -124,8 +124,8 @@ class RobotsPanel(Panel):
 
     name, place = SECTION, 3
 
-    def __init__(self, state: MonitorModel, watch: GraphWatch) -> None:
-        super().__init__(state, watch)
+    def __init__(self, state: MonitorModel, ros: RosSystem) -> None:
+        super().__init__(state, ros)
         self._section = RobotsSection(state.tree, state.report, state.wording)
         knowledge_base = str(self.ros.parameter("~knowledge_base", "rosplan_knowledge_base"))
         dispatcher = str(self.ros.parameter("~plan_dispatcher", "rosplan_plan_dispatcher"))

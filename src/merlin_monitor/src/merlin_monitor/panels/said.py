@@ -8,11 +8,9 @@ from merlin_msgs.msg import ListenActionResult, RecognizeActionResult
 from sensor_msgs.msg import Image
 from sound_play.msg import SoundRequest, SoundRequestActionGoal
 
-from merlin_monitor.drawing.png import png
-from merlin_monitor.history.pictures import Pictures
-from merlin_monitor.listeners.graph_watch import GraphWatch
-from merlin_monitor.listeners.panel import Panel
-from merlin_monitor.listeners.plan_robots import PlanRobots
+from merlin_monitor.history.pictures import Pictures, png
+from merlin_monitor.listeners.panel import Panel, PlanRobots
+from merlin_monitor.listeners.ros_system import RosSystem
 from merlin_monitor.state.history_events import Reporter, sentence
 from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_monitor.state.state_tree import StateTree
@@ -30,8 +28,8 @@ class SaidPanel(Panel):
 
     name, title, place, width = "said", "Said, heard, seen", 35, 7
 
-    def __init__(self, state: MonitorModel, watch: GraphWatch) -> None:
-        super().__init__(state, watch)
+    def __init__(self, state: MonitorModel, ros: RosSystem) -> None:
+        super().__init__(state, ros)
         self._said = SaidSection(state.tree, state.pictures, state.report)
         self._subscribers = self._follow("")
         self._others = PlanRobots(self, self._follow)
@@ -115,8 +113,7 @@ class SaidSection:
         pixels = rows.reshape(message.height, message.width, size)
         stride = max(1, -(-message.width // WIDEST))
         picture = png(numpy.ascontiguousarray(pixels[::stride, ::stride, list(channels)]))
-        self._tree.set("said", "picture", self._pictures.put("seen", picture))
-        self._tree.set("said", "looked", robot)
+        self._tree.put("said", picture=self._pictures.put("seen", picture), looked=robot)
 
     def _add(self, kind: str, words: Phrase, at: float, robot: str, told: Phrase) -> None:
         self._number += 1

@@ -6,12 +6,10 @@ from typing import Any, Dict
 from merlin_executor.core.base_hold import clock_text, holder_of
 from merlin_monitor.state.history_events import Reporter, sentence
 from merlin_monitor.state.state_tree import StateTree
-from merlin_monitor.text.phrase import Phrase, in_english, say
+from merlin_monitor.text.phrase import Phrase, say
 
 GUARD = "guard"
 #: Field of the section: while the base is stopped: which client stopped it, and when; else empty.
-HELD = "held"
-#: The same as a phrase.
 HELD_WORDS = "held_words"
 #: While the guard of the only robot keeps its base from a drive, for a while: why; else empty.
 KEPT = "kept"
@@ -129,12 +127,11 @@ class GuardSection:
                 for robot, shown in sorted(robots.items())
             ]
         warned = [(robot, shown["warning"]) for robot, shown in sorted(robots.items()) if shown["warning"]]
-        for name, value in (
-            ("state", state),
-            ("warning", "; ".join(f"{robot}: {why}" if several else why for robot, why in warned)),
-            ("reason", next((shown["reason"] for shown in robots.values() if shown["state"] == state), "")),
-            (HELD, in_english(held)),
-            (HELD_WORDS, held),
-            ("robots", dict(several)),
-        ):
-            self._tree.set(GUARD, name, value)
+        self._tree.put(
+            GUARD,
+            state=state,
+            warning="; ".join(f"{robot}: {why}" if several else why for robot, why in warned),
+            reason=next((shown["reason"] for shown in robots.values() if shown["state"] == state), ""),
+            held_words=held,
+            robots=dict(several),
+        )

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The section of the health: what every part reports on /diagnostics, and which part is silent."""
 
-from typing import Any, Collection, Dict, FrozenSet, List, Tuple
+from typing import Any, Collection, Dict, FrozenSet, List
 
 from merlin_monitor.state.history_events import Reporter, sentence
 from merlin_monitor.state.state_tree import StateTree
@@ -20,17 +20,30 @@ MILD = ("ok", "warning")
 CALM = 60.0  # s of wall time between two events of a part that changes between these levels
 
 
+class _Part:
+    """A part, beside what is shown of it: the node that reports it, and how often it does."""
+
+    def __init__(self, wall: float) -> None:
+        self.node = ""  # its global name
+        self.seen = wall
+        self.period = FIRST_PERIOD
+        self.reports = 0
+        self.told = (wall - CALM, "ok")  # when its level was reported, and which
+
+    def reports_again(self, wall: float, node: str) -> None:
+        """Learns how often it does; one long pause is forgotten within a few reports."""
+        if self.reports:
+            self.period = max(min(LONGEST_PERIOD, wall - self.seen), self.period / 2)
+        self.reports, self.seen, self.node = self.reports + 1, wall, node
+
+
 class HealthSection:
     """Keeps the section ``health`` of the state."""
 
     def __init__(self, tree: StateTree, report: Reporter) -> None:
         self._tree = tree
         self._report = report
-        self._seen: Dict[str, float] = {}
-        self._periods: Dict[str, float] = {}
-        self._reports: Dict[str, int] = {}
-        self._reported: Dict[str, Tuple[float, str]] = {}  # part → when its level was reported, and which
-        self._nodes: Dict[str, str] = {}  # part → global name of the node that reports it
+        self._parts: Dict[str, _Part] = {}
         #: Silent nodes of which it is not known how often they report, by their global names.
         self.doubtful: FrozenSet[str] = frozenset()
         self._hanging: Collection[str] = ()  # those of them that hang
@@ -45,25 +58,18 @@ class HealthSection:
         for status in message.status:
             level = status.level[0] if isinstance(status.level, bytes) else int(status.level)
             if (level, status.message) == (STALE, ENDED):
-                if status.name in self._seen:
+                if status.name in self._parts:
                     ended.add(f"/{status.name.partition(': ')[0]}")
                     self._forget(status.name)
                 continue
-            if status.name not in self._seen and len(self._seen) >= MOST_PARTS:
+            if status.name not in self._parts and len(self._parts) >= MOST_PARTS:
                 continue
             word = LEVELS[level] if 0 <= level < len(LEVELS) else str(level)
             was_silent = self._tree.get(SECTION, "parts", status.name, "silent", default=False)
-            self._note_period(status.name, wall)
-            self._seen[status.name] = wall
-            self._nodes[status.name] = node
+            self._parts.setdefault(status.name, _Part(wall)).reports_again(wall, node)
             values = [[pair.key, pair.value] for pair in status.values]
-            for field, value in (
-                ("level", word),
-                ("message", status.message),
-                ("values", values),
-                ("silent", False),
-            ):
-                self._tree.set(SECTION, "parts", status.name, field, value)
+            shown = {"level": word, "message": status.message, "values": values, "silent": False}
+            self._tree.put(SECTION, "parts", status.name, **shown)
             if was_silent:
                 heard = say("{part} is heard again", part=status.name)
                 self._report(sentence("health", with_reason(heard, status.message), at))
@@ -77,8 +83,8 @@ class HealthSection:
         The name of a part begins with that of its node, a colon and a blank, as diagnostic_updater writes it.
         """
         silent: Dict[str, bool] = {}
-        for name, reports in self._reports.items():
-            if reports < REGULAR and self._nodes[name] not in self._hanging:
+        for name, known in self._parts.items():
+            if known.reports < REGULAR and known.node not in self._hanging:
                 continue
             node = name.partition(": ")[0]
             part = bool(self._tree.get(SECTION, "parts", name, "silent", default=False))
@@ -90,9 +96,9 @@ class HealthSection:
 
         :param node: its global name.
         """
-        for name in self._reports:
+        for name, part in self._parts.items():
             if name.partition(": ")[0] == node.strip("/"):
-                self._reports[name] = 0
+                part.reports = 0
 
     def hang(self, nodes: Collection[str]) -> None:
         """Takes which of the doubtful nodes hang."""
@@ -105,14 +111,14 @@ class HealthSection:
             takes itself off, one that dies or hangs does not. Empty: not known.
         """
         ended, doubtful = set(), set()
-        for name, seen in list(self._seen.items()):
-            silent = wall - seen > max(SILENT_AFTER, PERIODS * self._periods[name])
-            if silent and nodes and self._nodes[name] and self._nodes[name] not in nodes:
-                ended.add(self._nodes[name])
+        for name, part in list(self._parts.items()):
+            silent = wall - part.seen > max(SILENT_AFTER, PERIODS * part.period)
+            if silent and nodes and part.node and part.node not in nodes:
+                ended.add(part.node)
                 self._forget(name)
                 continue
-            if silent and self._reports[name] < REGULAR and self._nodes[name]:
-                doubtful.add(self._nodes[name])
+            if silent and part.reports < REGULAR and part.node:
+                doubtful.add(part.node)
             if self._tree.set(SECTION, "parts", name, "silent", silent) and silent:
                 self._report(sentence("health", say("{part} has fallen silent", part=name), at, "failure"))
             self._report_level(name, at, wall, silent)
@@ -124,8 +130,7 @@ class HealthSection:
             self._report(sentence("health", say("{node} has ended", node=node), at))
 
     def _forget(self, name: str) -> None:
-        for kept in (self._seen, self._periods, self._reports, self._reported, self._nodes):
-            kept.pop(name, None)
+        del self._parts[name]
         self._tree.remove(SECTION, "parts", name)
 
     def _report_level(self, name: str, at: float, wall: float, known: bool) -> None:
@@ -134,23 +139,13 @@ class HealthSection:
         :param known: whether the level was reported in another event.
         """
         level = self._tree.get(SECTION, "parts", name, "level")
-        reported, before = self._reported.get(name, (wall - CALM, "ok"))
-        if known or level == before or name not in self._reported and level == "ok":
-            self._reported[name] = (wall if known else reported, level)
+        told, before = self._parts[name].told
+        if known:
+            self._parts[name].told = wall, level
+        if known or level == before or level in MILD and before in MILD and wall - told < CALM:
             return
-        if level in MILD and before in MILD and wall - reported < CALM:
-            return
-        self._reported[name] = wall, level
+        self._parts[name].told = wall, level
         message = self._tree.get(SECTION, "parts", name, "message")
         mark = "" if level in MILD else "failure"
         said = say("{part}: {level}", part=name, level=say(level))
         self._report(sentence("health", with_reason(said, message), at, mark))
-
-    def _note_period(self, name: str, wall: float) -> None:
-        """Learns how often a part reports; one long pause is forgotten within a few reports."""
-        self._reports[name] = self._reports.get(name, 0) + 1
-        if name not in self._seen:
-            self._periods[name] = FIRST_PERIOD
-            return
-        last = min(LONGEST_PERIOD, wall - self._seen[name])
-        self._periods[name] = max(last, self._periods[name] / 2)

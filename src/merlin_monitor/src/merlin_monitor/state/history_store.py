@@ -2,21 +2,23 @@
 """The history of the present run: its events and what the page showed, in a file that outlives the node."""
 
 import concurrent.futures
+import json
 import queue
 import sqlite3
 import threading
+import zlib
 from collections import deque
 from pathlib import Path
-from typing import Any, Callable, Deque, Dict, List, Optional, Tuple
+from typing import Any, Callable, Deque, Dict, List, Optional
 
 from merlin_monitor.history.event_log import Row, row_of
 from merlin_monitor.history.frames import Frame
 from merlin_monitor.history.history_file import HistoryError, WallClock, begin_run, last_run, open_for_writing
 from merlin_monitor.history.history_reader import HistoryReader
 from merlin_monitor.state.history_events import Event, sentence
-from merlin_monitor.state.recorder import last_state
-from merlin_monitor.state.state_tree import StateTree
+from merlin_monitor.state.state_tree import StateTree, apply_changes
 from merlin_monitor.text.phrase import say
+from merlin_ros.alarms import call_later
 
 __all__ = ["HistoryError", "HistoryStore"]
 
@@ -24,6 +26,10 @@ PRUNE_EVERY = 1000  # events between two looks at the limit
 MEGABYTE = 1_000_000
 SECTION = "history"
 NEWEST = 200  # events in the state; older ones are asked for page by page
+GATHER = 0.2  # s that changes are gathered for one frame
+LONGEST_SEGMENT = 300.0  # s
+LARGEST_SEGMENT = 256 * 1024  # characters of changes, or as many as the whole state has
+LEFT_OUT = (SECTION,)  # sections that are in no frame: the events have a table of their own
 END_OF_TIME = 1e12  # s since 1970
 _COPIED = (
     ("events", "wall, at, kind, text, detail, mark"),
@@ -32,12 +38,78 @@ _COPIED = (
 )
 
 
+class Frames:
+    """What was shown, in frames: the changes since the one before, in segments that begin with all of it.
+
+    :param tree: the state.
+    :param clock: s since 1970, never going back.
+    :param wake: called when something has changed since the last frame; must not block.
+    :param segment: the last one of the run; 0: it begins.
+    """
+
+    def __init__(
+        self, tree: StateTree, clock: Callable[[], float], wake: Callable[[], object], segment: int = 0
+    ) -> None:
+        self._tree, self._clock = tree, clock
+        self._feed = tree.subscribe(wake)
+        self.close = self._feed.close
+        self._segment, self._number = segment, 0
+        self._room = -1  # characters that the segment may still take
+        self._until = 0.0  # s of the clock at which the segment ends
+        self._pack: Any = None
+
+    def begin_segment(self) -> None:
+        """Has the next frame begin a segment: one was lost, and each builds on those before it."""
+        self._room = -1
+
+    def next(self, marked: bool) -> Optional[Frame]:
+        """The frame for the changes until now; None: there are none.
+
+        :param marked: whether there is one all the same.
+        """
+        # Before the changes are taken: a frame of a time has all that was changed by then.
+        wall = self._clock()
+        version, changes = self._feed.take()
+        kept = [change for change in changes.as_list() if change[0][0] not in LEFT_OUT]
+        if not (kept or changes.whole or marked or self._pack is None):
+            return None
+        text = _compact(kept)
+        if changes.whole or len(text) > self._room or wall > self._until:
+            self._segment, self._number = self._segment + 1, -1
+            self._until = wall + LONGEST_SEGMENT
+            self._pack = zlib.compressobj(6)
+            # What changed since the feed was read is in here, and comes again: that changes nothing.
+            version, text = self._tree.as_json(LEFT_OUT)
+            self._room = max(LARGEST_SEGMENT, len(text))
+        else:
+            self._room -= len(text)
+        at = self._tree.get("meta", "time") or 0.0
+        data = self._pack.compress(f"[{wall},{_compact(at)},{text},{version}]".encode())
+        self._number += 1
+        return Frame(self._segment, self._number, wall, data + self._pack.flush(zlib.Z_SYNC_FLUSH))
+
+
+def _compact(value: Any) -> str:
+    return json.dumps(value, separators=(",", ":"))
+
+
+def last_state(segment: Optional[str]) -> Dict[str, Any]:
+    """The state to which a segment leads.
+
+    :param segment: of :meth:`merlin_monitor.history.frames.Recording.segment`.
+    :raises ValueError, LookupError, TypeError: it cannot be read.
+    """
+    (_, _, state, _), *later = json.loads(segment or "")["frames"]
+    for _, _, changes, _ in later:
+        apply_changes(state, changes)
+    return dict(state)
+
+
 class HistoryStore(HistoryReader):
-    """Keeps events and frames.
+    """Keeps events, and what is shown.
 
     :param path: of the file.
     :param limit: most events that are kept; the oldest go first.
-    :param on_events: called with the events as they were stored, in the store's thread.
     :param make_folder: whether the file's folder is made. Otherwise all is kept in memory until it
         exists, so that a run which never began leaves nothing behind.
     :param megabytes: most that is kept of what was shown; the oldest goes first.
@@ -50,7 +122,6 @@ class HistoryStore(HistoryReader):
         self,
         path: Path,
         limit: int,
-        on_events: Callable[[List[Row]], None] = lambda events: None,
         make_folder: bool = True,
         megabytes: float = 500.0,
         clock: Optional[Callable[[], float]] = None,
@@ -65,10 +136,14 @@ class HistoryStore(HistoryReader):
         self._session = session
         self._limit = max(100, limit)
         self._bytes = megabytes * MEGABYTE
-        self._on_events = on_events
+        self.on_events: Callable[[List[Row]], None] = lambda events: None
+        """Called with the events as they were stored, in the store's thread."""
         self._lost = 0
-        self._gap = False  # a frame was lost: those that build on it are of no use
         self._written = PRUNE_EVERY  # many short runs are looked at too
+        self._frames: Optional[Frames] = None
+        self._live = False  # whether frames are made by themselves
+        self._due = False  # whether one is to come; these two are set before what is to be in it
+        self._marked = False  # whether it comes also when nothing changes
         try:
             if make_folder:
                 path.parent.mkdir(parents=True, exist_ok=True)
@@ -95,51 +170,79 @@ class HistoryStore(HistoryReader):
         except (HistoryError, ValueError, concurrent.futures.TimeoutError):
             return {}
 
+    def follow(self, tree: StateTree, live: bool = True) -> None:
+        """Keeps what is shown from now on, in a frame every `GATHER` seconds in which something changes.
+
+        :param live: False: the caller makes the frames, by :meth:`take`.
+        """
+        self._live = live
+        self._frames = Frames(tree, lambda: self.now(), self._wake, self.last.segment if self.last else 0)
+        self._wake()
+
+    def take(self) -> None:
+        """Keeps what is shown now, if something has changed or was added; may wait for the disk."""
+        frame = self._next_frame()
+        if frame is not None:
+            self._jobs.put((None, frame))
+
     def add(self, event: Event) -> None:
         """Takes an event; returns at once."""
-        try:
-            self._jobs.put_nowait((self.now(), event))
-        except queue.Full:
-            self._lost += 1
-
-    def add_frame(self, frame: Frame) -> bool:
-        """Takes what was shown; False: it is lost, and the next frame has to begin a segment."""
-        if frame.number == 0:
-            self._gap = False
-        elif self._gap:
-            return False
-        return self._put((frame.wall, frame))
+        self._put(self.now(), event)
+        # What an event is about may be in a frame from before it, and the next one be about something else.
+        self._marked = True
+        self._wake()
 
     def add_picture(self, name: str, version: str, data: bytes) -> None:
         """Takes a picture; the next frame may name it."""
-        self._put(((name, version, self.now()), data))
+        self._put((name, version, self.now()), data)
 
-    def _put(self, job: Tuple[Any, Any]) -> bool:
+    def _put(self, key: Any, job: Any) -> None:
         try:
-            self._jobs.put_nowait(job)
+            self._jobs.put_nowait((key, job))
         except queue.Full:
-            return False
-        return True
+            self._lost += 1
+
+    def _next_frame(self) -> Optional[Frame]:
+        self._due = False
+        marked = self._marked
+        if marked:
+            self._marked = False
+        return self._frames.next(marked) if self._frames is not None else None
+
+    def _wake(self) -> None:
+        if self._live and not self._due:
+            self._due = True
+            call_later(GATHER, self._take_or_again)
+
+    def _take_or_again(self) -> None:
+        asked = self._ask(self._make_frame)
+        if asked.done() and asked.exception() and self._thread.is_alive():  # too much waits for the disk
+            call_later(GATHER, self._take_or_again)
 
     # --- in the thread of the history -----------------------------------------------------------------------
+
+    def _make_frame(self) -> None:
+        frame = self._next_frame()
+        if frame is not None:
+            self._write([(None, frame)])
 
     def _write(self, jobs: List[Any]) -> None:
         lost, self._lost = self._lost, 0
         if lost:
             said = say("{count} events came too fast to be kept", count=str(lost))
             jobs = [*jobs, (self.now(), sentence("monitor", said, 0.0))]
-        if not jobs:
-            return
         try:
-            self._on_events(self._store(jobs))
+            self._leave_memory()
+            if jobs:
+                self.on_events(self._store(jobs))
         except Exception as error:  # a full disk, or a strange event, must not end the monitor
-            self._gap = True
+            if self._frames is not None:
+                self._frames.begin_segment()
             self.trouble = str(error)
             said = say("the history could not be written: {why}", why=str(error))
-            self._on_events([{"id": 0, **row_of(0, self.now(), sentence("monitor", said, 0.0))}])
+            self.on_events([{"id": 0, **row_of(0, self.now(), sentence("monitor", said, 0.0))}])
 
     def _store(self, jobs: List[Any]) -> List[Row]:
-        self._leave_memory()
         stored: List[Row] = []
         with self._connection:
             for key, job in jobs:
@@ -158,6 +261,9 @@ class HistoryStore(HistoryReader):
 
     def _finish(self) -> None:
         self._leave_memory()
+        if self._frames is not None:
+            self._make_frame()
+            self._frames.close()
 
     def _leave_memory(self) -> None:
         if not self._in_memory or not self.path.parent.is_dir():

@@ -17,6 +17,7 @@ FEW = 3  # changes of one transaction that are reported one by one
 
 Entry = Dict[str, Any]
 Table = Dict[str, Entry]
+Changes = List[Tuple[str, str, str]]  # sign, kind and key of each
 
 
 class Contents(NamedTuple):
@@ -39,12 +40,10 @@ class KnowledgeSection:
         self._wording = wording or Wording()
         self._tree = tree
         self._report = report
-        self._tables: Dict[str, Table] = {kind: {} for kind in KINDS}
         self._recent: Deque[str] = deque()
         self._number = 0
         self._version: Dict[str, int] = {}  # of the change that is taken in, as a field; empty: not known
-        for kind in KINDS:
-            tree.set(SECTION, kind, {})
+        self._clear({kind: {} for kind in KINDS})
         tree.set(SECTION, "recent", {})
 
     def source(self, text: str) -> None:
@@ -53,8 +52,7 @@ class KnowledgeSection:
 
     def domain(self, description: Dict[str, Any]) -> None:
         """Takes the domain: name, types, predicates, functions, operators."""
-        self._tree.set(SECTION, "domain", description)
-        self._tree.set(SECTION, "words", self._wording.shown())
+        self._tree.put(SECTION, domain=description, words=self._wording.shown())
 
     def replace(self, contents: Contents, by: str, at: float, first: bool) -> None:
         """Takes all there is, read by services.
@@ -70,25 +68,17 @@ class KnowledgeSection:
             "goals": {item_text(item): {} for item in contents.goals},
         }
         if first:
-            for kind in KINDS:
-                self._tables[kind] = new[kind]
-                self._tree.set(SECTION, kind, new[kind])
+            self._clear(new)
             self._tree.set(SECTION, "recent", {})
             self._recent.clear()
             return
-        changes: List[Tuple[str, str, str]] = []
+        changes: Changes = []
         self._version = {}
         for kind in KINDS:
-            old = self._tables[kind]
-            changes += [("-", kind, key) for key in old if key not in new[kind]]
+            for key in [key for key in self._tables[kind] if key not in new[kind]]:
+                self._remove(kind, key, by, at, changes)
             for key, entry in new[kind].items():
-                known = old.get(key)
-                if known is None:
-                    changes.append(("+", kind, key))
-                elif any(known.get(field) != value for field, value in entry.items()):
-                    changes.append(("=", kind, key))
-        for sign, kind, key in changes:
-            self._change(sign, kind, key, new[kind].get(key, {}), by, at)
+                self._put(kind, key, entry, by, at, changes)
         self._report_changes(changes, by, at)
 
     def changed(self, message: Any, at: float) -> None:
@@ -98,42 +88,40 @@ class KnowledgeSection:
         """
         by = message.client
         self._version = {"version": message.version}
-        changes: List[Tuple[str, str, str]] = []
+        changes: Changes = []
         if message.cleared:
             changes += [("-", kind, key) for kind in KINDS for key in self._tables[kind]]
-            for kind in KINDS:
-                self._tables[kind] = {}
-                self._tree.set(SECTION, kind, {})
+            self._clear({kind: {} for kind in KINDS})
         for item in message.removed:
-            self._remove(_kind(item), item, by, at, changes)
+            self._remove(_kind(item), item_text(item), by, at, changes)
         for item in message.goals_removed:
-            self._remove("goals", item, by, at, changes)
+            self._remove("goals", item_text(item), by, at, changes)
         for item in (*message.added, *message.changed):
-            self._put(_kind(item), item, by, at, changes)
+            kind = _kind(item)
+            entry: Entry = {"type": item.instance_type} if kind == "objects" else {}
+            entry = {"value": item.function_value} if kind == "values" else entry
+            self._put(kind, item_text(item), entry, by, at, changes)
         for item in message.goals_added:
-            self._put("goals", item, by, at, changes)
+            self._put("goals", item_text(item), {}, by, at, changes)
         self._tree.set(SECTION, "version", message.version)
         self._report_changes(changes, by, at)
 
-    def _remove(self, kind: str, item: Any, by: str, at: float, changes: List[Tuple[str, str, str]]) -> None:
-        key = item_text(item)
+    def _clear(self, tables: Dict[str, Table]) -> None:
+        """Replaces all there is."""
+        self._tables = tables
+        self._tree.put(SECTION, **tables)
+
+    def _remove(self, kind: str, key: str, by: str, at: float, changes: Changes) -> None:
         if key in self._tables[kind]:
             self._change("-", kind, key, {}, by, at)
             changes.append(("-", kind, key))
 
-    def _put(self, kind: str, item: Any, by: str, at: float, changes: List[Tuple[str, str, str]]) -> None:
-        key = item_text(item)
-        entry: Entry = {}
-        if kind == "objects":
-            entry["type"] = item.instance_type
-        elif kind == "values":
-            entry["value"] = item.function_value
+    def _put(self, kind: str, key: str, entry: Entry, by: str, at: float, changes: Changes) -> None:
         known = self._tables[kind].get(key)
-        if known is not None and all(known.get(field) == value for field, value in entry.items()):
-            return
-        sign = "=" if known is not None else "+"
-        self._change(sign, kind, key, entry, by, at)
-        changes.append((sign, kind, key))
+        if known is None or any(known.get(field) != value for field, value in entry.items()):
+            sign = "+" if known is None else "="
+            self._change(sign, kind, key, entry, by, at)
+            changes.append((sign, kind, key))
 
     def _change(self, sign: str, kind: str, key: str, entry: Entry, by: str, at: float) -> None:
         text = key
@@ -156,7 +144,7 @@ class KnowledgeSection:
         while len(self._recent) > RECENT:
             self._tree.remove(SECTION, "recent", self._recent.popleft())
 
-    def _report_changes(self, changes: List[Tuple[str, str, str]], by: str, at: float) -> None:
+    def _report_changes(self, changes: Changes, by: str, at: float) -> None:
         if not changes:
             return
         said: Phrase = [self._words(*change) for change in changes[:FEW]]

@@ -4,7 +4,7 @@
 import re
 from typing import Any, Callable, Dict, List, NamedTuple, Optional, Set, Tuple
 
-from merlin_monitor.drawing.machine_graph import inside
+from merlin_monitor.drawing.graph_layout import inside
 from merlin_monitor.state.history_events import Reporter, sentence
 from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.text.phrase import Phrase, say, with_reason
@@ -51,9 +51,7 @@ class MachineSection:
         self._outer: Dict[str, str] = {}  # container → the one that has it among its children
         self._holds_seen: Dict[str, float] = {}  # node → when it was heard last
         self._decided: List[_Decided] = []  # not found among the executed steps yet
-        tree.set(SECTION, "containers", {})
-        tree.set(SECTION, "layouts", {})
-        tree.set(SECTION, "holds", {})
+        tree.put(SECTION, containers={}, layouts={}, holds={})
 
     def structure(self, server: str, message: Any, wall: float, node: str = "") -> None:
         """Takes a message with the fields of smach_msgs/SmachContainerStructure.
@@ -305,8 +303,7 @@ class MachineSection:
     def _set(self, key: str, fields: Dict[str, Any]) -> bool:
         if key not in self._tree.keys(SECTION, "containers"):  # a page never sees a part of a new one
             return self._tree.set(SECTION, "containers", key, dict(fields))
-        changed = [self._tree.set(SECTION, "containers", key, name, value) for name, value in fields.items()]
-        return any(changed)
+        return self._tree.put(SECTION, "containers", key, **fields)
 
     def _is_seen(self, key: str, wall: float) -> None:
         self._seen[key] = wall

@@ -8,8 +8,7 @@ from typing import Any, Callable, Deque, Dict, List, Optional, Sequence, Tuple, 
 import numpy
 
 from merlin_executor.core.base_hold import clock_text
-from merlin_monitor.drawing.png import png
-from merlin_monitor.history.pictures import Pictures
+from merlin_monitor.history.pictures import Pictures, png
 from merlin_monitor.state.guard_section import GUARD
 from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.text.phrase import Phrase, say
@@ -117,11 +116,9 @@ class MapSection:
     def __init__(self, tree: StateTree, pictures: Optional[Pictures] = None) -> None:
         self._tree = tree
         self._pictures = pictures or Pictures()
-        self.picture: Optional[bytes] = None
         self._mapped: Any = None  # cells with something on or near them, rows from the south
         self._info: Any = None
-        self._track = RobotTrack(tree, SECTION)
-        self._tracks: Dict[str, RobotTrack] = {}  # of the robots of one plan
+        self._tracks = {"": RobotTrack(tree, SECTION)}  # the others: of the robots of one plan
         self._moved: Tuple[float, float, float] = (0.0, 0.0, 0.0)  # m and rad, where it stands
         self._since = 0.0  # s of ROS time since when it stands there, or is to drive
         self._failed = ""  # why the last drive ended
@@ -132,13 +129,12 @@ class MapSection:
         why = grid_trouble(info, len(message.data))
         self._tree.set(SECTION, "trouble", why and say("the map cannot be drawn: {why}", why=why))
         if why:
-            self.picture = self._mapped = self._info = None
+            self._mapped = self._info = None
             self._tree.set(SECTION, "grid", None)
             return
-        self.picture = grid_picture(message.data, info.width, info.height)
         self._info = info
         self._mapped = near_cells(message.data, info.width, info.height, NEAR_MAP / info.resolution)
-        version = self._pictures.put(SECTION, self.picture)
+        version = self._pictures.put(SECTION, grid_picture(message.data, info.width, info.height))
         place = {"version": version, "frame": message.header.frame_id, **grid_place(info)}
         self._tree.set(SECTION, "grid", place)
 
@@ -148,7 +144,7 @@ class MapSection:
         :param at: s of ROS time.
         """
         if pose is not None:
-            self._track.was(pose[0], pose[1])
+            self.track("").was(pose[0], pose[1])
             x, y, yaw = self._moved
             turned = abs(math.remainder(pose[2] - yaw, math.tau)) > TURNED
             if turned or math.hypot(pose[0] - x, pose[1] - y) > MOVED:
@@ -176,15 +172,17 @@ class MapSection:
         points = points[:: max(1, -(-len(points) // MOST_SEEN))]
         self._tree.set(SECTION, "seen", [[round(float(x), 2), round(float(y), 2)] for x, y in points])
 
-    def ended(self, reason: str, at: float) -> None:
+    def ended(self, reason: str, at: float, robot: str = "") -> None:
         """A drive has ended.
 
         :param reason: why it failed; empty: it did not.
+        :param robot: of one plan; empty: the one of the monitor's namespace.
         """
-        self.goal(None)
-        self.path([])
-        self._failed = reason
-        self.look(at)
+        self.goal(None, at, robot)
+        self.path([], robot)
+        if not robot:
+            self._failed = reason
+            self.look(at)
 
     def look(self, at: float) -> None:
         """Says why the robot stands, while it is to drive, or why its last drive ended."""
@@ -208,19 +206,19 @@ class MapSection:
         way = [p for p in self._tree.get(SECTION, "path") or [] if math.dist(p, robot[:2]) < AHEAD]
         return STANDS_WAY if any(crowded(x, y) for x, y in way) else STANDS
 
-    def path(self, points: Sequence[Tuple[float, float]]) -> None:
-        """The way the robot means to take, m; none: it is not going anywhere."""
-        self._track.path(points)
+    def path(self, points: Sequence[Tuple[float, float]], robot: str = "") -> None:
+        """The way a robot means to take, m; none: it is not going anywhere."""
+        self.track(robot).path(points)
 
-    def goal(self, pose: Optional[Tuple[float, float, float]], at: float = 0.0) -> None:
-        """Where it is going.
+    def goal(self, pose: Optional[Tuple[float, float, float]], at: float = 0.0, robot: str = "") -> None:
+        """Where a robot is going.
 
         :param at: since when, s of ROS time: what it stood before does not count.
         """
-        if pose is not None:
+        if pose is not None and not robot:
             self._failed = ""
             self._since = max(self._since, at)
-        self._track.goal(pose)
+        self.track(robot).goal(pose)
 
     def track(self, robot: str) -> RobotTrack:
         """Of one of the robots of a plan."""

@@ -3,12 +3,10 @@
 
 import concurrent.futures
 import time
-from pathlib import Path
 from typing import Any, Callable, Container, Dict, List, Mapping, Optional
 
 from merlin_executor.core.base_hold import clock_text
-from merlin_monitor.drawing.graph_layout import LayoutThread
-from merlin_monitor.drawing.machine_graph import DrawnGraph, machine_graph, plan_graph
+from merlin_monitor.drawing.graph_layout import DrawnGraph, LayoutThread, machine_graph, plan_graph
 from merlin_monitor.history.pictures import Pictures
 from merlin_monitor.state.freshness import Freshness
 from merlin_monitor.state.guard_section import GuardSection
@@ -20,9 +18,7 @@ from merlin_monitor.state.knowledge_section import KnowledgeSection
 from merlin_monitor.state.machine_section import MachineSection
 from merlin_monitor.state.map_section import MapSection
 from merlin_monitor.state.now_section import NowSection
-from merlin_monitor.state.plan_order import Edges, ShownStep
-from merlin_monitor.state.plan_section import PlanSection
-from merlin_monitor.state.recorder import Recorder
+from merlin_monitor.state.plan_section import Edges, PlanSection, ShownStep
 from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.text.phrase import say
 from merlin_monitor.text.sentences import SentencesError
@@ -46,37 +42,21 @@ class MonitorModel:
     from the layout's thread, and the history, which comes from its own; the tree is read from anywhere.
 
     :param inbox: takes the changes in.
-    :param history: file of the history; None: it is not kept.
-    :param history_limit: most events that are kept.
-    :param make_folder: whether the folder of the history's file is made, or waited for.
-    :param megabytes: most that is kept of what was shown.
-    :param clock: s since 1970, the time of all that is kept; None: now.
-    :param session: of which an earlier life of the monitor may have kept something; empty: none.
-    :raises HistoryError: the file cannot be used.
+    :param history: becomes its own; None: no history is kept.
     """
 
-    def __init__(
-        self,
-        inbox: Inbox,
-        history: Optional[Path] = None,
-        history_limit: int = 100_000,
-        make_folder: bool = True,
-        megabytes: float = 500.0,
-        clock: Optional[Callable[[], float]] = None,
-        session: str = "",
-    ) -> None:
+    def __init__(self, inbox: Inbox, history: Optional[HistoryStore] = None) -> None:
         self.inbox = inbox
         self.tree = StateTree()
         self.pictures = Pictures(self._keep_picture)
         """PNGs of panels, by the names under which the page fetches them."""
         self._history = HistorySection(self.tree)
-        self.history: Optional[HistoryStore] = None
+        self.history = history
         self.on_event: Reporter = lambda event: None
         self._layouts = LayoutThread(self._laid_out)
         self.wording = Wording()
         """What actions, facts and goals are called."""
         self._domain: Dict[str, Any] = {}
-        self._edges: Edges = []
         self.knowledge = KnowledgeSection(self.tree, self.report, self.wording)
         self.plan = PlanSection(self.tree, self.report, self.wording)
         self.machines = MachineSection(self.tree, self.report, self._machine_changed)
@@ -91,10 +71,7 @@ class MonitorModel:
         self.checked_at = float("-inf")
         """When all sections were checked last, s of ``time.monotonic``; old when the model hangs."""
         if history is not None:
-            add = self._history.add
-            self.history = HistoryStore(history, history_limit, add, make_folder, megabytes, clock, session)
-            last, now = self.history.last, self.history.now
-            self._recorder = Recorder(self.tree, self.history.add_frame, now, last.segment if last else 0)
+            history.on_events = self._history.add
 
     def start(self) -> None:
         """Begins to take messages in and to draw; shows what earlier runs left in the history.
@@ -108,7 +85,7 @@ class MonitorModel:
                 raise HistoryError(f"the history did not answer within {STARTUP:.0f} s") from error
             self.tree.set("meta", "run", self.history.run)
             self._take_up(self.history.last_state(STARTUP))
-            self._recorder.start()
+            self.history.follow(self.tree)
         self._layouts.start()
         self.inbox.start()
 
@@ -129,7 +106,6 @@ class MonitorModel:
         self.inbox.stop()
         self._layouts.stop()
         if self.history is not None:
-            self._recorder.stop()
             self.history.close()
 
     def report(self, event: Event) -> None:
@@ -137,7 +113,6 @@ class MonitorModel:
         self.on_event(event)
         if self.history is not None:
             self.history.add(event)
-            self._recorder.mark()
 
     def _keep_picture(self, name: str, version: str, picture: bytes) -> None:
         if self.history is not None:
@@ -172,18 +147,10 @@ class MonitorModel:
         fields = ("silent", *PROBLEM_FIELDS.get(name, ()))
         return {field: self.tree.get(name, field) for field in fields if self.tree.get(name, field)}
 
-    def checked(self, wall: float) -> None:
-        """All sections were checked.
-
-        :param wall: s of ``time.monotonic``.
-        """
-        self.checked_at = wall
-
     def planned(self, steps: List[ShownStep], edges: Edges, at: float) -> None:
         """Takes a new plan and has it drawn."""
         self.plan.planned(steps, edges, at)
         self.now.refresh()
-        self._edges = edges
         self._draw_plan()
 
     def domain(self, description: Dict[str, Any], warn: Callable[[str], object] = lambda text: None) -> None:
@@ -213,7 +180,7 @@ class MonitorModel:
 
     def _draw_plan(self) -> None:
         shown = self.plan.in_words()
-        pairs = [[str(before), str(after)] for before, after, *_ in self._edges]
+        pairs = [edge[:2] for edge in self.tree.get("plan", "edges")]
         self._layouts.ask(PLAN_PICTURE, lambda: plan_graph(shown, pairs))
 
     def _machine_changed(self, root: str) -> None:
@@ -226,7 +193,6 @@ class MonitorModel:
 
     def _laid_out(self, name: str, picture: Optional[Dict[str, Any]], reason: str) -> None:
         if name == PLAN_PICTURE:
-            self.tree.set("plan", "layout", picture)
-            self.tree.set("plan", "layout_error", reason)
+            self.tree.put("plan", layout=picture, layout_error=reason)
         else:
             self.machines.layout(name, picture if picture is not None or not reason else {"error": reason})

@@ -26,8 +26,7 @@ from merlin_monitor.text.request_words import (
     name_of,
     sender_of,
 )
-from merlin_monitor.truth.task_pace import TaskPace
-from merlin_monitor.truth.worst_truth import LIVE, MISSION, Facts, lost_words, worst_truth
+from merlin_monitor.truth.worst_truth import LIVE, MISSION, Facts, TaskPace, lost_words, worst_truth
 
 NOW, QUEUE = "now", "queue"
 

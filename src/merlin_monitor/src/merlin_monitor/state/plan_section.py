@@ -2,16 +2,107 @@
 """The section of the plan: its steps with state and time, replans, the planner and the dispatcher."""
 
 import math
-from typing import Any, Dict, List, Mapping, Optional, Sequence, Set, Tuple
+from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple, Union
 
 from merlin_monitor.state.history_events import Reporter, sentence
-from merlin_monitor.state.plan_order import Edges, ShownStep
 from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.text.fact_text import atom_text
 from merlin_monitor.text.phrase import Phrase, in_english, say, with_reason
 from merlin_monitor.text.plain_value import plain_text
 from merlin_monitor.text.wording import Wording
 from merlin_planning.dispatch_progress import CANCEL_ACTION
+
+ACTION_START, ACTION_END, PLAN_START = 0, 1, 2
+#: What an edge joins that does not go from the end of one step to the start of another.
+FROM_START, TO_END = "start", "end"
+
+
+class ShownStep(NamedTuple):
+    """An action of a plan; times in s from the plan's start."""
+
+    id: int
+    name: str
+    parameters: List[Tuple[str, str]]
+    start: float
+    duration: float
+
+    @property
+    def text(self) -> str:
+        """``(navigate anywhere kitchen)``."""
+        return atom_text(self.name, [value for _, value in self.parameters])
+
+
+#: Which step comes before which; `FROM_START` or `TO_END` where it is not its end before the other's start.
+Edges = Sequence[Union[Tuple[int, int], Tuple[int, int, str]]]
+
+
+def sequential_steps(message: Any) -> Tuple[List[ShownStep], Edges]:
+    """The order of a rosplan_dispatch_msgs/CompletePlan: one action after the other."""
+    steps = [_step(action) for action in message.plan]
+    return steps, [(before.id, after.id) for before, after in zip(steps, steps[1:])]
+
+
+def graph_steps(message: Any) -> Tuple[List[ShownStep], Edges]:
+    """The order of a rosplan_dispatch_msgs/EsterelPlan, without edges that others imply."""
+    steps = {
+        node.action.action_id: _step(node.action) for node in message.nodes if node.node_type == ACTION_START
+    }
+    owner = {node.node_id: node.action.action_id for node in message.nodes if node.node_type != PLAN_START}
+    ends = {node.node_id for node in message.nodes if node.node_type == ACTION_END}
+    after: Dict[int, Set[int]] = {identity: set() for identity in steps}
+    kinds: Dict[Tuple[int, int], Set[str]] = {}
+    for edge in message.edges:
+        for source in edge.source_ids:
+            for sink in edge.sink_ids:
+                before, behind = owner.get(source), owner.get(sink)
+                if before is None or behind is None or before == behind:
+                    continue
+                if before in steps and behind in steps:
+                    after[before].add(behind)
+                    kind = TO_END if sink in ends else "" if source in ends else FROM_START
+                    kinds.setdefault((before, behind), set()).add(kind)
+    ordered = sorted(steps.values(), key=lambda step: (step.start, step.id))
+    return ordered, [_edge(*pair, kinds[pair]) for pair in _without_implied(after)]
+
+
+def _edge(before: int, behind: int, kinds: Set[str]) -> Union[Tuple[int, int], Tuple[int, int, str]]:
+    kind = next(each for each in ("", FROM_START, TO_END) if each in kinds)
+    return (before, behind, kind) if kind else (before, behind)
+
+
+def _step(action: Any) -> ShownStep:
+    parameters = [(parameter.key, parameter.value) for parameter in action.parameters]
+    return ShownStep(action.action_id, action.name, parameters, action.dispatch_time, action.duration)
+
+
+def _without_implied(after: Dict[int, Set[int]]) -> List[Tuple[int, int]]:
+    """Edges a→c are dropped where a way a→b→…→c exists. A cycle keeps its edges."""
+    reach: Dict[int, Set[int]] = {}
+
+    def reachable(start: int) -> Set[int]:
+        if start not in reach:
+            found: Set[int] = set()
+            waiting = list(after[start])
+            while waiting:
+                node = waiting.pop()
+                if node not in found:
+                    found.add(node)
+                    waiting.extend(after[node])
+            reach[start] = found
+        return reach[start]
+
+    edges: List[Tuple[int, int]] = []
+    for before, targets in sorted(after.items()):
+        for target in sorted(targets):
+            implied = any(
+                target in reachable(other) and before not in reachable(other)
+                for other in targets
+                if other != target and other not in reachable(target)
+            )
+            if not implied:
+                edges.append((before, target))
+    return edges
+
 
 SECTION = "plan"
 WAITING, DISPATCHED, RUNNING = "waiting", "dispatched", "running"
@@ -59,8 +150,7 @@ class PlanSection:
         self._status_at = 0.0  # s of ROS time
         self._kept: Mapping[str, Any] = {}  # the section of an earlier life, until the first plan
         self._missed: List[Tuple[Any, float]] = []  # dispatches of no step that is known
-        tree.set(SECTION, "steps", {})
-        tree.set(SECTION, "replans", [])
+        tree.put(SECTION, steps={}, replans=[])
 
     @property
     def current(self) -> Optional[Dict[str, Any]]:
@@ -70,7 +160,7 @@ class PlanSection:
 
     def step(self, text: str) -> Optional[int]:
         """The number of a step by its text, from 1; None: it is not in the plan."""
-        for number, step in enumerate(self._ordered(), 1):
+        for number, step in enumerate(self._steps.values(), 1):
             if step["text"] == text and step["state"] not in ENDED:
                 return number
         return None
@@ -96,9 +186,7 @@ class PlanSection:
             self._early = {key: answer for key, answer in self._early.items() if key[0] in kept}
         self._edges = edges
         self._replaced, self._steps = self._steps, {step.id: self._shown(step) for step in steps}
-        self._tree.set(SECTION, "number", self._plans)
-        self._tree.set(SECTION, "at", at)
-        self._tree.set(SECTION, "edges", [[*map(str, edge)] for edge in edges])
+        self._tree.put(SECTION, number=self._plans, at=at, edges=[[*map(str, edge)] for edge in edges])
         self._show_steps()
         before = [step["text"] for step in self._kept.get("steps", {}).values()]
         if steps and sorted(before) != sorted(step.text for step in steps):
@@ -218,21 +306,15 @@ class PlanSection:
         }
 
     def _show_steps(self) -> None:
-        self._tree.set(SECTION, "order", [str(key) for key in self._steps])
-        self._tree.set(SECTION, "steps", {str(key): step for key, step in self._steps.items()})
+        steps = {str(key): step for key, step in self._steps.items()}
+        self._tree.put(SECTION, order=list(steps), steps=steps)
 
     def planner(self, message: Any, at: float) -> None:
         """Takes a message with the fields of merlin_msgs/PlannerStatus."""
         state = _word(_PLANNER, message.state)
         before = self._tree.get(SECTION, "planner", "state")
-        for field, value in (
-            ("state", state),
-            ("planner", message.planner),
-            ("seconds", message.seconds),
-            ("reason", message.reason),
-            ("at", at),
-        ):
-            self._tree.set(SECTION, "planner", field, value)
+        fields = {name: getattr(message, name) for name in ("planner", "seconds", "reason")}
+        self._tree.put(SECTION, "planner", state=state, at=at, **fields)
         if state not in ("idle", "planning") and before is not None:
             said = say(
                 "{what}: {state} after {time}",
@@ -353,9 +435,6 @@ class PlanSection:
     def _put(self, step: Dict[str, Any], **fields: Any) -> None:
         step.update(fields)
         self._tree.set(SECTION, "steps", str(step["id"]), step)
-
-    def _ordered(self) -> List[Dict[str, Any]]:
-        return list(self._steps.values())
 
 
 def _word(words: Tuple[str, ...], number: int) -> str:

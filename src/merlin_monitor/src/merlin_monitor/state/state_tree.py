@@ -139,6 +139,11 @@ class StateTree:
             self._changed(path, _copy(value))
             return True
 
+    def put(self, *path: str, **fields: Any) -> bool:
+        """Sets fields below a path; returns whether that changed anything."""
+        changed = [self.set(*path, name, value) for name, value in fields.items()]
+        return any(changed)
+
     def remove(self, *path: str) -> bool:
         """Removes a path from the tree; returns whether it existed."""
         path = tuple(plain_text(part, LONGEST_KEY) for part in path)

@@ -172,52 +172,41 @@ def _show(value: Any, limit: int) -> str:
         parts.append(text[: max(0, left[0])])
         left[0] -= len(text)
 
-    def join(items: Any, opening: str, closing: str, depth: int) -> None:
-        say(opening)
+    def join(items: Any, brackets: str, depth: int, pairs: bool = False) -> None:
+        say(brackets[0])
         for number, item in enumerate(items):
             if left[0] <= 0:
                 break
-            if number:
-                say(", ")
-            walk(item, depth + 1)
-        say(closing)
+            say(", " if number else "")
+            walk(item[0] if pairs else item, depth + 1)
+            if pairs:
+                say(": ")
+                walk(item[1], depth + 1)
+        say(brackets[1])
 
     def stub(item: _Stub, depth: int) -> None:
         name = item.name.replace("__builtin__.", "builtins.")
         if name in _SETS:
             say(name.split(".")[1])
             items = item.arguments[0] if item.arguments else []
-            join(items if isinstance(items, list) else [items], "{", "}", depth)
+            join(items if isinstance(items, list) else [items], "{}", depth)
             return
         say(_short_name(name))
         if item.state is not None:
             walk(item.state, depth + 1)
         else:
-            join(item.arguments, "(", ")", depth)
+            join(item.arguments, "()", depth)
 
     def walk(item: Any, depth: int) -> None:
+        item = _plain(item) if isinstance(item, _Stub) else item
         if left[0] <= 0 or depth > 20:
             say("…")
         elif isinstance(item, dict):
-            say("{")
-            for number, (key, inner) in enumerate(item.items()):
-                if left[0] <= 0:
-                    break
-                say(", " if number else "")
-                walk(key, depth + 1)
-                say(": ")
-                walk(inner, depth + 1)
-            say("}")
-        elif isinstance(item, list):
-            join(item, "[", "]", depth)
-        elif isinstance(item, tuple):
-            join(item, "(", ")", depth)
+            join(item.items(), "{}", depth, pairs=True)
+        elif isinstance(item, (list, tuple)):
+            join(item, "[]" if isinstance(item, list) else "()", depth)
         elif isinstance(item, _Stub):
-            plain = _plain(item)
-            if isinstance(plain, _Stub):
-                stub(plain, depth)
-            else:
-                walk(plain, depth + 1)
+            stub(item, depth)
         elif isinstance(item, type):
             say(_short_name(getattr(item, "name", "?")))
         elif isinstance(item, int) and not isinstance(item, bool) and item.bit_length() > 200:

@@ -3,10 +3,8 @@
 
 import os
 import sys
-from pathlib import Path
 from typing import List, Optional
 
-import rospkg
 import rospy
 
 from merlin_monitor.access.tls import ServerTls, TlsError, read_tls
@@ -14,28 +12,18 @@ from merlin_monitor.access.web_access import HostNameError, WebAccess, check_loo
 from merlin_monitor.listeners.ros_system import ReplayedSystem, RosSystem
 from merlin_monitor.panel_board import PanelBoard
 from merlin_monitor.panels.control import (
-    open_stop_of_node,
     operators_of_node,
     path_of_node,
     sentences_of_node,
 )
-from merlin_monitor.state.history_store import HistoryError
+from merlin_monitor.state.history_store import HistoryError, HistoryStore
 from merlin_monitor.state.inbox import Inbox
 from merlin_monitor.state.monitor_model import MonitorModel
-from merlin_monitor.web.page_control import Control
 from merlin_monitor.web.robot_control import RobotControl
 from merlin_monitor.web.web_server import ServerError, WebServer
 from merlin_ros.health import OK, Health, HealthReporter
 from merlin_ros.node import on_master_replaced, run_node
 from merlin_ros.parameters import ParameterError, flag, whole
-
-#: Value of ~history for no history: roslaunch drops an argument that is empty.
-NO_HISTORY = "none"
-
-
-def history_path(text: str) -> Optional[Path]:
-    """The file that ~history names; None: no history is kept."""
-    return None if text in ("", NO_HISTORY) else Path(text).expanduser()
 
 
 def main() -> int:
@@ -47,25 +35,25 @@ def _start() -> None:
     host = str(rospy.get_param("~host", "127.0.0.1"))
     port = whole("~port", 8080, 0, 65535)
     limit = whole("~history_limit", 100_000, 100, 100_000_000)
-    path = history_path(str(rospy.get_param("~history", "")))
+    own = RosSystem()
+    path = path_of_node(own, "~history")
     megabytes = whole("~history_megabytes", 500, 1, 1_000_000)
     make_folder = flag("~make_folder", True)
-    state = MonitorModel(Inbox(rospy.logwarn), path, limit, make_folder, megabytes, session=_session())
-    state.wording.sentences = sentences_of_node(RosSystem())
-    ros = ReplayedSystem() if flag("~replayed") else RosSystem()
+    history = HistoryStore(path, limit, make_folder, megabytes, session=_session()) if path else None
+    state = MonitorModel(Inbox(rospy.logwarn), history)
+    state.wording.sentences = sentences_of_node(own)
+    ros = ReplayedSystem() if flag("~replayed") else own
     panels = PanelBoard(state, _class_paths("~panels"), offered=True, ros=ros)
-    operators = operators_of_node(RosSystem())
+    operators = operators_of_node(own)
     open_look = flag("~open_look")
     check_lookers(host, operators is not None, open_look)
     # Operators may come later; the files of a monitor that never has any stay unwritten.
-    control = Control(RobotControl(state)) if operators is not None else None
+    control = RobotControl(state) if operators is not None else None
     names = str(rospy.get_param("~allowed_hosts", "")).replace(",", " ").split()
-    folder = Path(rospkg.RosPack().get_path("merlin_monitor")) / "web"
-    tls = _tls()
+    tls = _tls(own)
     server = WebServer(
         state,
-        folder,
-        WebAccess(host, names, operators, open_stop_of_node(RosSystem()), open_look=open_look),
+        WebAccess(host, names, operators, bool(rospy.get_param("~open_stop", True)), open_look=open_look),
         control,
         host,
         port,
@@ -102,8 +90,7 @@ def _begin_anew(state: MonitorModel, server: WebServer) -> None:
     os.execv(sys.executable, [sys.executable, *arguments, f"_port:={server.port}"])
 
 
-def _tls() -> Optional[ServerTls]:
-    ros = RosSystem()
+def _tls(ros: RosSystem) -> Optional[ServerTls]:
     try:
         tls = read_tls(path_of_node(ros, "~certificate"), path_of_node(ros, "~key"))
     except TlsError as error:

@@ -9,26 +9,136 @@ import re
 import select
 import signal
 import sys
+import tempfile
 import termios
 import time
 import tty
 from pathlib import Path
-from typing import Any, Dict, Iterable, Iterator, List, Sequence
-
-import rospkg
+from typing import Any, Callable, Dict, Iterable, Iterator, List, Optional, Sequence
 
 from merlin_monitor.access.operators import Operators, OperatorsError, default_path
 from merlin_monitor.access.web_access import HostNameError, WebAccess, is_loopback
-from merlin_monitor.bag.bag_history import BagError, as_bag, history_of
+from merlin_monitor.bag import BAG
 from merlin_monitor.history.history_file import FILE, HistoryError
 from merlin_monitor.history.history_reader import HistoryReader
 from merlin_monitor.history.pictures import Pictures
 from merlin_monitor.panel_scripts import script_file
 from merlin_monitor.state.history_events import Event
-from merlin_monitor.state.history_store import NEWEST, HistorySection
-from merlin_monitor.state.recorder import last_state
+from merlin_monitor.state.history_store import NEWEST, HistorySection, last_state
 from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.web.web_server import ServerError, WebServer
+
+_BEGIN = b"#ROSBAG V"
+_ENDINGS = (".bag", ".active")
+_SIDE_FILES = ("", "-wal", "-shm")
+NO_MASTER = "http://localhost:1"  # nothing serves there
+LINES = 10.0  # s between two lines of progress where there is no terminal
+REDRAWN = 0.2  # s on a terminal
+
+
+class BagError(RuntimeError):
+    """A bag cannot be opened; the text is one line that says why."""
+
+
+def as_bag(path: Path) -> Optional[Path]:
+    """The bag that a path means; None: a history.
+
+    :param path: a file, or a folder; in that a history comes first.
+    """
+    if path.is_dir():
+        bags = [path / BAG, path / f"{BAG}.active"]
+        return next((bag for bag in bags if not (path / FILE).is_file() and bag.is_file()), None)
+    if path.suffix in _ENDINGS:
+        return path
+    with contextlib.suppress(OSError), path.open("rb") as file:
+        return path if file.read(len(_BEGIN)) == _BEGIN else None
+    return None
+
+
+@contextlib.contextmanager
+def history_of(bag: Path, folder: Optional[Path]) -> Iterator[Path]:
+    """Makes the history of a bag.
+
+    :param folder: for the file; None: one that is removed at the end.
+    :raises BagError: the bag cannot be shown, or the folder cannot be used.
+    :raises HistoryError: the file cannot be written.
+    """
+    with contextlib.ExitStack() as ends:
+        if folder is None:
+            folder = Path(ends.enter_context(tempfile.TemporaryDirectory(prefix="merlin-open-")))
+        file = folder / FILE
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            reason = error.strerror or error
+            raise BagError(f"the folder {folder} cannot be used: {reason}; name another one") from error
+        if file.exists():
+            raise BagError(f"there is a history {file} already; name another folder, or open that one")
+        try:
+            with _handled(_TIDY):
+                _import(bag, file)
+        except BaseException:  # also Ctrl-C: half a history would look like a whole one
+            for ending in _SIDE_FILES:
+                with contextlib.suppress(OSError):
+                    file.with_name(file.name + ending).unlink()
+            raise
+        yield file
+
+
+def _import(bag: Path, file: Path) -> None:
+    # Panels of applications may ask a master: not that of a robot which runs beside.
+    os.environ["ROS_MASTER_URI"] = NO_MASTER
+    # What reads bags takes a second to load, which a history does not need.
+    from merlin_monitor.bag.bag_import import import_bag
+    from merlin_monitor.bag.recording import BagRecording, RecordingError
+
+    try:
+        recording = BagRecording(bag)
+        with _progress(bag, recording.length / 60) as progress:
+            import_bag(recording, file, progress, lambda line: print(f"open: {line}", file=sys.stderr))
+    except RecordingError as error:
+        raise BagError(str(error)) from error
+
+
+@contextlib.contextmanager
+def _progress(bag: Path, minutes: float) -> Iterator[Callable[[float], None]]:
+    """Says how far it is, 0 to 1: on a terminal in one line that is redrawn, else in a line now and then."""
+    terminal = sys.stderr.isatty()
+    began = said = time.monotonic()
+    begin, end = ("\r", "  ") if terminal else ("", "\n")
+
+    def say(part: float) -> None:
+        nonlocal said
+        if time.monotonic() - said >= (REDRAWN if terminal else LINES):
+            said = time.monotonic()
+            line = f"{begin}reading {bag}: {100 * part:.0f} % of {minutes:.1f} min"
+            print(line, end=end, file=sys.stderr, flush=True)
+
+    try:
+        yield say
+    finally:
+        if terminal and said > began:
+            print(file=sys.stderr)
+
+
+@contextlib.contextmanager
+def _handled(handlers: Dict[signal.Signals, Any]) -> Iterator[None]:
+    """Handles signals, until the context ends."""
+    before = {number: signal.signal(number, handler) for number, handler in handlers.items()}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _end(number: int, frame: Any) -> None:
+    raise SystemExit(128 + number)
+
+
+#: Also SIGTERM and SIGHUP tidy up, as Ctrl-C does.
+_TIDY = {signal.SIGTERM: _end, signal.SIGHUP: _end, signal.SIGINT: signal.default_int_handler}
+
 
 STARTUP = 60.0  # s for each of the first answers
 _NAME = re.compile(r"[a-z][a-z0-9_]{0,40}\Z")
@@ -79,9 +189,7 @@ class Archive:
         except (ValueError, LookupError, TypeError) as error:
             raise HistoryError(f"{path} is damaged: its last segment cannot be read") from error
         HistorySection(self.tree).add(newest)
-        self.tree.set("meta", "simulated", bool(meta.get("simulated")))
-        self.tree.set("meta", "archive", name)
-        self.tree.set("meta", "panels", panels)
+        self.tree.put("meta", simulated=bool(meta.get("simulated")), archive=name, panels=panels)
 
     def _panel(self, described: Dict[str, Any]) -> Dict[str, Any]:
         # The file may come from anywhere: only what is a script of a package here is shown.
@@ -120,10 +228,9 @@ def opened(
     folder = path if path.is_dir() else path.parent if path.name == FILE else path
     archive = Archive(path, name or _shown(folder))
     try:
-        web = Path(rospkg.RosPack().get_path("merlin_monitor")) / "web"
         operators = None if open_look or is_loopback(host) else Operators(default_path())
         access = WebAccess(host, allowed, operators, setting="--allowed-host ", open_look=open_look)
-        server = WebServer(archive, web, access, None, host, port, archive.scripts)
+        server = WebServer(archive, access, None, host, port, archive.scripts)
         server.start()
         try:
             for missing in archive.missing:
@@ -151,11 +258,9 @@ def wait_for_end(key: bool) -> None:
     os.set_blocking(writing, False)
     # A handler of Python does not run once the wait has begun; this is written at the signal itself.
     woken = signal.set_wakeup_fd(writing)
-    before = {}
+    keys = _single_keys() if key else contextlib.nullcontext()
     try:
-        for number in SIGNALS:
-            before[number] = signal.signal(number, lambda *_: None)
-        with _single_keys() if key else contextlib.nullcontext():
+        with _handled(dict.fromkeys(SIGNALS, lambda *_: None)), keys:
             ready: Iterable[object] = ()
             while sys.stdin not in ready:
                 ready, _, _ = select.select([reading, sys.stdin] if key else [reading], [], [])
@@ -163,8 +268,6 @@ def wait_for_end(key: bool) -> None:
                     break
     finally:
         signal.set_wakeup_fd(woken)
-        for number, handler in before.items():
-            signal.signal(number, handler)
         os.close(reading)
         os.close(writing)
 

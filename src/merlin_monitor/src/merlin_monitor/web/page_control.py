@@ -1,10 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Control of the robot from the page: goals, cancels, pausing, stop. Each request is checked first."""
 
-from typing import TYPE_CHECKING, Any, Callable, Dict, List, Protocol
-
-if TYPE_CHECKING:
-    from merlin_monitor.web.robot_control import RobotControl
+from typing import Any, Callable, Dict, List, Protocol
 
 LONGEST_GOAL = 4000  # characters
 LONGEST_NAME = 400  # characters of the name of a state, an outcome or a level
@@ -24,7 +21,7 @@ class ControlError(Exception):
 
 
 class Controls(Protocol):
-    """Carries out what a page asks for: of a robot (`Control`), or of a fleet."""
+    """Carries out what a page asks for: of a robot (`RobotRequests`), or of a fleet."""
 
     def carry_out(self, what: str, fields: Dict[str, Any], by: str) -> Dict[str, Any]:
         """Carries out a request; returns a sentence, ``done``, and what belongs to it.
@@ -33,14 +30,11 @@ class Controls(Protocol):
         """
 
 
-class Control:
-    """Carries out what the page asks for.
+class RobotRequests:
+    """Checks what the page asks for, and has the methods of a subclass carry it out."""
 
-    :param robot: the robot.
-    """
-
-    def __init__(self, robot: "RobotControl") -> None:
-        self._robot = robot
+    check: Callable[[str], None]
+    planning: Any
 
     def carry_out(self, what: str, fields: Dict[str, Any], by: str) -> Dict[str, Any]:
         """Carries out a request; returns a sentence, ``done``, and what belongs to it.
@@ -52,25 +46,25 @@ class Control:
         """
         if what == "plan":
             goal = _text(fields, "goal")
-            self._robot.check(goal)
-            return self._robot.planning.plan(goal, _listed(fields, "without"), by)
+            self.check(goal)
+            return self.planning.plan(goal, _listed(fields, "without"), by)
         if what not in _REQUESTS:
             raise ControlError(f"There is nothing called {what!r}; there is plan, {', '.join(_REQUESTS)}.")
-        return {"done": _REQUESTS[what](self._robot, fields, by)}
+        return {"done": _REQUESTS[what](self, fields, by)}
 
 
-def _check(robot: "RobotControl", fields: Dict[str, Any], by: str) -> str:
+def _check(robot: Any, fields: Dict[str, Any], by: str) -> str:
     robot.check(_text(fields, "goal"))
     return "The goal can be sent."
 
 
-def _send(robot: "RobotControl", fields: Dict[str, Any], by: str) -> str:
+def _send(robot: Any, fields: Dict[str, Any], by: str) -> str:
     goal, priority = _text(fields, "goal"), _priority(fields)
     robot.check(goal)
     return f"Sent as {robot.send(goal, priority, by)}."
 
 
-def _cancel(robot: "RobotControl", fields: Dict[str, Any], by: str) -> str:
+def _cancel(robot: Any, fields: Dict[str, Any], by: str) -> str:
     request = fields.get("request")
     if not isinstance(request, str) or not request:
         raise ControlError("Name the request that is to be cancelled.")
@@ -78,7 +72,7 @@ def _cancel(robot: "RobotControl", fields: Dict[str, Any], by: str) -> str:
 
 
 #: What carries out each request; it gets the robot, the fields and the operator.
-_REQUESTS: Dict[str, Callable[["RobotControl", Dict[str, Any], str], str]] = {
+_REQUESTS: Dict[str, Callable[[Any, Dict[str, Any], str], str]] = {
     "check": _check,
     "send": _send,
     "cancel": _cancel,

@@ -21,7 +21,7 @@ from merlin_monitor.state.history_events import sentence
 from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_monitor.text.phrase import Phrase, say
 from merlin_monitor.text.request_words import cancel_words
-from merlin_monitor.web.page_control import ControlError
+from merlin_monitor.web.page_control import ControlError, RobotRequests
 from merlin_monitor.web.robot_guards import RobotGuards, ask
 from merlin_monitor.web.robot_planning import RobotPlanning
 from merlin_planning.knowledge_client import knowledge_client
@@ -36,7 +36,7 @@ HELD, NOT_HELD, RELEASED = "held", "NOT confirmed to be held", "may drive again"
 ALL_REQUESTS = GoalID()  # a cancel without name and time is for all goals of an action (actionlib)
 
 
-class RobotControl:
+class RobotControl(RobotRequests):
     """What can be asked of the robot; each method raises ControlError when it cannot be done.
 
     `by` is the name of the operator, which the history shows. What is returned is a sentence: what was done.

@@ -5,13 +5,15 @@ import asyncio
 import errno
 import json
 import logging
+import math
 import socket
 import ssl
 import threading
 import time
 from pathlib import Path
-from typing import Any, Awaitable, Callable, Dict, List, Optional, Protocol
+from typing import Any, Awaitable, Callable, Dict, List, Optional, Protocol, Tuple
 
+import rospkg
 from aiohttp import web
 
 from merlin_monitor.access.web_access import (
@@ -23,16 +25,15 @@ from merlin_monitor.access.web_access import (
     WrongToken,
     WrongTokens,
 )
+from merlin_monitor.history.event_log import Neighbour
 from merlin_monitor.history.history_reader import HistoryReader
 from merlin_monitor.history.pictures import Pictures
 from merlin_monitor.state.history_events import Event, sentence
 from merlin_monitor.state.history_store import HistoryError
 from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.text.phrase import say
-from merlin_monitor.web import silent_connections
 from merlin_monitor.web.live_feed import LiveFeed
 from merlin_monitor.web.page_control import ControlError, Controls
-from merlin_monitor.web.past_routes import PastRoutes
 
 PORTS_TRIED = 20  # from the wanted one on
 DUAL = socket.has_dualstack_ipv6()  # :: is every address of IPv4, too
@@ -41,6 +42,12 @@ GOODBYE = 0.5  # s for a page to answer when it is closed
 PING = 20.0  # s between two signs of life of a page
 OLD_CHECK = 1.5  # s since the model's last check, after which it counts as hung
 LONGEST_REQUEST = 64 * 1024  # bytes
+COMPRESSED = 64 * 1024  # characters of an answer from when it is compressed, but for this machine
+LARGEST_NUMBER = 2**62
+FIRST_REQUEST = 15.0  # s from the connection to the end of its first request's head
+NEXT_REQUEST = 15  # s between two requests
+BODY = 15.0  # s from a request's head to the end of its body
+LOOK = 5.0  # s of wall time between two looks; aiohttp has no limit for the first request
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 
@@ -70,7 +77,6 @@ class WebServer:
     """Serves the page in a thread of its own.
 
     :param state: what is shown.
-    :param folder: of the page's files.
     :param access: which requests are served.
     :param control: of the robot; None: it is only shown.
     :param host: address to listen on.
@@ -83,7 +89,6 @@ class WebServer:
     def __init__(
         self,
         state: Shown,
-        folder: Path,
         access: WebAccess,
         control: Optional[Controls] = None,
         host: str = "127.0.0.1",
@@ -92,7 +97,7 @@ class WebServer:
         tls: Optional[ssl.SSLContext] = None,
     ) -> None:
         self._state = state
-        self._folder = folder
+        self._folder = Path(rospkg.RosPack().get_path("merlin_monitor")) / "web"
         self._access = access
         self._control = control
         self._scripts: Dict[str, Path] = scripts if scripts is not None else {}
@@ -112,7 +117,7 @@ class WebServer:
             *(self._index, self._serve_file, self._serve_panel),
             *(self._serve_live, self._may_follow, self._serve_control),
         )
-        self._silent = silent_connections.SilentConnections()
+        self._silent = SilentConnections()
         self._loop = asyncio.new_event_loop()
         self._started = threading.Event()
         self._failed = ""
@@ -146,7 +151,12 @@ class WebServer:
         routes.add_get("/pictures/{name}.png", self._serve_picture)
         routes.add_post("/control/{what}", self._serve_control)
         routes.add_get("/panels/{name}.js", self._serve_panel)
-        PastRoutes(self._history).add_to(routes)
+        routes.add_get("/history", self._page)
+        routes.add_get("/history.json", self._export)
+        routes.add_get("/past/runs", self._runs)
+        routes.add_get("/past/marks", self._marks)
+        routes.add_get("/past/event", self._event)
+        routes.add_get("/past/segment", self._segment)
         routes.add_get("/{name}", self._serve_file)
         return application
 
@@ -162,9 +172,7 @@ class WebServer:
 
     async def _serve(self) -> None:
         self._stop = asyncio.Event()
-        runner = web.AppRunner(
-            self.application(), access_log=None, keepalive_timeout=silent_connections.NEXT_REQUEST
-        )
+        runner = web.AppRunner(self.application(), access_log=None, keepalive_timeout=NEXT_REQUEST)
         await runner.setup()
         await web.SockSite(runner, self._socket, shutdown_timeout=1.0, ssl_context=self._tls).start()
         watch = self._loop.create_task(self._silent.watch(runner))
@@ -256,10 +264,53 @@ class WebServer:
             raise web.HTTPNotFound(text="There is no such picture.\n")
         return web.Response(body=picture, content_type="image/png")
 
-    def _history(self) -> Any:
+    # --- the past ------------------------------------------------------------------------------------------
+
+    def _history(self) -> HistoryReader:
         if self._state.history is None:
             raise HistoryError("No history is kept; start the monitor with history:=<file>.")
         return self._state.history
+
+    async def _page(self, request: web.Request) -> web.StreamResponse:
+        before = _number(request, "before") if "before" in request.query else None
+        limit = _number(request, "limit", "200")
+        events = self._history().page(before, limit, _words(request, "kinds"))
+        return web.json_response(await asyncio.wrap_future(events))
+
+    async def _export(self, request: web.Request) -> web.StreamResponse:
+        events = await asyncio.wrap_future(self._history().export())
+        headers = {"Content-Disposition": 'attachment; filename="merlin-history.json"'}
+        loop = asyncio.get_running_loop()
+        text = await loop.run_in_executor(None, lambda: json.dumps(events, indent=1))
+        return web.Response(text=text, content_type="application/json", headers=headers)
+
+    async def _runs(self, request: web.Request) -> web.StreamResponse:
+        return web.json_response(await asyncio.wrap_future(self._history().runs()))
+
+    async def _marks(self, request: web.Request) -> web.StreamResponse:
+        marks = await asyncio.wrap_future(self._history().marks(_number(request, "run")))
+        return web.json_response(marks)
+
+    async def _event(self, request: web.Request) -> web.StreamResponse:
+        wanted = Neighbour(
+            _number(request, "run"),
+            _seconds(request, "wall"),
+            _number(request, "id", "0"),
+            request.query.get("back") is None,
+            _words(request, "kinds"),
+            _words(request, "marks"),
+        )
+        return web.json_response(await asyncio.wrap_future(self._history().neighbour(wanted)))
+
+    async def _segment(self, request: web.Request) -> web.StreamResponse:
+        run, wall = _number(request, "run"), _seconds(request, "wall")
+        text = await asyncio.wrap_future(self._history().segment(run, wall))
+        if text is None:
+            raise web.HTTPNotFound(text="Of this run is not known what was shown.\n")
+        response = web.Response(text=text, content_type="application/json")
+        if len(text) > COMPRESSED and request.remote not in ("127.0.0.1", "::1"):
+            response.enable_compression()
+        return response
 
     # --- control -------------------------------------------------------------------------------------------
 
@@ -276,7 +327,7 @@ class WebServer:
                 raise
             by = f"a visitor at {address}"
         try:
-            fields = json.loads(await silent_connections.body_of(request) or "{}")
+            fields = json.loads(await body_of(request) or "{}")
             if not isinstance(fields, dict):
                 raise ValueError("no object")
         except (ValueError, LookupError, RecursionError):
@@ -302,6 +353,71 @@ class WebServer:
         event = sentence("control", said, self._state.tree.get("meta", "time") or 0.0)
         logging.getLogger(__name__).warning("%s", event.text)
         self._state.report(event)
+
+
+class SilentConnections:
+    """Watches the connections of a server, in its loop.
+
+    A connection that has asked once is aiohttp's: it closes it `NEXT_REQUEST` after the last answer.
+    """
+
+    def __init__(self) -> None:
+        self._waiting: Dict[Any, float] = {}  # connection → s of the loop's time when it was seen first
+        self._asked: Dict[Any, None] = {}
+
+    def heard(self, request: web.Request) -> None:
+        """A connection has asked something."""
+        self._asked[request.protocol] = None
+
+    async def watch(self, runner: web.AppRunner) -> None:
+        """Looks again and again, until it is cancelled."""
+        loop = asyncio.get_running_loop()
+        while True:
+            await asyncio.sleep(LOOK)
+            server = runner.server
+            there = list(server.connections) if server is not None else []
+            self._asked = {each: None for each in there if each in self._asked}
+            now = loop.time()
+            silent = [each for each in there if each not in self._asked]
+            self._waiting = {each: self._waiting.get(each, now) for each in silent}
+            for connection, since in self._waiting.items():
+                if now - since >= FIRST_REQUEST - LOOK:
+                    connection.force_close()
+
+
+async def body_of(request: web.Request) -> str:
+    """The text of a request.
+
+    :raises web.HTTPRequestTimeout: it does not come.
+    """
+    try:
+        return await asyncio.wait_for(request.text(), BODY)
+    except asyncio.TimeoutError:
+        raise web.HTTPRequestTimeout(text="The request did not end.\n") from None
+
+
+def _number(request: web.Request, name: str, default: str = "") -> int:
+    try:
+        number = int(request.query.get(name, default))
+    except ValueError:
+        number = -1
+    if not 0 <= number < LARGEST_NUMBER:
+        raise web.HTTPBadRequest(text=f"{name} is a whole number.\n")
+    return number
+
+
+def _seconds(request: web.Request, name: str) -> float:
+    try:
+        seconds = float(request.query.get(name, ""))
+    except ValueError:
+        seconds = math.nan
+    if not math.isfinite(seconds):
+        raise web.HTTPBadRequest(text=f"{name} is a time in s since 1970.\n")
+    return seconds
+
+
+def _words(request: web.Request, name: str) -> Tuple[str, ...]:
+    return tuple(word for word in request.query.get(name, "").split(",") if word)[:20]
 
 
 def listen(host: str, port: int) -> socket.socket:
