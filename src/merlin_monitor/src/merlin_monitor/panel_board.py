@@ -57,12 +57,9 @@ class PanelBoard:
         self._panels = [panel(state, self._watch) for panel in classes]  # later ones: by the watch's thread
         asked = self._watch.ros
         self._pulse = Pulse(state, self._panels, self._sources, asked)
-        for field, value in (
-            ("robot", asked.namespace.strip("/")),
-            ("simulated", bool(asked.parameter("/use_sim_time", False))),
-            ("started", time.time()),
-        ):
-            state.tree.set("meta", field, value)
+        simulated = bool(asked.parameter("/use_sim_time", False))
+        robot = asked.namespace.strip("/")
+        state.tree.update("meta", {"robot": robot, "simulated": simulated, "started": time.time()})
         self._add_offered()
         self._describe()
 

@@ -129,12 +129,12 @@ class GuardSection:
                 for robot, shown in sorted(robots.items())
             ]
         warned = [(robot, shown["warning"]) for robot, shown in sorted(robots.items()) if shown["warning"]]
-        for name, value in (
-            ("state", state),
-            ("warning", "; ".join(f"{robot}: {why}" if several else why for robot, why in warned)),
-            ("reason", next((shown["reason"] for shown in robots.values() if shown["state"] == state), "")),
-            (HELD, in_english(held)),
-            (HELD_WORDS, held),
-            ("robots", dict(several)),
-        ):
-            self._tree.set(GUARD, name, value)
+        fields = {
+            "state": state,
+            "warning": "; ".join(f"{robot}: {why}" if several else why for robot, why in warned),
+            "reason": next((shown["reason"] for shown in robots.values() if shown["state"] == state), ""),
+            HELD: in_english(held),
+            HELD_WORDS: held,
+            "robots": dict(several),
+        }
+        self._tree.update(GUARD, fields)

@@ -57,13 +57,8 @@ class HealthSection:
             self._seen[status.name] = wall
             self._nodes[status.name] = node
             values = [[pair.key, pair.value] for pair in status.values]
-            for field, value in (
-                ("level", word),
-                ("message", status.message),
-                ("values", values),
-                ("silent", False),
-            ):
-                self._tree.set(SECTION, "parts", status.name, field, value)
+            fields = {"level": word, "message": status.message, "values": values, "silent": False}
+            self._tree.update(SECTION, "parts", status.name, fields)
             if was_silent:
                 heard = say("{part} is heard again", part=status.name)
                 self._report(sentence("health", with_reason(heard, status.message), at))

@@ -303,10 +303,7 @@ class MachineSection:
                     break
 
     def _set(self, key: str, fields: Dict[str, Any]) -> bool:
-        if key not in self._tree.keys(SECTION, "containers"):  # a page never sees a part of a new one
-            return self._tree.set(SECTION, "containers", key, dict(fields))
-        changed = [self._tree.set(SECTION, "containers", key, name, value) for name, value in fields.items()]
-        return any(changed)
+        return self._tree.update(SECTION, "containers", key, fields)
 
     def _is_seen(self, key: str, wall: float) -> None:
         self._seen[key] = wall

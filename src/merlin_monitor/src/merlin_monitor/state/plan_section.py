@@ -225,14 +225,8 @@ class PlanSection:
         """Takes a message with the fields of merlin_msgs/PlannerStatus."""
         state = _word(_PLANNER, message.state)
         before = self._tree.get(SECTION, "planner", "state")
-        for field, value in (
-            ("state", state),
-            ("planner", message.planner),
-            ("seconds", message.seconds),
-            ("reason", message.reason),
-            ("at", at),
-        ):
-            self._tree.set(SECTION, "planner", field, value)
+        fields = {name: getattr(message, name) for name in ("planner", "seconds", "reason")}
+        self._tree.update(SECTION, "planner", {"state": state, "at": at, **fields})
         if state not in ("idle", "planning") and before is not None:
             said = say(
                 "{what}: {state} after {time}",

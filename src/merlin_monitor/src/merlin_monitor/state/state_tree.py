@@ -123,21 +123,29 @@ class StateTree:
 
         Dicts on the way are made. The value becomes the tree's own.
         """
-        value = plain(path_and_value[-1])
-        path = tuple(plain_text(part, LONGEST_KEY) for part in path_and_value[:-1])
+        return self.update(*path_and_value[:-2], {path_and_value[-2]: path_and_value[-1]})
+
+    def update(self, *path_and_fields: Any) -> bool:
+        """``update("now", {"state": state, "tone": tone})``: at once, so that no reader has only some."""
+        fields = plain(path_and_fields[-1])
+        path = tuple(plain_text(part, LONGEST_KEY) for part in path_and_fields[:-1])
         with self._lock:
-            parent = self._root
-            for part in path[:-1]:
-                child = parent.get(part)
-                if not isinstance(child, dict):
-                    child = parent[part] = {}
-                parent = child
-            if path[-1] in parent and parent[path[-1]] == value:
-                return False
-            parent[path[-1]] = value
-            # Feeds pass the value on later; a dict may be changed in place until then.
-            self._changed(path, _copy(value))
-            return True
+            changed = [self._set((*path, name), value) for name, value in fields.items()]
+            return any(changed)
+
+    def _set(self, path: Path, value: Any) -> bool:
+        parent = self._root
+        for part in path[:-1]:
+            child = parent.get(part)
+            if not isinstance(child, dict):
+                child = parent[part] = {}
+            parent = child
+        if path[-1] in parent and parent[path[-1]] == value:
+            return False
+        parent[path[-1]] = value
+        # Feeds pass the value on later; a dict may be changed in place until then.
+        self._changed(path, _copy(value))
+        return True
 
     def remove(self, *path: str) -> bool:
         """Removes a path from the tree; returns whether it existed."""
