@@ -59,6 +59,7 @@ MENU: Tuple[Tuple[str, Tuple[str, ...]], ...] = (
             "docs/safety.md",
             "docs/reverse-proxy.md",
             "docs/fleet.md",
+            "docs/fleet-protocol.md",
             "docs/ontology.md",
         ),
     ),

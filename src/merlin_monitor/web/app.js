@@ -13,6 +13,8 @@ const store = new Store();
 const control = new Control(store);
 const main = document.querySelector("main");
 const links = document.querySelector("nav");
+const PRESS = 1000; // ms that a press may take
+const TAP = 100; // ms from the end of a touch to its click
 let listed = ""; // the panels that are shown, and of which recording
 
 for (const element of document.querySelectorAll("[data-t]")) setText(element, t(element.textContent));
@@ -24,6 +26,12 @@ keys(go);
 
 new TimeBar(store);
 store.onConnection(drawConnection);
+
+// What is pressed stays where it is until it is let go: else the browser clicks nothing.
+const on = (name, call) => addEventListener(name, call, true);
+on("pointerdown", ({ target }) => target.closest("input") || store.hold(PRESS)); // a slider is seen to move
+on("pointerup", () => store.held && store.hold(TAP));
+on("click", () => store.release());
 
 function drawConnection() {
   const shown = store.past ? "past" : "live"; // t("past")

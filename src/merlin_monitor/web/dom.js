@@ -42,21 +42,39 @@ export function setHidden(element, hidden) {
   if (element.hidden !== hidden) element.hidden = hidden;
 }
 
-// Makes the children of an element those of the items, keeping the elements of items that stay.
+// Makes the children of an element those of the items. Elements of items that stay are moved only where their order
+// changes: one that is taken out and put in again loses the focus, and a click that has begun.
 export function keyed(parent, items, keyOf, create, update) {
   const known = parent.keyedChildren || new Map();
   const kept = new Map();
-  let place = parent.firstChild;
   items.forEach((item, index) => {
     const key = keyOf(item, index);
-    const child = known.get(key) || create(item, index);
-    kept.set(key, child);
-    update(child, item, index);
-    if (child === place) place = place.nextSibling;
-    else parent.insertBefore(child, place);
+    if (!kept.has(key)) kept.set(key, known.get(key) || create(item, index));
+    update(kept.get(key), item, index);
   });
-  for (const [key, child] of known) if (kept.get(key) !== child) child.remove();
+  for (const [key, child] of known) if (!kept.has(key)) child.remove();
+  let place = parent.firstChild;
+  for (const child of kept.values()) {
+    if (child === place) place = place.nextSibling;
+    else parent[parent.moveBefore && child.isConnected ? "moveBefore" : "insertBefore"](child, place);
+  }
   parent.keyedChildren = kept;
+}
+
+// A list of names and values.
+export function drawPairs(list, pairs) {
+  const cells = pairs.flatMap(([key, value], index) => [["dt", index, key], ["dd", index, value]]);
+  keyed(list, cells, ([tag, index]) => `${tag} ${index}`, ([tag]) => el(tag), (cell, [, , text]) => setText(cell, text));
+}
+
+// What is a button, though it is drawn in a picture.
+export function pressed(element, call) {
+  element.addEventListener("click", call);
+  element.addEventListener("keydown", (event) => {
+    if (event.key !== "Enter" && event.key !== " ") return;
+    event.preventDefault();
+    call();
+  });
 }
 
 export const part = (element, name) => element.querySelector(`:scope .${name}`);

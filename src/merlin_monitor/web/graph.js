@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Draws what Graphviz has laid out, once per layout; afterwards only marks change.
-import { el, setText, svg } from "./dom.js";
+import { el, pressed, setText, svg } from "./dom.js";
 import { pannable } from "./pan.js";
 
 const LONGEST = 34; // characters, as the layout reckons
@@ -39,7 +39,9 @@ export class GraphView {
   // Draws a layout if it is another one than before.
   show(layout, label) {
     if (layout === this.layout) return;
+    const same = JSON.stringify(layout) === JSON.stringify(this.layout);
     this.layout = layout;
+    if (same) return;
     this.nodes.clear();
     this.clusters.clear();
     this.edges = [];
@@ -93,14 +95,7 @@ export class GraphView {
       svg("text", { x: node.w / 2 + indent, y: node.h / 2 + 0.5, "text-anchor": "middle" }, this.words ? cut(text, Math.floor((node.w - EDGES) / LETTER)) : cut(text)),
     );
     if (node.kind !== "outcome") group.append(mark);
-    if (pickable) {
-      group.addEventListener("click", () => this.onPick(node));
-      group.addEventListener("keydown", (event) => {
-        if (event.key !== "Enter" && event.key !== " ") return;
-        event.preventDefault();
-        this.onPick(node);
-      });
-    }
+    if (pickable) pressed(group, () => this.onPick(node));
     this.nodes.set(node.id, { node, group, mark, text });
     return group;
   }

@@ -50,7 +50,7 @@ export class PlaceGoals {
     this.store = store;
     this.control = control;
     this.title = el("h2", { id: "place-title" });
-    this.list = el("div", { id: "place-list" });
+    this.list = el("div", { id: "place-list", class: "buttons" });
     const close = el("form", { method: "dialog", class: "buttons" }, el("button", { type: "submit" }, t("Close")));
     this.dialog = el("dialog", { id: "place-goals", "aria-labelledby": "place-title" }, this.title, this.list, close);
     document.body.append(this.dialog);

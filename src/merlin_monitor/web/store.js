@@ -53,6 +53,7 @@ export class Store {
     this.dirty = new Set();
     this.retry = FIRST_RETRY;
     this.frame = 0;
+    this.held = 0; // timer, while nothing is drawn
   }
 
   // Calls view(section, state) once per frame in which the section changed.
@@ -177,7 +178,21 @@ export class Store {
   }
 
   schedule() {
-    if (!this.frame) this.frame = requestAnimationFrame(() => this.render());
+    if (!this.frame && !this.held) this.frame = requestAnimationFrame(() => this.render());
+  }
+
+  // Draws nothing for so many ms, or until the release.
+  hold(longest) {
+    this.release();
+    cancelAnimationFrame(this.frame);
+    this.frame = 0;
+    this.held = setTimeout(() => this.release(), longest);
+  }
+
+  release() {
+    clearTimeout(this.held);
+    this.held = 0;
+    this.schedule();
   }
 
   render() {

@@ -24,7 +24,14 @@ export class TimeBar {
     this.turn = 0; // of the newest request
     this.build();
     document.addEventListener("keydown", (event) => this.key(event));
-    addEventListener("hashchange", () => this.follow());
+    // Not by the address: that may be the one of this moment already, or be written over by one that arrives.
+    addEventListener("hashchange", (event) => this.follow(new URL(event.newURL).hash));
+    document.addEventListener("click", (event) => {
+      const link = event.target.closest('a[href^="#moment="]');
+      if (!link || event.ctrlKey || event.metaKey || event.shiftKey) return;
+      event.preventDefault();
+      this.follow(link.hash);
+    });
     store.viewLive((live) => this.drawLive(live));
     store.afterRender = () => this.mark();
   }
@@ -43,8 +50,11 @@ export class TimeBar {
       el("span", { id: "time-said", role: "status" }),
       el("a", { id: "time-at", href: "#now", title: t("The address of this moment") }),
     );
+    this.title = el("strong");
+    this.text = el("span", { class: "event-text" });
+    this.present = el("span", { class: "present" });
     byId("past-banner").append(
-      el("strong", {}), el("span", { class: "event-text" }), el("span", { class: "present" }),
+      this.title, this.text, this.present,
       el("button", { id: "time-live", onclick: () => this.live() }, t("Back to live (l)")));
   }
 
@@ -72,7 +82,7 @@ export class TimeBar {
   // Shows a moment; the newest request wins.
   async go(run, wall, after = true, event = null) {
     const turn = ++this.turn;
-    this.wanted = after ? wall : 0;
+    this.wanted = after && { wall, event };
     this.pause();
     try {
       if (!this.runs.some((known) => known.run === run)) this.runs = await ask("runs");
@@ -82,7 +92,7 @@ export class TimeBar {
       this.arrived(event);
       if (other) await this.look();
     } catch (error) {
-      if (turn === this.turn) this.say(t("This moment cannot be shown: {reason}", { reason: error.message }));
+      if (turn === this.turn) this.failed(error);
     }
   }
 
@@ -101,9 +111,9 @@ export class TimeBar {
   async caption() {
     const { run, wall } = this.past;
     const kinds = STEPS.join(",");
-    const event = await ask("event", { run, wall: wall + 0.0005, back: 1, kinds }).catch(() => null);
+    const event = await ask("event", { run, wall: wall + 1e-6, back: 1, kinds }).catch(() => null);
     if (this.store.past && this.past.segment && this.past.wall === wall && !this.event) {
-      setText(byId("past-banner").querySelector(".event-text"), event ? told(event) : "");
+      setText(this.text, event ? told(event) : "");
     }
   }
 
@@ -121,8 +131,8 @@ export class TimeBar {
     this.draw();
   }
 
-  follow() {
-    const moment = momentOf(location.hash);
+  follow(hash = location.hash) {
+    const moment = momentOf(hash);
     if (moment) this.go(moment.run, moment.wall);
   }
 
@@ -208,7 +218,7 @@ export class TimeBar {
     const { ended } = this.bounds();
     // What is not here yet is waited for: the clock stands.
     if (this.past.showKnown(run, Math.min(wall, ended))) this.wall = Math.min(wall, ended);
-    else this.past.fetch(run, wall).catch((error) => { this.pause(); this.say(t("This moment cannot be shown: {reason}", { reason: error.message })); });
+    else this.past.fetch(run, wall).catch((error) => { this.pause(); this.failed(error); });
     const { next } = this.past.segment;
     if (next !== null && wall + AHEAD * this.playing > next && !this.past.known(run, next)) this.past.fetch(run, next).catch(() => {});
     this.draw();
@@ -233,7 +243,7 @@ export class TimeBar {
     await this.look().catch(() => {});
     if (this.playing) this.caption();
     // What belongs to an event may be recorded up to 0.2 s after it.
-    else if (turn === this.turn && this.past.segment && this.past.segment.next === null && this.past.wall < this.wanted) this.go(this.run, this.wanted, true, this.event);
+    else if (turn === this.turn && this.past.segment && this.past.segment.next === null && this.past.wall < this.wanted.wall) this.go(this.run, this.wanted.wall, true, this.wanted.event);
     else this.draw();
   }
 
@@ -243,7 +253,7 @@ export class TimeBar {
     setHidden(byId("time-live"), Boolean(meta.archive));
     const { connected, heardAt } = this.store;
     const { doing } = truthOf(live, connected, heardAt);
-    setText(byId("past-banner").querySelector(".present"), meta.archive || !doing ? "" : t("Now, in fact: {what}", { what: doing }));
+    setText(this.present, meta.archive || !doing ? "" : t("Now, in fact: {what}", { what: doing }));
     if (connected !== this.connected) {
       this.connected = connected;
       this.draw();
@@ -289,9 +299,9 @@ export class TimeBar {
     setText(byId("time-at"), time);
     byId("time-at").setAttribute("href", shown ? momentLink(past) : "#now");
     if (!shown) return;
-    setText(byId("past-banner").querySelector("strong"), this.archive ? t("RECORDING of {what} · {time}", { what: this.archive, time }) : t("PAST · {time}", { time }));
+    setText(this.title, this.archive ? t("RECORDING of {what} · {time}", { what: this.archive, time }) : t("PAST · {time}", { time }));
     if (past.broken) this.say(t("What came next cannot be read: the history is damaged."));
-    if (this.event) setText(byId("past-banner").querySelector(".event-text"), told(this.event));
+    if (this.event) setText(this.text, told(this.event));
     for (const row of document.querySelectorAll(".event[data-wall]")) row.toggleAttribute("data-later", Number(row.dataset.wall) > past.wall);
   }
 
@@ -302,6 +312,10 @@ export class TimeBar {
     } else if (!document.title.startsWith(t("PAST"))) {
       document.title = `${t("PAST")} · ${document.title}`;
     }
+  }
+
+  failed({ message }) {
+    this.say(t("This moment cannot be shown: {reason}", { reason: message }));
   }
 
   say(words) {

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the trial of a second application missed: help, the last recording, a file of points near the test."""
 
+import subprocess
 import sys
 from pathlib import Path
 
@@ -45,6 +46,27 @@ def test_a_file_of_points_is_found_from_the_test_and_from_its_package(monkeypatc
     assert known == {"hall": {"x": 1.0, "y": 2.0, "yaw": 0.0}}
     with pytest.raises(FileNotFoundError, match="there is no worlds/other.yaml in"):
         robot.points("worlds/other.yaml")
+
+
+@pytest.mark.processes
+def test_a_test_that_fails_says_why_and_nothing_of_the_master(tmp_path):
+    (tmp_path / "conftest.py").write_text('pytest_plugins = ["merlin.testing.fixtures"]\n')
+    (tmp_path / "test_it.py").write_text("def test_it(robot):\n    assert robot is None, 'the reason'\n")
+    words = [
+        sys.executable,
+        "-m",
+        "pytest",
+        "-p",
+        "no:cacheprovider",
+        "-p",
+        "no:xdist",
+        "--rootdir",
+        str(tmp_path),
+    ]
+    done = subprocess.run([*words, tmp_path], capture_output=True, text=True, cwd=tmp_path, timeout=300)
+    lines = done.stdout.splitlines()
+    assert done.returncode == 1 and any("the reason" in line for line in lines), done.stdout + done.stderr
+    assert len(lines) < 60 and not any("rosmaster" in line for line in lines), done.stdout
 
 
 def test_the_rostest_of_a_new_application_can_answer():

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // What every part of the robot reports about itself: what is not well in sight, the well ones folded.
-import { byId, el, keyed, of, part, setHidden, setText } from "../dom.js";
+import { byId, drawPairs, el, keyed, of, part, setHidden, setText } from "../dom.js";
 import { t } from "../texts.js";
 
 const ORDER = { error: 0, stale: 1, warning: 2, ok: 3 };
@@ -45,7 +45,6 @@ function draw(list, parts) {
       chip.className = `end chip level ${of(TONES, level) || "warn"}`;
       setText(chip, `${of(GLYPHS, level) || "?"} ${t(level)}`);
       setText(part(row, "more"), entry.message);
-      const cells = (entry.values || []).flatMap(([key, value], index) => [["dt", index, key], ["dd", index, value]]);
-      keyed(row.querySelector("dl"), cells, ([tag, index]) => `${tag} ${index}`, ([tag]) => el(tag, {}), (cell, [, , text]) => setText(cell, text));
+      drawPairs(row.querySelector("dl"), entry.values || []);
     });
 }

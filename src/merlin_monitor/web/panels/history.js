@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 // What happened: bars of goals and actions over time, and events, newest first, back to the first one kept.
-import { byId, clockText, el, keyed, of, setHidden, setText, svg } from "../dom.js";
+import { byId, clockText, el, has, keyed, of, svg, tell } from "../dom.js";
 import { askFor } from "../answers.js";
 import { say, t, told } from "../texts.js";
 import { momentLink } from "../past.js";
 
 const KINDS = ["mission", "goal", "plan", "action", "speech", "sight", "machine", "knowledge", "health", "guard", "control", "monitor"];
 const QUIET = new Set(["machine", "knowledge"]); // not shown until asked for
-const GLYPHS = { mission: "◆", goal: "◎", plan: "≡", action: "▶", speech: "❝", sight: "◉", machine: "⬡", knowledge: "+", health: "♥", control: "✎", monitor: "·" };
+const GLYPHS = { mission: "◆", goal: "◎", plan: "≡", action: "▶", speech: "❝", sight: "◉", machine: "⬡", knowledge: "+", health: "♥", control: "✎" };
 const WORDS = new Set(["knowledge", "speech", "sight"]); // words of others: they report no fault
 const BAD = /\b(failed|error|unsolvable|no plan|refused|timeout|crashed|invalid|internal|silent)\b/;
 const PAGE = 200; // events asked for at once
@@ -16,8 +16,7 @@ const FEW = 30; // rows that need not be scrolled
 const SPAN = 180; // s of the timeline
 const SHORTEST = 60;
 const LATE = 2; // s that the clock of the state may be behind
-const LANES = ["goal", "action"];
-const LANE_NAMES = { goal: t("goals"), action: t("actions") };
+const LANES = { goal: t("goals"), action: t("actions") };
 
 export function show(section, { store }) {
   byId("history-note").append(el("a", { href: "history.json", download: true }, t("export as JSON")));
@@ -59,7 +58,7 @@ export function show(section, { store }) {
 
   function events() {
     for (const event of Object.values((store.state.history || {}).events || {})) {
-      if (shown.has(event.kind) || LANES.includes(event.kind)) kept.set(event.id, event);
+      if (shown.has(event.kind) || has(LANES, event.kind)) kept.set(event.id, event);
     }
     const all = [...kept.values()].sort((a, b) => b.id - a.id);
     for (const event of all.splice(MOST)) kept.delete(event.id);
@@ -78,12 +77,11 @@ export function show(section, { store }) {
       if (kinds !== [...shown].join(",")) return; // they were chosen anew meanwhile
       exhausted = page.length < PAGE;
       for (const event of page) kept.set(event.id, event);
-      setHidden(byId("history-trouble"), true);
+      tell(byId("history-trouble"));
     } catch (error) {
       if (error instanceof TypeError) return; // no connection: the next scroll asks again
       exhausted = true;
-      setText(byId("history-trouble"), t("The history does not answer: {reason}", { reason: error.message }));
-      setHidden(byId("history-trouble"), false);
+      tell(byId("history-trouble"), t("The history does not answer: {reason}", { reason: error.message }));
     } finally {
       loading = false;
     }
@@ -110,7 +108,7 @@ export function show(section, { store }) {
     const clock = new Date(event.wall * 1000);
     const link = event.id ? { href: momentLink(event), title: t("{time}: show this moment", { time: clock.toLocaleString() }) } : {};
     const time = el("a", { class: "at", ...link }, el("time", { datetime: clock.toISOString() }, clockText(event.at) || clock.toLocaleTimeString()));
-    const go = (click) => { if (event.id && !click.target.closest("a") && getSelection().isCollapsed) location.hash = momentLink(event); };
+    const go = (click) => { if (!click.target.closest("a") && getSelection().isCollapsed) time.click(); };
     return el("div", { class: "event", role: "listitem", onclick: go, "data-wall": event.wall, "data-kind": event.kind, "data-bad": BAD.test(event.text) && !WORDS.has(event.kind) },
       time, el("span", { class: "glyph", role: "img", "aria-label": t(event.kind) }, of(GLYPHS, event.kind) || "·"), el("span", { class: "said" }, told(event)));
   }
@@ -128,9 +126,9 @@ export function show(section, { store }) {
     const begin = Math.max(end - SPAN, Math.min(end - SHORTEST, ...all.filter((event) => event.run === current && event.at).map((event) => event.at)));
     const x = (at) => left + ((width - left - 4) * (Math.max(at, begin) - begin)) / (end - begin);
     const items = [];
-    LANES.forEach((lane, index) => {
+    Object.keys(LANES).forEach((lane, index) => {
       const y = 8 + index * 30;
-      items.push(svg("text", { class: "lane", x: 0, y: y + 16 }, LANE_NAMES[lane]), svg("line", { class: "track", x1: left, x2: width, y1: y + 26, y2: y + 26 }));
+      items.push(svg("text", { class: "lane", x: 0, y: y + 16 }, LANES[lane]), svg("line", { class: "track", x1: left, x2: width, y1: y + 26, y2: y + 26 }));
       for (const { detail } of bars.filter((event) => event.detail.lane === lane && event.detail.ended > begin)) items.push(...bar(detail, lane, x, y));
     });
     for (const step of running) items.push(...bar({ began: step.began, ended: end, outcome: "running", label: step.text, words: step.words }, "action", x, 38));

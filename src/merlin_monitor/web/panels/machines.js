@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Every state machine: nested, active states marked, the last outcome of each state, userdata on click.
-import { byId, clockText, el, keyed, of, part, setHidden, setText } from "../dom.js";
+import { byId, clockText, drawPairs, el, keyed, of, part, setHidden, setText, tell } from "../dom.js";
 import { GraphView } from "../graph.js";
 import { breakpointsOf, heldStates, namespaceOf, stateName, unconfirmed } from "../holds.js";
 import { say, t } from "../texts.js";
@@ -134,11 +134,8 @@ export function show(section, { store, control }) {
         setText(button, outcome === waits ? t("Confirm {outcome}", { outcome }) : t("Leave with {outcome}", { outcome }));
         button.title = outcome === waits ? t("The machine goes on with it") : t("Stops the state, and has the machine go on as if it had ended so");
       });
-    setText(part(box, "empty"), container.userdata_error || (rows.length ? "" : t("There is none.")));
-    setHidden(part(box, "empty"), rows.length > 0 && !container.userdata_error);
-    const cells = box.querySelector("dl");
-    keyed(cells, rows.flatMap(([key, value]) => [["dt", key, key], ["dd", key, value]]), ([tag, key]) => `${tag} ${key}`,
-      ([tag]) => el(tag, {}), (cell, [, , text]) => setText(cell, text));
+    tell(part(box, "empty"), container.userdata_error || (rows.length ? "" : t("There is none.")));
+    drawPairs(box.querySelector("dl"), rows);
     keyed(part(box, "ran"), Object.entries(container.steps || {}), ([number]) => number, () => el("li", {}),
       (item, [, step]) => setText(item, `${clockText(step.at)} ${step.state} → ${step.outcome.join(" / ")}${step.said ? `, ${say(step.said)}` : ""}${step.userdata.map(([key, value]) => `; ${key} = ${value}`).join("")}`));
   }

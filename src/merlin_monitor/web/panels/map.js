@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Robots on the map, with their ways, their trails, what is seen, points of interest and people. Metres; y grows upwards,
 // so it is negated.
-import { byId, el, has, keyed, setHidden, setText, svg } from "../dom.js";
+import { byId, el, has, keyed, pressed, setText, svg, tell } from "../dom.js";
 import { pannable } from "../pan.js";
 import { objectWords } from "../pddl_words.js";
 import { PlaceGoals } from "../place_goals.js";
@@ -78,8 +78,7 @@ export function show(section, { store, control }) {
     }
     frame = bounds(map);
     const why = [map.trouble, map.stands].filter(Boolean).map(say);
-    setHidden(byId("map-why"), !why.length);
-    setText(byId("map-why"), why.join(" · "));
+    tell(byId("map-why"), why.join(" · "));
     if (!frame) {
       root.style.display = "none";
       setText(byId("map-note"), t("no map yet"));
@@ -121,11 +120,9 @@ export function show(section, { store, control }) {
     const { facts = {}, words } = store.state.knowledge || {};
     keyed(points, Object.entries(map.points || {}), ([name]) => name,
       ([name]) => {
-        const open = () => control.possible() && goals.open(name);
-        return svg("g", {
-          class: "map-point", onclick: open,
-          onkeydown: (event) => { if (event.key === "Enter" || event.key === " ") { event.preventDefault(); open(); } },
-        }, svg("circle", {}), svg("text", {}));
+        const group = svg("g", { class: "map-point" }, svg("circle", {}), svg("text", {}));
+        pressed(group, () => control.possible() && goals.open(name));
+        return group;
       },
       (group, [name, [x, y]]) => {
         const shown = objectWords(name, words);

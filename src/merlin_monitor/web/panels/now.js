@@ -18,7 +18,7 @@ export function show(section, { store, control }) {
   );
   const buttons = byId("robot-control");
   const shownIcon = document.querySelector("link[rel=icon]");
-  const pause = el("button", { id: "pause", onclick: () => control.ask(paused() ? "resume" : "pause") });
+  const pause = el("button", { id: "pause", onclick: () => control.ask(pause.value) });
   buttons.append(pause, el("button", { id: "cancel-all", onclick: () => control.ask("cancel_all") }, t("Cancel all")));
   const held = el("span", { class: "buttons" },
     el("button", { id: "step", title: t("One action or state begins, and the next one is held"), onclick: () => control.ask("step") }, t("Step")),
@@ -43,6 +43,7 @@ export function show(section, { store, control }) {
     setHidden(autonomy, !autonomyOf(store.state));
     showLevel();
     setHidden(pause, ["stopped", "partly"].includes((store.state.guard || {}).state)); // nothing begins before the release
+    pause.value = paused() ? "resume" : "pause"; // what it says is what it does
     setText(pause, paused() ? t("Resume") : t("Pause"));
     pause.title = paused() ? t("Lets the next goal begin") : t("Lets what runs end, and nothing else begin");
   };

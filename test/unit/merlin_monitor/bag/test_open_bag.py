@@ -128,6 +128,11 @@ class Opened:
                 apply_changes(state, frame)
         return state
 
+    def of(self, wall: float) -> Dict[str, Any]:
+        """What the page shows of an event: the first frame that is not earlier."""
+        found = json.loads(self.reader.segment(self.run["run"], wall).result(LONG) or "")
+        return self.at(next(at for at, *_ in found["frames"] if at >= wall))
+
     def events(self) -> List[Tuple[str, float]]:
         return [(row["text"], row["wall"]) for row in self.reader.export().result(LONG)]
 
@@ -225,11 +230,15 @@ def test_a_long_silence_costs_nothing_and_moves_nothing(
     beat = PanelBoard.beat
     monkeypatch.setattr(PanelBoard, "beat", lambda board: (beats.append(None), beat(board)))
     day = 86_400.0
-    opened = Opened(
-        record(tmp_path / "run.bag", BEGIN, ("/ann/sound_play/goal", said("Late"), day, "/ann/say"))
-    )
+    told = [
+        ("/ann/sound_play/goal", said(words), at, "/ann/say")
+        for words, at in (("Late", day), ("Later", day + 1))
+    ]
+    opened = Opened(record(tmp_path / "run.bag", BEGIN, *told))
     assert len(beats) < 1000
-    assert dict(opened.events())["said “Late”"] == pytest.approx(BEGIN + day, abs=0.01)
+    late = dict(opened.events())["said “Late”"]
+    assert late == pytest.approx(BEGIN + day, abs=0.01)
+    assert [in_english(entry["words"]) for entry in opened.of(late)["said"]["entries"]] == ["Late"]
 
 
 @pytest.mark.usefixtures("no_master")

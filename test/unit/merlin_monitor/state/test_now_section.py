@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The line that says what the robot does, and why."""
 
-from typing import List, Tuple
+import sys
+import threading
+from typing import Any, Dict, List, Set, Tuple
 
 import pytest
 import rospy
@@ -448,3 +450,32 @@ def test_lists_and_actions_in_words() -> None:
     assert listed([]) == "" and listed(["a"]) == "a" and listed(["a", "b", "c"]) == "a, b and c"
     assert listed(list("abcde")) == "a, b, c and 2 more"
     assert action_in_words("carry", [("what", "red_cup"), ("to", "table_1")]) == "carrying red cup to table 1"
+
+
+def test_words_and_colour_of_one_truth_are_never_read_apart() -> None:
+    tree, now, _, _ = section()
+    states = (MissionStatus.RUNNING, MissionStatus.FAILED)
+    feed, over = tree.subscribe(lambda: None), threading.Event()
+    shown: Dict[str, Any] = {name: tree.get("now", name) for name in ("doing", "tone")}
+    seen: Set[Tuple[Any, Any]] = set()
+
+    def read() -> None:
+        while not over.is_set():
+            for path, value in feed.take().changes.as_list():
+                if path[0] == "now" and path[1] in shown:
+                    shown[path[1]] = value
+            seen.add((shown["doing"], shown["tone"]))
+
+    before = sys.getswitchinterval()
+    reader = threading.Thread(target=read, name="reader")
+    reader.start()
+    sys.setswitchinterval(1e-6)
+    try:
+        for number in range(1000):
+            now.mission(MissionStatus(mission="Round", state=states[number % 2]), float(number), "/mission")
+            now.refresh()
+    finally:
+        sys.setswitchinterval(before)
+        over.set()
+        reader.join()
+    assert len(seen) == len({doing for doing, _ in seen}), seen

@@ -46,22 +46,23 @@ def does(served: Served, number: int, mark: str = "") -> None:
     tree.set("now", "said", {"doing": f"doing {number}"})
     tree.set("now", "doing", f"doing {number}")
     served.state.report(Event("action", f"event {number}", float(number), {}, mark))
-    assert served.state.history is not None
-    recorded(served, f"doing {number}", served.state.history.now())
+    recorded(served, number)
 
 
-def recorded(served: Served, doing: str, since: float) -> None:
-    """Waits until this is in the history, as shown then or later; s since 1970."""
+def recorded(served: Served, number: int) -> None:
+    """Waits until this is in the history: the event, and what was shown at its time or later."""
     history = served.state.history
     assert history is not None
     end = time.monotonic() + LIMIT
     while time.monotonic() < end:
+        events = history.page(limit=1).result(LIMIT)
         segment = json.loads(history.segment(history.run, 1e12).result(LIMIT) or "null")
-        if segment is not None:
+        if segment is not None and events and events[0]["text"] == f"event {number}":
             (_, _, state, _), *later = segment["frames"]
             for _, _, changes, _ in later:
                 apply_changes(state, changes)
-            if state["now"]["doing"] == doing and segment["frames"][-1][0] >= since:
+            shown = state["now"]["doing"] == f"doing {number}"
+            if shown and segment["frames"][-1][0] >= events[0]["wall"]:
                 return
         time.sleep(0.02)
     raise AssertionError("the recorder does not record")
@@ -177,6 +178,38 @@ def test_a_moment_that_comes_late_is_not_shown_any_more(shown: Served, browser: 
         visit.page.reload()  # without the segments that it has
         visit.wait_text("#now-doing", "doing 3")
         visit.wait_text("#connection", "live")
+    visit.close()
+
+
+def test_a_moment_that_is_asked_for_again_is_shown(shown: Served, browser: Any) -> None:
+    for number in range(4):
+        does(shown, number)
+    visit = Visit(browser, shown.url)
+    visit.wait_text("#connection", "live")
+    visit.page.route("**/past/segment?*", lambda route: route.abort(), times=1)
+    event = visit.page.locator(".event", has_text="event 2")
+    event.dispatch_event("click")
+    visit.wait_text("#time-said", "cannot be shown")
+    event.dispatch_event("click")
+    past(visit, "doing 2")
+    visit.wait_text("#past-banner .event-text", "event 2")
+    visit.close()
+
+
+def test_an_address_counts_although_a_moment_that_arrives_writes_it_over(shown: Served, browser: Any) -> None:
+    for number in range(4):
+        does(shown, number)
+    visit = Visit(browser, shown.url)
+    visit.wait_text("#connection", "live")
+    visit.page.keyboard.press(",")
+    past(visit, "doing 3")
+    wanted = visit.page.locator(".event", has_text="event 1").locator("a.at").get_attribute("href")
+    visit.page.evaluate(
+        "(wanted) => { const { href } = location; location.hash = wanted;"
+        " history.replaceState(null, '', href); }",
+        wanted,
+    )
+    past(visit, "doing 1")
     visit.close()
 
 

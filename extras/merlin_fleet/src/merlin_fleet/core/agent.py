@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One robot's part of the protocol (docs/fleet.md): when it bids, takes, begins, stops and reports goals.
+"""One robot's part of the protocol (docs/fleet-protocol.md): when it bids, takes, begins, stops, reports.
 
 Every event changes the agent's state; then what follows from the state is decided. A decision that is under
 way is not repeated; one that failed is, after a while. So the order of answers and changes does not matter.

@@ -150,7 +150,7 @@ class RecordedSystem(RosSystem):
 
     def wall(self) -> float:
         """s since 1970 of then."""
-        return round(self._wall, 3)
+        return self._wall
 
     def subscribe(
         self, topic: str, message_class: type, receive: Callable[[Any], object], **options: Any

@@ -2,14 +2,17 @@
 """The SQLite file of the history: its tables, and how it is opened and checked."""
 
 import sqlite3
+import threading
 import time
 from pathlib import Path
-from typing import NamedTuple, Optional
+from typing import Callable, NamedTuple, Optional
 
 FILE = "history.sqlite"
 #: Of the file; 0: events only, as files were before they held what was shown.
 VERSION = 1
 BUSY = 10.0  # s that another process may hold the file, before it counts as an error
+DIGITS = 6  # of a time behind the point, also in the address of a moment
+LEAST = 10.0**-DIGITS  # s between two times
 LONGEST_GAP = 600.0  # s in a run, in which no monitor lived
 _SCHEMA = """
 CREATE TABLE IF NOT EXISTS events (
@@ -152,12 +155,21 @@ def _newer(version: int) -> str:
 
 
 class WallClock:
-    """s since 1970 that never go back, also when the computer's clock is set."""
+    """s since 1970 that never go back, also when the computer's clock is set. Safe between threads.
 
-    def __init__(self) -> None:
-        self.began = time.time()
-        self._monotonic = time.monotonic()
+    No two readings are the same: of two times of a history, the smaller one is of what was first.
+
+    :param now: s since 1970, never going back; None: of this computer.
+    """
+
+    def __init__(self, now: Optional[Callable[[], float]] = None) -> None:
+        began = time.time() - time.monotonic()
+        self._now = now or (lambda: began + time.monotonic())
+        self._lock = threading.Lock()  # guards _last
+        self._last = 0.0
 
     def __call__(self) -> float:
         """Wall time, s since 1970, that never jumps."""
-        return round(self.began + time.monotonic() - self._monotonic, 3)
+        with self._lock:
+            self._last = round(max(self._now(), self._last + LEAST), DIGITS)
+            return self._last

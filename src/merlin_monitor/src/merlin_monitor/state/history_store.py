@@ -128,7 +128,7 @@ class HistoryStore(HistoryReader):
         session: str = "",
     ) -> None:
         self.path = path
-        self.now = clock or WallClock()
+        self.now = WallClock(clock)
         """s since 1970, the time of all that is kept."""
         self.trouble = ""
         """Why something could not be written; empty: everything could."""

@@ -301,8 +301,6 @@ class MachineSection:
                     break
 
     def _set(self, key: str, fields: Dict[str, Any]) -> bool:
-        if key not in self._tree.keys(SECTION, "containers"):  # a page never sees a part of a new one
-            return self._tree.set(SECTION, "containers", key, dict(fields))
         return self._tree.put(SECTION, "containers", key, **fields)
 
     def _is_seen(self, key: str, wall: float) -> None:

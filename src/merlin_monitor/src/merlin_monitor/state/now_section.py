@@ -290,22 +290,22 @@ class NowSection:
             if owner != truth.blamed
         ]
         trouble += [say("{node} does not answer", node=node) for node in silent]
-        for name, value in (
-            ("trouble", [in_english(each) for each in trouble]),
-            ("trouble_said", trouble),
-            ("doing", in_english(doing)),
-            ("because", in_english(because)),
-            ("step", in_english(step)),
-            ("said", {"doing": doing, "because": because, "step": step}),
-            ("chain", self._chain()),
-            ("state", truth.state),
-            ("tone", truth.tone),
-            ("known", truth.known),
-            ("expected", truth.expected),
-            ("silent_nodes", silent),
-            ("active", self._executor.get("state", "idle") != "idle"),
-        ):
-            self._tree.set(NOW, name, value)
+        truths = {
+            "trouble": [in_english(each) for each in trouble],
+            "trouble_said": trouble,
+            "doing": in_english(doing),
+            "because": in_english(because),
+            "step": in_english(step),
+            "said": {"doing": doing, "because": because, "step": step},
+            "chain": self._chain(),
+            "state": truth.state,
+            "tone": truth.tone,
+            "known": truth.known,
+            "expected": truth.expected,
+            "silent_nodes": silent,
+            "active": self._executor.get("state", "idle") != "idle",
+        }
+        self._tree.put(NOW, **truths)  # at once: no page shows the words of one and the colour of another
 
     def _tell_queue(self) -> None:
         """Says of each request that waits what it waits for, and who asked for it."""

@@ -8,7 +8,7 @@ a limit the whole state takes their place.
 
 import json
 import threading
-from typing import Any, Callable, Dict, List, NamedTuple, Tuple
+from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Sequence, Tuple
 
 from merlin_monitor.text.plain_value import LONGEST_KEY, plain, plain_text
 
@@ -123,26 +123,32 @@ class StateTree:
 
         Dicts on the way are made. The value becomes the tree's own.
         """
-        value = plain(path_and_value[-1])
-        path = tuple(plain_text(part, LONGEST_KEY) for part in path_and_value[:-1])
-        with self._lock:
-            parent = self._root
-            for part in path[:-1]:
-                child = parent.get(part)
-                if not isinstance(child, dict):
-                    child = parent[part] = {}
-                parent = child
-            if path[-1] in parent and parent[path[-1]] == value:
-                return False
-            parent[path[-1]] = value
-            # Feeds pass the value on later; a dict may be changed in place until then.
-            self._changed(path, _copy(value))
-            return True
+        return self._set_all(path_and_value[:-2], {path_and_value[-2]: path_and_value[-1]})
 
     def put(self, *path: str, **fields: Any) -> bool:
-        """Sets fields below a path; returns whether that changed anything."""
-        changed = [self.set(*path, name, value) for name, value in fields.items()]
-        return any(changed)
+        """``put("now", state=state, tone=tone)``: at once, so that no reader has only some of them."""
+        return self._set_all(path, fields)
+
+    def _set_all(self, path: Sequence[str], given: Mapping[str, Any]) -> bool:
+        fields = plain(given)
+        path = tuple(plain_text(part, LONGEST_KEY) for part in path)
+        with self._lock:
+            changed = [self._set((*path, name), value) for name, value in fields.items()]
+            return any(changed)
+
+    def _set(self, path: Path, value: Any) -> bool:
+        parent = self._root
+        for part in path[:-1]:
+            child = parent.get(part)
+            if not isinstance(child, dict):
+                child = parent[part] = {}
+            parent = child
+        if path[-1] in parent and parent[path[-1]] == value:
+            return False
+        parent[path[-1]] = value
+        # Feeds pass the value on later; a dict may be changed in place until then.
+        self._changed(path, _copy(value))
+        return True
 
     def remove(self, *path: str) -> bool:
         """Removes a path from the tree; returns whether it existed."""

@@ -20,6 +20,7 @@ from merlin_monitor.web.page_control import ControlError
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
 
 ANSWERS = 1.0  # s of wall time
+RELEASED = 5.0  # s of wall time; one that is late is carried out all the same, and must not be called refused
 START = 10.0  # s of wall time in which a monitor that begins hears the guards there are
 #: What a guard says of those who stop the base of one robot alone: nodes, and the button of a joystick.
 ONE_ROBOT = ("/", "an unknown node", "button ")
@@ -135,7 +136,7 @@ class _Guard:
         self.heard = 0.0
         self.confirmed = False
         self.stops = rospy.Publisher(f"{topics}/stop_by", String, queue_size=10, tcp_nodelay=True)
-        self.release = ServiceProxy(f"{topics}/release", Trigger, timeout=ANSWERS)
+        self.release = ServiceProxy(f"{topics}/release", Trigger, timeout=RELEASED)
         self._subscriber = rospy.Subscriber(
             f"{topics}/guard", GuardStatus, lambda status: receive(self, status), tcp_nodelay=True
         )
