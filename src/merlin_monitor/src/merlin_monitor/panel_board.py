@@ -12,7 +12,7 @@ import rospy
 
 from merlin_monitor import panels
 from merlin_monitor.listeners.graph_watch import GraphWatch
-from merlin_monitor.listeners.panel import Panel
+from merlin_monitor.listeners.panel import Panel, Request
 from merlin_monitor.listeners.pulse import Pulse
 from merlin_monitor.listeners.ros_system import RosSystem
 from merlin_monitor.panel_scripts import script_file
@@ -72,6 +72,10 @@ class PanelBoard:
             panel.start()
         self._watch.start()
         self._pulse.start()
+
+    def requests(self) -> Dict[str, Request]:
+        """What operators may ask of the panels."""
+        return {name: call for panel in list(self._panels) for name, call in panel.requests().items()}
 
     def look(self) -> None:
         """Looks once which topics there are, without threads."""

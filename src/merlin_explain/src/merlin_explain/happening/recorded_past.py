@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The past as the monitor's history has it: what was so, what happened, and who changed a fact."""
 
+import functools
 import json
 import math
+import re
 import time
 from pathlib import Path
 from typing import Any, Dict, Iterator, List, Optional, Sequence, Tuple
@@ -19,6 +21,8 @@ from merlin_pddl.domain import Domain
 Event = Dict[str, Any]
 MOST_EVENTS = 1000  # that a question looks at
 LOOK_BACK = 2.0  # s of wall time for the search of a change
+KEPT = 3  # segments that are held besides the last one that was read: one has 1 MB
+PANEL = "why"  # section of the panel that this package offers
 LATER = 0.5  # s in which the monitor notes what has happened
 
 
@@ -27,23 +31,28 @@ class RecordedPast:
 
     :param path: of the file, or of its folder.
     :param at: the moment, ROS time, s; 0: the last that is recorded.
-    :param session: of the monitor that goes on with the run; empty: the newest run.
+    :param session: of the monitor that goes on with the run; empty: any.
+    :param run: its number; 0: the newest one.
     :raises HistoryError: the file is missing or cannot be used.
-    :raises QuestionError: the run has no such moment.
+    :raises QuestionError: there is no such run, or it has no such moment.
     """
 
-    def __init__(self, path: Path, domain: Domain, at: float = 0.0, session: str = "") -> None:
+    def __init__(self, path: Path, domain: Domain, at: float = 0.0, session: str = "", run: int = 0) -> None:
         self._domain = domain
         self._connection = open_for_reading(path)
         self._recording = Recording(self._connection)
+        self._segments: List[_Segment] = []
         try:
-            present = last_run(self._connection, time.time(), session)
+            present = last_run(self._connection, None, session)
             if session and present is None:
                 raise HistoryError(
                     f"the monitor has recorded nothing into {path} in this run; is it running?"
                 )
-            runs = self._recording.runs()
-            self._run = next(each for each in reversed(runs) if present is None or each["run"] == present.run)
+            runs = {int(each["run"]): each for each in self._recording.runs()}
+            number = run or (present.run if present else max(runs))
+            if number not in runs:
+                raise QuestionError(f"there is no run {number}; there are: {', '.join(map(str, runs))}")
+            self._run = runs[number]
             self._wall = self._wall_of(at) if at else float(self._run["ended"])
         except BaseException:
             self.close()
@@ -53,10 +62,17 @@ class RecordedPast:
         """Closes the file."""
         self._connection.close()
 
-    @property
-    def wall(self) -> float:
-        """When the moment was, s since 1970."""
-        return self._wall
+    def age(self, moment: Moment, ticks: float, wall: float) -> float:
+        """How long ago the moment was recorded, s.
+
+        The monitor's time is even when the computer's clock is set, and its panel says how it counts.
+
+        :param moment: the last one.
+        :param ticks: s of ``time.monotonic``.
+        :param wall: s since 1970, for a recording without this panel.
+        """
+        even = moment.section(PANEL).get("clock")
+        return abs((wall if even is None else ticks + even) - self._wall)
 
     def moment(self) -> Moment:
         """What was so at the moment."""
@@ -96,25 +112,23 @@ class RecordedPast:
     def _changes_back(self, text: str) -> Iterator[Dict[str, Any]]:
         """The recorded changes of knowledge, newest first, of the segments in which a text stands."""
         ends = time.monotonic() + LOOK_BACK
-        until, number = self._wall, 0
-        while time.monotonic() < ends:
-            raw = self._segment(until)
-            head = json.loads(raw.partition(',"frames"')[0] + "}")
-            if head["number"] == number:
-                return  # before the first one there is none
-            number, until = head["number"], head["began"] - 0.001
-            if text in raw.lower():
-                yield from _changes_of(json.loads(raw)["frames"], self._wall)
+        until = self._wall
+        while until >= self._run["began"] and time.monotonic() < ends:
+            segment = self._segment(until)
+            if text in segment.lower:
+                yield from _changes_of(segment, self._wall)
+            until = segment.began - 0.001
 
     def _shown(self, wall: float, after: bool = False) -> Moment:
         """What was so at a time, s since 1970.
 
         :param after: in the first frame that is not before it.
         """
-        segment = json.loads(self._segment(wall))
-        if after and segment["next"] is not None and segment["frames"][-1][0] < wall:
-            segment = json.loads(self._segment(segment["next"]))
-        (seen, _, state, _), *later = segment["frames"]
+        segment = self._segment(wall)
+        if after and segment.next is not None and segment.frames[-1][0] < wall:
+            segment = self._segment(segment.next)
+        (seen, _, _, _), *later = segment.frames
+        state = segment.state()
         for frame_wall, _, changes, _ in later:
             if seen >= wall if after else frame_wall > wall:
                 break
@@ -125,41 +139,88 @@ class RecordedPast:
     def _wall_of(self, at: float) -> float:
         """When a ROS time was, s since 1970: of the last frame that is not later."""
         low, high = float(self._run["began"]), float(self._run["ended"])
-        begin = next(
-            (frame[1] for frame in self._frames(low) if frame[1]), 0.0
-        )  # before it no clock was heard
-        end = self._frames(high)[-1][1]
+        begin, end = self.span
         if not begin - LATER <= at <= end + LATER:
             raise QuestionError(f"the recording is of {clock(begin)} to {clock(end)}, and has no {clock(at)}")
         middle = (
             at if low <= at <= high else (low + high) / 2
         )  # a robot's ROS time is nearly that of the computer
         while True:
-            frames = self._frames(middle)
-            if frames[0][1] > at and frames[0][0] > low:
-                high = frames[0][0] - 0.001
-            elif frames[-1][1] < at and frames[-1][0] < high and high - low > LATER:
-                low = max(frames[-1][0], middle)
+            times = self._segment(middle).times
+            if times[0][1] > at and times[0][0] > low:
+                high = times[0][0] - 0.001
+            elif times[-1][1] < at and times[-1][0] < high and high - low > LATER:
+                low = max(times[-1][0], middle)
             else:
-                return float(max((frame[0] for frame in frames if frame[1] <= at), default=frames[0][0]))
+                return max((wall for wall, seen in times if seen <= at), default=times[0][0])
             middle = (low + high) / 2
 
-    def _frames(self, wall: float) -> List[Tuple[float, float, Any, int]]:
-        return list(json.loads(self._segment(wall))["frames"])
+    @functools.cached_property
+    def span(self) -> Tuple[float, float]:
+        """ROS time of the first and of the last frame, s."""
+        first, last = self._segment(float(self._run["began"])), self._segment(float(self._run["ended"]))
+        begin = first.began_at or next((at for _, at in first.times if at), 0.0)  # before, no clock was heard
+        return begin, last.times[-1][1]
 
-    def _segment(self, wall: float) -> str:
+    def _segment(self, wall: float) -> "_Segment":
+        """The segment of a time, s since 1970; each is read once."""
+        for known in self._segments:
+            if known.began <= wall and (known.next is None or wall < known.next):
+                return known
         try:
-            return self._recording.segment(int(self._run["run"]), wall) or ""
+            found = _Segment(self._recording.segment(int(self._run["run"]), wall) or "")
         except ValueError as error:
             raise HistoryError(str(error)) from error
+        self._segments = [*self._segments[-KEPT:], found]
+        return found
 
 
-def _changes_of(frames: List[Any], until: float) -> Iterator[Dict[str, Any]]:
-    """The changes of knowledge in the frames of a segment, newest first."""
-    (_, _, state, _), *later = frames
-    for wall, _, changes, _ in reversed(later):
+class _Segment:
+    """A segment as text, which is read when it is asked for.
+
+    :ivar began, next: s since 1970; when the next one begins, None: it is the last one.
+    """
+
+    _FRAMES = re.compile(r'"frames":\[(?=\[[^,]*,([^,]*),)')
+
+    def __init__(self, text: str) -> None:
+        first = self._FRAMES.search(text)
+        assert first is not None
+        head = json.loads(text[: first.start()].rstrip(",") + "}")
+        self.began, self.next = float(head["began"]), head["next"]
+        self.began_at = float(first[1])
+        """ROS time of its first frame, s."""
+        self._text, self._first = text, first.end()
+        self._unused: Optional[Dict[str, Any]] = None  # a state that nobody has yet
+
+    @functools.cached_property
+    def frames(self) -> List[Any]:
+        """Its frames; of the first one the state is given by :meth:`state`."""
+        frames = list(json.loads(self._text)["frames"])
+        self._unused, frames[0][2] = frames[0][2], None
+        return frames
+
+    def state(self) -> Dict[str, Any]:
+        """The state with which it begins, which may be changed."""
+        found, self._unused = self._unused, None
+        return found or dict(json.JSONDecoder().raw_decode(self._text, self._first)[0][2])
+
+    @functools.cached_property
+    def times(self) -> List[Tuple[float, float]]:
+        """Of each frame s since 1970, and ROS time."""
+        return [(wall, at) for wall, at, _, _ in self.frames]
+
+    @functools.cached_property
+    def lower(self) -> str:
+        """Its text in small letters."""
+        return self._text.lower()
+
+
+def _changes_of(segment: _Segment, until: float) -> Iterator[Dict[str, Any]]:
+    """The changes of knowledge in a segment, newest first."""
+    for wall, _, changes, _ in reversed(segment.frames[1:]):
         for path, *value in reversed(changes) if wall <= until else ():
             if path[:2] == ["knowledge", "recent"] and len(path) == 3 and value:
                 yield value[0]
-    recent = (state.get("knowledge") or {}).get("recent") or {}
+    recent = (segment.state().get("knowledge") or {}).get("recent") or {}
     yield from (recent[number] for number in sorted(recent, key=int, reverse=True))

@@ -2,21 +2,23 @@
 """Node: answers questions. It only listens, calls and computes: nothing moves because of a question."""
 
 import threading
+from typing import Callable, Dict
 
 import rospy
-from merlin_msgs.msg import Claim as ClaimMessage
-from merlin_msgs.msg import Evidence as EvidenceMessage
 from merlin_msgs.srv import Explain, ExplainRequest, ExplainResponse
 
-from merlin_explain.claims import Answer, Claim, Evidence, Question, QuestionError
-from merlin_explain.node.questions import answering
+from merlin_explain.claims import Answer, Question, QuestionError
+from merlin_explain.node.messages import as_question, as_response
 from merlin_explain.node.robot_system import USUAL, Names, RobotSystem
 from merlin_pddl.text_reader import PddlError
 from merlin_planning.knowledge_client import KnowledgeError
+from merlin_ros.call_scope import CallScope
+from merlin_ros.class_path import load_function
 from merlin_ros.health import OK, Health, HealthReporter
 from merlin_ros.master.master_link import MasterSilent
 from merlin_ros.node import run_node
 from merlin_ros.parameters import ParameterError, graph_name
+from merlin_ros.ports.service_server import while_wanted
 from merlin_ros.processes.process_priority import lower_priority
 from merlin_ros.service_proxy import ServiceError
 
@@ -28,9 +30,23 @@ BUSY = "other questions are being answered; ask again in a moment"
 #: What is refused with its own words.
 REFUSALS = (QuestionError, PddlError, ServiceError, KnowledgeError, MasterSilent, ParameterError)
 
+Answering = Callable[[Question, RobotSystem], Answer]
+_PLANS, _HAPPENING = "merlin_explain.node.plan_questions", "merlin_explain.node.happening_questions:happening"
+#: Question → its function, which raises QuestionError where the question is wrong; imported when it is asked.
+QUESTIONS: Dict[str, str] = {
+    ExplainRequest.WHY: f"{_PLANS}:why",
+    ExplainRequest.WHY_NOT: f"{_PLANS}:why_not",
+    ExplainRequest.NO_PLAN: f"{_PLANS}:no_plan",
+    ExplainRequest.WHAT_IF: f"{_PLANS}:what_if",
+    ExplainRequest.WAITING: _HAPPENING,
+    ExplainRequest.FAILED: _HAPPENING,
+    ExplainRequest.SO: _HAPPENING,
+    ExplainRequest.DOING: _HAPPENING,
+}
+
 
 class Explainer:
-    """Serves ``merlin/explain``: one question after the other.
+    """Serves ``merlin/explain``: one question after the other, each as long as its client waits for it.
 
     :param system: what is asked.
     """
@@ -48,7 +64,8 @@ class Explainer:
         if not self._one.acquire(timeout=WAIT):
             return ExplainResponse(ok=False, sentence=BUSY)
         try:
-            found = self._answer(_question(request))
+            with CallScope() as scope, while_wanted(scope.end):
+                found = self._answer(as_question(request))
         except REFUSALS as error:
             return ExplainResponse(ok=False, sentence=str(error))
         except Exception as error:
@@ -57,36 +74,18 @@ class Explainer:
             return ExplainResponse(ok=False, sentence=f"not found out: {type(error).__name__}: {error}")
         finally:
             self._one.release()
-        return ExplainResponse(True, found.sentence, [_claim(claim) for claim in found.claims])
+        return as_response(found)
 
     def health(self) -> Health:
         """Whether it answers."""
         return Health(OK, "answers a question" if self._one.locked() else "ready")
 
     def _answer(self, question: Question) -> Answer:
-        return answering(question.question)(question, self._system)
-
-
-def _question(request: ExplainRequest) -> Question:
-    return Question(
-        request.question or ExplainRequest.WHY,
-        request.about.strip(),
-        request.include,
-        request.without,
-        request.first,
-        request.facts,
-        request.goals,
-        request.at.to_sec(),
-    )
-
-
-def _claim(claim: Claim) -> ClaimMessage:
-    return ClaimMessage(claim.kind, claim.text, [_evidence(each) for each in claim.evidence])
-
-
-def _evidence(evidence: Evidence) -> EvidenceMessage:
-    time = rospy.Time.from_sec(max(0.0, evidence.time))
-    return EvidenceMessage(evidence.kind, evidence.text, evidence.step, evidence.version, time)
+        path = QUESTIONS.get(question.question)
+        if path is None:
+            raise QuestionError(f"there is no question '{question.question}', only {', '.join(QUESTIONS)}")
+        answering: Answering = load_function(path)
+        return answering(question, self._system)
 
 
 def main() -> int:

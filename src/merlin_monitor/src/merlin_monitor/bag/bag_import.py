@@ -11,7 +11,7 @@ from merlin_monitor.bag.recorded_system import RecordedSystem
 from merlin_monitor.bag.recording import BagRecording
 from merlin_monitor.history.history_file import HistoryError
 from merlin_monitor.listeners.ros_system import RosSystem
-from merlin_monitor.panel_board import PanelBoard, foreign_panel, script_of
+from merlin_monitor.panel_board import OFFERED, PanelBoard, foreign_panel, script_of
 from merlin_monitor.panels.control import sentences_of_node
 from merlin_monitor.state.inbox import DirectInbox
 from merlin_monitor.state.monitor_model import MonitorModel
@@ -30,11 +30,15 @@ class RecordedModel(MonitorModel):
     :param file: of the history.
     :param clock: s since 1970.
     :param complain: takes a line about a message that cannot be shown.
+    :param session: see :class:`MonitorModel`.
     :raises HistoryError: the file cannot be used.
     """
 
-    def __init__(self, file: Path, clock: Callable[[], float], complain: Callable[[str], None]) -> None:
-        super().__init__(DirectInbox(complain), file, NO_LIMIT, megabytes=NO_LIMIT, clock=clock)
+    def __init__(
+        self, file: Path, clock: Callable[[], float], complain: Callable[[str], None], session: str = ""
+    ) -> None:
+        inbox = DirectInbox(complain)
+        super().__init__(inbox, file, NO_LIMIT, megabytes=NO_LIMIT, clock=clock, session=session)
 
     def start(self) -> None:
         """Begins to record."""
@@ -146,7 +150,8 @@ class BagImport:
 def usable_panels(ros: RosSystem, complain: Callable[[str], None]) -> List[str]:
     """The panels of applications that the monitor of then had, without those that are not here."""
     found: List[str] = []
-    for path in ros.parameter("~panels", []):
+    offered = ros.parameter(OFFERED, {})
+    for path in dict.fromkeys([*ros.parameter("~panels", []), *offered.values()]):
         try:
             script_of(foreign_panel(str(path)))
         except ParameterError as error:

@@ -58,7 +58,7 @@ def _start() -> None:
     open_look = flag("~open_look")
     check_lookers(host, operators is not None, open_look)
     # Operators may come later; the files of a monitor that never has any stay unwritten.
-    control = Control(RobotControl(state)) if operators is not None else None
+    control = Control(RobotControl(state), panels.requests) if operators is not None else None
     names = str(rospy.get_param("~allowed_hosts", "")).replace(",", " ").split()
     folder = Path(rospkg.RosPack().get_path("merlin_monitor")) / "web"
     tls = _tls()

@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Control of the robot from the page: goals, cancels, pausing, stop. Each request is checked first."""
 
-from typing import TYPE_CHECKING, Any, Callable, Dict, List, Protocol
+from typing import TYPE_CHECKING, Any, Callable, Dict, List, Mapping, Protocol
+
+from merlin_monitor.listeners.panel import Request
 
 if TYPE_CHECKING:
     from merlin_monitor.web.robot_control import RobotControl
@@ -37,15 +39,17 @@ class Control:
     """Carries out what the page asks for.
 
     :param robot: the robot.
+    :param further: gives what panels offer, by its name.
     """
 
-    def __init__(self, robot: "RobotControl") -> None:
+    def __init__(self, robot: "RobotControl", further: Callable[[], Mapping[str, Request]] = dict) -> None:
         self._robot = robot
+        self._further = further
 
     def carry_out(self, what: str, fields: Dict[str, Any], by: str) -> Dict[str, Any]:
         """Carries out a request; returns a sentence, ``done``, and what belongs to it.
 
-        :param what: ``plan``, or one of `_REQUESTS`.
+        :param what: ``plan``, one of `_REQUESTS`, or what a panel offers.
         :param fields: goal and priority, request, goal and what to leave out, or facts.
         :param by: the operator.
         :raises ControlError: it cannot be done.
@@ -54,9 +58,16 @@ class Control:
             goal = _text(fields, "goal")
             self._robot.check(goal)
             return self._robot.planning.plan(goal, _listed(fields, "without"), by)
-        if what not in _REQUESTS:
-            raise ControlError(f"There is nothing called {what!r}; there is plan, {', '.join(_REQUESTS)}.")
-        return {"done": _REQUESTS[what](self._robot, fields, by)}
+        if what in _REQUESTS:
+            return {"done": _REQUESTS[what](self._robot, fields, by)}
+        further = self._further()
+        if what not in further:
+            known = ", ".join([*_REQUESTS, *further])
+            raise ControlError(f"There is nothing called {what!r}; there is plan, {known}.")
+        try:
+            return {"done": further[what](fields, by)}
+        except ValueError as error:
+            raise ControlError(str(error)) from error
 
 
 def _check(robot: "RobotControl", fields: Dict[str, Any], by: str) -> str:

@@ -13,6 +13,7 @@ from rosplan_dispatch_msgs.srv import PlanningServiceRequest
 from merlin_pddl.domain_reader import read_domain
 from merlin_pddl.plan_text import PlanTextError
 from merlin_pddl.text_reader import PddlError
+from merlin_ros.ports.service_server import while_wanted
 from merlin_rosplan.knowledge.foreseen import after_actions, with_facts
 from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
 from merlin_rosplan.messages.knowledge_snapshot import KnowledgeBaseError
@@ -69,6 +70,7 @@ class PreviewService:
                 wanted.domain_path,
                 Wanted(request.goals, request.without, request.include),
                 settings,
+                while_wanted,
             )
             steps = steps_of(outcome.plan)
         except (KnowledgeBaseError, PlanTextError, PddlError, UpdateRefused) as error:

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Plans that are shown and not carried out, beside what the robot plans itself."""
 
+import contextlib
 import dataclasses
 import threading
 from pathlib import Path
-from typing import NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Callable, ContextManager, NamedTuple, Optional, Sequence, Tuple
 
 from merlin_pddl.analysis.demand import demand
 from merlin_pddl.domain import Domain
@@ -28,6 +29,10 @@ PREVIEW_LIMIT = 10.0
 #: What :func:`write_later_problem` raises; each with a text that says it.
 LATER_ERRORS = (PddlError, UpdateRefused, OSError)
 BUSY = "another plan is being looked for, only to be shown; ask again when it is there"
+
+
+#: Makes what calls a function when a plan is no longer wanted, while one is in it.
+Watch = Callable[[Callable[[], None]], ContextManager[Any]]
 
 
 class Wanted(NamedTuple):
@@ -65,12 +70,14 @@ class Previews:
         domain_path: str,
         wanted: Wanted,
         settings: PlannerSettings,
+        while_wanted: Watch = contextlib.nullcontext,
     ) -> Tuple[PlanningOutcome, str]:
         """Plans.
 
         :param world: domain and state; the goals in it do not count.
         :param domain_path: PDDL file of the domain.
         :param settings: of the planner; its time limit is shortened.
+        :param while_wanted: ends the planning when its caller has gone.
         :return: how it ended; and the problem as PDDL text, without `wanted.without` and `include`; empty
             where it cannot be written.
         """
@@ -79,7 +86,7 @@ class Previews:
                 return PlanningOutcome(PlannerState.CANCELLED, BUSY), ""
             self._busy = True
         try:
-            return self._plan(world, domain_path, wanted, settings)
+            return self._plan(world, domain_path, wanted, settings, while_wanted)
         finally:
             with self._lock:
                 self._busy = False
@@ -97,7 +104,12 @@ class Previews:
                 self._folder.cleanup()
 
     def _plan(
-        self, world: Tuple[Domain, Problem], domain_path: str, wanted: Wanted, settings: PlannerSettings
+        self,
+        world: Tuple[Domain, Problem],
+        domain_path: str,
+        wanted: Wanted,
+        settings: PlannerSettings,
+        while_wanted: Watch,
     ) -> Tuple[PlanningOutcome, str]:
         folder, text = Path(self._folder.name), ""
         path = folder / "problem.pddl"
@@ -120,7 +132,8 @@ class Previews:
             self._planning = planning
             if self._closed:
                 planning.cancel()
-        return planning.run(), text
+        with while_wanted(planning.cancel):
+            return planning.run(), text
 
 
 def steps_of(plan: str) -> Sequence[PlanStep]:
