@@ -10,11 +10,12 @@ from pathlib import Path
 from typing import Any, Callable, Dict
 
 import rospy
+from diagnostic_msgs.msg import KeyValue
 from measuring.figures import time_ms
 from measuring.ros_process import RosMaster
 from merlin_msgs.msg import DispatchStatus, ExecutorStatus
 from merlin_msgs.srv import Explain, ExplainRequest
-from planning.bench_dispatch import KB, OPERATORS, PLACES, chain, chain_domain, chain_problem
+from planning.bench_dispatch import OPERATORS, PLACES, chain, chain_domain, chain_problem
 from planning.bench_rest import STEPS, facts
 from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback
 from rosplan_knowledge_msgs.msg import KnowledgeItem
@@ -35,6 +36,7 @@ LIMIT = 120.0  # s
 REPEATS = 40
 PLANNED = 10  # questions that plan
 RUN = "bench"
+KB = "rosplan_knowledge_base"
 
 
 class Monitor:
@@ -99,7 +101,9 @@ class Monitor:
         self.model.now.executor(
             ExecutorStatus(state=ExecutorStatus.RUNNING, request="/m-1", goals=["(at p1)"]), self.wall()
         )
-        self.model.plan.dispatched(ActionDispatch(action_id=0, plan_id=1, name="step0"), self.wall())
+        first = ActionDispatch(action_id=0, plan_id=1, name="step0")
+        first.parameters = [KeyValue("a", "p0"), KeyValue("b", "p1")]
+        self.model.plan.dispatched(first, self.wall())
         self.model.plan.feedback(ActionFeedback(action_id=0, plan_id=1, status=1), self.wall())
         self._record()
 

@@ -47,19 +47,6 @@ class Answer(NamedTuple):
     claims: Tuple[Claim, ...] = ()
 
 
-class Question(NamedTuple):
-    """What is asked, as the fields of ``merlin_msgs/Explain``; `at` is ROS time, s, 0: now."""
-
-    question: str
-    about: str = ""
-    include: Sequence[str] = ()
-    without: Sequence[str] = ()
-    first: Sequence[str] = ()
-    facts: Sequence[str] = ()
-    goals: Sequence[str] = ()
-    at: float = 0.0
-
-
 class QuestionError(ValueError):
     """A question that cannot be answered as it is asked; the text says what is wrong and what to do."""
 

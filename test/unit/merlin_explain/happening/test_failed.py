@@ -9,6 +9,7 @@ from robot_story import BRIDGES, RobotStory
 
 from merlin_explain.claims import Answer, QuestionError, Words
 from merlin_explain.happening.failed import failed
+from merlin_monitor.state.history_events import Event
 
 REQUEST = "/mission-1-5.0"
 GOAL = "(tidy kitchen)"
@@ -217,3 +218,11 @@ def test_where_nothing_has_failed_it_says_so(story: RobotStory) -> None:
 def test_what_is_no_pddl_is_refused(story: RobotStory, about: str) -> None:
     with pytest.raises(QuestionError, match="is not PDDL"):
         ask(story, about)
+
+
+def test_a_failure_is_found_behind_thousands_of_actions(story: RobotStory) -> None:
+    server_aborts(story)
+    for number in range(1200):
+        story.model.report(Event("action", f"(mop kitchen) succeeded, {number}", story.now, {}))
+    story.wait(1.0)
+    assert "/move_base aborted" in ask(story).sentence

@@ -10,7 +10,6 @@ from merlin_explain.happening.recorded_past import Event, RecordedPast
 from merlin_pddl.domain import Domain
 
 KINDS = ("goal", "action", "plan")
-FAILURES = ("failure", "cancel", "replan")
 NEAR = 0.5  # s between messages about one thing
 _SERVER = re.compile(
     r"(?P<part>/[\w/]+) (?P<how>aborted|refused the goal|recalled the goal|was lost|was preempted by another"
@@ -67,10 +66,10 @@ def failed(moment: Moment, past: RecordedPast, about: str, words: Words) -> Answ
     :raises QuestionError: nothing like that has failed.
     """
     wanted = key_of(checked_about(about))
-    events = past.events(KINDS)
-    for event in reversed(events):
+    for event in past.failures(KINDS):
         texts = ATOM.findall(f"{event['detail'].get('label') or ''} {reason_of(event)}")
-        if event["mark"] in FAILURES and (not wanted or wanted in map(key_of, texts)):
+        if not wanted or wanted in map(key_of, texts):
+            events = past.events(KINDS, event["wall"])
             return _Chain(past, events, event, words, moment.domain).answer()
     what = about or "anything"
     raise QuestionError(f"the recording knows no failure of {what} up to {clock(moment.at)}")

@@ -11,7 +11,7 @@ from typing import Any, Dict, Iterator, List, Optional, Sequence, Tuple
 
 from merlin_explain.claims import QuestionError
 from merlin_explain.happening.moment import Change, Moment, clock, key_of
-from merlin_monitor.history.event_log import EventLog, Neighbour
+from merlin_monitor.history.event_log import MARKS, EventLog, Neighbour
 from merlin_monitor.history.frames import Recording
 from merlin_monitor.history.history_file import HistoryError, last_run, open_for_reading
 from merlin_monitor.state.state_tree import apply_changes
@@ -78,10 +78,23 @@ class RecordedPast:
         """What was so at the moment."""
         return self._shown(self._wall)
 
-    def events(self, kinds: Sequence[str]) -> List[Event]:
-        """The newest events of these kinds, oldest first."""
+    def failures(self, kinds: Sequence[str]) -> Iterator[Event]:
+        """The events of these kinds that are marked, newest first."""
+        last = Neighbour(int(self._run["run"]), self._wall + LATER, 0, False, tuple(kinds), MARKS)
+        for _ in range(MOST_EVENTS):
+            event = EventLog(self._connection).neighbour(last)
+            if event is None:
+                return
+            yield event
+            last = last._replace(identity=event["id"])
+
+    def events(self, kinds: Sequence[str], until: float) -> List[Event]:
+        """The newest events of these kinds, oldest first.
+
+        :param until: s since 1970.
+        """
         log, run = EventLog(self._connection), int(self._run["run"])
-        last = log.neighbour(Neighbour(run, self._wall + LATER, forward=False))
+        last = log.neighbour(Neighbour(run, min(until, self._wall) + LATER, forward=False))
         found = log.page(last["id"] + 1, MOST_EVENTS, list(kinds)) if last else []
         return [event for event in found if event["run"] == run]
 

@@ -5,10 +5,11 @@ import threading
 from typing import Callable, Dict
 
 import rospy
+from merlin_msgs.msg import Claim as ClaimMessage
+from merlin_msgs.msg import Evidence as EvidenceMessage
 from merlin_msgs.srv import Explain, ExplainRequest, ExplainResponse
 
-from merlin_explain.claims import Answer, Question, QuestionError
-from merlin_explain.node.messages import as_question, as_response
+from merlin_explain.claims import Answer, Evidence, QuestionError
 from merlin_explain.node.robot_system import USUAL, Names, RobotSystem
 from merlin_pddl.text_reader import PddlError
 from merlin_planning.knowledge_client import KnowledgeError
@@ -30,7 +31,7 @@ BUSY = "other questions are being answered; ask again in a moment"
 #: What is refused with its own words.
 REFUSALS = (QuestionError, PddlError, ServiceError, KnowledgeError, MasterSilent, ParameterError)
 
-Answering = Callable[[Question, RobotSystem], Answer]
+Answering = Callable[[ExplainRequest, RobotSystem], Answer]
 _PLANS, _HAPPENING = "merlin_explain.node.plan_questions", "merlin_explain.node.happening_questions:happening"
 #: Question → its function, which raises QuestionError where the question is wrong; imported when it is asked.
 QUESTIONS: Dict[str, str] = {
@@ -65,7 +66,7 @@ class Explainer:
             return ExplainResponse(ok=False, sentence=BUSY)
         try:
             with CallScope() as scope, while_wanted(scope.end):
-                found = self._answer(as_question(request))
+                found = self._answer(request)
         except REFUSALS as error:
             return ExplainResponse(ok=False, sentence=str(error))
         except Exception as error:
@@ -80,12 +81,27 @@ class Explainer:
         """Whether it answers."""
         return Health(OK, "answers a question" if self._one.locked() else "ready")
 
-    def _answer(self, question: Question) -> Answer:
+    def _answer(self, question: ExplainRequest) -> Answer:
+        question.question, question.about = question.question or ExplainRequest.WHY, question.about.strip()
         path = QUESTIONS.get(question.question)
         if path is None:
             raise QuestionError(f"there is no question '{question.question}', only {', '.join(QUESTIONS)}")
         answering: Answering = load_function(path)
         return answering(question, self._system)
+
+
+def as_response(answer: Answer) -> ExplainResponse:
+    """An answer as a message."""
+    claims = [
+        ClaimMessage(claim.kind, claim.text, [_evidence(each) for each in claim.evidence])
+        for claim in answer.claims
+    ]
+    return ExplainResponse(True, answer.sentence, claims)
+
+
+def _evidence(evidence: Evidence) -> EvidenceMessage:
+    time = rospy.Time.from_sec(max(0.0, evidence.time))
+    return EvidenceMessage(evidence.kind, evidence.text, evidence.step, evidence.version, time)
 
 
 def main() -> int:

@@ -11,7 +11,7 @@ import rospy
 from merlin_msgs.srv import ExplainRequest
 from rosplan_knowledge_msgs.srv import GetAttributeService
 
-from merlin_explain.claims import Answer, Question, QuestionError, Words
+from merlin_explain.claims import Answer, QuestionError, Words
 from merlin_explain.happening.doing import doing
 from merlin_explain.happening.failed import failed
 from merlin_explain.happening.moment import Change, Moment, clock
@@ -54,7 +54,7 @@ _TOLD: Dict[str, Callable[[Asked, str], Answer]] = {
 }
 
 
-def tell(question: Question, asked: Asked) -> Answer:
+def tell(question: ExplainRequest, asked: Asked) -> Answer:
     """Answers a question about what happens.
 
     :raises QuestionError: it is another question, or wrong.
@@ -66,10 +66,10 @@ def tell(question: Question, asked: Asked) -> Answer:
     return _TOLD[question.question](asked, question.about)
 
 
-def happening(question: Question, system: RobotSystem) -> Answer:
+def happening(question: ExplainRequest, system: RobotSystem) -> Answer:
     """Answers it of a robot that runs."""
     with usable_history(), contextlib.closing(
-        RecordedPast(_history(), system.domain(), question.at, session=_session())
+        RecordedPast(_history(), system.domain(), question.at.to_sec(), session=_session())
     ) as past:
         moment = past.moment()
         if not question.at:

@@ -10,8 +10,8 @@ from merlin_msgs.srv import ExplainRequest, ExplainResponse
 from merlin_explain.claims import QuestionError
 from merlin_explain.happening.recorded_past import PANEL, RecordedPast
 from merlin_explain.node.application_words import ApplicationWords
+from merlin_explain.node.explain_node import as_response
 from merlin_explain.node.happening_questions import Asked, tell, usable_history
-from merlin_explain.node.messages import as_question, as_response
 from merlin_monitor.bag.bag_history import BagError, as_bag, history_of
 from merlin_monitor.text.sentences import Sentences, read_sentences
 from merlin_pddl.domain import Domain
@@ -61,12 +61,11 @@ class RecordedRun:
 
         :raises QuestionError: it is wrong, or asks for what was not recorded.
         """
-        question = as_question(request)
         text = self._told.get("sentences")
         sentences = read_sentences(Path("of the recording"), text) if text else Sentences()
         with usable_history(), contextlib.closing(
-            RecordedPast(self._file, self._domain, question.at, run=self._run)
+            RecordedPast(self._file, self._domain, request.at.to_sec(), run=self._run)
         ) as past:
             words = ApplicationWords(self._domain, sentences)
             interfaces = self._told.get("interfaces") or ()
-            return as_response(tell(question, Asked(past.moment(), past, words, interfaces)))
+            return as_response(tell(request, Asked(past.moment(), past, words, interfaces)))
