@@ -1,10 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The past as the monitor's history has it: what was so, what happened, and who changed a fact."""
 
-import functools
 import json
 import math
-import re
 import time
 from pathlib import Path
 from typing import Any, Dict, Iterator, List, Optional, Sequence, Tuple
@@ -41,7 +39,7 @@ class RecordedPast:
         self._domain = domain
         self._connection = open_for_reading(path)
         self._recording = Recording(self._connection)
-        self._segments: List[_Segment] = []
+        self._segments: List[Dict[str, Any]] = []
         try:
             present = last_run(self._connection, None, session)
             if session and present is None:
@@ -127,10 +125,10 @@ class RecordedPast:
         ends = time.monotonic() + LOOK_BACK
         until = self._wall
         while until >= self._run["began"] and time.monotonic() < ends:
-            segment = self._segment(until)
-            if text in segment.lower:
-                yield from _changes_of(segment, self._wall)
-            until = segment.began - 0.001
+            raw = self._text(until)
+            if text in raw.lower():
+                yield from _changes_of(json.loads(raw)["frames"], self._wall)
+            until = json.loads(raw.partition(',"frames"')[0] + "}")["began"] - 0.001
 
     def _shown(self, wall: float, after: bool = False) -> Moment:
         """What was so at a time, s since 1970.
@@ -138,10 +136,11 @@ class RecordedPast:
         :param after: in the first frame that is not before it.
         """
         segment = self._segment(wall)
-        if after and segment.next is not None and segment.frames[-1][0] < wall:
-            segment = self._segment(segment.next)
-        (seen, _, _, _), *later = segment.frames
-        state = segment.state()
+        if after and segment["next"] is not None and segment["frames"][-1][0] < wall:
+            segment = self._segment(segment["next"])
+        (seen, _, whole, _), *later = segment["frames"]
+        state: Dict[str, Any] = {}
+        apply_changes(state, [[[name], section] for name, section in whole.items()])
         for frame_wall, _, changes, _ in later:
             if seen >= wall if after else frame_wall > wall:
                 break
@@ -152,88 +151,49 @@ class RecordedPast:
     def _wall_of(self, at: float) -> float:
         """When a ROS time was, s since 1970: of the last frame that is not later."""
         low, high = float(self._run["began"]), float(self._run["ended"])
-        begin, end = self.span
+        begin, end = self.span()
         if not begin - LATER <= at <= end + LATER:
             raise QuestionError(f"the recording is of {clock(begin)} to {clock(end)}, and has no {clock(at)}")
         middle = (
             at if low <= at <= high else (low + high) / 2
         )  # a robot's ROS time is nearly that of the computer
         while True:
-            times = self._segment(middle).times
-            if times[0][1] > at and times[0][0] > low:
-                high = times[0][0] - 0.001
-            elif times[-1][1] < at and times[-1][0] < high and high - low > LATER:
-                low = max(times[-1][0], middle)
+            frames = self._segment(middle)["frames"]
+            if frames[0][1] > at and frames[0][0] > low:
+                high = frames[0][0] - 0.001
+            elif frames[-1][1] < at and frames[-1][0] < high and high - low > LATER:
+                low = max(frames[-1][0], middle)
             else:
-                return max((wall for wall, seen in times if seen <= at), default=times[0][0])
+                return float(max((frame[0] for frame in frames if frame[1] <= at), default=frames[0][0]))
             middle = (low + high) / 2
 
-    @functools.cached_property
     def span(self) -> Tuple[float, float]:
         """ROS time of the first and of the last frame, s."""
-        first, last = self._segment(float(self._run["began"])), self._segment(float(self._run["ended"]))
-        begin = first.began_at or next((at for _, at in first.times if at), 0.0)  # before, no clock was heard
-        return begin, last.times[-1][1]
+        first, last = (self._segment(float(self._run[name]))["frames"] for name in ("began", "ended"))
+        return next((at for _, at, _, _ in first if at), 0.0), last[-1][1]  # before, no clock was heard
 
-    def _segment(self, wall: float) -> "_Segment":
-        """The segment of a time, s since 1970; each is read once."""
+    def _segment(self, wall: float) -> Dict[str, Any]:
+        """The segment of a time, s since 1970; it is not changed."""
         for known in self._segments:
-            if known.began <= wall and (known.next is None or wall < known.next):
+            if known["began"] <= wall < (known["next"] or math.inf):
                 return known
-        try:
-            found = _Segment(self._recording.segment(int(self._run["run"]), wall) or "")
-        except ValueError as error:
-            raise HistoryError(str(error)) from error
+        found: Dict[str, Any] = json.loads(self._text(wall))
         self._segments = [*self._segments[-KEPT:], found]
         return found
 
-
-class _Segment:
-    """A segment as text, which is read when it is asked for.
-
-    :ivar began, next: s since 1970; when the next one begins, None: it is the last one.
-    """
-
-    _FRAMES = re.compile(r'"frames":\[(?=\[[^,]*,([^,]*),)')
-
-    def __init__(self, text: str) -> None:
-        first = self._FRAMES.search(text)
-        assert first is not None
-        head = json.loads(text[: first.start()].rstrip(",") + "}")
-        self.began, self.next = float(head["began"]), head["next"]
-        self.began_at = float(first[1])
-        """ROS time of its first frame, s."""
-        self._text, self._first = text, first.end()
-        self._unused: Optional[Dict[str, Any]] = None  # a state that nobody has yet
-
-    @functools.cached_property
-    def frames(self) -> List[Any]:
-        """Its frames; of the first one the state is given by :meth:`state`."""
-        frames = list(json.loads(self._text)["frames"])
-        self._unused, frames[0][2] = frames[0][2], None
-        return frames
-
-    def state(self) -> Dict[str, Any]:
-        """The state with which it begins, which may be changed."""
-        found, self._unused = self._unused, None
-        return found or dict(json.JSONDecoder().raw_decode(self._text, self._first)[0][2])
-
-    @functools.cached_property
-    def times(self) -> List[Tuple[float, float]]:
-        """Of each frame s since 1970, and ROS time."""
-        return [(wall, at) for wall, at, _, _ in self.frames]
-
-    @functools.cached_property
-    def lower(self) -> str:
-        """Its text in small letters."""
-        return self._text.lower()
+    def _text(self, wall: float) -> str:
+        try:
+            return self._recording.segment(int(self._run["run"]), wall) or ""
+        except ValueError as error:
+            raise HistoryError(str(error)) from error
 
 
-def _changes_of(segment: _Segment, until: float) -> Iterator[Dict[str, Any]]:
-    """The changes of knowledge in a segment, newest first."""
-    for wall, _, changes, _ in reversed(segment.frames[1:]):
+def _changes_of(frames: List[Any], until: float) -> Iterator[Dict[str, Any]]:
+    """The changes of knowledge in the frames of a segment, newest first."""
+    (_, _, state, _), *later = frames
+    for wall, _, changes, _ in reversed(later):
         for path, *value in reversed(changes) if wall <= until else ():
             if path[:2] == ["knowledge", "recent"] and len(path) == 3 and value:
                 yield value[0]
-    recent = (segment.state().get("knowledge") or {}).get("recent") or {}
+    recent = (state.get("knowledge") or {}).get("recent") or {}
     yield from (recent[number] for number in sorted(recent, key=int, reverse=True))

@@ -48,7 +48,7 @@ class RecordedRun:
     def __init__(self, file: Path, run: int, domain: Optional[Path]) -> None:
         self._file, self._run = file, run
         with usable_history(), contextlib.closing(RecordedPast(file, Domain(""), run=run)) as past:
-            self.end = past.span[1]
+            self.end = past.span()[1]
             self._told = past.moment().section(PANEL)
         text = str(self._told.get("domain") or "")
         if domain is None and not text:
