@@ -209,5 +209,5 @@ def test_a_plan_that_is_no_longer_wanted_is_not_looked_for(previews, tmp_path):
 
     settings = PlannerSettings(command=f"{script} DOMAIN PROBLEM")
     wanted = Wanted(["(checked kitchen)"])
-    outcome, _ = Previews(LONG).plan(world(), DOMAIN, wanted, settings, gone_soon)
+    outcome, _ = Previews(LONG, while_wanted=gone_soon).plan(world(), DOMAIN, wanted, settings)
     assert outcome.state == PlannerState.CANCELLED

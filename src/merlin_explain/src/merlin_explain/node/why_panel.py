@@ -6,7 +6,6 @@ import time
 from pathlib import Path
 from typing import Any, Callable, Dict, List, Mapping, Optional
 
-import rospy
 from merlin_msgs.srv import Explain, ExplainRequest, ExplainResponse
 
 from merlin_explain.happening.recorded_past import PANEL
@@ -22,7 +21,6 @@ from merlin_ros.work.threads import start_thread
 LIMIT = 60.0  # s of wall time for an answer: longer than any question takes
 KEPT = 5  # answers
 LONGEST = 4000  # characters of what is asked about
-TAKEN_BACK = "taken back"
 
 
 class WhyPanel(Panel):
@@ -77,12 +75,14 @@ class WhyPanel(Panel):
 
     def _ask(self, fields: Dict[str, Any], by: str) -> str:
         request = ExplainRequest(question=_text(fields, "question"), about=_text(fields, "about"))
-        request.facts, request.goals = _texts(fields, "facts"), _texts(fields, "goals")
+        request.facts, request.goals = (
+            list(filter(None, [_text(fields, name)])) for name in ("facts", "goals")
+        )
         with self._lock:
             if self._asking is not None:
                 raise ValueError("Another question is being answered: wait, or take it back.")
-            self._asking = scope = CallScope()
-        start_thread("question", self._answer, request, by, scope)
+            start_thread("question", self._answer, request, by)
+            self._asking = CallScope()
         return "Asked; the answer comes below."
 
     def _take_back(self, fields: Dict[str, Any], by: str) -> str:
@@ -92,31 +92,33 @@ class WhyPanel(Panel):
             self._asking.end()
         return "The question was taken back."
 
-    def _answer(self, request: ExplainRequest, by: str, scope: CallScope) -> None:
-        asked = {"question": request.question, "about": request.about, "by": by, "at": self.ros.time()}
-        asked.update(facts=request.facts, goals=request.goals)
+    def _answer(self, request: ExplainRequest, by: str) -> None:
+        asked = {name: getattr(request, name) for name in ("question", "about", "facts", "goals")}
+        asked.update(by=by, at=self.ros.time())
         self.state.inbox.put(self.set, "asked", asked)
+        with self._lock:
+            scope = self._asking or CallScope()
+        answer = ExplainResponse(sentence="taken back")
         try:
             with scope:
                 answer = self._service(request)
-        except (ServiceError, rospy.ROSException) as error:
-            answer = ExplainResponse(ok=False, sentence=TAKEN_BACK if scope.ended else str(error))
-        with self._lock:
-            self._asking = None
-        self.state.inbox.put(self._answered, asked, answer)
+        except ServiceError as error:
+            answer.sentence = answer.sentence if scope.ended else str(error)
+        finally:
+            with self._lock:
+                self._asking = None
+            self.state.inbox.put(self._answered, asked, answer)
 
     def _answered(self, asked: Dict[str, Any], answer: ExplainResponse) -> None:
         claims = [
-            {"text": claim.text, "evidence": [_shown(each) for each in claim.evidence]}
-            for claim in answer.claims
+            {"text": claim.text, "evidence": list(map(_shown, claim.evidence))} for claim in answer.claims
         ]
         told = {**asked, "ok": answer.ok, "sentence": answer.sentence, "claims": claims}
         self._answers = [told, *self._answers][:KEPT]
         self.set("answers", self._answers)
         self.set("asked", None)
-        about = " ".join(filter(None, [asked["question"], asked["about"], *asked["facts"], *asked["goals"]]))
-        said = say("{client} asks: {what}", client=asked["by"], what=about)
-        self.report("control", said, asked["at"])
+        what = " ".join(filter(None, [asked["question"], asked["about"], *asked["facts"], *asked["goals"]]))
+        self.report("control", say("{client} asks: {what}", client=asked["by"], what=what), asked["at"])
 
 
 def _shown(evidence: Any) -> str:
@@ -130,7 +132,3 @@ def _text(fields: Dict[str, Any], name: str) -> str:
     if not isinstance(text, str) or len(text) > LONGEST:
         raise ValueError(f"{name} is a text of {LONGEST} characters at most.")
     return text.strip()
-
-
-def _texts(fields: Dict[str, Any], name: str) -> List[str]:
-    return [text for text in (_text(fields, name),) if text]

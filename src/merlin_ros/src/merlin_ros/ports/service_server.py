@@ -51,13 +51,11 @@ def after_answer(call: Callable[[], None]) -> None:
 
 @contextlib.contextmanager
 def while_wanted(gone: Callable[[], object]) -> Iterator[None]:
-    """Within it, a function is called once when the client closes the connection: nobody reads the answer.
+    """Within it, a function is called, in another thread, when the client closes the connection of the request.
 
-    For long work, which the function ends. Does nothing where the thread serves no request.
-
-    :param gone: called in another thread.
+    For long work, which the function ends, as nobody reads the answer.
     """
-    if _serving.connection is None:
+    if _serving.connection is None:  # no request is served
         yield
         return
     ended, end = os.pipe()

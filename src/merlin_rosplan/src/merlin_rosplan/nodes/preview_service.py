@@ -45,8 +45,8 @@ class PreviewService:
         self._reading = threading.Lock()  # orders the uses of the reader
         self._world: WorldReader = component.own(WorldReader(component.knowledge_base))
         self._settings = settings
-        self._previews: Previews = component.own(Previews(niceness=NICENESS))
-        self._forecasts: Previews = component.own(Previews(niceness=NICENESS))
+        self._previews: Previews = component.own(Previews(niceness=NICENESS, while_wanted=while_wanted))
+        self._forecasts: Previews = component.own(Previews(niceness=NICENESS, while_wanted=while_wanted))
 
     def answer(self, request: PreviewPlanRequest) -> PreviewPlanResponse:
         """The plan for some goals, or why there is none."""
@@ -70,7 +70,6 @@ class PreviewService:
                 wanted.domain_path,
                 Wanted(request.goals, request.without, request.include),
                 settings,
-                while_wanted,
             )
             steps = steps_of(outcome.plan)
         except (KnowledgeBaseError, PlanTextError, PddlError, UpdateRefused) as error:

@@ -31,7 +31,6 @@ LATER_ERRORS = (PddlError, UpdateRefused, OSError)
 BUSY = "another plan is being looked for, only to be shown; ask again when it is there"
 
 
-#: Makes what calls a function when a plan is no longer wanted, while one is in it.
 Watch = Callable[[Callable[[], None]], ContextManager[Any]]
 
 
@@ -52,10 +51,13 @@ class Previews:
 
     :param limit: the longest one, s.
     :param niceness: nice value of what plans.
+    :param while_wanted: within it, a function is called when the caller of :meth:`plan` has gone.
     """
 
-    def __init__(self, limit: float = PREVIEW_LIMIT, niceness: int = 0) -> None:
-        self._limit = limit
+    def __init__(
+        self, limit: float = PREVIEW_LIMIT, niceness: int = 0, while_wanted: Watch = contextlib.nullcontext
+    ) -> None:
+        self._limit, self._while_wanted = limit, while_wanted
         self._folder = ScratchFolder("plan_preview")
         # Of its own: a process never gets its priority back.
         self._hosts = PlannerHosts(niceness) if niceness else None
@@ -70,14 +72,12 @@ class Previews:
         domain_path: str,
         wanted: Wanted,
         settings: PlannerSettings,
-        while_wanted: Watch = contextlib.nullcontext,
     ) -> Tuple[PlanningOutcome, str]:
         """Plans.
 
         :param world: domain and state; the goals in it do not count.
         :param domain_path: PDDL file of the domain.
         :param settings: of the planner; its time limit is shortened.
-        :param while_wanted: ends the planning when its caller has gone.
         :return: how it ended; and the problem as PDDL text, without `wanted.without` and `include`; empty
             where it cannot be written.
         """
@@ -86,7 +86,7 @@ class Previews:
                 return PlanningOutcome(PlannerState.CANCELLED, BUSY), ""
             self._busy = True
         try:
-            return self._plan(world, domain_path, wanted, settings, while_wanted)
+            return self._plan(world, domain_path, wanted, settings)
         finally:
             with self._lock:
                 self._busy = False
@@ -104,12 +104,7 @@ class Previews:
                 self._folder.cleanup()
 
     def _plan(
-        self,
-        world: Tuple[Domain, Problem],
-        domain_path: str,
-        wanted: Wanted,
-        settings: PlannerSettings,
-        while_wanted: Watch,
+        self, world: Tuple[Domain, Problem], domain_path: str, wanted: Wanted, settings: PlannerSettings
     ) -> Tuple[PlanningOutcome, str]:
         folder, text = Path(self._folder.name), ""
         path = folder / "problem.pddl"
@@ -132,7 +127,7 @@ class Previews:
             self._planning = planning
             if self._closed:
                 planning.cancel()
-        with while_wanted(planning.cancel):
+        with self._while_wanted(planning.cancel):
             return planning.run(), text
 
 
