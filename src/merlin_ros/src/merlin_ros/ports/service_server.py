@@ -51,28 +51,37 @@ def after_answer(call: Callable[[], None]) -> None:
 
 @contextlib.contextmanager
 def while_wanted(gone: Callable[[], object]) -> Iterator[None]:
-    """Within it, a function is called, in another thread, when the client closes the connection of the request.
+    """Within it, a function is called when the client of this request closes its connection.
 
     For long work, which the function ends, as nobody reads the answer.
+
+    :param gone: called in another thread.
     """
     if _serving.connection is None:  # no request is served
         yield
         return
     ended, end = os.pipe()
-    watch = select.poll()
-    watch.register(_serving.connection, select.POLLRDHUP)
-    watch.register(ended, 0)  # its other end is closed
-
-    def wait() -> None:
-        if ended not in [number for number, _ in watch.poll()]:
-            gone()
-
-    thread = start_thread("client of a long call", wait)
+    try:
+        thread = start_thread("client of a long call", _watch_client, _serving.connection, ended, gone)
+    except RuntimeError:
+        os.close(ended)
+        os.close(end)
+        raise
     try:
         yield
     finally:
         os.close(end)
         thread.join()
+
+
+def _watch_client(connection: Any, ended: int, gone: Callable[[], object]) -> None:
+    watch = select.poll()
+    watch.register(connection, select.POLLRDHUP)
+    watch.register(ended, 0)  # its other end is closed
+    try:
+        if ended not in [number for number, _ in watch.poll()]:
+            gone()
+    finally:
         os.close(ended)
 
 
