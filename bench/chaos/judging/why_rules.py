@@ -8,7 +8,7 @@ from chaos.faults import SIGNAL, Fault
 #: Struck → words of which an answer about it has one: its name, or what it serves, as its peers know it.
 NAMES: Dict[str, Tuple[str, ...]] = {
     "merlin_executor": ("executor",),
-    "planning_system": ("planning_system", "planner interface", "dispatcher", "knowledge base"),
+    "planning_system": ("planning system", "planning_system", "dispatcher", "knowledge base", "/rosplan_"),
     "merlin_bridges": ("merlin_bridges", "action interface", "no interface"),
     "merlin_fsm_host": ("merlin_fsm_host", "/actions/"),
     "navigation": ("navigation", "/move_base"),

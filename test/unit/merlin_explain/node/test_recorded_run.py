@@ -18,7 +18,7 @@ from rosplan_knowledge_msgs.msg import KnowledgeItem
 from std_msgs.msg import String
 
 from merlin_explain.claims import QuestionError
-from merlin_explain.node.recorded_run import recorded_run
+from merlin_explain.node.recorded_run import ask_recording
 from merlin_monitor.bag.recorded_topics import BAG, KNOWLEDGE, PARAMETERS
 from merlin_test.node_path import node_path
 
@@ -54,9 +54,9 @@ def folder(tmp_path: Path) -> Path:
 
 
 def ask(folder: Path, question: str, about: str = "", seconds: float = 0.0, **options: Any) -> Any:
-    at = genpy.Time.from_sec(BEGIN + seconds if seconds else 0.0)
-    with recorded_run(folder, **options) as run:
-        return run.answer(ExplainRequest(question=question, about=about, at=at))
+    at = genpy.Time.from_sec(BEGIN + seconds)
+    request = ExplainRequest(question=question, about=about)
+    return ask_recording(folder, request, (lambda end: at) if seconds else None, **options)
 
 
 def why(*words: str) -> "subprocess.CompletedProcess[str]":

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The panel "Why?" of two robots' pages, in Chromium: each asks its own robot; a question is taken back."""
 
+import signal
 from pathlib import Path
 from typing import Any, Callable, Iterator
 
@@ -12,6 +13,7 @@ from merlin_test.chromium import Visit, chromium
 pytestmark = pytest.mark.processes
 
 TOKEN = "token of the test"
+LONG = 60.0  # s
 
 ROBOT = """
 import sys, threading, rospy
@@ -101,3 +103,13 @@ def test_each_page_asks_its_own_robot_and_takes_a_question_back(page: Callable[[
     for visit in (ann, bob):
         assert visit.complaints == []
         visit.close()
+
+
+def test_ctrl_c_of_the_command_ends_the_work_in_the_node(master: Any) -> None:
+    robot = master.node(ROBOT, "ann", "__name:=merlin_executor")
+    robot.expect("started")
+    command = master.spawn("rosrun", "merlin", "why", "--doing")
+    robot.expect("asked doing")
+    command.send(signal.SIGINT)
+    robot.expect("given up")
+    assert command.process.wait(LONG) == 130

@@ -4,6 +4,7 @@
 import argparse
 import sys
 import time
+from functools import partial
 from pathlib import Path
 from typing import Any, Dict, List, Sequence
 
@@ -35,13 +36,13 @@ def main() -> int:
         request = request_of(given)
         if given.recording is not None:
             return _ask_recording(request, given)
+        refusals = (ServiceError, ValueError)
+        return at_robot("merlin why", given.robot, lambda robot: _ask(robot, request, given), *refusals)
     except ValueError as error:
         print(f"merlin why: {error}", file=sys.stderr)
         return EXIT_REFUSED
     except KeyboardInterrupt:
         return EXIT_INTERRUPTED
-    refusals = (ServiceError, ValueError)
-    return at_robot("merlin why", given.robot, lambda robot: _ask(robot, request, given), *refusals)
 
 
 def parser() -> argparse.ArgumentParser:
@@ -121,12 +122,10 @@ def _ask(robot: str, request: ExplainRequest, given: argparse.Namespace) -> int:
 
 
 def _ask_recording(request: ExplainRequest, given: argparse.Namespace) -> int:
-    from merlin_explain.node.recorded_run import recorded_run
+    from merlin_explain.node.recorded_run import ask_recording
 
-    with recorded_run(given.recording, given.run, given.domain) as run:
-        if given.at:
-            request.at = _moment(given.at, run.end)
-        return _print(run.answer(request), given)
+    moment = partial(_moment, given.at) if given.at else None
+    return _print(ask_recording(given.recording, request, moment, given.run, given.domain), given)
 
 
 def _print(answer: ExplainResponse, given: argparse.Namespace) -> int:

@@ -7,8 +7,9 @@ paper for every link that is named, and where kairos is installed its validator 
 
 from typing import Dict, FrozenSet, List, NamedTuple, Sequence
 
-from merlin_explain.claims import QuestionError, plain
+from merlin_explain.claims import QuestionError
 from merlin_explain.core.judge import Judge
+from merlin_explain.core.wording import plain
 from merlin_pddl.analysis.plan_run import GOAL, PlanRun, PlanRunError, Unmet
 from merlin_pddl.checks.kairos_check import available
 from merlin_pddl.formula import Condition, to_pddl

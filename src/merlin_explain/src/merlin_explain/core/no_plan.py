@@ -3,19 +3,10 @@
 
 from typing import List, NamedTuple, Optional, Sequence, Union
 
-from merlin_explain.claims import (
-    FACT,
-    VALUE,
-    Answer,
-    Claim,
-    Evidence,
-    Words,
-    and_list,
-    plan_evidence,
-    steps_count,
-)
+from merlin_explain.claims import FACT, VALUE, Answer, Claim, Evidence, Words
 from merlin_explain.core.judge import PROOF_LIMIT, Judge
 from merlin_explain.core.other_plan import Found, cannot, impossible, said_by_planner, unproved
+from merlin_explain.core.wording import and_list, plan_evidence, steps_count
 from merlin_pddl.analysis.relaxed_state import CutOffError
 from merlin_pddl.analysis.shortfall import Gap, Shortfall
 from merlin_pddl.domain import Domain

@@ -3,21 +3,9 @@
 
 from typing import List, NamedTuple, Optional, Sequence
 
-from merlin_explain.claims import (
-    EVENT,
-    FACT,
-    GOAL,
-    Answer,
-    Claim,
-    Evidence,
-    QuestionError,
-    Words,
-    and_list,
-    plain,
-    plan_evidence,
-    steps_count,
-)
+from merlin_explain.claims import EVENT, FACT, GOAL, Answer, Claim, Evidence, QuestionError, Words
 from merlin_explain.core.judge import Judge
+from merlin_explain.core.wording import and_list, plain, plan_evidence, steps_count
 from merlin_pddl.analysis.demand import DONE
 from merlin_pddl.analysis.leave_out import ANY
 from merlin_pddl.analysis.shortfall import GIVEN_UP, Gap

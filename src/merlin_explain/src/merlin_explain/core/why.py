@@ -12,12 +12,9 @@ from merlin_explain.claims import (
     Evidence,
     QuestionError,
     Words,
-    and_list,
-    plan_evidence,
-    step_evidence,
-    steps_text,
 )
 from merlin_explain.core.causes import Causes, Link
+from merlin_explain.core.wording import and_list, plan_evidence, step_evidence, steps_text
 from merlin_pddl.analysis import plan_run
 from merlin_pddl.formula import Condition, to_pddl
 from merlin_pddl.text_reader import read_expression, suggestion

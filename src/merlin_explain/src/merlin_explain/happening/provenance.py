@@ -3,7 +3,8 @@
 
 from typing import Collection, List
 
-from merlin_explain.claims import FACT, Answer, Claim, Evidence, QuestionError, Words, and_list
+from merlin_explain.claims import FACT, Answer, Claim, Evidence, QuestionError, Words
+from merlin_explain.core.wording import and_list
 from merlin_explain.happening.moment import RUNNING, Change, Moment, Step, checked_about, key_of
 from merlin_explain.happening.proof import proof
 from merlin_explain.happening.recorded_past import RecordedPast

@@ -32,17 +32,12 @@ BUSY = "other questions are being answered; ask again in a moment"
 REFUSALS = (QuestionError, PddlError, ServiceError, KnowledgeError, MasterSilent, ParameterError)
 
 Answering = Callable[[ExplainRequest, RobotSystem], Answer]
-_PLANS, _HAPPENING = "merlin_explain.node.plan_questions", "merlin_explain.node.happening_questions:happening"
+_PLANS = (ExplainRequest.WHY, ExplainRequest.WHY_NOT, ExplainRequest.NO_PLAN, ExplainRequest.WHAT_IF)
+_HAPPENING = (ExplainRequest.WAITING, ExplainRequest.FAILED, ExplainRequest.SO, ExplainRequest.DOING)
 #: Question → its function, which raises QuestionError where the question is wrong; imported when it is asked.
 QUESTIONS: Dict[str, str] = {
-    ExplainRequest.WHY: f"{_PLANS}:why",
-    ExplainRequest.WHY_NOT: f"{_PLANS}:why_not",
-    ExplainRequest.NO_PLAN: f"{_PLANS}:no_plan",
-    ExplainRequest.WHAT_IF: f"{_PLANS}:what_if",
-    ExplainRequest.WAITING: _HAPPENING,
-    ExplainRequest.FAILED: _HAPPENING,
-    ExplainRequest.SO: _HAPPENING,
-    ExplainRequest.DOING: _HAPPENING,
+    **{name: f"merlin_explain.node.plan_questions:{name}" for name in _PLANS},
+    **dict.fromkeys(_HAPPENING, "merlin_explain.node.happening_questions:happening"),
 }
 
 

@@ -5,7 +5,7 @@ import contextlib
 import sqlite3
 import time
 from pathlib import Path
-from typing import Callable, Collection, Dict, Iterator, List, NamedTuple, Set
+from typing import Collection, Iterator, List, Set
 
 import rospy
 from merlin_msgs.srv import ExplainRequest
@@ -31,39 +31,24 @@ MONITOR = "merlin_monitor"
 NO_HISTORY = "none"
 
 
-class Asked(NamedTuple):
-    """What an answer is made from.
-
-    :ivar past: of before the moment.
-    :ivar interfaces: the nodes that apply the effects of actions, where they are known.
-    """
-
-    moment: Moment
-    past: RecordedPast
-    words: Words
-    interfaces: Collection[str]
-
-
-_TOLD: Dict[str, Callable[[Asked, str], Answer]] = {
-    ExplainRequest.WAITING: lambda asked, about: waiting(asked.moment, about, asked.words),
-    ExplainRequest.FAILED: lambda asked, about: failed(asked.moment, asked.past, about, asked.words),
-    ExplainRequest.SO: lambda asked, about: provenance(
-        asked.moment, asked.past, about, asked.words, asked.interfaces
-    ),
-    ExplainRequest.DOING: lambda asked, about: doing(asked.moment, about, asked.words),
-}
-
-
-def tell(question: ExplainRequest, asked: Asked) -> Answer:
+def tell(
+    question: ExplainRequest, moment: Moment, past: RecordedPast, words: Words, interfaces: Collection[str]
+) -> Answer:
     """Answers a question about what happens.
 
+    :param past: of before the moment.
+    :param interfaces: the nodes that apply the effects of actions, where they are known.
     :raises QuestionError: it is another question, or wrong.
     """
-    if question.question not in _TOLD:
-        raise QuestionError(
-            f"'{question.question}' is answered by a robot that runs only; of a recording: {', '.join(_TOLD)}"
-        )
-    return _TOLD[question.question](asked, question.about)
+    if question.question == ExplainRequest.WAITING:
+        return waiting(moment, question.about, words)
+    if question.question == ExplainRequest.FAILED:
+        return failed(moment, past, question.about, words)
+    if question.question == ExplainRequest.SO:
+        return provenance(moment, past, question.about, words, interfaces)
+    if question.question == ExplainRequest.DOING:
+        return doing(moment, question.about, words)
+    raise QuestionError(f"'{question.question}' is answered by a robot that runs only, not of a recording")
 
 
 def happening(question: ExplainRequest, system: RobotSystem) -> Answer:
@@ -81,7 +66,7 @@ def happening(question: ExplainRequest, system: RobotSystem) -> Answer:
                 )
             moment.timed = _timed(system)
         interfaces = _interfaces(system.names.dispatcher) if question.question == ExplainRequest.SO else ()
-        return tell(question, Asked(moment, past, system.words(), interfaces))
+        return tell(question, moment, past, system.words(), interfaces)
 
 
 @contextlib.contextmanager

@@ -8,13 +8,14 @@ from merlin_msgs.msg import DispatchStatus, ExecutorStatus, GoalQueue, PlannerSt
 from merlin_msgs.srv import ExplainRequest
 from std_msgs.msg import String
 
-from merlin_explain.claims import Answer, QuestionError, and_list
+from merlin_explain.claims import Answer, QuestionError
 from merlin_explain.core import no_plan as missing_facts
 from merlin_explain.core import other_plan
 from merlin_explain.core import why as reasons
 from merlin_explain.core.causes import Causes
 from merlin_explain.core.judge import Judge
 from merlin_explain.core.other_plan import Found, Wish
+from merlin_explain.core.wording import and_list
 from merlin_explain.node.robot_system import RobotSystem
 from merlin_pddl.formula import call_text, to_pddl
 from merlin_pddl.plan_text import NO_DURATION, PlanStep, parse_line, parse_plan
