@@ -11,9 +11,11 @@ from typing import Any, Dict, List, Sequence
 import rospy
 from merlin_msgs.msg import Claim, Evidence
 from merlin_msgs.srv import Explain, ExplainRequest, ExplainResponse
+from rospy.core import is_shutdown_requested
 
 from merlin.running import EXIT_REFUSED, at_robot
 from merlin_executor.request_times import read_time
+from merlin_ros.call_scope import CallScope
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
 
 EXIT_INTERRUPTED = 130
@@ -36,13 +38,13 @@ def main() -> int:
         request = request_of(given)
         if given.recording is not None:
             return _ask_recording(request, given)
-        refusals = (ServiceError, ValueError)
-        return at_robot("merlin why", given.robot, lambda robot: _ask(robot, request, given), *refusals)
     except ValueError as error:
         print(f"merlin why: {error}", file=sys.stderr)
         return EXIT_REFUSED
     except KeyboardInterrupt:
         return EXIT_INTERRUPTED
+    refusals = (ServiceError, ValueError)
+    return at_robot("merlin why", given.robot, lambda robot: _ask(robot, request, given), *refusals)
 
 
 def parser() -> argparse.ArgumentParser:
@@ -114,7 +116,14 @@ def _ask(robot: str, request: ExplainRequest, given: argparse.Namespace) -> int:
     if given.at:
         request.at = _moment(given.at, rospy.get_time())
     service = ServiceProxy(f"{robot}merlin/explain", Explain, timeout=LIMIT, patience=2.0)
-    answer = service(request)
+    try:
+        with CallScope() as scope:
+            rospy.on_shutdown(scope.end)
+            answer = service(request)
+    except ServiceError:
+        if is_shutdown_requested():  # Ctrl-C
+            return EXIT_INTERRUPTED
+        raise
     if not answer.ok:
         print(f"merlin why: {answer.sentence}", file=sys.stderr)
         return EXIT_REFUSED
