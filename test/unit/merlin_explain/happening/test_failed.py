@@ -160,6 +160,19 @@ def test_from_the_words_of_the_server_to_the_goal(story: RobotStory) -> None:
     )
 
 
+def test_a_state_that_is_heard_of_after_its_action_counts(story: RobotStory) -> None:
+    begin(story)
+    story.machine("/DRIVE", "GO", into="GO")
+    story.wait(1.0)
+    story.fails(0, "/move_base aborted: no valid plan found")
+    story.wait(0.2)
+    story.machine("/DRIVE", "GO", outcome="aborted", late=0.25)
+    story.wait(1.0)
+    assert "state" in kinds(ask(story, DRIVE))
+    story.machine("/DRIVE", "GO", into="GO")
+    assert "state" in kinds(ask(story, DRIVE))
+
+
 def test_a_fact_whose_difference_would_have_let_it_succeed(story: RobotStory) -> None:
     story.changes(BRIDGES, battery=20.0)
     begin(story)

@@ -7,7 +7,7 @@ from typing import Any, Iterator, List, Mapping, NamedTuple, Optional, Tuple
 from merlin_explain.claims import EVENT, FACT, Answer, Claim, Evidence, QuestionError, Words
 from merlin_explain.core.wording import and_list
 from merlin_explain.happening.moment import ATOM, Moment, Step, checked_about, clock, in_words, key_of
-from merlin_explain.happening.recorded_past import Event, RecordedPast
+from merlin_explain.happening.recorded_past import LATER, Event, RecordedPast
 from merlin_pddl.domain import Domain
 
 KINDS = ("goal", "action", "plan")
@@ -140,11 +140,16 @@ class _Chain:
 
     def _states(self, action: Event) -> List[Claim]:
         """The states of the action's machine that ended with something else than success, the inner first."""
-        name = str(action["detail"].get("label") or "").strip("()").split()[0]
-        return [
-            Claim("state", text, (Evidence(EVENT, text, time=at),))
-            for text, at in _left_states(self._past.after(action), name, action["detail"])
-        ]
+        detail = action["detail"]
+        name = str(detail.get("label") or "").strip("()").split()[0]
+        left = list(_left_states(self._past.after(action), name, detail))
+        if (
+            not left
+        ):  # heard later, on a topic of its own; by then another run may have begun, which does not count
+            late = {**action, "wall": action["wall"] + LATER}
+            detail = {**detail, "ended": detail.get("ended", 0.0) - NEAR}
+            left = list(_left_states(self._past.after(late), name, detail))
+        return [Claim("state", text, (Evidence(EVENT, text, time=at),)) for text, at in left]
 
     def _replans(self) -> List[Claim]:
         return [
