@@ -93,6 +93,7 @@ MAY_IMPORT: Dict[str, Tuple[str, ...]] = {
         "merlin_actions",
         "merlin_executor",
         "merlin_monitor",
+        "merlin_explain",
     ),
     # What test suites share; no package imports it.
     "merlin_test": ("merlin_msgs", "merlin_ros"),

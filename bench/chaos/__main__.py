@@ -87,6 +87,9 @@ def arguments(words: List[str]) -> argparse.Namespace:
     parser.add_argument(
         "--goals", type=int, help="no faults: so many goals on one system; does anything grow"
     )
+    parser.add_argument(
+        "--why", action="store_true", help="ask the robot why each request failed: does it name the fault"
+    )
     parser.add_argument("--list", action="store_true", help="print the names of all faults; no trials")
     return parser.parse_args(words)
 
@@ -148,7 +151,9 @@ def _run(options: argparse.Namespace, rows: Path, trials: Iterator[Trial], count
         print(f"chaos: no trials with a cut link: {why_impossible()}", file=sys.stderr)
     elif why_slow():
         print(f"chaos: after a cut of 30 s the next goal comes late: {why_slow()}", file=sys.stderr)
-    campaign = Campaign(rows, points_of_interest(), sys.stdout, not options.fresh, options.patience)
+    campaign = Campaign(
+        rows, points_of_interest(), sys.stdout, not options.fresh, options.patience, options.why
+    )
     seconds = None if options.minutes is None else options.minutes * 60.0
     try:
         return EXIT_VIOLATED if campaign.run(trials, count, seconds) else 0
@@ -156,6 +161,8 @@ def _run(options: argparse.Namespace, rows: Path, trials: Iterator[Trial], count
         if campaign.rows:
             everything = table.read(rows)
             (options.results / "table.md").write_text(table.markdown(everything) + "\n")
+            if options.why:
+                print(f"\n{table.named(everything)}")
             print(f"\n{table.text(everything)}\n\nwritten to {rows} and table.md")
 
 

@@ -11,6 +11,7 @@ from typing import Dict, Iterator, List, Optional, TextIO, Tuple
 from chaos import table
 from chaos.judging import events
 from chaos.judging.evidence import PATIENCE
+from chaos.judging.why_rules import names_it
 from chaos.result import Result
 from chaos.runner import Runner
 from chaos.striking.kinds import why_not
@@ -31,6 +32,7 @@ class Campaign:
     :param out: takes a line per trial.
     :param reuse: use a healthy system for the next trial.
     :param patience: see :class:`.evidence.Evidence`.
+    :param why: ask the robot why, after each trial in which a request failed; needs a history, so a monitor.
     """
 
     def __init__(
@@ -40,7 +42,9 @@ class Campaign:
         out: TextIO,
         reuse: bool = True,
         patience: float = PATIENCE,
+        why: bool = False,
     ) -> None:
+        self._why = why
         self._patience = patience
         self._results = results
         self._points = points
@@ -73,6 +77,9 @@ class Campaign:
                 trial = again or next(ordered, None)
                 if trial is None:
                     break
+                if self._why:
+                    # What its client takes back does not fail.
+                    trial = replace(trial, cancel=False, variant=replace(trial.variant, page=True))
                 attempts += 1
                 counts = self._one(attempts, trial)
                 valid += counts
@@ -108,7 +115,7 @@ class Campaign:
             return False
         assert self._runner is not None and self._system is not None
         result = self._runner.run(trial)
-        fields = table.row(number, result, fresh)
+        fields = table.row(number, result, fresh, named(result))
         self.rows.append(fields)
         table.append(self._results, fields)
         self._tell(number, result, time.monotonic() - begin)
@@ -137,7 +144,7 @@ class Campaign:
                 if attempt + 1 == STARTS:
                     raise
                 self._say(f"      the system did not start: {error}; again")
-        self._runner = Runner(system, self._points, self._patience)
+        self._runner = Runner(system, self._points, self._patience, self._why)
         return True
 
     def _tell(self, number: int, result: Result, seconds: float) -> None:
@@ -162,12 +169,21 @@ class Campaign:
             self._say(f"      {violation}")
         for ended in (event for event in result.log if event.kind == events.ENDED and judgement.violations):
             self._say(f"      told: {ended['label']} {ended['outcome']}: {ended['reason'][:200]}")
+        for event in (event for event in result.log if event.kind == events.WHY):
+            said = "names it" if named(result) else "DOES NOT NAME IT"
+            self._say(f"      why: {event['sentence'] or event['error']} ({said})")
         if result.note:
             self._say(f"      {result.note}")
 
     def _say(self, line: str) -> None:
         self._out.write(line + "\n")
         self._out.flush()
+
+
+def named(result: Result) -> Optional[bool]:
+    """Whether the robot named what was broken, when it was asked why; None: it was not asked."""
+    told = [event["sentence"] for event in result.log if event.kind == events.WHY]
+    return names_it(result.trial.fault, told[-1]) if told else None
 
 
 def _write_events(path: Path, result: Result) -> None:

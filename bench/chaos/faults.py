@@ -27,6 +27,7 @@ NODES: Tuple[str, ...] = (
     "soundplay_node",
     "listen",
     "merlin_guard",
+    "merlin_explain",
 )
 MASTER = "master"
 CLIENT = "client"
@@ -69,6 +70,7 @@ PEERS = {
     "soundplay_node": "merlin_fsm_host",
     "listen": "merlin_fsm_host",
     "merlin_guard": "merlin_fsm_host",
+    "merlin_explain": "planning_system",
 }
 #: Silent connections to each port of a node.
 CONNECTIONS = 20

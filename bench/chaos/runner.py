@@ -16,6 +16,7 @@ from chaos.judging.evidence import NEXT, PATIENCE, REQUEST, Evidence, settled
 from chaos.judging.knowledge_rules import FACTS_LIMIT
 from chaos.judging.rules import ANSWER_LIMIT, NEXT_LIMIT_HELPED, STAND_LIMIT_HUNG, Judgement, judge
 from chaos.judging.scene import DRIVING_SPEED, Scene, scene_at
+from chaos.judging.why_rules import asked_about
 from chaos.moments import WINDOWS, Moment, begins, holds
 from chaos.result import Result
 from chaos.striking.stroke import NotRunning
@@ -31,6 +32,8 @@ MOMENT_LIMIT = 40.0
 ANSWER_WATCH = 20.0
 #: s after which a request that was not cancelled is cancelled.
 UNTOLD_WATCH = 10.5
+#: The same where it is to fail by itself, and is asked why: all plans are tried first.
+FAILING_WATCH = 90.0
 #: s after a fault, or after its end, from when a request that drives is known to continue.
 GOES_ON = 4.0
 #: The same without a master, which is missed later.
@@ -40,6 +43,8 @@ NEXT_MARGIN = 1.0
 #: s watched after an end, for what must no longer move.
 SETTLE = 1.5
 LOOK_WATCH = 12.0
+#: s for an answer to why a request failed: longer than it may take.
+WHY_WATCH = 30.0
 #: s after a trial in which every node is back; the script that starts it again waits 4 s at most.
 NODES_LIMIT = 10.0
 #: s between two looks at knowledge that is not settled.
@@ -59,11 +64,17 @@ class Runner:
 
     :param points: x, y of the points of interest.
     :param patience: see :class:`.evidence.Evidence`.
+    :param why: ask the robot why a request failed.
     """
 
     def __init__(
-        self, system: System, points: Dict[str, Tuple[float, float]], patience: float = PATIENCE
+        self,
+        system: System,
+        points: Dict[str, Tuple[float, float]],
+        patience: float = PATIENCE,
+        why: bool = False,
     ) -> None:
+        self._why = why
         self._system = system
         self._patience = patience
         self._points = points
@@ -77,7 +88,7 @@ class Runner:
         watchdog.name, watchdog.daemon = "watchdog", True
         watchdog.start()
         number = self._take_number()
-        course = _Course(self._system, trial, self._points, self._notes, number, self._patience)
+        course = _Course(self._system, trial, self._points, self._notes, number, self._patience, self._why)
         try:
             return course.run()
         except LogClosed as closed:
@@ -107,8 +118,10 @@ class _Course(Watching):
         notes: List[str],
         number: int,
         patience: float,
+        why: bool,
     ) -> None:
         super().__init__(system)
+        self._why = why
         self._patience = patience
         self._trial = trial
         self._points = points
@@ -160,6 +173,8 @@ class _Course(Watching):
         self._await_nodes()
         if trial.stop and trial.fault.touches_guard:
             self._drive_stop()  # only now it is surely back
+        if self._why:
+            self._ask_why(goals)
         self._report(events.CLOSED)
         log = [event for event in self._log.since(self._begin) if not self._too_late(event)]
         judgement = judge(Evidence(trial, log, self._points, self._notes, self._patience))
@@ -289,7 +304,8 @@ class _Course(Watching):
             if trial.fault.takes_owner and trial.fault.hangs:
                 # A base that must not drive is watched for as long as a starved machine may need to stop it.
                 goes_on = max(goes_on, self._patience * STAND_LIMIT_HUNG + SETTLE)
-            if self._ended_or_drives(fault_at + goes_on, UNTOLD_WATCH + lasts):
+            untold = FAILING_WATCH if self._why else UNTOLD_WATCH
+            if self._ended_or_drives(fault_at + goes_on, untold + lasts):
                 return
             self._system.tell_client(do="cancel", label=REQUEST)
         # What a starved machine may need, too: help would end what hangs, and hide that it does.
@@ -319,6 +335,13 @@ class _Course(Watching):
         if knowledge is not None:  # else it has ended itself, and reads the file when it is back
             processes.send(knowledge, SIGNALS["KILL"])
         self._pause(SETTLE)
+
+    def _ask_why(self, goals: List[str]) -> None:
+        """Has the robot say why the request failed, if it did."""
+        ended = [event for event in self.log if event.kind == events.ENDED and event["label"] == REQUEST]
+        if goals and asked_about(self._trial.fault, [event["outcome"] for event in ended]):
+            self._system.tell_client(do="why", goal=goals[0])
+            self._find(events.WHY, WHY_WATCH)
 
     def _next_goal(self) -> None:
         self._report(events.NEXT)

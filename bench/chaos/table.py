@@ -33,6 +33,7 @@ COLUMNS = (
     "violations",
     "note",
     "stop_s",
+    "named",
 )
 #: Lines of a page between which the table is written.
 BEGIN, END = "<!-- campaign's table: begin -->", "<!-- campaign's table: end -->"
@@ -50,10 +51,11 @@ UNTOUCHED = "before a fault"
 PAGE_HEADS = ("fault", *(moment.value for moment in Moment), *HEADS[3:], "trials")
 
 
-def row(number: int, result: Result, fresh: bool) -> Dict[str, str]:
+def row(number: int, result: Result, fresh: bool, named: Optional[bool] = None) -> Dict[str, str]:
     """A trial as a row of the CSV file.
 
     :param fresh: the system was started for it; else it had been through earlier trials.
+    :param named: whether the robot named the fault as the reason of its failure; None: it was not asked.
     """
     trial, judgement = result.trial, result.judgement
     return {
@@ -78,6 +80,7 @@ def row(number: int, result: Result, fresh: bool) -> Dict[str, str]:
         "violations": " | ".join(judgement.violations) if judgement else "",
         "note": result.note,
         "stop_s": _number(judgement.stopping if judgement else None),
+        "named": "" if named is None else str(int(named)),
     }
 
 
@@ -107,6 +110,14 @@ def summary(rows: Iterable[Dict[str, str]]) -> List[Tuple[str, ...]]:
         groups.setdefault((name, fields["moment"]), []).append(fields)
     lines = [(*key, *_figures(group)) for key, group in sorted(groups.items())]
     return [*lines, ("all", "", *_figures(valid))]
+
+
+def named(rows: Iterable[Dict[str, str]]) -> str:
+    """In how many trials the robot named what was broken, and of which faults it did not."""
+    asked = [fields for fields in rows if fields.get("named")]
+    missed = [f"{fields['name']} @{fields['moment']}" for fields in asked if fields["named"] == "0"]
+    rest = f"; not of: {', '.join(missed)}" if missed else ""
+    return f"why it failed: {len(asked) - len(missed)} of {len(asked)} answers name the fault{rest}"
 
 
 def text(rows: Iterable[Dict[str, str]]) -> str:

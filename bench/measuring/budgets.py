@@ -9,6 +9,8 @@ BUDGETS: Dict[str, str] = {
     "cancel_to_idle_ms": "15, p99 40",
     "cancel_to_stop_ms": "4, p99 10",
     "dispatchers esterel parse_ms": "5",
+    "explain_ms": "50",
+    "explain_planned_ms": "1000",
     "fact_to_decision_ms": "50",
     "goal_to_dispatch_ms": "25, p99 60",
     "guard_latency_ms": "2",

@@ -56,6 +56,8 @@ MISSING = "missing"
 STOPPED = "stopped"
 #: The base was released after that: error (empty: it was).
 RELEASED = "released"
+#: The robot was asked why the request failed: sentence, error (empty: it was answered).
+WHY = "why"
 #: A node was asked at its ports: node, error (empty: it answers).
 PROBED = "probed"
 #: The page has answered an operator: what, status, words, asked (s, when).

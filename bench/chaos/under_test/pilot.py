@@ -2,8 +2,8 @@
 """Process: the robot's client in a campaign. It sends requests, cancels them, and looks what the robot knows.
 
 Commands are lines of JSON with `do`: ready (servers), send (label, goals), cancel (label), prepare (add,
-remove), look (number), write (facts), and those of :mod:`.stranger`. Each runs in a thread of its own, so
-that one that gets no answer does not hold up the others.
+remove), look (number), why (goal), write (facts), and those of :mod:`.stranger`. Each runs in a thread of its
+own, so that one that gets no answer does not hold up the others.
 """
 
 import os
@@ -16,6 +16,7 @@ from typing import Any, Callable, Dict, List
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 import rospy
+from merlin_msgs.srv import Explain, ExplainRequest
 
 from chaos.judging import events
 from chaos.under_test.child import Reporter, commands
@@ -23,7 +24,7 @@ from chaos.under_test.stranger import Stranger
 from merlin_executor.executor_client import ExecutorRequest, MerlinExecutorClient, outcome_name
 from merlin_executor.mission.readiness import missing_interfaces, missing_servers
 from merlin_planning.knowledge_client import KnowledgeError, knowledge_client
-from merlin_ros.service_proxy import ServiceError
+from merlin_ros.service_proxy import ServiceError, ServiceProxy
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 
 #: s for a system to be up.
@@ -32,6 +33,8 @@ READY_LIMIT = 60.0
 ANSWER_LIMIT = 10.0
 #: s between two attempts to reach a knowledge base that is being started.
 RETRY = 0.1
+#: s for an answer to why a request failed.
+WHY_LIMIT = 15.0
 
 
 class Pilot(Stranger):
@@ -41,6 +44,7 @@ class Pilot(Stranger):
         super().__init__(report)
         self._client = MerlinExecutorClient(knowledge_base=None)
         self._knowledge = MerlinROSPlanAssistant()
+        self._explain = ServiceProxy("merlin/explain", Explain, timeout=ANSWER_LIMIT)
         self._lock = threading.Lock()  # guards _requests
         self._requests: Dict[str, ExecutorRequest] = {}
 
@@ -109,6 +113,20 @@ class Pilot(Stranger):
                 if time.monotonic() > end:
                     self._report(events.FACTS, look=number, error=str(error))
                     return
+            time.sleep(RETRY)
+
+    def _why(self, goal: str) -> None:
+        """Why a request failed; what explains it, and what it records, may be on its way back."""
+        end = time.monotonic() + WHY_LIMIT
+        while True:
+            try:
+                answer = self._explain(question=ExplainRequest.FAILED, about=goal)
+                error = "" if answer.ok else answer.sentence
+            except ServiceError as refused:
+                error = str(refused)
+            if not error or time.monotonic() > end:
+                self._report(events.WHY, sentence="" if error else answer.sentence, error=error)
+                return
             time.sleep(RETRY)
 
     def _write(self, facts: List[str]) -> None:

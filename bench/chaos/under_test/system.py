@@ -294,7 +294,9 @@ class System:
         if self.variant.page:
             command += self._page_arguments()
         if self.variant.mission:
-            command += ["mission:=true", f"history:={self._folder / 'history.sqlite'}"]
+            command.append("mission:=true")
+        if self.variant.page and not self.variant.robots:
+            command.append(f"history:={self._folder / 'history.sqlite'}")
         command += ["--run-id", self.run]
         command += [
             "--set",

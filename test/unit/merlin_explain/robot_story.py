@@ -184,8 +184,11 @@ class RobotStory:
         self.model.now.queue(GoalQueue(requests=waiting), self.now)
         self.record()
 
-    def machine(self, path: str, *states: str, into: str = "", outcome: str = "") -> None:
-        """A machine is in a state, or has ended with an outcome."""
+    def machine(self, path: str, *states: str, into: str = "", outcome: str = "", late: float = 0.0) -> None:
+        """A machine is in a state, or has ended with an outcome.
+
+        :param late: s for which its message was under way.
+        """
         edges = [(each, state, each) for state in states for each in ("succeeded", "aborted")]
         message = SmachContainerStructure(
             path=path, children=list(states), container_outcomes=["succeeded", "aborted"]
@@ -196,7 +199,7 @@ class RobotStory:
         self.model.machines.structure("/server", message, self.now, "/host")
         info = f"TERMINATED: {outcome}" if outcome else "HEARTBEAT"
         status = SmachContainerStatus(path=path, active_states=[into or "None"], info=info)
-        self.model.machines.status("/server", status, self.now, self.now, "/host")
+        self.model.machines.status("/server", status, self.now - late, self.now, "/host")
         self.record()
 
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What an answer is made of: one or two sentences, and claims with the evidence for each."""
 
-from typing import NamedTuple, Sequence, Tuple
+from typing import NamedTuple, Tuple
 
 #: Kinds of evidence.
 PLAN, STEP, GOAL, FACT, VALUE, REQUEST, EVENT = "plan", "step", "goal", "fact", "value", "request", "event"
@@ -41,19 +41,6 @@ class Answer(NamedTuple):
 
     sentence: str
     claims: Tuple[Claim, ...] = ()
-
-
-class Question(NamedTuple):
-    """What is asked, as the fields of ``merlin_msgs/Explain``; `at` is ROS time, s, 0: now."""
-
-    question: str
-    about: str = ""
-    include: Sequence[str] = ()
-    without: Sequence[str] = ()
-    first: Sequence[str] = ()
-    facts: Sequence[str] = ()
-    goals: Sequence[str] = ()
-    at: float = 0.0
 
 
 class QuestionError(ValueError):

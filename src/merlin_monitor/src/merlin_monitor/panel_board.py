@@ -13,7 +13,7 @@ import rospy
 from merlin_msgs.msg import SimStatus
 
 from merlin_monitor import panels
-from merlin_monitor.listeners.panel import Panel
+from merlin_monitor.listeners.panel import Panel, Request
 from merlin_monitor.listeners.ros_system import RosSystem
 from merlin_monitor.panel_scripts import script_file
 from merlin_monitor.state.freshness import Source
@@ -101,6 +101,10 @@ class PanelBoard:
                 if not rospy.is_shutdown():
                     rospy.logwarn_throttle(30.0, f"monitor: {type(error).__name__}: {error}")
             self._stopped.wait(period)
+
+    def requests(self) -> Dict[str, Request]:
+        """What operators may ask of the panels."""
+        return {name: call for panel in list(self._panels) for name, call in panel.requests().items()}
 
     def look(self) -> None:
         """Looks once which topics there are."""

@@ -117,6 +117,19 @@ def test_a_recording_keeps_the_sentences_of_then(tmp_path: Path, monkeypatch: py
     assert not warned
 
 
+def test_a_recording_keeps_the_domain_and_the_panels_of_then(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file, panels = tmp_path / "domain.pddl", {"why": "merlin_explain.node.why_panel:WhyPanel"}
+    file.write_text("(define (domain errands))")
+    given = {"rosplan_knowledge_base/domain_path": str(file), "merlin/panels": panels}
+    monkeypatch.setattr(rospy, "resolve_name", lambda name: f"/r1/{name}")
+    monkeypatch.setattr(rospy, "get_param", lambda key, default: given.get(key, default))
+    found = recorded_parameters()
+    assert found["/r1/merlin/panels"] == panels
+    assert found["/r1/rosplan_knowledge_base/domain_path"] == {"file": str(file), "text": file.read_text()}
+
+
 def test_sentences_that_cannot_be_read_are_not_recorded(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

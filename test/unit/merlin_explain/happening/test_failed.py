@@ -9,6 +9,7 @@ from robot_story import BRIDGES, RobotStory
 
 from merlin_explain.claims import Answer, QuestionError, Words
 from merlin_explain.happening.failed import failed
+from merlin_monitor.state.history_events import Event
 
 REQUEST = "/mission-1-5.0"
 GOAL = "(tidy kitchen)"
@@ -159,6 +160,19 @@ def test_from_the_words_of_the_server_to_the_goal(story: RobotStory) -> None:
     )
 
 
+def test_a_state_that_is_heard_of_after_its_action_counts(story: RobotStory) -> None:
+    begin(story)
+    story.machine("/DRIVE", "GO", into="GO")
+    story.wait(1.0)
+    story.fails(0, "/move_base aborted: no valid plan found")
+    story.wait(0.2)
+    story.machine("/DRIVE", "GO", outcome="aborted", late=0.25)
+    story.wait(1.0)
+    assert "state" in kinds(ask(story, DRIVE))
+    story.machine("/DRIVE", "GO", into="GO")
+    assert "state" in kinds(ask(story, DRIVE))
+
+
 def test_a_fact_whose_difference_would_have_let_it_succeed(story: RobotStory) -> None:
     story.changes(BRIDGES, battery=20.0)
     begin(story)
@@ -217,3 +231,11 @@ def test_where_nothing_has_failed_it_says_so(story: RobotStory) -> None:
 def test_what_is_no_pddl_is_refused(story: RobotStory, about: str) -> None:
     with pytest.raises(QuestionError, match="is not PDDL"):
         ask(story, about)
+
+
+def test_a_failure_is_found_behind_thousands_of_actions(story: RobotStory) -> None:
+    server_aborts(story)
+    for number in range(1200):
+        story.model.report(Event("action", f"(mop kitchen) succeeded, {number}", story.now, {}))
+    story.wait(1.0)
+    assert "/move_base aborted" in ask(story).sentence

@@ -193,3 +193,21 @@ def test_a_problem_begins_where_what_runs_ends():
 def test_what_cannot_be_planned_after_says_why(after):
     with pytest.raises(LATER_ERRORS, match="unknown operator|parameters"):
         write_later_problem(DOMAIN, str(HOME / "problem.pddl"), [after])
+
+
+def test_a_plan_that_is_no_longer_wanted_is_not_looked_for(previews, tmp_path):
+    script = tmp_path / "planner"
+    script.write_text("#!/bin/sh\nsleep 1000\n")
+    script.chmod(stat.S_IRWXU)
+
+    @contextlib.contextmanager
+    def gone_soon(cancel):
+        leaving = threading.Thread(target=cancel)
+        leaving.start()
+        yield
+        leaving.join()
+
+    settings = PlannerSettings(command=f"{script} DOMAIN PROBLEM")
+    wanted = Wanted(["(checked kitchen)"])
+    outcome, _ = Previews(LONG, while_wanted=gone_soon).plan(world(), DOMAIN, wanted, settings)
+    assert outcome.state == PlannerState.CANCELLED

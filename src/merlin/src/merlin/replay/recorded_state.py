@@ -4,7 +4,8 @@
 It begins together with ``rosbag record``; see ``record.launch``.
 """
 
-from typing import Any, Dict, Optional
+from pathlib import Path
+from typing import Any, Callable, Dict, Optional
 
 import rospy
 import yaml
@@ -14,6 +15,7 @@ from std_msgs.msg import String
 
 from merlin_monitor.bag import KNOWLEDGE, PARAMETERS
 from merlin_monitor.listeners.ros_system import RosSystem
+from merlin_monitor.panel_board import OFFERED
 from merlin_monitor.panels.control import SENTENCES, path_of_node
 from merlin_monitor.text.sentences import read_sentences
 from merlin_planning.knowledge_client import KnowledgeClient
@@ -22,7 +24,7 @@ from merlin_ros.robot_values import ROBOTS
 from merlin_ros.service_proxy import ServiceError
 
 #: Parameters that the page and rviz read, below the robot's namespace.
-READ = ("world", "robot_description", ROBOTS)
+READ = ("world", "robot_description", ROBOTS, OFFERED)
 #: Parameters of the monitor that say what it shows; its address and its operators are its own.
 MONITOR = ("panels", "map_topic", "people_topic", "global_frame", "base_frame")
 #: Named as the client that made what was known when the recording began.
@@ -69,22 +71,26 @@ def _instance(kind: str, name: str) -> KnowledgeItem:
 
 
 def recorded_parameters() -> Dict[str, Any]:
-    """Parameters by their global names; the sentences as a file with its text."""
+    """Parameters by their global names; domain and sentences as a file with its text."""
     wanted = [*READ, *(f"merlin_monitor/{name}" for name in MONITOR)]
     found = {rospy.resolve_name(name): rospy.get_param(name, None) for name in wanted}
-    found[rospy.resolve_name(SENTENCES)] = _sentences()
+    domain = f"{rospy.get_param('~knowledge_base', 'rosplan_knowledge_base')}/domain_path"
+    found[rospy.resolve_name(SENTENCES)] = _text_of(SENTENCES, read_sentences)
+    found[rospy.resolve_name(domain)] = _text_of(domain)
     return {name: value for name, value in found.items() if value is not None}
 
 
-def _sentences() -> Optional[Dict[str, str]]:
-    """File and text of the sentences, since the file may change; None: there are none."""
-    file = path_of_node(RosSystem(), SENTENCES)
+def _text_of(
+    parameter: str, check: Callable[[Path, str], object] = lambda file, text: None
+) -> Optional[Dict[str, str]]:
+    """File and text of what a parameter names, since the file may change; None: there is none."""
+    file = path_of_node(RosSystem(), parameter)
     if file is None:
         return None
     try:
         text = file.read_text(encoding="utf-8")
-        read_sentences(file, text)
+        check(file, text)
     except (OSError, ValueError) as error:
-        rospy.logwarn(f"the recording has no sentences: {error}")
+        rospy.logwarn(f"the recording has no {parameter}: {error}")
         return None
     return {"file": str(file), "text": text}

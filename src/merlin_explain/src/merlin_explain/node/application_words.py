@@ -4,9 +4,8 @@
 from typing import Dict, List, Sequence
 
 from merlin_explain.claims import Words
-from merlin_monitor.listeners.ros_system import RosSystem
-from merlin_monitor.panels.control import sentences_of_node
 from merlin_monitor.text.phrase import in_english
+from merlin_monitor.text.sentences import Sentences
 from merlin_monitor.text.wording import Wording
 from merlin_pddl.domain import Domain, Signature
 
@@ -15,10 +14,11 @@ class ApplicationWords(Words):
     """Words as the page has them.
 
     :param domain: with its operators.
+    :param sentences: of the application.
     """
 
-    def __init__(self, domain: Domain) -> None:
-        self._wording = Wording(sentences_of_node(RosSystem(), needed=False))
+    def __init__(self, domain: Domain, sentences: Sentences) -> None:
+        self._wording = Wording(sentences)
         self._labels: Dict[str, List[str]] = {
             name: [parameter.label for parameter in operator.parameters]
             for name, operator in domain.operators.items()

@@ -2,21 +2,24 @@
 """Node: answers questions. It only listens, calls and computes: nothing moves because of a question."""
 
 import threading
+from typing import Callable, Dict
 
 import rospy
 from merlin_msgs.msg import Claim as ClaimMessage
 from merlin_msgs.msg import Evidence as EvidenceMessage
 from merlin_msgs.srv import Explain, ExplainRequest, ExplainResponse
 
-from merlin_explain.claims import Answer, Claim, Evidence, Question, QuestionError
-from merlin_explain.node.questions import answering
+from merlin_explain.claims import Answer, Evidence, QuestionError
 from merlin_explain.node.robot_system import USUAL, Names, RobotSystem
 from merlin_pddl.text_reader import PddlError
 from merlin_planning.knowledge_client import KnowledgeError
+from merlin_ros.call_scope import CallScope
+from merlin_ros.class_path import load_function
 from merlin_ros.health import OK, Health, HealthReporter
 from merlin_ros.master.master_link import MasterSilent
 from merlin_ros.node import run_node
 from merlin_ros.parameters import ParameterError, graph_name
+from merlin_ros.ports.service_server import while_wanted
 from merlin_ros.processes.process_priority import lower_priority
 from merlin_ros.service_proxy import ServiceError
 
@@ -28,9 +31,18 @@ BUSY = "other questions are being answered; ask again in a moment"
 #: What is refused with its own words.
 REFUSALS = (QuestionError, PddlError, ServiceError, KnowledgeError, MasterSilent, ParameterError)
 
+Answering = Callable[[ExplainRequest, RobotSystem], Answer]
+_PLANS = (ExplainRequest.WHY, ExplainRequest.WHY_NOT, ExplainRequest.NO_PLAN, ExplainRequest.WHAT_IF)
+_HAPPENING = (ExplainRequest.WAITING, ExplainRequest.FAILED, ExplainRequest.SO, ExplainRequest.DOING)
+#: Question → its function, which raises QuestionError where the question is wrong; imported when it is asked.
+QUESTIONS: Dict[str, str] = {
+    **{name: f"merlin_explain.node.plan_questions:{name}" for name in _PLANS},
+    **dict.fromkeys(_HAPPENING, "merlin_explain.node.happening_questions:happening"),
+}
+
 
 class Explainer:
-    """Serves ``merlin/explain``: one question after the other.
+    """Serves ``merlin/explain``: one question after the other, each as long as its client waits for it.
 
     :param system: what is asked.
     """
@@ -48,7 +60,8 @@ class Explainer:
         if not self._one.acquire(timeout=WAIT):
             return ExplainResponse(ok=False, sentence=BUSY)
         try:
-            found = self._answer(_question(request))
+            with CallScope() as scope, while_wanted(scope.end):
+                found = self._answer(request)
         except REFUSALS as error:
             return ExplainResponse(ok=False, sentence=str(error))
         except Exception as error:
@@ -57,31 +70,28 @@ class Explainer:
             return ExplainResponse(ok=False, sentence=f"not found out: {type(error).__name__}: {error}")
         finally:
             self._one.release()
-        return ExplainResponse(True, found.sentence, [_claim(claim) for claim in found.claims])
+        return as_response(found)
 
     def health(self) -> Health:
         """Whether it answers."""
         return Health(OK, "answers a question" if self._one.locked() else "ready")
 
-    def _answer(self, question: Question) -> Answer:
-        return answering(question.question)(question, self._system)
+    def _answer(self, question: ExplainRequest) -> Answer:
+        question.question, question.about = question.question or ExplainRequest.WHY, question.about.strip()
+        path = QUESTIONS.get(question.question)
+        if path is None:
+            raise QuestionError(f"there is no question '{question.question}', only {', '.join(QUESTIONS)}")
+        answering: Answering = load_function(path)
+        return answering(question, self._system)
 
 
-def _question(request: ExplainRequest) -> Question:
-    return Question(
-        request.question or ExplainRequest.WHY,
-        request.about.strip(),
-        request.include,
-        request.without,
-        request.first,
-        request.facts,
-        request.goals,
-        request.at.to_sec(),
-    )
-
-
-def _claim(claim: Claim) -> ClaimMessage:
-    return ClaimMessage(claim.kind, claim.text, [_evidence(each) for each in claim.evidence])
+def as_response(answer: Answer) -> ExplainResponse:
+    """An answer as a message."""
+    claims = [
+        ClaimMessage(claim.kind, claim.text, [_evidence(each) for each in claim.evidence])
+        for claim in answer.claims
+    ]
+    return ExplainResponse(True, answer.sentence, claims)
 
 
 def _evidence(evidence: Evidence) -> EvidenceMessage:

@@ -5,20 +5,22 @@ import contextlib
 import sqlite3
 import time
 from pathlib import Path
-from typing import Iterator, List, NamedTuple, Set
+from typing import Collection, Iterator, List, Set
 
 import rospy
+from merlin_msgs.srv import ExplainRequest
 from rosplan_knowledge_msgs.srv import GetAttributeService
 
-from merlin_explain.claims import Answer, Question, QuestionError
-from merlin_explain.happening.doing import doing as tell_doing
-from merlin_explain.happening.failed import failed as tell_failed
+from merlin_explain.claims import Answer, QuestionError, Words
+from merlin_explain.happening.doing import doing
+from merlin_explain.happening.failed import failed
 from merlin_explain.happening.moment import Change, Moment, clock
 from merlin_explain.happening.provenance import provenance
 from merlin_explain.happening.recorded_past import RecordedPast
-from merlin_explain.happening.waiting import waiting as tell_waiting
+from merlin_explain.happening.waiting import waiting
 from merlin_explain.node.robot_system import RobotSystem
 from merlin_monitor.history.history_file import HistoryError
+from merlin_pddl.text_reader import PddlError
 from merlin_planning.knowledge_text import to_pddl
 from merlin_ros.master.master_link import ERRORS, bounded_master, get_param
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
@@ -29,56 +31,56 @@ MONITOR = "merlin_monitor"
 NO_HISTORY = "none"
 
 
-class _Asked(NamedTuple):
-    moment: Moment
-    past: RecordedPast
+def tell(
+    question: ExplainRequest, moment: Moment, past: RecordedPast, words: Words, interfaces: Collection[str]
+) -> Answer:
+    """Answers a question about what happens.
+
+    :param past: of before the moment.
+    :param interfaces: the nodes that apply the effects of actions, where they are known.
+    :raises QuestionError: it is another question, or wrong.
+    """
+    if question.question == ExplainRequest.WAITING:
+        return waiting(moment, question.about, words)
+    if question.question == ExplainRequest.FAILED:
+        return failed(moment, past, question.about, words)
+    if question.question == ExplainRequest.SO:
+        return provenance(moment, past, question.about, words, interfaces)
+    if question.question == ExplainRequest.DOING:
+        return doing(moment, question.about, words)
+    raise QuestionError(f"'{question.question}' is answered by a robot that runs only, not of a recording")
 
 
-def waiting(question: Question, system: RobotSystem) -> Answer:
-    """What a step or a request waits for."""
-    with _asked(question, system) as asked:
-        return tell_waiting(asked.moment, question.about, system.words())
-
-
-def failed(question: Question, system: RobotSystem) -> Answer:
-    """Why something failed."""
-    with _asked(question, system) as asked:
-        return tell_failed(asked.moment, asked.past, question.about, system.words())
-
-
-def so(question: Question, system: RobotSystem) -> Answer:
-    """Why a fact is as it is."""
-    with _asked(question, system) as asked:
-        interfaces = _interfaces(system.names.dispatcher)
-        return provenance(asked.moment, asked.past, question.about, system.words(), interfaces)
-
-
-def doing(question: Question, system: RobotSystem) -> Answer:
-    """What is done, and when it ends."""
-    with _asked(question, system) as asked:
-        return tell_doing(asked.moment, question.about, system.words())
+def happening(question: ExplainRequest, system: RobotSystem) -> Answer:
+    """Answers it of a robot that runs."""
+    with usable_history(), contextlib.closing(
+        RecordedPast(_history(), system.domain(), question.at.to_sec(), session=_session())
+    ) as past:
+        moment = past.moment()
+        if not question.at:
+            age = past.age(moment, time.monotonic(), time.time())
+            if age > STALE:
+                raise QuestionError(
+                    f"the monitor has recorded nothing for {age:.0f} s; is it running? "
+                    f"What was so until {clock(moment.at)} can be asked with that time"
+                )
+            moment.timed = _timed(system)
+        interfaces = _interfaces(system.names.dispatcher) if question.question == ExplainRequest.SO else ()
+        return tell(question, moment, past, system.words(), interfaces)
 
 
 @contextlib.contextmanager
-def _asked(question: Question, system: RobotSystem) -> Iterator[_Asked]:
-    """The moment that is asked about, and what was before.
+def usable_history() -> Iterator[None]:
+    """Within it, a history or PDDL that cannot be used is a mistake of the question.
 
-    :raises QuestionError: it is not recorded.
+    :raises QuestionError: instead of HistoryError, sqlite3.Error and PddlError.
     """
     try:
-        with contextlib.closing(RecordedPast(_history(), system.domain(), question.at, _session())) as past:
-            moment = past.moment()
-            age = abs(time.time() - past.wall)
-            if not question.at:
-                if age > STALE:
-                    raise QuestionError(
-                        f"the monitor has recorded nothing for {age:.0f} s; is it running? "
-                        f"What was so until {clock(moment.at)} can be asked with that time"
-                    )
-                moment.timed = _timed(system)
-            yield _Asked(moment, past)
+        yield
     except (HistoryError, sqlite3.Error) as error:
         raise QuestionError(f"the history cannot be used: {error}") from error
+    except PddlError as error:
+        raise QuestionError(str(error)) from error
 
 
 def _history() -> Path:
@@ -102,7 +104,7 @@ def _timed(system: RobotSystem) -> List[Change]:
     name = f"{system.knowledge.name}/state/timed_knowledge"
     service = ServiceProxy(name, GetAttributeService, timeout=CALL_LIMIT)
     try:
-        items = service("").attributes if service.available() else []
+        items = service("").attributes
     except ServiceError:
         return []
     return [Change("+", to_pddl(item), "", item.initial_time.to_sec()) for item in items]

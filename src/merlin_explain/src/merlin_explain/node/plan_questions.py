@@ -5,9 +5,10 @@ import functools
 from typing import List, Optional, Sequence, Tuple
 
 from merlin_msgs.msg import DispatchStatus, ExecutorStatus, GoalQueue, PlannerStatus
+from merlin_msgs.srv import ExplainRequest
 from std_msgs.msg import String
 
-from merlin_explain.claims import Answer, Question, QuestionError
+from merlin_explain.claims import Answer, QuestionError
 from merlin_explain.core import no_plan as missing_facts
 from merlin_explain.core import other_plan
 from merlin_explain.core import why as reasons
@@ -27,7 +28,7 @@ _NONE = (PlannerStatus.UNSOLVABLE, PlannerStatus.NO_PLAN, PlannerStatus.TIMEOUT)
 BETWEEN = 0.001
 
 
-def why(question: Question, system: RobotSystem) -> Answer:
+def why(question: ExplainRequest, system: RobotSystem) -> Answer:
     """What a step or a goal of the last plan is there for."""
     _now(question)
     if not question.about:
@@ -40,7 +41,7 @@ def why(question: Question, system: RobotSystem) -> Answer:
     return reasons.why(question.about, causes, _doing(system, causes), system.words())
 
 
-def why_not(question: Question, system: RobotSystem) -> Answer:
+def why_not(question: ExplainRequest, system: RobotSystem) -> Answer:
     """Why the plan is not another one: it is looked for, and compared."""
     _now(question)
     wish = Wish(question.include, question.without, question.first)
@@ -54,7 +55,7 @@ def why_not(question: Question, system: RobotSystem) -> Answer:
     return other_plan.why_not(wish, judge, usual, other, system.words())
 
 
-def no_plan(question: Question, system: RobotSystem) -> Answer:
+def no_plan(question: ExplainRequest, system: RobotSystem) -> Answer:
     """What is missing for goals."""
     _now(question)
     look = _Look(system, _goals(question, system))
@@ -66,7 +67,7 @@ def no_plan(question: Question, system: RobotSystem) -> Answer:
     return missing_facts.no_plan(judge, found, lacking, then, judge_then, system.words())
 
 
-def what_if(question: Question, system: RobotSystem) -> Answer:
+def what_if(question: ExplainRequest, system: RobotSystem) -> Answer:
     """The plan, were facts and goals others."""
     _now(question)
     words = system.words()
@@ -138,7 +139,7 @@ def _later(step: PlanStep, seconds: float) -> PlanStep:
     return PlanStep(step.time + seconds, step.name, step.arguments, step.duration, step.line)
 
 
-def _now(question: Question) -> None:
+def _now(question: ExplainRequest) -> None:
     if question.at:
         raise QuestionError(
             "plans can be asked about as they are now, without --at; of the past, --failed and --so answer"
@@ -150,7 +151,7 @@ def _causes(domain: str, problem: str, plan: str) -> Causes:
     return Causes(Judge(domain, problem), parse_plan(plan))
 
 
-def _goals(question: Question, system: RobotSystem) -> List[str]:
+def _goals(question: ExplainRequest, system: RobotSystem) -> List[str]:
     """Those that are asked about, else those of the knowledge base."""
     goals = list(question.goals) or [item_to_pddl(item) for item in system.knowledge.goals()]
     if not goals:

@@ -85,11 +85,14 @@ class RobotSystem:
     def words(self) -> Words:
         """What the application calls its steps and facts."""
         from merlin_explain.node.application_words import ApplicationWords  # with the page's texts
+        from merlin_monitor.listeners.ros_system import RosSystem
+        from merlin_monitor.panels.control import sentences_of_node
 
         domain = self.domain()
         with self._lock:
             if self._words is None or self._words[0] is not domain:
-                self._words = domain, ApplicationWords(domain)
+                sentences = sentences_of_node(RosSystem(), needed=False)
+                self._words = domain, ApplicationWords(domain, sentences)
             return self._words[1]
 
     def preview(self, **request: Any) -> PreviewPlanResponse:

@@ -18,7 +18,7 @@ from tf2_msgs.msg import TFMessage
 from merlin_monitor.bag.recording import DAMAGE, BagRecording, Message, RecordingError, parameter_tree
 from merlin_monitor.history.history_file import HistoryError
 from merlin_monitor.listeners.ros_system import TRANSFORMS_KEPT, RosSystem, TopicGraph
-from merlin_monitor.panel_board import PanelBoard, foreign_panel, script_of
+from merlin_monitor.panel_board import OFFERED, PanelBoard, foreign_panel, script_of
 from merlin_monitor.panels.control import sentences_of_node
 from merlin_monitor.state.history_store import HistoryStore
 from merlin_monitor.state.inbox import DirectInbox
@@ -243,11 +243,14 @@ class RecordedModel(MonitorModel):
     :param file: of the history.
     :param clock: s since 1970.
     :param complain: takes a line about a message that cannot be shown.
+    :param session: see :class:`.HistoryStore`.
     :raises HistoryError: the file cannot be used.
     """
 
-    def __init__(self, file: Path, clock: Callable[[], float], complain: Callable[[str], None]) -> None:
-        history = HistoryStore(file, NO_LIMIT, megabytes=NO_LIMIT, clock=clock)
+    def __init__(
+        self, file: Path, clock: Callable[[], float], complain: Callable[[str], None], session: str = ""
+    ) -> None:
+        history = HistoryStore(file, NO_LIMIT, megabytes=NO_LIMIT, clock=clock, session=session)
         super().__init__(DirectInbox(complain), history)
 
     def start(self) -> None:
@@ -325,7 +328,8 @@ def import_bag(
 def usable_panels(ros: RosSystem, complain: Callable[[str], None]) -> List[str]:
     """The panels of applications that the monitor of then had, without those that are not here."""
     found: List[str] = []
-    for path in ros.parameter("~panels", []):
+    offered = ros.parameter(OFFERED, {})
+    for path in dict.fromkeys([*ros.parameter("~panels", []), *offered.values()]):
         try:
             script_of(foreign_panel(str(path)))
         except ParameterError as error:

@@ -88,8 +88,11 @@ class LastRun(NamedTuple):
     segment: int
 
 
-def last_run(connection: sqlite3.Connection, wall: float, session: str) -> Optional[LastRun]:
-    """The run of a session; None: none, one of long ago, or the computer's clock went back since."""
+def last_run(connection: sqlite3.Connection, wall: Optional[float], session: str) -> Optional[LastRun]:
+    """The run of a session; None: none, one of long ago, or the computer's clock went back since.
+
+    :param wall: now, s since 1970; None: of any time.
+    """
     row = (
         session
         and connection.execute(
@@ -98,7 +101,9 @@ def last_run(connection: sqlite3.Connection, wall: float, session: str) -> Optio
             (session,),
         ).fetchone()
     )
-    return LastRun(row[0], row[1]) if row and row[2] <= wall <= row[2] + LONGEST_GAP else None
+    if row and (wall is None or row[2] <= wall <= row[2] + LONGEST_GAP):
+        return LastRun(row[0], row[1])
+    return None
 
 
 def open_for_reading(path: Path, events_only: bool = False) -> sqlite3.Connection:

@@ -11,6 +11,8 @@ from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_monitor.text.phrase import Phrase
 from merlin_ros.robot_values import ROBOTS
 
+Request = Callable[[Dict[str, Any], str], str]
+
 
 class Panel:
     """A panel of the page: follows topics, and keeps the section of the state that has its name.
@@ -61,6 +63,14 @@ class Panel:
 
     def owners(self) -> Mapping[str, Source]:
         """Owners of what the headline says, of :mod:`merlin_monitor.truth.worst_truth`, while they matter."""
+        return {}
+
+    def requests(self) -> Mapping[str, Request]:
+        """What operators may ask of it by ``control.ask``, by names that no other panel has.
+
+        Each takes the fields and the name of the operator, and returns a sentence at once. A ValueError says
+        why it cannot be done.
+        """
         return {}
 
     # --- what it does with it -------------------------------------------------------------------------------

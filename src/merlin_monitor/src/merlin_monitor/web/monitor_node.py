@@ -48,7 +48,7 @@ def _start() -> None:
     open_look = flag("~open_look")
     check_lookers(host, operators is not None, open_look)
     # Operators may come later; the files of a monitor that never has any stay unwritten.
-    control = RobotControl(state) if operators is not None else None
+    control = RobotControl(state, panels.requests) if operators is not None else None
     names = str(rospy.get_param("~allowed_hosts", "")).replace(",", " ").split()
     tls = _tls(own)
     server = WebServer(

@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Control of the robot from the page: goals, cancels, pausing, stop. Each request is checked first."""
 
-from typing import Any, Callable, Dict, List, Protocol
+from typing import Any, Callable, Dict, List, Mapping, Protocol
+
+from merlin_monitor.listeners.panel import Request
 
 LONGEST_GOAL = 4000  # characters
 LONGEST_NAME = 400  # characters of the name of a state, an outcome or a level
@@ -35,11 +37,13 @@ class RobotRequests:
 
     check: Callable[[str], None]
     planning: Any
+    offered: Callable[[], Mapping[str, Request]] = dict
+    """Gives what panels offer, by its name."""
 
     def carry_out(self, what: str, fields: Dict[str, Any], by: str) -> Dict[str, Any]:
         """Carries out a request; returns a sentence, ``done``, and what belongs to it.
 
-        :param what: ``plan``, or one of `_REQUESTS`.
+        :param what: ``plan``, one of `_REQUESTS`, or what a panel offers.
         :param fields: goal and priority, request, goal and what to leave out, or facts.
         :param by: the operator.
         :raises ControlError: it cannot be done.
@@ -48,9 +52,16 @@ class RobotRequests:
             goal = _text(fields, "goal")
             self.check(goal)
             return self.planning.plan(goal, _listed(fields, "without"), by)
-        if what not in _REQUESTS:
-            raise ControlError(f"There is nothing called {what!r}; there is plan, {', '.join(_REQUESTS)}.")
-        return {"done": _REQUESTS[what](self, fields, by)}
+        if what in _REQUESTS:
+            return {"done": _REQUESTS[what](self, fields, by)}
+        offered = self.offered()
+        if what not in offered:
+            known = ", ".join([*_REQUESTS, *offered])
+            raise ControlError(f"There is nothing called {what!r}; there is plan, {known}.")
+        try:
+            return {"done": offered[what](fields, by)}
+        except ValueError as error:
+            raise ControlError(str(error)) from error
 
 
 def _check(robot: Any, fields: Dict[str, Any], by: str) -> str:

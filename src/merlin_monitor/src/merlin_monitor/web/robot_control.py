@@ -7,7 +7,7 @@ A stop needs neither Executor nor planner nor state machine.
 import threading
 import time
 from collections import deque
-from typing import Deque, Dict, List
+from typing import Callable, Deque, Dict, List, Mapping
 
 import rospy
 from actionlib_msgs.msg import GoalID
@@ -15,6 +15,7 @@ from std_srvs.srv import Trigger
 
 from merlin_executor.executor_client import MerlinExecutorClient
 from merlin_executor.goal_check import GoalError, check_goals
+from merlin_monitor.listeners.panel import Request
 from merlin_monitor.listeners.ros_system import RosSystem
 from merlin_monitor.state.freshness import SILENT
 from merlin_monitor.state.history_events import sentence
@@ -42,10 +43,12 @@ class RobotControl(RobotRequests):
     `by` is the name of the operator, which the history shows. What is returned is a sentence: what was done.
 
     :param state: takes the events, and knows which requests there are.
+    :param offered: gives what panels offer, by its name.
     """
 
-    def __init__(self, state: MonitorModel) -> None:
+    def __init__(self, state: MonitorModel, offered: Callable[[], Mapping[str, Request]] = dict) -> None:
         self._state = state
+        self.offered = offered
         executor = graph_name("~executor", "merlin/execute")
         self._knowledge = knowledge_client(graph_name("~knowledge_base", "rosplan_knowledge_base"))
         self.planning: RobotPlanning = RobotPlanning(state, self._knowledge, self._report)

@@ -5,15 +5,18 @@ rospy forgets a connection whose request it cannot decode: the client waits fore
 """
 
 import contextlib
+import os
+import select
 import struct
 import threading
-from typing import Any, Callable, Dict, List, Optional
+from typing import Any, Callable, Dict, Iterator, List, Optional
 
 import rospy
 from rospy.exceptions import TransportException, TransportTerminated
 from rospy.impl import tcpros_base
 
 from merlin_ros.ports.entrance import STALLED
+from merlin_ros.work.threads import start_thread
 
 #: Bytes of one request: 100 000 items with names of 500 letters each.
 MAX_REQUEST = 128 * 1024 * 1024
@@ -22,9 +25,14 @@ _LENGTH = struct.Struct("<I")
 
 
 class _Serving(threading.local):
-    """What the calling thread does once the request that it serves is answered; None: it serves none."""
+    """What the calling thread serves.
+
+    :ivar later: what it does once the request is answered; None: it serves none.
+    :ivar connection: socket of its client; None: it has none.
+    """
 
     later: Optional[List[Callable[[], None]]] = None
+    connection: Any = None
 
 
 _serving = _Serving()
@@ -41,6 +49,42 @@ def after_answer(call: Callable[[], None]) -> None:
         _serving.later.append(call)
 
 
+@contextlib.contextmanager
+def while_wanted(gone: Callable[[], object]) -> Iterator[None]:
+    """Within it, a function is called when the client of this request closes its connection.
+
+    For long work, which the function ends, as nobody reads the answer.
+
+    :param gone: called in another thread.
+    """
+    if _serving.connection is None:  # no request is served
+        yield
+        return
+    ended, end = os.pipe()
+    try:
+        thread = start_thread("client of a long call", _watch_client, _serving.connection, ended, gone)
+    except RuntimeError:
+        os.close(ended)
+        os.close(end)
+        raise
+    try:
+        yield
+    finally:
+        os.close(end)
+        thread.join()
+
+
+def _watch_client(connection: Any, ended: int, gone: Callable[[], object]) -> None:
+    watch = select.poll()
+    watch.register(connection, select.POLLRDHUP)
+    watch.register(ended, 0)  # its other end is closed
+    try:
+        if ended not in [number for number, _ in watch.poll()]:
+            gone()
+    finally:
+        os.close(ended)
+
+
 def use_for_all() -> None:
     """Makes each later ``rospy.Service(…)`` of this process a :class:`Service`."""
     rospy.Service = Service
@@ -51,6 +95,7 @@ class Service(rospy.Service):
 
     def handle(self, transport: Any, header: Dict[str, str]) -> None:
         """Serves one connection until it ends; called by rospy, in a thread of its own."""
+        _serving.connection = transport.socket
         try:
             persistent = header.get("persistent", "").lower() in ("1", "true")
             while header.get("probe") != "1":

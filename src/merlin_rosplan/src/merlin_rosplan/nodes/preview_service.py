@@ -13,6 +13,7 @@ from rosplan_dispatch_msgs.srv import PlanningServiceRequest
 from merlin_pddl.domain_reader import read_domain
 from merlin_pddl.plan_text import PlanTextError
 from merlin_pddl.text_reader import PddlError
+from merlin_ros.ports.service_server import while_wanted
 from merlin_rosplan.knowledge.foreseen import after_actions, with_facts
 from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
 from merlin_rosplan.messages.knowledge_snapshot import KnowledgeBaseError
@@ -44,8 +45,8 @@ class PreviewService:
         self._reading = threading.Lock()  # orders the uses of the reader
         self._world: WorldReader = component.own(WorldReader(component.knowledge_base))
         self._settings = settings
-        self._previews: Previews = component.own(Previews(niceness=NICENESS))
-        self._forecasts: Previews = component.own(Previews(niceness=NICENESS))
+        self._previews: Previews = component.own(Previews(niceness=NICENESS, while_wanted=while_wanted))
+        self._forecasts: Previews = component.own(Previews(niceness=NICENESS, while_wanted=while_wanted))
 
     def answer(self, request: PreviewPlanRequest) -> PreviewPlanResponse:
         """The plan for some goals, or why there is none."""

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Plans that are shown and not carried out, beside what the robot plans itself."""
 
+import contextlib
 import dataclasses
 import threading
 from pathlib import Path
-from typing import NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Callable, ContextManager, NamedTuple, Optional, Sequence, Tuple
 
 from merlin_pddl.analysis.demand import demand
 from merlin_pddl.domain import Domain
@@ -30,6 +31,9 @@ LATER_ERRORS = (PddlError, UpdateRefused, OSError)
 BUSY = "another plan is being looked for, only to be shown; ask again when it is there"
 
 
+Watch = Callable[[Callable[[], None]], ContextManager[Any]]
+
+
 class Wanted(NamedTuple):
     """What a plan is to reach, as PDDL text.
 
@@ -47,10 +51,13 @@ class Previews:
 
     :param limit: the longest one, s.
     :param niceness: nice value of what plans.
+    :param while_wanted: within it, a function is called when the caller of :meth:`plan` has gone.
     """
 
-    def __init__(self, limit: float = PREVIEW_LIMIT, niceness: int = 0) -> None:
-        self._limit = limit
+    def __init__(
+        self, limit: float = PREVIEW_LIMIT, niceness: int = 0, while_wanted: Watch = contextlib.nullcontext
+    ) -> None:
+        self._limit, self._while_wanted = limit, while_wanted
         self._folder = ScratchFolder("plan_preview")
         # Of its own: a process never gets its priority back.
         self._hosts = PlannerHosts(niceness) if niceness else None
@@ -120,7 +127,8 @@ class Previews:
             self._planning = planning
             if self._closed:
                 planning.cancel()
-        return planning.run(), text
+        with self._while_wanted(planning.cancel):
+            return planning.run(), text
 
 
 def steps_of(plan: str) -> Sequence[PlanStep]:

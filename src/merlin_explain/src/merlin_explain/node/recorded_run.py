@@ -1,0 +1,53 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Answers about a run that has ended, from its history or its bag. No node, no master."""
+
+import contextlib
+from pathlib import Path
+from typing import Callable, Optional
+
+import rospy
+from merlin_msgs.srv import ExplainRequest, ExplainResponse
+
+from merlin_explain.claims import QuestionError
+from merlin_explain.happening.recorded_past import PANEL, RecordedPast
+from merlin_explain.node.application_words import ApplicationWords
+from merlin_explain.node.explain_node import as_response
+from merlin_explain.node.happening_questions import tell, usable_history
+from merlin_monitor.bag.bag_history import BagError, as_bag, history_of
+from merlin_monitor.text.sentences import Sentences, read_sentences
+from merlin_pddl.domain import Domain
+from merlin_pddl.domain_reader import parse_domain, read_domain
+
+
+def ask_recording(
+    path: Path,
+    request: ExplainRequest,
+    moment: Optional[Callable[[float], rospy.Time]] = None,
+    run: int = 0,
+    domain: Optional[Path] = None,
+) -> ExplainResponse:
+    """Answers a question about what happened.
+
+    :param path: of a history, of a bag, or of the folder that has one; a history comes first.
+    :param moment: takes the ROS time at which the run ends, s; returns the one that is meant. None: the end.
+    :param run: its number in the history; 0: the newest one.
+    :param domain: the PDDL file; None: as it was recorded.
+    :raises QuestionError: the question is wrong, or the recording cannot be asked.
+    """
+    with contextlib.ExitStack() as ends, usable_history():
+        try:
+            bag = as_bag(path)
+            file = path if bag is None else ends.enter_context(history_of(bag, None))
+        except BagError as error:
+            raise QuestionError(str(error)) from error
+        with contextlib.closing(RecordedPast(file, Domain(""), run=run)) as past:
+            end, told = past.span()[1], past.moment().section(PANEL)
+        if domain is None and not told.get("domain"):
+            raise QuestionError(f"{path} does not have the domain of its robot; name its file, --domain")
+        known = parse_domain(told["domain"]) if domain is None else read_domain(str(domain))
+        text = told.get("sentences")
+        words = ApplicationWords(known, read_sentences(path, text) if text else Sentences())
+        at = moment(end).to_sec() if moment else 0.0
+        with contextlib.closing(RecordedPast(file, known, at, run=run)) as past:
+            interfaces = told.get("interfaces") or ()
+            return as_response(tell(request, past.moment(), past, words, interfaces))

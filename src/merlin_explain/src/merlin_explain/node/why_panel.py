@@ -1,0 +1,134 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The panel "Why?": operators ask, all read the answers. It records what past runs are asked with."""
+
+import threading
+import time
+from pathlib import Path
+from typing import Any, Callable, Dict, List, Mapping, Optional
+
+from merlin_msgs.srv import Explain, ExplainRequest, ExplainResponse
+
+from merlin_explain.happening.recorded_past import PANEL
+from merlin_monitor.listeners.graph_watch import GraphWatch
+from merlin_monitor.listeners.panel import Panel
+from merlin_monitor.panels.control import SENTENCES
+from merlin_monitor.state.monitor_model import MonitorModel
+from merlin_monitor.text.phrase import say
+from merlin_ros.call_scope import CallScope
+from merlin_ros.service_proxy import ServiceError, ServiceProxy
+from merlin_ros.work.threads import start_thread
+
+LIMIT = 60.0  # s of wall time for an answer: longer than any question takes
+KEPT = 5  # answers
+LONGEST = 4000  # characters of what is asked about
+
+
+class WhyPanel(Panel):
+    """Questions and their answers, one question at a time."""
+
+    name, title, place, width = PANEL, "Why?", 18, 12
+    script = "package://merlin_explain/web/why.js"
+
+    def __init__(self, state: MonitorModel, watch: GraphWatch) -> None:
+        super().__init__(state, watch)
+        self._knowledge, self._dispatcher = (
+            self.ros.resolve(str(self.ros.parameter(f"~{name}", f"rosplan_{name}")))
+            for name in ("knowledge_base", "plan_dispatcher")
+        )
+        self._service = ServiceProxy("merlin/explain", Explain, timeout=LIMIT)
+        self._lock = threading.Lock()  # guards the field below
+        self._asking: Optional[CallScope] = None
+        self._answers: List[Dict[str, Any]] = []
+        self._domain: Any = self  # with which the files were read; not yet
+        if state.history is not None:
+            self.set("clock", round(state.history.now() - time.monotonic(), 3))
+
+    def look(self, topics: Dict[str, str]) -> None:
+        """Takes the texts of the domain and of the sentences, anew with another domain."""
+        domain = self.state.tree.get("knowledge", "domain")
+        if domain != self._domain:
+            self._domain = domain
+            for field, parameter in (("domain", f"{self._knowledge}/domain_path"), ("sentences", SENTENCES)):
+                self.state.inbox.put(self.set, field, self._text_of(parameter))
+
+    def check(self, at: float, wall: float) -> None:
+        """Notes which nodes apply effects."""
+        answering = self.watch.publishers_of(f"{self._dispatcher}/action_feedback")
+        own = self.watch.publishers_of(f"{self._dispatcher}/action_dispatch")
+        self.set("interfaces", sorted(set(answering) - set(own)))
+
+    def _text_of(self, parameter: str) -> str:
+        """The text of the file in a parameter; empty: it is not on this computer. A bag has the text."""
+        named = self.ros.parameter(parameter, "")
+        if isinstance(named, dict):
+            return str(named.get("text", ""))
+        try:
+            return Path(str(named)).expanduser().read_text(encoding="utf-8")
+        except (OSError, ValueError):
+            return ""
+
+    # --- questions ------------------------------------------------------------------------------------------
+
+    def requests(self) -> Mapping[str, Callable[[Dict[str, Any], str], str]]:
+        """``why``, with the fields of ``merlin_msgs/Explain``, and ``why_not_wanted``."""
+        return {"why": self._ask, "why_not_wanted": self._take_back}
+
+    def _ask(self, fields: Dict[str, Any], by: str) -> str:
+        request = ExplainRequest(question=_text(fields, "question"), about=_text(fields, "about"))
+        request.facts, request.goals = (
+            list(filter(None, [_text(fields, name)])) for name in ("facts", "goals")
+        )
+        with self._lock:
+            if self._asking is not None:
+                raise ValueError("Another question is being answered: wait, or take it back.")
+            start_thread("question", self._answer, request, by)
+            self._asking = CallScope()
+        return "Asked; the answer comes below."
+
+    def _take_back(self, fields: Dict[str, Any], by: str) -> str:
+        with self._lock:
+            if self._asking is None:
+                return "No question is being answered."
+            self._asking.end()
+        return "The question was taken back."
+
+    def _answer(self, request: ExplainRequest, by: str) -> None:
+        asked = {name: getattr(request, name) for name in ("question", "about", "facts", "goals")}
+        asked.update(by=by, at=self.ros.time())
+        self.state.inbox.put(self.set, "asked", asked)
+        with self._lock:
+            scope = self._asking or CallScope()
+        answer = ExplainResponse(sentence="taken back")
+        try:
+            with scope:
+                answer = self._service(request)
+        except ServiceError as error:
+            answer.sentence = answer.sentence if scope.ended else str(error)
+        finally:
+            with self._lock:
+                self._asking = None
+            self.state.inbox.put(self._answered, asked, answer)
+
+    def _answered(self, asked: Dict[str, Any], answer: ExplainResponse) -> None:
+        claims = [
+            {"text": claim.text, "evidence": list(map(_shown, claim.evidence))} for claim in answer.claims
+        ]
+        told = {**asked, "ok": answer.ok, "sentence": answer.sentence, "claims": claims}
+        self._answers = [told, *self._answers][:KEPT]
+        self.set("answers", self._answers)
+        self.set("asked", None)
+        what = " ".join(filter(None, [asked["question"], asked["about"], *asked["facts"], *asked["goals"]]))
+        self.report("control", say("{client} asks: {what}", client=asked["by"], what=what), asked["at"])
+
+
+def _shown(evidence: Any) -> str:
+    step = f"step {evidence.step}: " if evidence.step else ""
+    version = f" (version {evidence.version})" if evidence.version else ""
+    return f"{evidence.kind}: {step}{evidence.text}{version}"
+
+
+def _text(fields: Dict[str, Any], name: str) -> str:
+    text = fields.get(name, "")
+    if not isinstance(text, str) or len(text) > LONGEST:
+        raise ValueError(f"{name} is a text of {LONGEST} characters at most.")
+    return text.strip()

@@ -1,0 +1,38 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How old the last recorded moment is, and which run of a history is meant."""
+
+import contextlib
+
+import pytest
+from robot_story import BEGIN, RobotStory
+
+from merlin_explain.claims import QuestionError
+from merlin_explain.happening.recorded_past import RecordedPast
+from merlin_monitor.history.history_file import begin_run, open_for_writing
+
+
+@pytest.mark.parametrize("jump", [0.0, 3600.0, -86400.0])
+def test_a_clock_that_was_set_makes_the_present_neither_old_nor_new(story: RobotStory, jump: float) -> None:
+    ticks = 500.0  # of the machine when the story began
+    story.model.tree.set("why", "clock", BEGIN - ticks)
+    story.wait(10.0)
+    with contextlib.closing(story.past()) as past:
+        age = past.age(past.moment(), ticks + 12.0, BEGIN + 12.0 + jump)
+    assert age == pytest.approx(2.0, abs=0.1)
+
+
+def test_a_monitor_that_goes_on_is_found_after_the_clock_was_set(story: RobotStory) -> None:
+    story.model.settle()
+    with contextlib.closing(open_for_writing(str(story.file))) as file:
+        file.execute("UPDATE runs SET session = 'master /merlin_monitor'")
+        file.commit()
+        begin_run(file, BEGIN, "master /other_robot")
+    session = "master /merlin_monitor"
+    with contextlib.closing(RecordedPast(story.file, story.domain, session=session)) as past:
+        assert past.moment().at == pytest.approx(BEGIN, abs=0.1)
+
+
+def test_a_run_that_is_not_there_is_named(story: RobotStory) -> None:
+    story.model.settle()
+    with pytest.raises(QuestionError, match="there is no run 3; there are: 1"):
+        RecordedPast(story.file, story.domain, run=3)

@@ -1,0 +1,152 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A run that has ended is asked, from its history and from its bag, without a robot and without a master."""
+
+import os
+import subprocess
+from pathlib import Path
+from typing import Any, List
+
+import genpy
+import pytest
+import rosbag
+import yaml
+from diagnostic_msgs.msg import KeyValue
+from merlin_msgs.msg import ExecuteActionResult, ExecuteResult, ExecutorStatus, KnowledgeChanges
+from merlin_msgs.srv import ExplainRequest
+from robot_story import BEGIN, BRIDGES, DOMAIN, RobotStory
+from rosplan_knowledge_msgs.msg import KnowledgeItem
+from std_msgs.msg import String
+
+from merlin_explain.claims import QuestionError
+from merlin_explain.node.recorded_run import ask_recording
+from merlin_monitor.bag.recorded_topics import BAG, KNOWLEDGE, PARAMETERS
+from merlin_test.node_path import node_path
+
+GOAL = "(tidy kitchen)"
+DRIVE = "(drive d1 hall kitchen)"
+SENTENCES = "predicates: {tidy: {en: 'the {r} is tidy'}}"
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """With the history of a run in which the mop does its work, and a request fails later."""
+    story = RobotStory(tmp_path)
+    tell = story.model.tree.set
+    tell("why", "domain", DOMAIN)
+    tell("why", "sentences", SENTENCES)
+    tell("why", "interfaces", [BRIDGES])
+    story.runs("/m-1", [GOAL])
+    story.plans(("(mop kitchen)", 0.0, 4.0))
+    story.begins(0)
+    story.wait(4.0)
+    story.changes(BRIDGES, add=[GOAL])
+    story.succeeds(0)
+    story.wait(60.0)
+    story.plans((DRIVE, 0.0, 10.0))
+    story.begins(0)
+    story.fails(0, "/move_base aborted: no way")
+    story.dispatch_ended(DRIVE, f"{DRIVE} failed: /move_base aborted: no way")
+    story.ends("/m-1", ExecuteResult.ACTION_FAILED, f"{DRIVE} failed: /move_base aborted: no way")
+    story.runs()
+    story.model.settle()
+    story.close()
+    return tmp_path
+
+
+def ask(folder: Path, question: str, about: str = "", seconds: float = 0.0, **options: Any) -> Any:
+    at = genpy.Time.from_sec(BEGIN + seconds)
+    request = ExplainRequest(question=question, about=about)
+    return ask_recording(folder, request, (lambda end: at) if seconds else None, **options)
+
+
+def why(*words: str) -> "subprocess.CompletedProcess[str]":
+    environment = {**os.environ, "ROS_MASTER_URI": "http://127.0.0.1:1"}
+    command = [node_path("merlin", "why"), *words]
+    return subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120, check=False)
+
+
+def test_what_failed_and_why_a_fact_was_so(folder: Path) -> None:
+    failed = ask(folder, "failed")
+    assert failed.ok and "/move_base aborted: “no way”" in failed.sentence
+    so = ask(folder, "so", GOAL)
+    assert "the kitchen is tidy" in so.sentence and "by “mopping kitchen”" in so.sentence
+    assert [claim.kind for claim in so.claims] == ["action"]
+
+
+def test_a_moment_of_the_run(folder: Path) -> None:
+    assert "does not hold" in ask(folder, "so", GOAL, 2.0).sentence
+    assert "kitchen tidy" in ask(folder, "doing", "", 2.0).sentence
+    with pytest.raises(QuestionError, match="the recording is of"):
+        ask(folder, "doing", "", 5000.0)
+
+
+def test_the_command_needs_no_robot(folder: Path) -> None:
+    told = why("--so", GOAL, "--recording", str(folder), "--at", "30s", "--evidence")
+    assert told.returncode == 0, told.stderr
+    assert "the kitchen is tidy" in told.stdout and "step: (mop kitchen)" in told.stdout
+    assert "does not hold" in why("--so", GOAL, "--recording", str(folder), "--at", "63s").stdout
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--failed", "--recording", "nowhere"], "there is no history"),
+        (["(tidy kitchen)"], "is answered by a robot that runs only"),
+        (["--failed", "--run", "7"], "there is no run 7; there are: 1"),
+        (["--failed", "--domain", "nowhere.pddl"], "nowhere.pddl"),
+        (["--failed", "--at", "2h"], "the recording is of"),
+        (["--so", "(dirty kitchen)"], "dirty"),
+    ],
+)
+def test_what_cannot_be_answered_says_why(folder: Path, words: List[str], said: str) -> None:
+    told = why("--recording", str(folder), *words)
+    assert told.returncode == 2 and said in told.stderr and "Traceback" not in told.stderr
+
+
+def test_run_and_domain_are_of_a_recording() -> None:
+    told = why("--failed", "--run", "7")
+    assert told.returncode == 2 and "--recording" in told.stderr
+
+
+def test_a_recording_without_a_domain_asks_for_its_file(tmp_path: Path) -> None:
+    story = RobotStory(tmp_path)
+    story.runs("/m-1", [GOAL])
+    story.model.settle()
+    story.close()
+    with pytest.raises(QuestionError, match="--domain"):
+        ask(tmp_path, "doing")
+    (tmp_path / "domain.pddl").write_text(DOMAIN)
+    assert ask(tmp_path, "doing", domain=tmp_path / "domain.pddl").ok
+
+
+def test_a_bag_is_asked_likewise(tmp_path: Path) -> None:
+    parameters = {
+        "/ann/merlin/panels": {"why": "merlin_explain.node.why_panel:WhyPanel"},
+        "/ann/rosplan_knowledge_base/domain_path": {"file": "/gone/domain.pddl", "text": DOMAIN},
+        "/ann/merlin/sentences": {"file": "/gone/sentences.yaml", "text": SENTENCES},
+    }
+    tidy = KnowledgeItem(knowledge_type=KnowledgeItem.FACT, attribute_name="tidy")
+    tidy.values.append(KeyValue("r", "kitchen"))
+    kitchen = KnowledgeItem(instance_type="room", instance_name="kitchen")
+    began = ExecutorStatus(state=ExecutorStatus.RUNNING, request="/m-1", goals=[GOAL])
+    result = ExecuteActionResult(
+        result=ExecuteResult(outcome=ExecuteResult.ACTION_FAILED, reason="/move_base aborted: no way")
+    )
+    result.status.goal_id.id = "/m-1"
+    told = [
+        (PARAMETERS, String(yaml.safe_dump(parameters)), 0.0),
+        (KNOWLEDGE, KnowledgeChanges(cleared=True, added=[kitchen]), 0.0),
+        ("merlin/status", began, 1.0),
+        ("rosplan_knowledge_base/changes", KnowledgeChanges(added=[tidy], client="/sensor"), 2.0),
+        ("merlin/execute/result", result, 5.0),
+        ("merlin/status", ExecutorStatus(), 5.0),
+    ]
+    with rosbag.Bag(str(tmp_path / BAG), "w") as bag:
+        for topic, message, after in told:
+            at = genpy.Time.from_sec(BEGIN + after)
+            if message._has_header:
+                message.header.stamp = at
+            bag.write(f"/ann/{topic}", message, at)
+    assert "/move_base aborted: “no way”" in ask(tmp_path, "failed").sentence
+    so = ask(tmp_path, "so", GOAL)
+    assert "the kitchen is tidy" in so.sentence and "by /sensor" in so.sentence
