@@ -6,8 +6,10 @@ The robot stops, the answer is true, and the next goal works without help.
 """
 
 import os
+import shutil
 import signal
 import subprocess
+import tempfile
 import threading
 import unittest
 from contextlib import contextmanager
@@ -125,6 +127,36 @@ class Faults(unittest.TestCase):
         self.start_executor()
         self.dispatch.wait_idle(killed)
         self.assertEqual(len(self.knowledge.facts("robot_at")), 1)
+        self.assertNextGoalWorks()
+
+    def test_what_survives_goes_on_after_a_power_cut_and_its_client_finds_it(self):
+        folder = tempfile.mkdtemp()
+        self.addCleanup(shutil.rmtree, folder)
+        kept = f"_goals_file:={folder}/goals"
+        self.restart_executor(kept)
+        request = self.driving(survives=True)
+        orphan = self.client.send("(checked main_door)", survives=True)
+        orphan.leave()  # as if its client were gone
+        for process in (self.executor, self.planning):
+            kill(process)
+        self.drives.wait_stopped()
+        self.wait_executor_gone()
+        type(self).planning = self.start_planning()
+        self.assertTrue(KnowledgeClient("rosplan_knowledge_base").wait(LONG))
+        checked = [f"(checked {poi})" for poi in ("kitchen", "bathroom", "main_door")]
+        self.knowledge.remove_facts(*checked)
+        before = request.id
+        self.start_executor()  # with the parameter of before
+        self.drives.wait_driving()
+        self.drives.end()
+        self.assertTrue(request.wait(LONG))
+        self.assertOutcome(request.result, "SUCCEEDED")
+        self.assertEqual(request.id, before)
+        follower = MerlinExecutorClient().follow(orphan.id)
+        self.assertTrue(follower.wait(LONG))
+        while self.status.last.state != ExecutorStatus.IDLE:
+            rospy.rostime.wallsleep(0.05)
+        self.assertEqual(len(self.knowledge.facts("checked main_door")), 1)
         self.assertNextGoalWorks()
 
     def test_the_goals_of_a_hung_executor_are_removed_before_it_goes_on(self):

@@ -36,7 +36,7 @@ class OwnGoals:
     ) -> None:
         self._changing = threading.RLock()  # guards the ledger, the notes and the lease: one change at a time
         self._knowledge = knowledge
-        self._notes: Union[GoalNotes, ParameterNotes] = GoalNotes(path) if path else ParameterNotes(PARAMETER)
+        self._notes = goal_notes(path, PARAMETER)
         self._lease = lease
         self._ledger: GoalLedger[KnowledgeItem] = GoalLedger(to_pddl, LIFE)
         self._held = ""  # the lease that is held
@@ -118,7 +118,7 @@ class OwnGoals:
         :raises OSError: when the notes cannot be read or written.
         """
         texts = []
-        for text in self._noted():
+        for text in noted(self._notes):
             try:
                 self._ledger.inherit(parse_goal(text))
             except PDDLSyntaxError as error:
@@ -143,13 +143,6 @@ class OwnGoals:
             self._notes.write(texts)
         else:
             self._notes.write_soon(texts)
-
-    def _noted(self) -> List[str]:
-        try:
-            return self._notes.read()
-        except NotesError as error:
-            rospy.logerr(f"the notes of an earlier executor are ignored: {error}")
-            return []
 
 
 class ParameterNotes:
@@ -194,3 +187,26 @@ class ParameterNotes:
         """
         noted = get_param(self._name, [])
         return list(map(str, noted)) if isinstance(noted, list) else []
+
+
+Notes = Union[GoalNotes, ParameterNotes]
+
+
+def goal_notes(path: str, parameter: str) -> Notes:
+    """Notes in a file, or where it has no name in a parameter.
+
+    :raises OSError: when the file cannot be written.
+    """
+    return GoalNotes(path) if path else ParameterNotes(parameter)
+
+
+def noted(notes: Notes) -> List[str]:
+    """What an earlier Executor has noted; what makes no sense is ignored.
+
+    :raises OSError: when it cannot be read.
+    """
+    try:
+        return notes.read()
+    except NotesError as error:
+        rospy.logerr(f"the notes of an earlier executor are ignored: {error}")
+        return []
