@@ -144,7 +144,7 @@ class Faults(unittest.TestCase):
         type(self).planning = self.start_planning()
         self.assertTrue(KnowledgeClient("rosplan_knowledge_base").wait(LONG))
         checked = [f"(checked {poi})" for poi in ("kitchen", "bathroom", "main_door")]
-        self.knowledge.remove_facts(*checked)
+        self.knowledge.remove_facts(checked)
         before = request.id
         self.start_executor()  # with the parameter of before
         self.drives.wait_driving()

@@ -55,7 +55,7 @@ def main() -> int:
     given = parser.parse_args()
     known = given.cancel or given.follow
     if bool(given.goal) is bool(known):
-        parser.error("goals are missing" if not known else f"{known} is sent already: no goals beside it")
+        parser.error("give either goals, or --follow or --cancel")
     refusals = (GoalError, ValueError, KnowledgeError, ServiceError)
     return at_robot("merlin send", given.robot, lambda robot: _send(given, robot), *refusals)
 
@@ -97,13 +97,12 @@ def _send(given: argparse.Namespace, robot: str) -> int:
         print("cancelled", flush=True)
         return EXIT_INTERRUPTED
     reason = f": {result.reason}" if result.reason else ""
-    goes_on = result.reason == GOES_ON
-    print(GOES_ON if goes_on else f"{outcome_name(result.outcome)}{reason}", flush=True)
+    print(GOES_ON if result.reason == GOES_ON else f"{outcome_name(result.outcome)}{reason}", flush=True)
     # rospy.is_shutdown() says so only after the cancel; the result may come before.
     if is_shutdown_requested():
         return EXIT_INTERRUPTED
-    achieved = result.outcome in (ExecuteResult.SUCCEEDED, ExecuteResult.ALREADY_TRUE)
-    return 0 if achieved else EXIT_NOT_ACHIEVED
+    done = ExecuteResult.CANCELLED if given.cancel else ExecuteResult.SUCCEEDED
+    return 0 if result.outcome in (done, ExecuteResult.ALREADY_TRUE) else EXIT_NOT_ACHIEVED
 
 
 def _time(text: str) -> Written:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """MerlinActionSM: the base class of MERLIN's actions, each a state machine (paper, section 3.2.3)."""
 
-from typing import Any, Callable, Dict, Iterator, List, Optional, Sequence, Type
+from typing import Any, Callable, Dict, List, Optional, Sequence, Set, Type
 
 import smach
 from merlin_actions.core.names import DECLARED, IF_STOPPED_AT, snake_case
@@ -69,8 +69,7 @@ class MerlinActionSM(MerlinSM):
         super().__init__([SUCCEEDED, ABORTED, PREEMPTED, *self.outcomes], input_keys=list(self.parameters))
         with self:
             self.build()
-        _check(self)
-        unknown = set(self.safe_to_interrupt or ()) - set(_labels(self))
+        unknown = set(self.safe_to_interrupt or ()) - _check(self)
         if unknown:
             raise ValueError(f"safe_to_interrupt names {', '.join(sorted(unknown))}, which is no state of it")
 
@@ -139,19 +138,13 @@ class MerlinActionSM(MerlinSM):
             )
 
 
-def _labels(container: Any) -> Iterator[str]:
-    for label, child in container.get_children().items():
-        yield label
-        if isinstance(child, smach.Container):
-            yield from _labels(child)
-
-
-def _check(container: Any) -> None:
+def _check(container: Any) -> Set[Any]:
     """Checks a container and all in it: SMACH itself only logs what is wrong with them.
 
+    :return: the labels of all that is in it.
     :raises smach.SmachError: one of them is not complete or contradicts itself.
     """
     container.check_consistency()
-    for child in container.get_children().values():
-        if isinstance(child, smach.Container):
-            _check(child)
+    children = container.get_children()
+    inner = [_check(child) for child in children.values() if isinstance(child, smach.Container)]
+    return set(children).union(*inner)

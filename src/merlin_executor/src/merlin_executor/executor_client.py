@@ -106,6 +106,7 @@ class MerlinExecutorClient:
         alone: bool = False,
         survives: bool = False,
         value: float = 1.0,
+        name: str = "",
     ) -> ExecutorRequest:
         """Sends goals and returns at once.
 
@@ -122,9 +123,11 @@ class MerlinExecutorClient:
         :param deadline: by which the goals have to hold, likewise; when it passes, the request ends as LATE.
             None: there is none.
         :param alone: it is never planned together with other requests.
-        :param survives: it goes on when this client dies, and in the next life of the Executor; :meth:`follow`
-            finds it again. `on_client_lost` and `on_lost` do not matter then.
+        :param survives: it goes on when this client dies, and in the next life of the Executor; `on_client_lost` and
+            `on_lost` do not matter then. :meth:`follow` finds it again.
         :param value: what it is worth among those of its priority, where not all can be in time.
+        :param name: of one that survives: while it has not ended, this node finds it again by sending it once
+            more under the same name, also in its next life. Empty: it gets a name of its own.
         :raises ValueError: for a time that is not one, or not in the future, or a value below 0.
         :raises PDDLSyntaxError: for text that is not a PDDL goal.
         :raises RequestTooLarge: for more than the Executor takes.
@@ -157,7 +160,8 @@ class MerlinExecutorClient:
             value=check_value(value),
         )
         self._on_send([*texts, *map(to_pddl, items)])
-        request = ExecutorRequest(self._client, goal, on_done, on_feedback, on_lost)
+        known = f"{rospy.get_name()}-{name}{LASTING}" if survives and name else ""
+        request = ExecutorRequest(self._client, goal, on_done, on_feedback, on_lost, known)
         return self._noted(request)
 
     def follow(

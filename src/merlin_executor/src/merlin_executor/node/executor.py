@@ -9,13 +9,12 @@ import threading
 import traceback
 from contextlib import contextmanager
 from functools import partial
-from typing import Callable, Dict, Iterator, List, Optional, Set, Tuple
+from typing import Callable, Dict, Iterator, List, Optional, Set
 
 import rospy
 from actionlib_msgs.msg import GoalStatus
 from merlin_msgs.msg import (
     ExecuteAction,
-    ExecuteActionGoal,
     ExecuteFeedback,
     ExecuteResult,
     ExecutorStatus,
@@ -175,8 +174,7 @@ class Executor:
         )
         self._guard.follow(self._hold_changed)
         self._engine.start()
-        left = self._left()
-        self._server.start(left)
+        self._server.start(self._survivors.left())
 
     def shutdown(self) -> None:
         """Cancels what runs, answers what waits, and stops serving."""
@@ -378,17 +376,6 @@ class Executor:
             return
         if texts:
             rospy.logwarn(f"removed the goals that an earlier executor left: {', '.join(texts)}")
-
-    def _left(self) -> List[Tuple[ExecuteActionGoal, str]]:
-        """The requests that survive an earlier process, and who has sent each."""
-        try:
-            left = self._survivors.left()
-        except OSError as error:
-            rospy.logerr(f"the requests of an earlier executor are not taken up: {error}")
-            return []
-        for message, sender in left:
-            rospy.loginfo(f"takes up {' '.join(message.goal.goals)} of {sender} again")
-        return left
 
 
 def _ended_by_server(status: GoalStatus) -> ExecuteResult:

@@ -36,7 +36,7 @@ class OwnGoals:
     ) -> None:
         self._changing = threading.RLock()  # guards the ledger, the notes and the lease: one change at a time
         self._knowledge = knowledge
-        self._notes = goal_notes(path, PARAMETER)
+        self._notes: Notes = GoalNotes(path) if path else ParameterNotes(PARAMETER)
         self._lease = lease
         self._ledger: GoalLedger[KnowledgeItem] = GoalLedger(to_pddl, LIFE)
         self._held = ""  # the lease that is held
@@ -115,7 +115,7 @@ class OwnGoals:
         :return: the goals, as PDDL text.
         :raises KnowledgeError: when the knowledge base refuses.
         :raises ServiceError: when it does not answer.
-        :raises OSError: when the notes cannot be read or written.
+        :raises OSError: when the notes cannot be written.
         """
         texts = []
         for text in noted(self._notes):
@@ -192,21 +192,10 @@ class ParameterNotes:
 Notes = Union[GoalNotes, ParameterNotes]
 
 
-def goal_notes(path: str, parameter: str) -> Notes:
-    """Notes in a file, or where it has no name in a parameter.
-
-    :raises OSError: when the file cannot be written.
-    """
-    return GoalNotes(path) if path else ParameterNotes(parameter)
-
-
 def noted(notes: Notes) -> List[str]:
-    """What an earlier Executor has noted; what makes no sense is ignored.
-
-    :raises OSError: when it cannot be read.
-    """
+    """What an earlier Executor has noted; what makes no sense, or cannot be read, is ignored."""
     try:
         return notes.read()
-    except NotesError as error:
+    except (NotesError, OSError) as error:
         rospy.logerr(f"the notes of an earlier executor are ignored: {error}")
         return []

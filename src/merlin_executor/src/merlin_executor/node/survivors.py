@@ -12,7 +12,8 @@ import rospy
 from actionlib_msgs.msg import GoalID
 from merlin_msgs.msg import ExecuteActionGoal
 
-from merlin_executor.node.own_goals import goal_notes, noted
+from merlin_executor.goals.goal_ledger import GoalNotes
+from merlin_executor.node.own_goals import Notes, ParameterNotes, noted
 from merlin_ros.actions.action_server import ServerGoal
 
 PARAMETER = "~surviving_requests"
@@ -29,26 +30,25 @@ class Survivors:
     def __init__(self, goals_file: str = "") -> None:
         self._lock = threading.Lock()  # guards the field below, and orders what is written
         self._noted: Dict[str, str] = {}  # goal id -> its note
-        self._notes = goal_notes(f"{goals_file}.requests" if goals_file else "", PARAMETER)
+        self._notes: Notes = ParameterNotes(PARAMETER)
+        if goals_file:
+            self._notes = GoalNotes(f"{goals_file}.requests")
 
     def left(self) -> List[Tuple[ExecuteActionGoal, str]]:
-        """The requests of an earlier life, the oldest first, and the node that has sent each.
-
-        :raises OSError: when the file cannot be read.
-        """
+        """The requests of an earlier life, the oldest first, and the node that has sent each."""
         found = []
-        with self._lock:
-            for note in noted(self._notes):
-                try:
-                    kind, sender, data = json.loads(note)
-                    message = ExecuteActionGoal().deserialize(base64.b64decode(data))
-                    if kind != message._md5sum:
-                        raise ValueError("it is of another version of MERLIN")
-                except (TypeError, ValueError, genpy.DeserializationError) as error:
-                    rospy.logerr(f"a request of an earlier executor is not taken up: {error}")
-                    continue
-                self._noted[message.goal_id.id] = note
-                found.append((message, str(sender)))
+        for note in noted(self._notes):
+            try:
+                kind, sender, data = json.loads(note)
+                message = ExecuteActionGoal().deserialize(base64.b64decode(data))
+                if kind != message._md5sum:
+                    raise ValueError("it is of another version of MERLIN")
+            except (TypeError, ValueError, genpy.DeserializationError) as error:
+                rospy.logerr(f"a request of an earlier executor is not taken up: {error}")
+                continue
+            self._noted[message.goal_id.id] = note
+            found.append((message, str(sender)))
+            rospy.loginfo(f"{' '.join(message.goal.goals)} of {sender} is taken up again")
         return found
 
     def keep(self, goal: ServerGoal) -> bool:
