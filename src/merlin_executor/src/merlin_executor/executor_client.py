@@ -123,8 +123,8 @@ class MerlinExecutorClient:
         :param deadline: by which the goals have to hold, likewise; when it passes, the request ends as LATE.
             None: there is none.
         :param alone: it is never planned together with other requests.
-        :param survives: it goes on when this client dies, and in the next life of the Executor; `on_client_lost` and
-            `on_lost` do not matter then. :meth:`follow` finds it again.
+        :param survives: it goes on when this client dies, and in the next life of the Executor, whatever
+            `on_client_lost` and `on_lost` say. :meth:`follow` finds it again.
         :param value: what it is worth among those of its priority, where not all can be in time.
         :param name: of one that survives: while it has not ended, this node finds it again by sending it once
             more under the same name, also in its next life. Empty: it gets a name of its own.
