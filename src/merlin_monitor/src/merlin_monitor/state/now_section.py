@@ -223,7 +223,7 @@ class NowSection:
                 "by": getattr(request, "by", ""),
                 "survives": getattr(request, "survives", False),
                 **self._times(request, "not_before", "deadline", "expected_begin", "expected_end"),
-                "waits": self._wording.reason(getattr(request, "waits", "")),
+                "kept": self._wording.reason(getattr(request, "waits", "")),
             }
             for request in message.requests
         ]
@@ -327,7 +327,7 @@ class NowSection:
         for request in (self._queued or {}).values():
             if request["not_before"] > now:
                 waits = say("waits")  # for its time, which is shown beside
-            shown.append({**request, "waits": request["waits"] or waits, "by": self._asked_by(request)})
+            shown.append({**request, "waits": request["kept"] or waits, "by": self._asked_by(request)})
             waits = self._until(request)
         self._tree.set(QUEUE, "waiting", shown)
 
