@@ -425,7 +425,8 @@ def test_a_request_whose_time_has_not_come_waits_for_no_other_one() -> None:
 def test_an_urgent_request_waits_for_what_is_not_interrupted() -> None:
     tree, now, _, _ = section()
     why = "waits until (deliver cup) can be interrupted"
-    urgent = QueuedGoal(request="/c-b-1.0", goals=["(b)"], priority=5, waits=why, survives=True, on_interrupt=2)
+    urgent = QueuedGoal(request="/c-b-1.0", goals=["(b)"], priority=5, waits=why)
+    urgent.survives, urgent.on_interrupt = True, 2
     now.executor(executor(ExecutorStatus.RUNNING, request=REQUEST, goals=["(a)"]), 2.0)
     now.queue(GoalQueue(requests=[urgent]), 2.0)
     shown = tree.get("queue", "waiting")[0]
