@@ -301,8 +301,10 @@ class ActionServer:
                 goal_id.stamp = rospy.Time.now()
             sender = str((getattr(message, "_connection_header", None) or {}).get("callerid", ""))
             known = self._goals.get(goal_id.id)
-            if known is not None:  # its client gets the answers to the first one, as in actionlib
-                if known.sender != sender and not known.id.endswith(LASTING):
+            lasting = goal_id.id.endswith(LASTING)  # who sends it again follows it, until it has ended
+            if known is not None and not (lasting and known.done):
+                # Its client gets the answers to the first one, as in actionlib.
+                if known.sender != sender and not lasting:
                     rospy.logwarn(
                         f"{self.name}: a goal of {sender} is left out: its id {goal_id.id} is that of a goal "
                         f"of {known.sender}; each client has to make ids of its own"
