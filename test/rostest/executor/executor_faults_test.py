@@ -17,7 +17,7 @@ from contextlib import contextmanager
 import rospy
 from actionlib_msgs.msg import GoalStatusArray
 from executor_faults_fixture import Changes, Guard, Watch, client_process, kill, pid_of, start
-from merlin_msgs.msg import DispatchStatus, ExecutorStatus
+from merlin_msgs.msg import DispatchStatus, ExecutorStatus, GoalQueue
 from rosplan_dispatch_msgs.srv import DispatchService
 from std_srvs.srv import Empty
 
@@ -136,6 +136,8 @@ class Faults(unittest.TestCase):
         self.restart_executor(kept)
         request = self.driving(survives=True)
         orphan = self.client.send("(checked main_door)", survives=True)
+        queue = Watch("merlin/queue", GoalQueue)
+        queue.wait(lambda queue: orphan.id in [waiting.request for waiting in queue.requests])
         orphan.leave()  # as if its client were gone
         for process in (self.executor, self.planning):
             kill(process)
