@@ -61,6 +61,8 @@ class Ended:
         self._own = True
         self._on_cancel(self)
 
+    leave = cancel
+
 
 class FakeServer:
     """A client of an action server that ends each goal with the next of `results`, and then none any more."""

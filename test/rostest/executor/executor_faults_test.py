@@ -6,8 +6,10 @@ The robot stops, the answer is true, and the next goal works without help.
 """
 
 import os
+import shutil
 import signal
 import subprocess
+import tempfile
 import threading
 import unittest
 from contextlib import contextmanager
@@ -15,7 +17,7 @@ from contextlib import contextmanager
 import rospy
 from actionlib_msgs.msg import GoalStatusArray
 from executor_faults_fixture import Changes, Guard, Watch, client_process, kill, pid_of, start
-from merlin_msgs.msg import DispatchStatus, ExecutorStatus
+from merlin_msgs.msg import DispatchStatus, ExecutorStatus, GoalQueue
 from rosplan_dispatch_msgs.srv import DispatchService
 from std_srvs.srv import Empty
 
@@ -125,6 +127,36 @@ class Faults(unittest.TestCase):
         self.start_executor()
         self.dispatch.wait_idle(killed)
         self.assertEqual(len(self.knowledge.facts("robot_at")), 1)
+        self.assertNextGoalWorks()
+
+    def test_what_survives_goes_on_after_a_power_cut_and_its_client_finds_it(self):
+        folder = tempfile.mkdtemp()
+        self.addCleanup(shutil.rmtree, folder)
+        kept = f"_goals_file:={folder}/goals"
+        self.restart_executor(kept)
+        request = self.driving(survives=True)
+        orphan = self.client.send("(checked main_door)", survives=True)
+        queue = Watch("merlin/queue", GoalQueue)
+        queue.wait(lambda queue: orphan.id in [waiting.request for waiting in queue.requests])
+        orphan.leave()  # as if its client were gone
+        for process in (self.executor, self.planning):
+            kill(process)
+        self.drives.wait_stopped()
+        self.wait_executor_gone()
+        type(self).planning = self.start_planning()
+        self.assertTrue(KnowledgeClient("rosplan_knowledge_base").wait(LONG))
+        checked = [f"(checked {poi})" for poi in ("kitchen", "bathroom", "main_door")]
+        self.knowledge.remove_facts(checked)
+        before = request.id
+        self.start_executor()  # with the parameter of before
+        self.drives.wait_driving()
+        self.drives.end()
+        self.assertTrue(request.wait(LONG))
+        self.assertOutcome(request.result, "SUCCEEDED")
+        self.assertEqual(request.id, before)
+        follower = MerlinExecutorClient().follow(orphan.id)
+        self.assertTrue(follower.wait(LONG))
+        self.assertTrue(self.knowledge.holds("(checked main_door)"), follower.result)
         self.assertNextGoalWorks()
 
     def test_the_goals_of_a_hung_executor_are_removed_before_it_goes_on(self):

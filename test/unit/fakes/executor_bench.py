@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """An Executor over stages of the test's, without ROS around it."""
 
+import tempfile
 import threading
 from types import SimpleNamespace
 from typing import Any, Callable, Dict, List, Optional
@@ -16,6 +17,7 @@ from merlin_executor.core.outcome import Outcome, Verdict, outcome_name
 from merlin_executor.node import executor as executor_module
 from merlin_executor.node.executor import Executor
 from merlin_planning.dispatcher_kind import Hold
+from merlin_ros.actions.lease import LeaseState
 from merlin_ros.service_proxy import ServiceUnavailable
 
 LONG = 60.0
@@ -76,6 +78,9 @@ class Machine:
         self.left = False
         self._cancelled = False
 
+    def dispatch_changed(self) -> None:
+        """The dispatch under way has changed."""
+
     def prepare(self) -> None:
         self._cancelled = False
         self.go_on.clear()
@@ -134,23 +139,32 @@ class Knowledge:
 class Bench:
     """An Executor without ROS around it."""
 
-    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+    lost = LeaseState.LOST
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, goals_file: str = "") -> None:
+        self.left: List[tuple] = []
         self.machine = Machine()
         self.knowledge = Knowledge()
         self.callbacks: Dict[str, Callable] = {}
         self.statuses: List[Any] = []
+        if not goals_file:
+            folder = tempfile.TemporaryDirectory()
+            self._folder = folder  # as long as this lives
+            goals_file = f"{folder.name}/goals"
         self.guard = SimpleNamespace(hold="", follow=self.follow_holds)
 
         def server(name: str, spec: type, *callbacks: Callable) -> Any:
             self.callbacks = dict(zip(("goal", "cancel", "owner", "own result"), callbacks))
-            return SimpleNamespace(start=lambda: None, shutdown=lambda: None)
+            return SimpleNamespace(start=lambda left: self.left.extend(left), shutdown=lambda: None)
 
-        dispatcher = SimpleNamespace(wait_status=lambda timeout: True, running=[], steps_done=0, hold=Hold())
+        self.dispatcher = SimpleNamespace(
+            wait_status=lambda timeout: True, running=[], steps_done=0, hold=Hold()
+        )
         recovery = SimpleNamespace(rest=lambda *_: "")
         own = SimpleNamespace(remove_left=lambda: [])
         for name, made in (
             ("ActionServer", server),
-            ("DispatchClient", lambda *_: dispatcher),
+            ("DispatchClient", self.make_dispatcher),
             ("Recovery", lambda *_: recovery),
             ("GuardClient", lambda *_, **__: self.guard),
             ("OwnGoals", lambda *_: own),
@@ -168,7 +182,7 @@ class Bench:
         for level in ("loginfo", "logwarn", "logerr", "logwarn_throttle_identical"):
             monkeypatch.setattr(rospy, level, lambda *_: None)
         planning = SimpleNamespace(preview=self.preview)
-        self.executor = Executor(self.knowledge, planning)  # type: ignore[arg-type]
+        self.executor = Executor(self.knowledge, planning, goals_file=goals_file)  # type: ignore[arg-type]
         self.executor.start()
 
     def preview(self, **fields: Any) -> Any:
@@ -176,6 +190,15 @@ class Bench:
 
     def follow_holds(self, on_hold: Callable[[], None]) -> None:
         self.on_hold = on_hold
+
+    def make_dispatcher(self, *arguments: Any) -> Any:
+        self.on_dispatch = arguments[3]
+        return self.dispatcher
+
+    def dispatch(self, *actions: Any) -> None:
+        """These actions are under way now."""
+        self.dispatcher.running = list(actions)
+        self.on_dispatch()
 
     def make_machine(self, *arguments: Any) -> Machine:
         self.achieved = arguments[3]

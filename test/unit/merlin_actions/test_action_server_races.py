@@ -12,6 +12,7 @@ from diagnostic_msgs.msg import KeyValue
 from fakes.topics import Topics
 from merlin_msgs.msg import RunActionActionGoal, RunActionGoal
 
+import smach
 from merlin_actions import merlin_action_server
 from merlin_actions.merlin_action_server import MerlinActionServer
 from merlin_actions.merlin_action_sm import MerlinActionSM
@@ -45,6 +46,31 @@ class Drive(MerlinActionSM):
     def build(self) -> None:
         self.waits = Wait()
         self.add("WAIT", self.waits)
+
+
+class Deliver(MerlinActionSM):
+    """Drives, grasps in a machine of its own, and hands over; it is not interrupted everywhere."""
+
+    parameters = ["to"]
+    safe_to_interrupt = ["DRIVE", "LOOK"]
+
+    def build(self) -> None:
+        self.add("DRIVE", self.done(), transitions={SUCCEEDED: "GRASP"})
+        grasp = smach.StateMachine([SUCCEEDED, "aborted", "preempted"])
+        with grasp:
+            smach.StateMachine.add("LOOK", self.done(), transitions={SUCCEEDED: "HOLD"})
+            smach.StateMachine.add("HOLD", self.done())
+        self.add("GRASP", grasp)
+
+    @staticmethod
+    def done() -> Wait:
+        waits = Wait()
+        waits.goes_on.set()
+        return waits
+
+
+class Misspelt(Deliver):
+    safe_to_interrupt = ["DRIVES"]
 
 
 class Odd(MerlinState):
@@ -140,6 +166,25 @@ def test_a_goal_that_ends_while_it_is_cancelled_is_answered_once_and_costs_the_n
     assert drive.begun()
     drive.waits.goes_on.set()
     assert drive.answer()[:2] == ("b", GoalStatus.SUCCEEDED)
+
+
+def test_a_machine_says_at_which_states_it_is_not_interrupted(serve: Callable[..., Served]) -> None:
+    deliver = serve(Deliver())
+    deliver.send("a")
+    assert deliver.answer()[1] == GoalStatus.SUCCEEDED
+    told = deliver.topics.published("/actions/deliver/feedback")
+    feedback = [told.get(timeout=LONG).feedback for _ in range(told.qsize())]
+    assert [(each.state, each.uninterruptible) for each in feedback] == [
+        ("DELIVER/DRIVE", False),
+        ("DELIVER/GRASP", True),
+        ("DELIVER/GRASP/LOOK", False),
+        ("DELIVER/GRASP/HOLD", True),
+    ]
+
+
+def test_a_state_that_the_machine_does_not_have_is_named() -> None:
+    with pytest.raises(ValueError, match="safe_to_interrupt names DRIVES"):
+        Misspelt()
 
 
 def test_a_goal_that_is_cancelled_while_it_arrives_is_answered_once(drive: Served) -> None:

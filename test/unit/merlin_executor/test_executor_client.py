@@ -37,7 +37,7 @@ class Request:
         asked()
         return False
 
-    def cancel(self) -> None:
+    def leave(self) -> None:
         self.cancelled = True
 
 

@@ -3,7 +3,7 @@
 
 import threading
 from types import SimpleNamespace
-from typing import Any, Callable, List, Optional
+from typing import Any, Callable, Dict, List, Optional
 
 import pytest
 import rospy
@@ -17,7 +17,7 @@ from merlin_executor.core import agenda as agenda_rules
 from merlin_executor.core.agenda import Agenda, AgendaAnswer
 from merlin_executor.core.outcome import Outcome, StopKind, Verdict
 from merlin_executor.core.ticket import Ticket
-from merlin_executor.executor_request import ExecutorRequest
+from merlin_executor.executor_request import GOES_ON, ExecutorRequest
 from merlin_executor.resending import END, RESEND, RESENDS, Next, Resending
 from merlin_ros import late_topics
 from merlin_ros.actions.lease import LEASED, LOSE_AFTER, LeaseBook
@@ -129,10 +129,12 @@ class Client:
         self.there = threading.Event()
         self.there.set()
         self.sent: List[Sent] = []
+        self.how: List[Dict[str, Any]] = []
         self.changed = threading.Condition()
 
-    def send(self, goal: Any, on_done: Callable, on_feedback: Optional[Callable], **_: Any) -> Sent:
+    def send(self, goal: Any, on_done: Callable, on_feedback: Optional[Callable], **how: Any) -> Sent:
         with self.changed:
+            self.how.append(how)
             self.sent.append(Sent(len(self.sent), on_done))
             self.changed.notify_all()
             return self.sent[-1]
@@ -160,11 +162,13 @@ class Statuses:
         return SimpleNamespace(unregister=lambda: None)
 
     def publish(self, *goals: str) -> None:
-        """A status that tells of some goals comes to the subscriber that waits for one."""
+        """A status that tells of some goals that have ended comes to the subscriber that waits for one."""
         assert self.subscribed.wait(LONG)
         if not goals:
             self.subscribed.clear()
-        listed = [GoalStatus(goal_id=GoalID(id=goal)) for goal in goals]
+        self.tell(*(GoalStatus(goal_id=GoalID(id=goal), status=GoalStatus.PREEMPTED) for goal in goals))
+
+    def tell(self, *listed: GoalStatus) -> None:
         self.callbacks[-1](GoalStatusArray(status_list=listed))
 
 
@@ -290,6 +294,32 @@ def test_an_executor_that_goes_down_does_not_get_the_goal_again(client: Client, 
         statuses.publish()
     client.wait_sent(RESENDS + 1).end(GoalStatus.SUCCEEDED, reason="done")
     assert sent.result.reason == "done"
+
+
+def test_one_that_survives_is_found_again_by_its_id(client: Client, statuses: Statuses) -> None:
+    sent = ExecutorRequest(client, ExecuteGoal(survives=True))  # type: ignore[arg-type]
+    first = client.sent[0]
+    first.end(GoalStatus.PREEMPTED, outcome=ExecuteResult.CANCELLED, reason="the executor shuts down")
+    assert statuses.subscribed.wait(LONG)
+    # The next Executor has it already.
+    statuses.tell(GoalStatus(goal_id=GoalID(id=first.id), status=GoalStatus.ACTIVE))
+    client.wait_sent(2).end(GoalStatus.SUCCEEDED, reason="done")
+    assert client.how == [{"lasting": True, "again": ""}, {"lasting": True, "again": first.id}]
+    assert sent.wait(LONG) and sent.result is not None and sent.result.reason == "done"
+
+
+def test_one_that_survives_is_left_and_not_cancelled(client: Client) -> None:
+    done: List[ExecutorRequest] = []
+    sent = ExecutorRequest(client, ExecuteGoal(survives=True), done.append)  # type: ignore[arg-type]
+    sent.leave()
+    assert done == [sent] and sent.result.reason == GOES_ON and not sent.taken_back
+    client.sent[0].end(GoalStatus.SUCCEEDED, reason="done")
+    assert done == [sent] and not client.sent[0].cancelled.is_set()
+
+
+def test_any_other_request_that_its_client_leaves_is_cancelled(client: Client) -> None:
+    request(client, END).leave()
+    assert client.sent[0].cancelled.is_set()
 
 
 def test_the_second_loss_waits_for_the_executor_too(client: Client, statuses: Statuses) -> None:

@@ -39,6 +39,17 @@ def test_actions_run_until_they_are_answered() -> None:
     assert progress.result(Reply(achieved=True)) == DispatchResult(True)
 
 
+def test_an_action_says_when_it_can_be_interrupted() -> None:
+    progress = book(NAVIGATE, WAVE)
+    assert progress.answered(1, 7, DispatchAnswer.TAKEN, {"interruptible": "no"})
+    assert not progress.answered(1, 6, DispatchAnswer.TAKEN, {"interruptible": "yes"})  # of an earlier plan
+    assert progress.kept == {1}
+    assert progress.answered(1, 7, DispatchAnswer.TAKEN, {"interruptible": "yes"}) and not progress.kept
+    progress.answered(2, 7, DispatchAnswer.TAKEN, {"interruptible": "no"})
+    progress.answered(2, 7, DispatchAnswer.SUCCEEDED, {})
+    assert not progress.kept and list(progress.running) == [1]
+
+
 def test_goals_that_do_not_hold_are_named() -> None:
     progress = book(NAVIGATE)
     progress.answered(1, 7, DispatchAnswer.SUCCEEDED, {})

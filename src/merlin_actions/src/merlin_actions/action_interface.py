@@ -56,13 +56,14 @@ _KNOWLEDGE_ERRORS = (KnowledgeError, ServiceError, ValueError, MasterSilent)
 QUEUE = 1000
 
 
-def answer_of(key: Key, ending: Optional[Ending] = None) -> ActionFeedback:
-    """The answer of an execution: that it has ended; without an ending, that it is accepted."""
+def answer_of(key: Key, ending: Optional[Ending] = None, **information: str) -> ActionFeedback:
+    """The answer of an execution: that it has ended; without an ending, that it is accepted, or goes on."""
     feedback = ActionFeedback(plan_id=key[0], action_id=key[1], status=ActionFeedback.ACTION_ENABLED)
     if ending is not None:
         succeeded = ActionFeedback.ACTION_SUCCEEDED_TO_GOAL_STATE
         feedback.status = succeeded if ending.succeeded else ActionFeedback.ACTION_FAILED
-        feedback.information = [KeyValue(name, value) for name, value in information_of(ending).items()]
+        information = information_of(ending)
+    feedback.information = [KeyValue(name, value) for name, value in information.items()]
     return feedback
 
 
@@ -376,9 +377,9 @@ class ActionInterface:
         """
         return dict(get_param(rospy.resolve_name(self._param(execution)), {}))
 
-    def _answer(self, key: Key, ending: Optional[Ending] = None) -> None:
-        """Publishes to the dispatcher that an execution has ended; without an ending: that it is accepted."""
-        publish(self._feedback, answer_of(key, ending))
+    def _answer(self, key: Key, ending: Optional[Ending] = None, **information: str) -> None:
+        """Publishes to the dispatcher that an execution has ended; without an ending: that it goes on."""
+        publish(self._feedback, answer_of(key, ending, **information))
 
     def _announce(self) -> None:
         self._settle_left()

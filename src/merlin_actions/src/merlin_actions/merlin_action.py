@@ -16,6 +16,7 @@ from merlin_actions.core.machine_end import GoalEnd, MachineEnd, ending_of
 from merlin_actions.core.robot_book import RobotChange
 from merlin_actions.robot_watch import RobotWatch
 from merlin_actions.stopped_robots import EffectsOfDrives, StoppedRobots
+from merlin_planning.dispatch_progress import INTERRUPTIBLE, NO, YES
 from merlin_ros.actions.action_client import ActionClient
 from merlin_ros.actions.client_goal import ClientGoal
 from merlin_ros.deadline import limit
@@ -92,6 +93,7 @@ class MerlinAction(ActionInterface):
                 duration=execution.dispatch.duration,
             ),
             on_done=lambda _: ended.set(),
+            on_feedback=lambda _, feedback: self._tell_state(execution, feedback.uninterruptible),
             owner=execution.token,
         )
 
@@ -109,6 +111,12 @@ class MerlinAction(ActionInterface):
         finally:
             with self._changed:
                 del self._sent[execution.key]
+
+    def _tell_state(self, execution: Execution, uninterruptible: bool) -> None:
+        """Tells the Executor whether a more urgent request has to wait for another state of the machine."""
+        if uninterruptible != execution.uninterruptible and not execution.answered:
+            execution.uninterruptible = uninterruptible
+            self._answer(execution.key, None, **{INTERRUPTIBLE: NO if uninterruptible else YES})
 
     def _end_of(
         self, execution: Execution, client: ActionClient, sent: ClientGoal, ended: threading.Event

@@ -332,20 +332,23 @@ class MerlinActionServer:
     def _prepare(self, machine: MerlinActionSM) -> None:
         """Registers callbacks that report the present state of a machine, and puts breakpoints before it."""
 
-        def report(userdata: Any, states: List[str], within: str = "") -> None:
+        def report(userdata: Any, states: List[str], *within: Any) -> None:
             with self._changed:
                 served = [goal for goal, used in self._machines.items() if used is machine]
                 running = self._goals.get(served[0]) if served else None
             if running is not None:
-                running.feedback(
-                    RunActionFeedback(state=f"{self._name}/{within}{','.join(map(label_text, states))}")
-                )
+                where = "/".join([self._name, *map(label_text, within), ",".join(map(label_text, states))])
+                kept = any(machine.keeps([*within, state]) for state in states)
+                running.feedback(RunActionFeedback(where, kept))
 
-        machine.register_start_cb(report)
-        machine.register_transition_cb(report)
-        for label, child in machine.get_children().items():
-            if isinstance(child, smach.Container):
-                child.register_transition_cb(report, [f"{label_text(label)}/"])
+        def follow(container: Any, *within: Any) -> None:
+            container.register_start_cb(report, within)
+            container.register_transition_cb(report, within)
+            for label, child in container.get_children().items():
+                if isinstance(child, smach.Container) and not isinstance(container, smach.Concurrence):
+                    follow(child, *within, label)
+
+        follow(machine)
         hook_states(machine, self._name, node_holds.outcomes)
 
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """MerlinActionSM: the base class of MERLIN's actions, each a state machine (paper, section 3.2.3)."""
 
-from typing import Any, Callable, Dict, List, Sequence, Type
+from typing import Any, Callable, Dict, List, Optional, Sequence, Set, Type
 
 import smach
 from merlin_actions.core.names import DECLARED, IF_STOPPED_AT, snake_case
@@ -53,6 +53,11 @@ class MerlinActionSM(MerlinSM):
     interest when it was stopped; ``?here`` is that point. They count together, and only where each changes
     something: ``(not (free ?here))`` keeps a place that another robot holds with that one."""
 
+    safe_to_interrupt: Optional[Sequence[str]] = None
+    """Names of the states at which a more urgent request may interrupt it; it waits for them, or for the end.
+    A container counts with all that is in it. None: all states; ``()``: none. A cancel by its own client, its
+    deadline and a stop do not wait."""
+
     robot_parameter = ""
     """With several robots: the parameter that names the one on which it runs. Empty: the one of type
     ``robot``, which is set here before :meth:`build`, where there is one (docs/several-robots.md)."""
@@ -64,7 +69,9 @@ class MerlinActionSM(MerlinSM):
         super().__init__([SUCCEEDED, ABORTED, PREEMPTED, *self.outcomes], input_keys=list(self.parameters))
         with self:
             self.build()
-        _check(self)
+        unknown = set(self.safe_to_interrupt or ()) - _check(self)
+        if unknown:
+            raise ValueError(f"safe_to_interrupt names {', '.join(sorted(unknown))}, which is no state of it")
 
     def build(self) -> None:
         """Adds the states; the machine is open for construction."""
@@ -96,6 +103,13 @@ class MerlinActionSM(MerlinSM):
         same = {key: getattr(cls, key) for key in ("__module__", "__qualname__", "__doc__")}
         return type(cls.__name__, (cls,), {**same, **fits, "robot_parameter": robot})
 
+    def keeps(self, path: Sequence[Any]) -> bool:
+        """Whether a more urgent request has to wait at a state.
+
+        :param path: its label, behind those of the containers that it is in.
+        """
+        return self.safe_to_interrupt is not None and not set(path) & set(self.safe_to_interrupt)
+
     @staticmethod
     def state(name: str, *args: Any, **options: Any) -> smach.State:
         """Makes a ready or registered state: :meth:`MerlinStateFactory.create`."""
@@ -124,12 +138,13 @@ class MerlinActionSM(MerlinSM):
             )
 
 
-def _check(container: Any) -> None:
+def _check(container: Any) -> Set[Any]:
     """Checks a container and all in it: SMACH itself only logs what is wrong with them.
 
+    :return: the labels of all that is in it.
     :raises smach.SmachError: one of them is not complete or contradicts itself.
     """
     container.check_consistency()
-    for child in container.get_children().values():
-        if isinstance(child, smach.Container):
-            _check(child)
+    children = container.get_children()
+    inner = [_check(child) for child in children.values() if isinstance(child, smach.Container)]
+    return set(children).union(*inner)

@@ -9,7 +9,7 @@ from merlin_msgs.msg import ExecuteAction, ExecuteFeedback, ExecuteGoal, Execute
 from rosplan_knowledge_msgs.msg import KnowledgeItem
 
 from merlin_executor.core.outcome import outcome_name
-from merlin_executor.core.request_limits import check_size
+from merlin_executor.core.request_limits import check_size, check_value
 from merlin_executor.executor_request import ExecutorRequest
 from merlin_executor.goal_check import GoalError, check_goals
 from merlin_executor.request_times import When, ros_time
@@ -17,12 +17,14 @@ from merlin_executor.resending import END, RESEND, RETURN_WAIT, checked
 from merlin_planning.knowledge_client import DEFAULT_KNOWLEDGE_BASE, knowledge_client
 from merlin_planning.knowledge_text import parse_goal, to_pddl
 from merlin_ros.actions.action_client import ActionClient
+from merlin_ros.actions.lease import LASTING
 from merlin_ros.service_proxy import when_back
 
 __all__ = [
     "CANCEL",
     "DROP",
     "GO_ON",
+    "NEVER",
     "RESUME",
     "ExecutorRequest",
     "Goals",
@@ -33,6 +35,7 @@ __all__ = [
 Goals = Union[str, Sequence[Union[str, KnowledgeItem]]]
 RESUME = ExecuteGoal.RESUME
 DROP = ExecuteGoal.DROP
+NEVER = ExecuteGoal.NEVER
 CANCEL = ExecuteGoal.CANCEL
 GO_ON = ExecuteGoal.GO_ON
 
@@ -101,11 +104,15 @@ class MerlinExecutorClient:
         not_before: Optional[When] = None,
         deadline: Optional[When] = None,
         alone: bool = False,
+        survives: bool = False,
+        value: float = 1.0,
+        name: str = "",
     ) -> ExecutorRequest:
         """Sends goals and returns at once.
 
         :param priority: higher is more urgent; a more urgent request interrupts the running one.
-        :param on_interrupt: RESUME or DROP, what happens to this one when it is interrupted.
+        :param on_interrupt: RESUME or DROP, what happens to this one when it is interrupted; or NEVER: once
+            it has begun, more urgent ones wait until it has ended.
         :param on_done: called with the ended request, in another thread.
         :param on_feedback: called with each feedback, in another thread.
         :param on_client_lost: CANCEL or GO_ON; None: as the client does by default.
@@ -116,7 +123,12 @@ class MerlinExecutorClient:
         :param deadline: by which the goals have to hold, likewise; when it passes, the request ends as LATE.
             None: there is none.
         :param alone: it is never planned together with other requests.
-        :raises ValueError: for a time that is not one, or not in the future.
+        :param survives: it goes on when this client dies, and in the next life of the Executor, whatever
+            `on_client_lost` and `on_lost` say. :meth:`follow` finds it again.
+        :param value: what it is worth among those of its priority, where not all can be in time.
+        :param name: of one that survives: while it has not ended, this node finds it again by sending it once
+            more under the same name, also in its next life. Empty: it gets a name of its own.
+        :raises ValueError: for a time that is not one, or not in the future, or a value below 0.
         :raises PDDLSyntaxError: for text that is not a PDDL goal.
         :raises RequestTooLarge: for more than the Executor takes.
         :raises GoalError: for goals that the domain or the world does not know.
@@ -144,9 +156,31 @@ class MerlinExecutorClient:
             not_before=ros_time(not_before, "not_before"),
             deadline=ros_time(deadline, "deadline"),
             alone=alone,
+            survives=survives,
+            value=check_value(value),
         )
         self._on_send([*texts, *map(to_pddl, items)])
-        request = ExecutorRequest(self._client, goal, on_done, on_feedback, on_lost)
+        known = f"{rospy.get_name()}-{name}{LASTING}" if survives and name else ""
+        request = ExecutorRequest(self._client, goal, on_done, on_feedback, on_lost, known)
+        return self._noted(request)
+
+    def follow(
+        self,
+        request: str,
+        on_done: Optional[Callable[[ExecutorRequest], None]] = None,
+        on_feedback: Optional[Callable[[ExecuteFeedback], None]] = None,
+    ) -> ExecutorRequest:
+        """Finds a request that survives again, whoever has sent it.
+
+        :param request: its id; of one that does not run or wait any more, the result is REFUSED.
+        :raises ValueError: for an id of a request that does not survive.
+        """
+        if not request.endswith(LASTING):
+            raise ValueError(f"{request!r} is not the id of a request that survives")
+        goal = ExecuteGoal(survives=True)
+        return self._noted(ExecutorRequest(self._client, goal, on_done, on_feedback, known=request))
+
+    def _noted(self, request: ExecutorRequest) -> ExecutorRequest:
         with self._lock:
             self._requests = [known for known in self._requests if not known.done] + [request]
         return request
@@ -164,11 +198,11 @@ class MerlinExecutorClient:
         return request.result
 
     def cancel_all(self) -> None:
-        """Cancels every request of this client."""
+        """Cancels every request of this client but those that survive, which go on without it."""
         with self._lock:
             requests = list(self._requests)
         for request in requests:
-            request.cancel()
+            request.leave()
 
 
 def _split(goals: Goals) -> Tuple[List[str], List[KnowledgeItem]]:

@@ -9,12 +9,14 @@ from actionlib_msgs.msg import GoalStatus, GoalStatusArray
 from merlin_msgs.msg import ExecuteFeedback, ExecuteGoal, ExecuteResult
 
 from merlin_executor.core.agenda import client_was_lost
-from merlin_executor.resending import END, Next, ResendDecision, Resending, was_lost
+from merlin_executor.resending import END, RESEND, Next, ResendDecision, Resending, was_lost
 from merlin_ros.actions.action_client import ActionClient
-from merlin_ros.actions.client_goal import ClientGoal
+from merlin_ros.actions.client_goal import TERMINAL, ClientGoal
 from merlin_ros.deadline import Deadline, running_time
 from merlin_ros.late_topics import subscribe_by
 from merlin_ros.work.threads import start_thread
+
+GOES_ON = "it goes on without its client"
 
 
 class ExecutorRequest:
@@ -25,6 +27,8 @@ class ExecutorRequest:
     :param on_done: called with this request when it has ended, in another thread.
     :param on_feedback: called with each feedback, in another thread.
     :param on_lost: what happens when the Executor is lost: END or RESEND (:mod:`merlin_executor.resending`).
+        One that survives is always found again.
+    :param known: its id, where it was sent before and survives.
     """
 
     def __init__(
@@ -34,12 +38,14 @@ class ExecutorRequest:
         on_done: Optional[Callable[["ExecutorRequest"], None]] = None,
         on_feedback: Optional[Callable[[ExecuteFeedback], None]] = None,
         on_lost: str = END,
+        known: str = "",
     ) -> None:
         self._client = client
         self._goal = goal
         self._on_done = on_done
         self._on_feedback = on_feedback
-        self._resending = Resending(on_lost, running_time)
+        self._known = known
+        self._resending = Resending(RESEND if goal.survives else on_lost, running_time)
         self._ended = threading.Event()
         self._reason = ""
         self._wake = threading.Event()  # ends the wait for the Executor: it is back, or the client cancels
@@ -51,9 +57,14 @@ class ExecutorRequest:
     def id(self) -> str:
         """The actionlib goal id; ``merlin/status`` and ``merlin/queue`` name the request by it.
 
-        A request that is sent again gets another one.
+        A request that is sent again gets another one, unless it survives.
         """
         return self._sent.id
+
+    @property
+    def survives(self) -> bool:
+        """Whether it goes on without this client."""
+        return bool(self._goal.survives)
 
     @property
     def done(self) -> bool:
@@ -99,6 +110,16 @@ class ExecutorRequest:
             self._wake.set()
         sent.cancel()
 
+    def leave(self) -> None:
+        """Its client waits no longer: it is cancelled. One that survives ends here only, and goes on."""
+        if not self.survives:
+            self.cancel()
+            return
+        with self._lock:
+            self._resending.cancel()
+            self._wake.set()
+        self._finish(GOES_ON)
+
     def wait(self, timeout: Optional[float] = None) -> bool:
         """Waits for its end.
 
@@ -111,7 +132,11 @@ class ExecutorRequest:
         """Called with the lock held: a goal may end before this returns."""
         feedback = self._on_feedback
         forward = (lambda _, message: feedback(message)) if feedback is not None else None
-        return self._client.send(self._goal, self._sent_ended, forward)
+        if not self.survives:
+            return self._client.send(self._goal, self._sent_ended, forward)
+        sent = self._client.send(self._goal, self._sent_ended, forward, lasting=True, again=self._known)
+        self._known = sent.id
+        return sent
 
     def _sent_ended(self, sent: ClientGoal) -> None:
         with self._lock:
@@ -150,7 +175,8 @@ class ExecutorRequest:
         def hear(status: GoalStatusArray) -> None:
             # An Executor that goes down tells for a while yet of the goal that it has ended. It would refuse
             # the next one.
-            if not goes_down or all(entry.goal_id.id != sent.id for entry in status.status_list):
+            ended = [entry.goal_id.id for entry in status.status_list if entry.status in TERMINAL]
+            if not goes_down or sent.id not in ended:
                 wake.set()
 
         # A subscriber of its own: what the client has heard before may be of the Executor that was lost.
@@ -168,7 +194,10 @@ class ExecutorRequest:
         return getattr(self._sent.result, "reason", "") or self._sent.text
 
     def _finish(self, reason: str) -> None:
-        self._reason = reason
-        self._ended.set()
+        with self._lock:
+            if self.done:
+                return
+            self._reason = reason
+            self._ended.set()
         if self._on_done is not None:
             self._on_done(self)

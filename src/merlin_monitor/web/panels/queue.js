@@ -15,7 +15,7 @@ export function show(section, { store, control }) {
       requests.push({ request: executor.request, goals: executor.goals, words: executor.words, priority: executor.priority, running: true, note: [t(executor.state), t("{done} of {count} steps done", { done: executor.done, count: executor.total }), ...times(executor)].filter(Boolean).join(", ") });
     }
     for (const waiting of [...(executor.together || []), ...(queue.waiting || [])]) {
-      const words = [waiting.interrupted && t("interrupted"), say(waiting.waits) || t("waits"), waiting.on_interrupt === "drop" && t("dropped when interrupted"), t("asked for by {client}", { client: waiting.by }), ...times(waiting)];
+      const words = [waiting.interrupted && t("interrupted"), say(waiting.waits) || t("waits"), waiting.on_interrupt === "drop" && t("dropped when interrupted"), waiting.survives && t("survives"), t("asked for by {client}", { client: waiting.by }), ...times(waiting)];
       requests.push({ ...waiting, note: words.filter(Boolean).join(", ") });
     }
     const count = (queue.waiting || []).length;

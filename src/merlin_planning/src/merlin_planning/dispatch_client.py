@@ -106,7 +106,10 @@ class DispatchClient:
     def running(self) -> List[RunningAction]:
         """The actions under way."""
         with self._changed:
-            return [action.message for action in self._progress.running.values()] if self._active else []
+            actions = self._progress.running.values() if self._active else ()
+            for action in actions:
+                action.message.uninterruptible = action.id in self._progress.kept
+            return [action.message for action in actions]
 
     @property
     def steps_done(self) -> int:
@@ -441,9 +444,9 @@ class DispatchClient:
         if found is None:
             return
         with self._changed:
-            ends = self._active and self._progress.answered(feedback.action_id, feedback.plan_id, *found)
+            changes = self._active and self._progress.answered(feedback.action_id, feedback.plan_id, *found)
             self._changed.notify_all()
-        if ends:
+        if changes:
             self._on_change()
 
     def _receive_status(self, status: DispatchStatus) -> None:

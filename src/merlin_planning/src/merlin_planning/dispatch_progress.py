@@ -19,6 +19,8 @@ NO = "no"
 #: text with ``*`` for any argument, or :data:`YES`: this action.
 FINAL = "final"
 YES = "yes"
+#: A key of an action that goes on; its value :data:`NO` says that a more urgent request has to wait for it.
+INTERRUPTIBLE = "interruptible"
 #: Actions whose early answers are kept at most; any node may answer anything.
 EARLY = 1000
 _CANCELLED = "cancelled"
@@ -105,6 +107,8 @@ class DispatchProgress:
         self.messages = 0
         """Messages that counted for this dispatch."""
         self.running: Dict[int, Action] = {}
+        self.kept: Set[int] = set()
+        """Ids of those of them for which a more urgent request has to wait."""
         self.steps_done = 0
         self.failed = ""
         """The action that failed last, as PDDL text."""
@@ -176,7 +180,7 @@ class DispatchProgress:
 
         :param plan_id: 0 when it does not say.
         :param information: that came with the answer.
-        :return: whether that ends an action of this dispatch.
+        :return: whether that ends an action of this dispatch, or says of one whether it can be interrupted.
         """
         action = self.running.get(action_id)
         if action is None:
@@ -187,8 +191,11 @@ class DispatchProgress:
         self.messages += 1
         if answer is DispatchAnswer.TAKEN:
             self._taken.add(action_id)
-            return False
+            kept = information.get(INTERRUPTIBLE)
+            (self.kept.add if kept == NO else self.kept.discard)(action_id)
+            return kept is not None
         del self.running[action_id]
+        self.kept.discard(action_id)
         if answer is DispatchAnswer.SUCCEEDED:
             self.steps_done += 1
             return True

@@ -220,9 +220,50 @@ def test_an_interrupted_request_is_answered_when_the_executor_ends(agenda: "Agen
     assert answers(agenda.ended(CANCELLED))[first].reason == "the executor shuts down"
 
 
+@pytest.mark.parametrize("interruptible", [True, False], ids=["at a state", "never"])
+def test_a_more_urgent_request_waits_for_a_safe_point_and_says_so(
+    agenda: "Agenda[Ticket]", interruptible: bool
+) -> None:
+    first, urgent, less = Keeping(0, interruptible=interruptible), Ticket(1, 3), Ticket(2, -1)
+    first.kept = "(deliver cup) can be interrupted" if interruptible else ""
+    agenda.receive(first)
+    agenda.begin()
+    agenda.receive(less)
+    assert agenda.receive(urgent) == [] and agenda.elapse() == [] and first.stop is None
+    until = first.kept or "the request that runs has ended"
+    assert [outlook.waits for _, outlook in agenda.outlooks()] == [f"waits until {until}", ""]
+    if interruptible:
+        first.kept = ""
+        assert stops(agenda.elapse()) == [first]
+        agenda.ended(CANCELLED)
+    else:
+        agenda.ended(Verdict(Outcome.SUCCEEDED))
+    assert agenda.begin() is urgent
+
+
+def test_its_own_client_cancels_a_request_that_is_not_interrupted(agenda: "Agenda[Ticket]") -> None:
+    first, urgent = Ticket(0, interruptible=False), Ticket(1, 3)
+    agenda.receive(first)
+    agenda.begin()
+    agenda.receive(urgent)
+    assert stops(agenda.cancel(first)) == [first]
+    assert agenda.outlook(urgent).waits == ""
+    assert answers(agenda.ended(CANCELLED))[first].outcome is Outcome.CANCELLED
+
+
 ENDS = st.sampled_from(
     [CANCELLED, Verdict(Outcome.SUCCEEDED), Verdict(Outcome.CANCEL_TIMEOUT, "x did not stop")]
 )
+
+
+class Keeping(Ticket):
+    """One whose actions are at states at which they are not interrupted, when the test says so."""
+
+    kept = ""
+
+    @property
+    def keeps(self) -> str:
+        return super().keeps or self.kept
 
 
 class AgendaMachine(RuleBasedStateMachine):
@@ -231,10 +272,10 @@ class AgendaMachine(RuleBasedStateMachine):
     def __init__(self) -> None:
         super().__init__()
         self.agenda: Agenda[Ticket] = Agenda()
-        self.tickets: List[Ticket] = []
+        self.tickets: List[Keeping] = []
         self.answered: Dict[Ticket, Verdict] = {}
         self.stopped: List[Ticket] = []
-        self.running: Optional[Ticket] = None
+        self.running: Optional[Keeping] = None
         self.wanted: Dict[Ticket, bool] = {}  # whether the client has not taken it back
         self.closed = False
 
@@ -246,13 +287,23 @@ class AgendaMachine(RuleBasedStateMachine):
                 self.answered[decision.ticket] = decision.verdict
             else:
                 assert decision.ticket is self.running and decision.ticket.stop is not None
+                assert decision.ticket.stop.is_final or not decision.ticket.keeps, "interrupted"
 
-    def pick(self, number: int) -> Optional[Ticket]:
+    def pick(self, number: int) -> Optional[Keeping]:
         return self.tickets[number % len(self.tickets)] if self.tickets else None
 
-    @rule(priority=st.integers(-2, 2), resumes=st.booleans(), goes_on=st.booleans(), cancelled=st.booleans())
-    def receive(self, priority: int, resumes: bool, goes_on: bool, cancelled: bool) -> None:
-        ticket = Ticket(len(self.tickets), priority, resumes, goes_on)
+    @rule(
+        priority=st.integers(-2, 2),
+        resumes=st.booleans(),
+        goes_on=st.booleans(),
+        cancelled=st.booleans(),
+        interruptible=st.sampled_from([True, True, False]),
+    )
+    def receive(
+        self, priority: int, resumes: bool, goes_on: bool, cancelled: bool, interruptible: bool
+    ) -> None:
+        number = len(self.tickets)
+        ticket = Keeping(number, priority, resumes, goes_on, interruptible=interruptible)
         self.tickets.append(ticket)
         self.wanted[ticket] = not cancelled
         self.take(self.agenda.receive(ticket, cancelled))
@@ -282,10 +333,18 @@ class AgendaMachine(RuleBasedStateMachine):
             self.running = ticket
 
     @precondition(lambda self: self.running is not None)
+    @rule(kept=st.sampled_from(["", "(deliver cup) can be interrupted"]))
+    def reach_another_state(self, kept: str) -> None:
+        assert self.running is not None
+        self.running.kept = kept
+        self.take(self.agenda.elapse())
+
+    @precondition(lambda self: self.running is not None)
     @rule(verdict=ENDS)
     def end(self, verdict: Verdict) -> None:
         running, self.running = self.running, None
         assert running is not None
+        running.kept = ""
         if verdict is CANCELLED and running.stop is None:
             verdict = Verdict(Outcome.ACTION_FAILED, "it failed")
         self.take(self.agenda.ended(verdict))
@@ -314,7 +373,7 @@ class AgendaMachine(RuleBasedStateMachine):
 
     @invariant()
     def nothing_more_urgent_waits_than_runs(self) -> None:
-        if self.running is not None and self.running.stop is None:
+        if self.running is not None and self.running.stop is None and not self.running.keeps:
             ready = [ticket.priority for ticket in self.agenda.waiting if ticket.may_run]
             assert max(ready, default=self.running.priority) <= self.running.priority
 

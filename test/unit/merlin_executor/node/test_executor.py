@@ -7,7 +7,7 @@ import pytest
 import rospy
 from actionlib_msgs.msg import GoalStatus
 from fakes.executor_bench import Bench, Goal
-from merlin_msgs.msg import ExecuteGoal, ExecutorStatus
+from merlin_msgs.msg import ExecuteGoal, ExecutorStatus, RunningAction
 from rosplan_dispatch_msgs.msg import ActionDispatch
 from rosplan_knowledge_msgs.msg import ExprBase, KnowledgeItem
 
@@ -37,6 +37,34 @@ def test_a_pause_lets_the_running_request_go_on_and_keeps_the_next_one_waiting(b
     assert bench.machine.begun.acquire(timeout=LONG)
     bench.machine.end(Verdict(Outcome.SUCCEEDED, "done"))
     assert second.end()[1] == "SUCCEEDED"
+
+
+def test_an_urgent_request_waits_until_the_machine_leaves_its_state(bench: Bench) -> None:
+    first = bench.run(Goal("(checked kitchen)"))
+    bench.dispatch(RunningAction(name="deliver", uninterruptible=True))
+    urgent = bench.send(Goal("(checked hall)", priority=1))
+    assert [request.waits for request in bench.queue()] == ["waits until (deliver) can be interrupted"]
+    assert urgent.told == [bench.queue()[0].waits]
+    bench.dispatch(RunningAction(name="deliver", uninterruptible=True))
+    assert bench.status().urgent_waits == urgent.told[0]
+    bench.dispatch(RunningAction(name="deliver"))
+    assert bench.machine.begun.acquire(timeout=LONG)  # the urgent one
+    bench.dispatch()
+    bench.machine.end(Verdict(Outcome.SUCCEEDED, "done"))
+    assert urgent.end()[1] == "SUCCEEDED"
+    assert bench.machine.begun.acquire(timeout=LONG)
+    bench.machine.end(Verdict(Outcome.SUCCEEDED, "done"))
+    assert first.end()[1] == "SUCCEEDED"
+
+
+def test_a_request_that_is_never_interrupted_ends_first(bench: Bench) -> None:
+    first = bench.run(Goal("(checked kitchen)", on_interrupt=ExecuteGoal.NEVER))
+    urgent = bench.send(Goal("(checked hall)", priority=1))
+    assert urgent.told == ["waits until (checked kitchen) has ended"]
+    bench.cancel(first)
+    assert first.end()[1] == "CANCELLED"
+    assert bench.machine.begun.acquire(timeout=LONG)
+    assert bench.queue() == [] and urgent.told[-1] == ""
 
 
 def test_a_request_is_run_and_answered(bench: Bench) -> None:

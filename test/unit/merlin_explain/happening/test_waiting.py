@@ -128,6 +128,16 @@ def test_a_request_waits_for_the_one_that_runs(story: RobotStory) -> None:
     assert ask(story, NEXT) == answer
 
 
+@pytest.mark.parametrize("kept", ["", f"waits until {DRIVE} can be interrupted"])
+def test_a_more_urgent_request_is_not_said_to_stop_what_cannot_be_interrupted(
+    story: RobotStory, kept: str
+) -> None:
+    drive(story, priority=1)
+    story.queues({**queued(waits=kept), "priority": 5})
+    told = "cannot be interrupted now" if kept else "is being stopped"
+    assert f"is less urgent, and {told}" in ask(story, "(tidy attic)").sentence
+
+
 def test_a_request_waits_for_its_time_and_for_more_urgent_ones(story: RobotStory) -> None:
     other = {"request": "/door-1-2.0", "goals": ["(tidy hall)"], "priority": 5}
     story.runs()

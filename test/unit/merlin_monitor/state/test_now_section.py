@@ -423,6 +423,18 @@ def test_a_request_whose_time_has_not_come_waits_for_no_other_one() -> None:
         assert in_english(tree.get("queue", "waiting")[0]["waits"]) == said
 
 
+def test_an_urgent_request_waits_for_what_is_not_interrupted() -> None:
+    tree, now, _, _ = section()
+    why = "waits until (deliver cup) can be interrupted"
+    urgent = QueuedGoal(request="/c-b-1.0", goals=["(b)"], priority=5, waits=why)
+    urgent.survives, urgent.on_interrupt = True, 2
+    now.executor(executor(ExecutorStatus.RUNNING, request=REQUEST, goals=["(a)"]), 2.0)
+    now.queue(GoalQueue(requests=[urgent]), 2.0)
+    shown = tree.get("queue", "waiting")[0]
+    assert "can be interrupted" in in_english(shown["waits"]) and "deliver" in in_english(shown["waits"])
+    assert shown["survives"] and shown["on_interrupt"] == "never"
+
+
 @pytest.mark.parametrize(
     ("verb", "words"),
     [

@@ -10,19 +10,20 @@ from fakes.topics import Topics
 from merlin_msgs.msg import ListenAction, ListenActionGoal
 
 from merlin_ros.actions.action_server import EARLY_CANCELS, ENDED, ActionServer, ServerGoal
+from merlin_ros.actions.lease import LASTING
 
 
 class Served:
     """A server, the goals that it was given, and its client."""
 
-    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, *left: str) -> None:
         self.goals: List[ServerGoal] = []
         self.on_cancel: Callable[[ServerGoal], None] = lambda goal: None
         self._topics = Topics(monkeypatch)
         self.server = ActionServer(
             "listen", ListenAction, self.goals.append, lambda goal: self.on_cancel(goal)
         )
-        self.server.start()
+        self.server.start([(ListenActionGoal(goal_id=GoalID(id=name)), "/dead") for name in left])
 
     def send(self, name: str, stamp: float, client: str = "/other") -> None:
         goal_id = GoalID(id=name, stamp=rospy.Time(stamp))
@@ -148,3 +149,25 @@ def test_a_goal_with_the_id_of_another_clients_goal_is_left_out_and_named(
     assert served.names == ["1"]
     (text,) = said
     assert "a goal of /robot2/mission is left out: its id 1 is that of a goal of /robot1/mission" in text
+
+
+@pytest.fixture
+def taken_up(monkeypatch: pytest.MonkeyPatch, clock: Any) -> Iterator[Served]:
+    made = Served(monkeypatch, f"1{LASTING}", f"2{LASTING}")
+    yield made
+    made.server.shutdown()
+
+
+def test_a_goal_of_an_earlier_life_is_taken_up_and_followed_by_who_sends_it_again(
+    taken_up: Served, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    said: List[str] = []
+    monkeypatch.setattr(rospy, "logwarn", said.append)
+    first, second = f"1{LASTING}", f"2{LASTING}"
+    taken_up.send(first, 100, "/other")
+    assert taken_up.names == [first, second] and not said
+    taken_up.cancel(first)
+    assert taken_up.goals[0].cancel_requested and set(taken_up.status()) == {first, second}
+    taken_up.goals[0].cancelled()
+    taken_up.send(first, 101, "/other")  # it has ended: whoever wants it again sends a new one
+    assert taken_up.names == [first, second, first] and not taken_up.goals[2].done

@@ -92,6 +92,8 @@ class Execution:
         """Why nothing answers for it any more, as a sentence; empty: something does."""
         self.answered = False
         """Whether the dispatcher has its final answer."""
+        self.uninterruptible = False
+        """Whether its machine is at a state at which no more urgent request interrupts it."""
         self.token = str(Token(self.key, life, str(next(_numbers))))
         """See :class:`Token`."""
         self._lock = threading.Lock()  # guards _interrupt

@@ -169,6 +169,8 @@ class Agenda(Generic[T]):
                 free = None
             if outlook.late and ticket.left_out:
                 outlook = outlook._replace(late=ticket.left_out)
+            if goes_first and running is not None and ticket.window.is_open(self._now):
+                outlook = outlook._replace(waits=self._kept and f"waits until {self._kept}")
             found.append((ticket, outlook))
         return found
 
@@ -188,10 +190,11 @@ class Agenda(Generic[T]):
 
     # --- events ---------------------------------------------------------------------------------------
 
-    def receive(self, ticket: T, cancelled: bool = False) -> List[Decision]:
+    def receive(self, ticket: T, cancelled: bool = False, again: bool = False) -> List[Decision]:
         """A request has arrived.
 
         :param cancelled: its client has taken it back already.
+        :param again: an earlier life of the Executor has taken it: it may be late, and is not refused.
         """
         if self._closing:
             return [AgendaAnswer(ticket, Verdict(Outcome.REFUSED, StopKind.SHUTDOWN.value))]
@@ -199,7 +202,7 @@ class Agenda(Generic[T]):
             return [AgendaAnswer(ticket, Verdict(Outcome.CANCELLED, NOT_BEGUN))]
         full = why_full([other.sender for other in self._waiting], ticket.sender)
         why = full or ticket.window.why_refused(self._clock())
-        if why:
+        if why and not again:
             return [AgendaAnswer(ticket, Verdict(Outcome.REFUSED, why))]
         chosen = [t.rank + 1 for t in self._rivals(ticket) if t.rank or t.left_out]
         ticket.rank = max(chosen, default=0)  # behind those that were chosen, until it is chosen anew
@@ -373,6 +376,13 @@ class Agenda(Generic[T]):
         return 0, priority, 1, group, ticket.rank, window.deadline, order
 
     @property
+    def _kept(self) -> str:
+        """Until when a more urgent request waits for what runs; empty: that is interrupted, or stops."""
+        running = self._running
+        stops = any(ticket.stop for ticket in running)
+        return "" if stops else next((ticket.keeps for ticket in running if ticket.keeps), "")
+
+    @property
     def _resting(self) -> bool:
         return self._paused or self._hold
 
@@ -404,7 +414,7 @@ class Agenda(Generic[T]):
         if self._resting or ticket is None or running is None:
             return []
         if ticket.priority > running.priority:
-            return self._stop(self._running, Stop(StopKind.INTERRUPTED))
+            return [] if self._kept else self._stop(self._running, Stop(StopKind.INTERRUPTED))
         return self._join()
 
     def _join(self) -> List[Decision]:
@@ -413,7 +423,7 @@ class Agenda(Generic[T]):
         One whose actions run is left alone: who comes then waits for its end, or for its next plan.
         """
         running = self._running
-        if self._together < 2 or any(ticket.stop or ticket.under_way for ticket in running):
+        if self._together < 2 or any(ticket.stop or ticket.under_way or ticket.keeps for ticket in running):
             return []
         if not running[0].joins or self._elapsed > self._gathers_until:
             return []

@@ -4,6 +4,7 @@
 Pure.
 """
 
+import math
 from typing import Sequence
 
 MAX_GOALS = 1000  #: Goals of a request, texts and items.
@@ -33,6 +34,16 @@ def check_size(texts: Sequence[str], items: int = 0, tokens: int = 0) -> None:
         raise RequestTooLarge(f"the goals of the request have {length} characters; they may have {MAX_TEXT}")
     if tokens > MAX_TOKENS:
         raise RequestTooLarge(f"an expression of the request has {tokens} tokens; it may have {MAX_TOKENS}")
+
+
+def check_value(value: float) -> float:
+    """The value of a request; zero, of a client that gives none, is 1.
+
+    :raises RequestTooLarge: when it is below 0 or no number.
+    """
+    if not 0.0 <= value < math.inf:
+        raise RequestTooLarge(f"the value of the request is {value:g}; it has to be a number above 0")
+    return value or 1.0
 
 
 def why_full(waiting: Sequence[str], client: str) -> str:

@@ -27,6 +27,8 @@ class Ticket:
     :param sender: the node of its client; empty: not known.
     :param window: when it may run.
     :param alone: whether it is never planned together with others.
+    :param interruptible: whether more urgent requests interrupt it.
+    :param value: what it is worth among those of its priority, where not all can be in time.
     :ivar party: it runs together only with those of the same number; a joint run that failed divides its own.
     :ivar begun: whether it has begun and was not interrupted since; a pause lets it go on.
     :ivar forecast: how long it will take; None: that is not known.
@@ -44,6 +46,8 @@ class Ticket:
         sender: str = "",
         window: TimeWindow = ALWAYS,
         alone: bool = False,
+        interruptible: bool = True,
+        value: float = 1.0,
     ) -> None:
         self.order = order
         self.priority = priority
@@ -52,6 +56,8 @@ class Ticket:
         self.sender = sender
         self.window = window
         self.alone = alone
+        self.interruptible = interruptible
+        self.value = value
         self.party = 0
         self.forecast: Optional[Forecast] = None
         self.rank = 0
@@ -71,6 +77,11 @@ class Ticket:
     def expected_end(self) -> Optional[float]:
         """When its run is expected to end, s of ROS time; None: not known."""
         return None
+
+    @property
+    def keeps(self) -> str:
+        """Until when it is not interrupted while it runs, as part of a sentence; empty: it is at once."""
+        return "" if self.interruptible else f"{self.text or 'the request that runs'} has ended"
 
     @property
     def may_run(self) -> bool:

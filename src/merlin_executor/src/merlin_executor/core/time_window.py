@@ -53,6 +53,8 @@ class Outlook(NamedTuple):
     """When it ends; None: not known."""
     late: str = ""
     """Why it can no longer be on time, as a sentence; empty: it may be."""
+    waits: str = ""
+    """Why it does not interrupt what is less urgent, as a sentence; empty: it does, or need not."""
 
 
 def outlook_running(window: TimeWindow, end: Optional[float]) -> Outlook:
@@ -121,7 +123,7 @@ def outlook_foreseen(
             f"it is expected to begin at {clock_text(begin)} and takes {forecast.seconds:.0f} s, "
             f"and its deadline is {by}"
         )
-    return Outlook(begin, end, late)
+    return outlook._replace(begin=begin, end=end, late=late)
 
 
 class _Timed(NamedTuple):

@@ -161,7 +161,7 @@ class GoalDispatcher(MissionNode):
         self._refuse_cancelled([goals] if isinstance(goals, str) else goals)
         request = self.client.send(goals, given_up=self._cancelled, **options)
         if self.cancelled:  # meanwhile: cancel() may not have seen the request
-            request.cancel()
+            request.leave()
         return request
 
     def _refuse_cancelled(self, goals: Sequence[Any]) -> None:
@@ -173,7 +173,10 @@ class GoalDispatcher(MissionNode):
         self.reporter.task(" ".join(goals))
 
     def cancel(self) -> None:
-        """Cancels the mission: all goals that it has sent stop, and :meth:`send` sends no further ones."""
+        """Cancels the mission: all goals that it has sent stop, but those that survive go on without it.
+
+        :meth:`send` sends no further ones.
+        """
         self._cancelled.set()
         self._pause.wake()
         self.client.cancel_all()

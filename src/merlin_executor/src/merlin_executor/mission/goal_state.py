@@ -1,16 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """A state that sends goals to the Executor: what a mission's machine is made of (paper, Figure 3)."""
 
+import inspect
 import threading
 from typing import Any, Callable, Optional, Sequence, Union
 
 from merlin_msgs.msg import ExecuteResult
 
 from merlin_executor.core.outcome import Outcome, outcome_name
-from merlin_executor.executor_client import RESUME, Goals, MerlinExecutorClient
+from merlin_executor.executor_client import Goals, MerlinExecutorClient
 from merlin_executor.executor_request import ExecutorRequest
 from merlin_executor.mission.mission_pause import MissionPause
-from merlin_executor.request_times import When, with_ros_times
+from merlin_executor.request_times import with_ros_times
 from merlin_executor.resending import RESEND
 from merlin_planning.knowledge_client import KnowledgeError
 from merlin_planning.knowledge_text import PDDLSyntaxError
@@ -33,40 +34,29 @@ class GoalState(MerlinState):
     :param goals: PDDL text or knowledge items, one or many; ``{key}`` in text is replaced by userdata. Or a
         function from userdata to them, called when the state runs: goals that depend on what is known then.
     :param keys: the userdata keys that the goals may name; None: those that texts name.
-    :param priority: higher is more urgent.
-    :param on_interrupt: RESUME or DROP.
     :param client: None: one of its own.
-    :param on_lost: END or RESEND, what happens when the Executor is lost meanwhile; None: as the client does.
     :param pause: of the mission: while it is paused, the goals are not sent; it also decides what becomes of
         goals that an operator has cancelled.
-    :param not_before, deadline: of the request, as of :meth:`MerlinExecutorClient.send`; numbers are s from
-        when the state begins.
-    :param alone: the goals are never planned together with those of other requests.
+    :param options: priority, on_interrupt, deadline, alone, … of :meth:`MerlinExecutorClient.send`; times
+        that are numbers are s from when the state begins.
+    :raises TypeError: for an option that is none.
     """
 
     def __init__(
         self,
         goals: Union[Goals, Callable[[Any], Goals]],
         keys: Optional[Sequence[str]] = None,
-        priority: int = 0,
-        on_interrupt: int = RESUME,
         client: Optional[MerlinExecutorClient] = None,
         pause: Optional[MissionPause] = None,
-        on_lost: Optional[str] = None,
-        not_before: Optional[When] = None,
-        deadline: Optional[When] = None,
-        alone: bool = False,
+        **options: Any,
     ) -> None:
+        inspect.signature(MerlinExecutorClient.send).bind(None, goals, **options)
         listed = [goals] if callable(goals) or isinstance(goals, str) else list(goals)
         self._keys = keys_of([goal for goal in listed if isinstance(goal, str)], keys)
         super().__init__([NOTHING] if callable(goals) else [], self._keys, ["outcome"])
         self._goals = goals
-        self._priority = priority
-        self._on_interrupt = on_interrupt
+        self._options = options
         self._pause = pause or MissionPause(lambda paused: None)
-        self._on_lost = on_lost
-        self._times = {"not_before": not_before, "deadline": deadline}
-        self._alone = alone
         self._client = client or MerlinExecutorClient(on_lost=RESEND)
 
     def run(self, userdata: Any) -> str:
@@ -84,7 +74,7 @@ class GoalState(MerlinState):
         if not self._client.wait_for_executor(EXECUTOR_WAIT):
             return self.fail(f"no executor within {EXECUTOR_WAIT:g} s")
         try:
-            times = with_ros_times(self._times)
+            options = with_ros_times(self._options)
         except ValueError as error:
             return self.fail(str(error))
         again = True
@@ -97,19 +87,11 @@ class GoalState(MerlinState):
             given_up = threading.Event()
             self.interruptible(given_up.set)
             try:
-                request = self._client.send(
-                    goals,
-                    self._priority,
-                    self._on_interrupt,
-                    on_lost=self._on_lost,
-                    given_up=given_up,
-                    alone=self._alone,
-                    **times,
-                )
+                request = self._client.send(goals, given_up=given_up, **options)
             except (ValueError, PDDLSyntaxError, ServiceError) as error:
                 self.interruptible(None)
                 return PREEMPTED if self.preempt_requested() else self.fail(str(error))
-            self.interruptible(request.cancel)
+            self.interruptible(request.leave)
             request.wait()
             self.interruptible(self._pause.wake)
             again = self._pause.again(request, self.preempt_requested)

@@ -41,6 +41,7 @@ from merlin_executor.node.guard_client import GuardClient
 from merlin_executor.node.own_goals import OwnGoals
 from merlin_executor.node.recovery import Recovery
 from merlin_executor.node.request import Request
+from merlin_executor.node.survivors import Survivors
 from merlin_pddl.text_reader import shortened
 from merlin_planning.breakpoint_service import BreakpointService
 from merlin_planning.dispatch_client import STUCK_AFTER, DispatchClient
@@ -110,6 +111,7 @@ class Executor:
         self._new_course = partial(Course, max_replans, same_failures, replan_wait)
         self._told = threading.Event()  # set when statuses may be published
         self._own = OwnGoals(knowledge, goals_file, LeaseHolder(f"{knowledge.name}/goals/lease"))
+        self._survivors = Survivors(goals_file)
         self._dispatcher = DispatchClient(
             dispatcher, knowledge.name, cancel_deadline, self._dispatch_changed, stuck_after
         )
@@ -172,7 +174,7 @@ class Executor:
         )
         self._guard.follow(self._hold_changed)
         self._engine.start()
-        self._server.start()
+        self._server.start(self._survivors.left())
 
     def shutdown(self) -> None:
         """Cancels what runs, answers what waits, and stops serving."""
@@ -217,19 +219,24 @@ class Executor:
 
     def _read(self, goal: ServerGoal) -> None:
         try:
-            request = Request(goal, next(self._order), self._new_course())
+            request = Request(goal, next(self._order), self._new_course(), self._survivors.drop)
+            if goal.goal.survives and not request.items:
+                raise GoalError("no request of this id waits or runs: it has ended")
             with self._checking(goal):
                 check_goals(request.items, self._knowledge)
             request.texts = [to_pddl(item) for item in request.items]  # the arguments are in order now
+            again = goal.goal.survives and self._survivors.keep(goal)
         except (PDDLSyntaxError, GoalError, RequestTooLarge) as error:
             self._refuse(goal, str(error))
         except ServiceError as error:
             self._refuse(goal, f"the goals could not be checked: {KNOWLEDGE_BASE}: {error}")
+        except OSError as error:
+            self._refuse(goal, f"the request could not be noted for the next life of the executor: {error}")
         except BaseException as error:  # the client gets its answer, whatever it sent
             rospy.logerr(f"executor: {traceback.format_exc(limit=20)}")
             self._refuse(goal, f"the request could not be read: {crashed(error).reason}")
         else:
-            self._engine.decide(lambda agenda: agenda.receive(request, goal.cancel_requested))
+            self._engine.decide(lambda agenda: agenda.receive(request, goal.cancel_requested, again))
 
     @contextmanager
     def _checking(self, goal: ServerGoal) -> Iterator[None]:
@@ -269,8 +276,8 @@ class Executor:
         self._engine.decide_on(lambda request: request.goal is goal, decide)
         return not goes_on
 
-    @staticmethod
-    def _refuse(goal: ServerGoal, reason: str) -> None:
+    def _refuse(self, goal: ServerGoal, reason: str) -> None:
+        self._survivors.drop(goal.id)
         # A client may send names without end; the log, and all that listen to it, need not have them.
         verdict = unreadable(shortened(reason, LONGEST_REASON), goal.cancel_requested)
         rospy.logwarn(f"{verdict.outcome.name}: {verdict.reason}")
@@ -297,6 +304,7 @@ class Executor:
         with self._publishing:
             together = self._engine.together
             request = together[0] if together else None
+            freed = False  # whether something more urgent may interrupt it now, or no longer
             status = ExecutorStatus(state=ExecutorStatus.IDLE, reason=self._activity.reason)
             status.paused = self._engine.paused
             status.waits = self._guard.hold
@@ -317,8 +325,11 @@ class Executor:
                 status.steps_total = len(request.plan)
                 status.replans = request.course.replans
                 status.reason = request.course.replan_reason
-                for each in together:
-                    each.runs(status.running)
+                changes = [each.runs(status.running) for each in together]
+                freed = any(changes)
+                if request.keeps:
+                    outlooks = self._engine.outlooks()
+                    status.urgent_waits = next((each.waits for _, each in outlooks if each.waits), "")
                 outlook = request.outlook
                 status.deadline = request.goal.goal.deadline
                 status.expected_end = rospy.Time.from_sec(outlook.end or 0.0)
@@ -335,8 +346,8 @@ class Executor:
                     each.goal.feedback(feedback)
             publish(self._status_publisher, status)
             shifted = request is not None and request.expected_end != self._expected_end
-        if shifted and self._engine.waiting:
-            self._publish_queue()
+        if (freed or shifted) and self._engine.waiting:
+            self._engine.look()
 
     def _publish_queue(self) -> None:
         with self._publishing:

@@ -228,6 +228,7 @@ class Forecasts:
             Errand(
                 name,
                 request.window.deadline - start.begin,
+                value=request.value,
                 ready=max(0.0, request.window.not_before - start.begin),
             )
             for name, request in requests.items()

@@ -36,7 +36,7 @@ class OwnGoals:
     ) -> None:
         self._changing = threading.RLock()  # guards the ledger, the notes and the lease: one change at a time
         self._knowledge = knowledge
-        self._notes: Union[GoalNotes, ParameterNotes] = GoalNotes(path) if path else ParameterNotes(PARAMETER)
+        self._notes: Notes = GoalNotes(path) if path else ParameterNotes(PARAMETER)
         self._lease = lease
         self._ledger: GoalLedger[KnowledgeItem] = GoalLedger(to_pddl, LIFE)
         self._held = ""  # the lease that is held
@@ -115,10 +115,10 @@ class OwnGoals:
         :return: the goals, as PDDL text.
         :raises KnowledgeError: when the knowledge base refuses.
         :raises ServiceError: when it does not answer.
-        :raises OSError: when the notes cannot be read or written.
+        :raises OSError: when the notes cannot be written.
         """
         texts = []
-        for text in self._noted():
+        for text in noted(self._notes):
             try:
                 self._ledger.inherit(parse_goal(text))
             except PDDLSyntaxError as error:
@@ -143,13 +143,6 @@ class OwnGoals:
             self._notes.write(texts)
         else:
             self._notes.write_soon(texts)
-
-    def _noted(self) -> List[str]:
-        try:
-            return self._notes.read()
-        except NotesError as error:
-            rospy.logerr(f"the notes of an earlier executor are ignored: {error}")
-            return []
 
 
 class ParameterNotes:
@@ -194,3 +187,15 @@ class ParameterNotes:
         """
         noted = get_param(self._name, [])
         return list(map(str, noted)) if isinstance(noted, list) else []
+
+
+Notes = Union[GoalNotes, ParameterNotes]
+
+
+def noted(notes: Notes) -> List[str]:
+    """What an earlier Executor has noted; what makes no sense, or cannot be read, is ignored."""
+    try:
+        return notes.read()
+    except (NotesError, OSError) as error:
+        rospy.logerr(f"the notes of an earlier executor are ignored: {error}")
+        return []

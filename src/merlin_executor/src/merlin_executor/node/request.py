@@ -3,7 +3,7 @@
 
 import contextlib
 import math
-from typing import List, Optional, Sequence
+from typing import Callable, List, Optional, Sequence
 
 import rospy
 from actionlib_msgs.msg import GoalStatus
@@ -22,11 +22,11 @@ from rosplan_knowledge_msgs.msg import KnowledgeItem
 from merlin_executor.core.answering import ClientAnswer, answer_for
 from merlin_executor.core.course import DISPATCH_PLAN, Course
 from merlin_executor.core.engine import Job
-from merlin_executor.core.outcome import Verdict
-from merlin_executor.core.request_limits import check_size
+from merlin_executor.core.outcome import StopKind, Verdict
+from merlin_executor.core.request_limits import check_size, check_value
 from merlin_executor.core.time_window import Outlook, PlanTimes, TimeWindow, outlook_running
 from merlin_pddl.plan_text import PlanTextError, parse_plan
-from merlin_planning.knowledge_text import parse_goal, to_pddl
+from merlin_planning.knowledge_text import action_text, parse_goal, to_pddl
 from merlin_ros.actions.action_server import ServerGoal
 
 
@@ -36,22 +36,32 @@ class Request(Job):
     :param goal: as received.
     :param order: number of arrival.
     :param course: its way through the planning system, which has not begun.
+    :param on_end: called with its id before its client is answered, unless the next life is to take it up.
     :raises PDDLSyntaxError: when a goal is not PDDL.
     :raises RequestTooLarge: beyond a limit.
     """
 
-    def __init__(self, goal: ServerGoal, order: int, course: Course) -> None:
+    def __init__(
+        self,
+        goal: ServerGoal,
+        order: int,
+        course: Course,
+        on_end: Callable[[str], None] = lambda goal_id: None,
+    ) -> None:
         wanted: ExecuteGoal = goal.goal
         super().__init__(
             order,
             wanted.priority,
-            resumes=wanted.on_interrupt == ExecuteGoal.RESUME,
-            goes_on=wanted.on_client_lost == ExecuteGoal.GO_ON,
+            resumes=wanted.on_interrupt in (ExecuteGoal.RESUME, ExecuteGoal.NEVER),
+            goes_on=wanted.survives or wanted.on_client_lost == ExecuteGoal.GO_ON,
             sender=goal.sender,
             window=TimeWindow(wanted.not_before.to_sec(), wanted.deadline.to_sec() or math.inf),
             alone=wanted.alone,
+            interruptible=wanted.on_interrupt != ExecuteGoal.NEVER,
+            value=check_value(wanted.value),
         )
         self.goal = goal
+        self._on_end = on_end
         tokens = [len(side.tokens) for item in wanted.items for side in (item.ineq.LHS, item.ineq.RHS)]
         check_size(wanted.goals, len(wanted.items), max(tokens, default=0))
         self.items: List[KnowledgeItem] = [item for text in wanted.goals for item in parse_goal(text)]
@@ -62,7 +72,8 @@ class Request(Job):
         self.course = course
         self.plan: List[ActionDispatch] = []
         self._times = PlanTimes()
-        self._late = ""  # as its client was told last, while it waits
+        self._kept = ""  # actions under way at a state at which they are not interrupted
+        self._told = ""  # why it is late or waits, as its client was told last
 
     @property
     def expected_end(self) -> Optional[float]:
@@ -91,6 +102,7 @@ class Request(Job):
             self.course.begin()
         else:
             self.course = run[0].course
+        self._kept = ""
         self.take_plan([])
 
     def take_plan(self, actions: Sequence[ActionDispatch]) -> None:
@@ -114,10 +126,19 @@ class Request(Job):
             return []
         return [GoalDeadline(self.texts, self.window.deadline - now)]
 
-    def runs(self, actions: Sequence[RunningAction]) -> None:
-        """Takes the actions that are under way."""
+    @property
+    def keeps(self) -> str:
+        """Until when it is not interrupted; see :attr:`.Ticket.keeps`."""
+        return super().keeps or (self._kept and f"{self._kept} can be interrupted")
+
+    def runs(self, actions: Sequence[RunningAction]) -> bool:
+        """Takes the actions that are under way; returns whether that changes :attr:`keeps`."""
         if self.plan:
             self._times.dispatched((action.action_id, action.dispatched.to_sec()) for action in actions)
+        before = self._kept
+        kept = [action_text(each.name, each.parameters) for each in actions if each.uninterruptible]
+        self._kept = ", ".join(kept)
+        return self._kept != before
 
     def accept(self) -> None:
         """Accepts the goal at the action server: the request runs."""
@@ -125,6 +146,8 @@ class Request(Job):
 
     def end(self, verdict: Verdict) -> bool:
         """Answers the client with the actionlib state that fits; False when that was done before."""
+        if not verdict.reason.startswith(StopKind.SHUTDOWN.value):
+            self._on_end(self.goal.id)
         accepted = self.goal.status not in (GoalStatus.PENDING, GoalStatus.RECALLING)
         verbs = {
             ClientAnswer.SUCCEED: self.goal.succeed,
@@ -135,10 +158,11 @@ class Request(Job):
         return verbs[answer_for(verdict.outcome, accepted)](self._result(verdict), verdict.reason)
 
     def tell(self, outlook: Outlook) -> None:
-        """Tells its client, while it waits, when it can no longer be on time, or can be again."""
-        if outlook.late != self._late:
-            self._late = outlook.late
-            self.goal.feedback(ExecuteFeedback(reason=outlook.late))
+        """Tells its client, while it waits, that it can no longer be on time, or waits for a safe point."""
+        reason = "; ".join(filter(None, (outlook.waits, outlook.late)))
+        if reason != self._told:
+            self._told = reason
+            self.goal.feedback(ExecuteFeedback(reason=reason))
 
     def queued_goal(self, outlook: Outlook) -> QueuedGoal:
         """Its state in the queue."""
@@ -146,7 +170,7 @@ class Request(Job):
             request=self.goal.id,
             goals=self.texts,
             priority=self.priority,
-            on_interrupt=ExecuteGoal.RESUME if self.resumes else ExecuteGoal.DROP,
+            on_interrupt=self.goal.goal.on_interrupt,
             interrupted=self.interrupted,
             queued=self.queued,
             by=self.goal.goal.by,
@@ -155,6 +179,9 @@ class Request(Job):
             expected_begin=rospy.Time.from_sec(outlook.begin or 0.0),
             late=outlook.late,
             expected_end=rospy.Time.from_sec(outlook.end or 0.0),
+            waits=outlook.waits,
+            survives=self.goal.goal.survives,
+            value=self.value,
         )
 
     def _result(self, verdict: Verdict) -> ExecuteResult:

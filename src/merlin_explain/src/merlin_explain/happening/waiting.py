@@ -183,7 +183,8 @@ def _ahead(moment: Moment, request: Mapping[str, Any], words: Words) -> List[Cla
         end = float(executor.get("expected_end") or 0.0)
         when = f", expected at {clock(end)}" if end > moment.at else ""
         first = executor["priority"] >= request["priority"]
-        how = f"has to end first{when}" if first else "is less urgent, and is being stopped"
+        kept = "cannot be interrupted now" if request.get("kept") else "is being stopped"
+        how = f"has to end first{when}" if first else f"is less urgent, and {kept}"
         claims.append(
             Claim("request", f"{_goals(executor, words)} {how}", (request_evidence(executor, end),))
         )

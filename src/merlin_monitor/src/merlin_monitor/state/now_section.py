@@ -19,6 +19,7 @@ from merlin_monitor.text.request_words import (
     MARKS,
     MISSION_STATES,
     OF_PLANNER,
+    ON_INTERRUPT,
     OUTCOMES,
     PAUSED,
     STAGES,
@@ -215,11 +216,13 @@ class NowSection:
                 "goals": list(request.goals),
                 "words": self._goals(request.goals),
                 "priority": request.priority,
-                "on_interrupt": "drop" if request.on_interrupt else "resume",
+                "on_interrupt": ON_INTERRUPT.get(request.on_interrupt, "resume"),
                 "interrupted": request.interrupted,
                 "queued": request.queued.to_sec(),
                 "by": getattr(request, "by", ""),
+                "survives": getattr(request, "survives", False),
                 **self._times(request, "not_before", "deadline", "expected_begin", "expected_end"),
+                "kept": self._wording.reason(getattr(request, "waits", "")),
             }
             for request in message.requests
         ]
@@ -323,7 +326,7 @@ class NowSection:
         for request in (self._queued or {}).values():
             if request["not_before"] > now:
                 waits = say("waits")  # for its time, which is shown beside
-            shown.append({**request, "waits": waits, "by": self._asked_by(request)})
+            shown.append({**request, "waits": request["kept"] or waits, "by": self._asked_by(request)})
             waits = self._until(request)
         self._tree.set(QUEUE, "waiting", shown)
 

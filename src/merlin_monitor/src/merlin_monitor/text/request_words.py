@@ -25,6 +25,8 @@ OUTCOMES = (
 )
 #: Outcomes that are not failures → what the time bar takes them for.
 MARKS = {"succeeded": "", "already true": "", "cancelled": "cancel", "dropped": "cancel"}
+#: What becomes of a request when a more urgent one comes.
+ON_INTERRUPT = {0: "resume", 1: "drop", 2: "never"}
 #: Outcomes whose reason is the planner's.
 OF_PLANNER = ("unsolvable", "planner timeout", "planner error", "no plan")
 STAGES = {

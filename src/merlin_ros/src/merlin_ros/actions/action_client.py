@@ -22,7 +22,7 @@ import rospy
 from actionlib_msgs.msg import GoalID, GoalStatus, GoalStatusArray
 
 from merlin_ros.actions.client_goal import TERMINAL, ClientGoal
-from merlin_ros.actions.lease import LEASED
+from merlin_ros.actions.lease import LASTING, LEASED
 from merlin_ros.actions.lease_holder import LIFE, LeaseHolder
 from merlin_ros.actions.peers import came_over_open, connected_peers, link_from, reaches
 from merlin_ros.actions.server_silence import CONNECTED_SILENCE, LOOK, ServerSilence
@@ -175,9 +175,14 @@ class ActionClient:
         on_done: Optional[Callable[[ClientGoal], None]] = None,
         on_feedback: Optional[Callable[[ClientGoal, Any], None]] = None,
         owner: Optional[str] = None,
+        lasting: bool = False,
+        again: str = "",
     ) -> ClientGoal:
         """Sends a goal.
 
+        :param lasting: it goes on without this client, which does not lease it, nor cancels it when it is
+            lost or when this process ends.
+        :param again: id of a lasting goal that was sent before: a server that has it answers that one.
         :param owner: id of the goal of this process's own server on whose behalf it is sent; None: of any.
         :param on_done: called once with the ended goal, in a thread of this client; must not block.
         :param on_feedback: called with the goal and each feedback, likewise.
@@ -191,14 +196,15 @@ class ActionClient:
                 f"{self.name} has taken a goal that is stamped {(stamp - now).to_sec():.0f} s ahead of this "
                 "clock, which was set back or is behind: further goals get that stamp until it has caught up",
             )
-        goal_id = GoalID(
-            stamp=stamp, id=f"{self._node}-{LIFE}-{next(_numbers)}-{now.secs}.{now.nsecs:09d}{LEASED}"
-        )
+        how = LASTING if lasting else LEASED
+        name = f"{self._node}-{LIFE}-{next(_numbers)}-{now.secs}.{now.nsecs:09d}{how}"
+        goal_id = GoalID(stamp=stamp, id=again or name)
         with self._changed:
             sent = ClientGoal(goal_id, self._send_cancel, on_done, on_feedback, owner, self._silence.look())
         message = self._goal_type(goal_id=goal_id, goal=goal)
         message.header.stamp = now
-        self._lease.hold(sent.id, owner)
+        if not sent.lasting:
+            self._lease.hold(sent.id, owner)
         with self._changed:
             over = owner is not None and owner in self._dead_owners
             if not over:
@@ -250,7 +256,8 @@ class ActionClient:
             self._goals.clear()
             self._changed.notify_all()
         for goal in goals:
-            publish(self._cancel_publisher, GoalID(id=goal.id))
+            if not goal.lasting:
+                publish(self._cancel_publisher, GoalID(id=goal.id))
         self._lease.shutdown()
         for topic in [*self._subscribers, self._goal_publisher, self._cancel_publisher]:
             topic.unregister()
@@ -337,10 +344,11 @@ class ActionClient:
 
     def _lose(self, goal: ClientGoal, why: str) -> None:
         """Gives a goal up that was taken from the list; without the lock."""
-        with self._changed:
-            self._given_up[goal.id] = running_time()
-        self._publish_cancel(goal.id)
-        self._lease.release(goal.id)
+        if not goal.lasting:
+            with self._changed:
+                self._given_up[goal.id] = running_time()
+            self._publish_cancel(goal.id)
+            self._lease.release(goal.id)
         goal.finish(GoalStatus.LOST, why, self._result_type())
 
     def _publish_cancel(self, goal_id: str) -> None:

@@ -13,13 +13,13 @@ import threading
 import time
 import traceback
 from collections import OrderedDict
-from typing import Any, Callable, Dict, List, Optional
+from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
 
 import rospy
 from actionlib_msgs.msg import GoalID, GoalStatus, GoalStatusArray
 
 from merlin_ros.actions.hang_watch import hangs
-from merlin_ros.actions.lease import LOSE_AFTER, LeaseChange, LeaseState
+from merlin_ros.actions.lease import LASTING, LOSE_AFTER, LeaseChange, LeaseState
 from merlin_ros.actions.lease_watch import LeaseWatch
 from merlin_ros.actions.ownership import ownership
 from merlin_ros.actions.sending_order import SendingOrder
@@ -194,8 +194,14 @@ class ActionServer:
         self._subscribers: List[rospy.Subscriber] = []
         self._publishers: List[rospy.Publisher] = []
 
-    def start(self) -> None:
-        """Begins to serve."""
+    def start(self, left: Sequence[Tuple[Any, str]] = ()) -> None:
+        """Begins to serve.
+
+        :param left: goal messages that an earlier process of this server has left and that are taken up
+            again, and the node that has sent each.
+        """
+        goals = [ServerGoal(self, message.goal_id, message.goal, sender) for message, sender in left]
+        self._goals.update((goal.id, goal) for goal in goals)
         self._status_publisher = rospy.Publisher(
             self.name + "/status", GoalStatusArray, latch=True, queue_size=50
         )
@@ -207,6 +213,8 @@ class ActionServer:
         self._leases = LeaseWatch(
             self.name + "/lease", self._owner_changed, lose_after=self._lose_owner_after
         )
+        for goal in goals:
+            self._call(goal)
         self._subscribers = [
             rospy.Subscriber(self.name + "/goal", self._goal_type, self._receive_goal, tcp_nodelay=True),
             rospy.Subscriber(self.name + "/cancel", GoalID, self._receive_cancel, tcp_nodelay=True),
@@ -293,8 +301,10 @@ class ActionServer:
                 goal_id.stamp = rospy.Time.now()
             sender = str((getattr(message, "_connection_header", None) or {}).get("callerid", ""))
             known = self._goals.get(goal_id.id)
-            if known is not None:  # its client gets the answers to the first one, as in actionlib
-                if known.sender != sender:
+            lasting = goal_id.id.endswith(LASTING)  # who sends it again follows it, until it has ended
+            if known is not None and not (lasting and known.done):
+                # Its client gets the answers to the first one, as in actionlib.
+                if known.sender != sender and not lasting:
                     rospy.logwarn(
                         f"{self.name}: a goal of {sender} is left out: its id {goal_id.id} is that of a goal "
                         f"of {known.sender}; each client has to make ids of its own"

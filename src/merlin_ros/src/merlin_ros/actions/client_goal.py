@@ -8,6 +8,7 @@ from typing import Any, Callable, Optional
 import rospy
 from actionlib_msgs.msg import GoalID, GoalStatus
 
+from merlin_ros.actions.lease import LASTING
 from merlin_ros.deadline import Deadline
 
 TERMINAL = frozenset(
@@ -65,6 +66,11 @@ class ClientGoal:
     def id(self) -> str:
         """The actionlib goal id."""
         return str(self.goal_id.id)
+
+    @property
+    def lasting(self) -> bool:
+        """Whether it goes on at the server without this client."""
+        return self.id.endswith(LASTING)
 
     @property
     def done(self) -> bool:

@@ -17,6 +17,7 @@ LOSE_GONE_AFTER = 0.9  # s of that after which it has to end
 UNNAMED_SUSPEND_AFTER = 2.0  # s after which a goal that says it is leased must not move without a lease
 UNNAMED_LOSE_AFTER = 10.0  # s after which it has to end
 LEASED = "-leased"  #: Ends the id of a goal that its client leases.
+LASTING = "-lasting"  #: Ends the id of a goal that goes on without its client.
 KEEP_UNKNOWN = 60.0  # s for which the end of a goal that is never forgotten is remembered
 KEEP_LOST = 1000  # of them at most; then the oldest is forgotten
 NAMES = 1000  # of a lease that count: its last ones

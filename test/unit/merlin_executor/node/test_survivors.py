@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Requests that survive: the next life of the Executor takes up each that was not answered, and no other."""
+
+import json
+from pathlib import Path
+from typing import Any, Iterator, List
+
+import pytest
+import rospy
+from fakes.executor_bench import Bench, Goal
+
+from merlin_executor.core.outcome import Outcome, Verdict
+from merlin_executor.node.survivors import Survivors
+
+LONG = 60.0
+
+
+@pytest.fixture
+def file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setattr(rospy.Time, "now", lambda: rospy.Time(7))
+    for level in ("logwarn", "logerr"):
+        monkeypatch.setattr(rospy, level, lambda *_: None)
+    return tmp_path / "kept" / "goals"
+
+
+@pytest.fixture
+def lives(file: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
+    """Makes one Executor after the other over the same file; each but the last was killed."""
+    made: List[Bench] = []
+
+    def live() -> Bench:
+        made.append(Bench(monkeypatch, str(file)))
+        return made[-1]
+
+    yield live
+    for bench in made:
+        bench.executor.shutdown()
+
+
+def lasting(*texts: str, **fields: Any) -> Goal:
+    return Goal(*texts, survives=True, **fields)
+
+
+def left(file: Path) -> List[str]:
+    return [message.goal.goals[0] for message, _ in Survivors(str(file)).left()]
+
+
+def test_what_was_noted_is_found_with_all_that_it_says(file: Path) -> None:
+    goal = lasting("(checked kitchen)", priority=3, deadline=rospy.Time(50), value=2.5)
+    assert not Survivors(str(file)).keep(goal)  # type: ignore[arg-type]
+    later = Survivors(str(file))
+    ((message, sender),) = later.left()
+    assert message.goal == goal.goal and (message.goal_id.id, sender) == (goal.id, "/client")
+    assert later.keep(goal)  # type: ignore[arg-type]
+    later.drop(goal.id)
+    assert left(file) == []
+
+
+@pytest.mark.parametrize("note", ["nonsense", "[]", '["x", "y", "z"]', "3"])
+def test_a_note_that_makes_no_sense_costs_no_other_one(file: Path, note: str) -> None:
+    Survivors(str(file)).keep(lasting("(checked kitchen)"))  # type: ignore[arg-type]
+    notes = Path(f"{file}.requests")
+    notes.write_text(json.dumps([note, *json.loads(notes.read_text())]))
+    assert left(file) == ["(checked kitchen)"]
+
+
+def test_a_note_of_another_version_is_not_taken_up(file: Path) -> None:
+    Survivors(str(file)).keep(lasting("(checked kitchen)"))  # type: ignore[arg-type]
+    notes = Path(f"{file}.requests")
+    (note,) = json.loads(notes.read_text())
+    notes.write_text(json.dumps([json.dumps(["0123", *json.loads(note)[1:]])]))
+    assert left(file) == []
+
+
+def test_the_next_life_runs_what_was_not_answered(lives: Any, file: Path) -> None:
+    first = lives()
+    first.run(lasting("(checked kitchen)", priority=1))
+    first.send(lasting("(checked hall)"))
+    first.send(Goal("(not (checked hall))"))
+    second = lives()
+    assert [message.goal.goals for message, _ in second.left] == [["(checked kitchen)"], ["(checked hall)"]]
+    running = second.run(lasting("(checked kitchen)", priority=1))
+    waiting = second.send(lasting("(checked hall)"))
+    assert [request.survives for request in second.queue()] == [True]
+    second.machine.end(Verdict(Outcome.SUCCEEDED, "done"))
+    assert running.end()[1] == "SUCCEEDED" and left(file) == ["(checked hall)"]
+    second.cancel(waiting)
+    assert waiting.end()[1] == "CANCELLED" and left(file) == []
+
+
+def test_an_executor_that_goes_down_in_order_leaves_them_to_the_next(lives: Any, file: Path) -> None:
+    bench = lives()
+    bench.run(lasting("(checked kitchen)"))
+    waiting = bench.send(lasting("(checked hall)"))
+    bench.executor.shutdown()
+    assert waiting.end()[2] == "the executor shuts down"
+    assert left(file) == ["(checked kitchen)", "(checked hall)"]
+
+
+def test_one_whose_deadline_passed_between_two_lives_is_late(lives: Any) -> None:
+    lives().run(lasting("(checked kitchen)", deadline=rospy.Time(60)))
+    second = lives()
+    second.now = 100.0
+    goal = second.send(lasting("(checked kitchen)", deadline=rospy.Time(60)))
+    second.on_hold()  # the alarm of its deadline
+    assert goal.end()[1] == "LATE"
+
+
+def test_the_client_of_one_that_survives_does_not_matter(lives: Any) -> None:
+    bench = lives()
+    goal = bench.run(lasting("(checked kitchen)", on_client_lost=1))
+    assert bench.callbacks["owner"](goal, bench.lost, "its client is gone") is False
+    assert not goal.ended.is_set()
+    bench.machine.end(Verdict(Outcome.SUCCEEDED, "done"))
+    assert goal.end()[1] == "SUCCEEDED"
+
+
+def test_one_that_cannot_be_noted_is_refused(lives: Any, file: Path) -> None:
+    bench = lives()
+    Path(f"{file}.requests.new").mkdir()
+    assert "could not be noted" in bench.send(lasting("(checked kitchen)")).end()[2]
+
+
+def test_an_id_that_nothing_has_any_more_is_said_to_have_ended(lives: Any) -> None:
+    assert "it has ended" in lives().send(lasting()).end()[2]
+
+
+@pytest.mark.parametrize("value", [-1.0, float("nan"), float("inf")])
+def test_a_value_that_is_none_is_refused(lives: Any, value: float) -> None:
+    status, outcome, reason = lives().send(Goal("(checked kitchen)", value=value)).end()
+    assert outcome == "REFUSED" and "above 0" in reason
