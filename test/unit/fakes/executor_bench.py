@@ -70,7 +70,7 @@ class Machine:
         self.begun: threading.Semaphore = threading.Semaphore(0)
         self.go_on = threading.Event()
         self.verdict: Any = Verdict(Outcome.SUCCEEDED)
-        self.unstoppable = False
+        self.unstoppable = self.revises = False
         self.running: List[Any] = []
         self.goals_removed = 0
         self.left = False
@@ -83,6 +83,9 @@ class Machine:
     def cancel(self) -> None:
         self._cancelled = True
         self.go_on.set()
+
+    def revise(self) -> bool:
+        return self.revises
 
     def run_requests(self, requests: Any) -> Verdict:
         assert not self.running, "two run"
@@ -145,7 +148,9 @@ class Bench:
             self.callbacks = dict(zip(("goal", "cancel", "owner", "own result"), callbacks))
             return SimpleNamespace(start=lambda: None, shutdown=lambda: None)
 
-        dispatcher = SimpleNamespace(wait_status=lambda timeout: True, running=[], steps_done=0, hold=Hold())
+        dispatcher = SimpleNamespace(
+            wait_status=lambda timeout: True, running=[], steps_done=0, succeeded=frozenset(), hold=Hold()
+        )
         recovery = SimpleNamespace(rest=lambda *_: "")
         own = SimpleNamespace(remove_left=lambda: [])
         for name, made in (
@@ -178,7 +183,7 @@ class Bench:
         self.on_hold = on_hold
 
     def make_machine(self, *arguments: Any) -> Machine:
-        self.achieved = arguments[3]
+        self.engine = arguments[3]
         return self.machine
 
     def serve_pause(self, switch: Callable[[bool], None]) -> None:

@@ -3,7 +3,7 @@
 
 import threading
 from functools import partial
-from typing import Callable, List, Optional, Sequence
+from typing import Callable, FrozenSet, List, Optional, Sequence
 
 import rospy
 from merlin_msgs.msg import DispatchStatus, RunningAction
@@ -114,6 +114,12 @@ class DispatchClient:
         return self._progress.steps_done
 
     @property
+    def succeeded(self) -> FrozenSet[int]:
+        """Ids of these."""
+        with self._changed:
+            return frozenset(self._progress.succeeded)
+
+    @property
     def hold(self) -> Hold:
         """Before which actions the dispatcher holds, and before which it will hold."""
         return self._reporting.hold
@@ -205,11 +211,8 @@ class DispatchClient:
 
     @property
     def can_exchange(self) -> bool:
-        """Whether the dispatcher can replace the rest of a plan while actions go on; ROSPlan's own cannot.
-
-        Asks the master.
-        """
-        return self._kind.reports and self._exchange.available()
+        """Whether the dispatcher can replace the rest of a plan while actions go on; ROSPlan's own cannot."""
+        return self._kind.reports
 
     def exchange(
         self, plan: Sequence[ActionDispatch], keep: Sequence[RunningAction], owner: Optional[str] = None
@@ -250,6 +253,15 @@ class DispatchClient:
         if not refused:
             self._on_change()
         return refused
+
+    def hand_over(self, owner: str) -> None:
+        """The dispatch that runs is on behalf of another goal of this process's own server from now on.
+
+        :param owner: id of that goal.
+        """
+        with self._changed:
+            if self._active:
+                self._kind.goal(owner)
 
     def cancel(self) -> None:
         """Cancels the running dispatch; before it runs, as soon as it does. Never blocks.

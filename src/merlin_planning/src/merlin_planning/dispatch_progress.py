@@ -105,7 +105,8 @@ class DispatchProgress:
         self.messages = 0
         """Messages that counted for this dispatch."""
         self.running: Dict[int, Action] = {}
-        self.steps_done = 0
+        self.succeeded: Set[int] = set()
+        """Ids of the actions that have succeeded, since the present plan began."""
         self.failed = ""
         """The action that failed last, as PDDL text."""
         self.failed_reason = ""
@@ -118,6 +119,11 @@ class DispatchProgress:
         self._unstopped: List[str] = []
         self._no_retry: Dict[str, str] = {}  # a failed action -> which actions cannot help
         self._counted: Optional[Container[int]] = None  # actions whose failure counts; None: all
+
+    @property
+    def steps_done(self) -> int:
+        """How many actions have succeeded, since the present plan began."""
+        return len(self.succeeded)
 
     @property
     def begun(self) -> bool:
@@ -145,11 +151,11 @@ class DispatchProgress:
             by the dispatcher, which is no failure.
         :return: takes it back.
         """
-        done, before = self.steps_done, self._counted
-        self.steps_done, self._counted = 0, counted
+        done, before = self.succeeded, self._counted
+        self.succeeded, self._counted = set(), counted
 
         def take_back() -> None:
-            self.steps_done, self._counted = self.steps_done + done, before
+            self.succeeded, self._counted = self.succeeded | done, before
 
         return take_back
 
@@ -190,7 +196,7 @@ class DispatchProgress:
             return False
         del self.running[action_id]
         if answer is DispatchAnswer.SUCCEEDED:
-            self.steps_done += 1
+            self.succeeded.add(action_id)
             return True
         reason = information.get("reason", NO_REASON)
         if information.get(STOPPED, "").lower() == NO:

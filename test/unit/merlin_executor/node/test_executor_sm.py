@@ -118,7 +118,10 @@ class Bench:
             wait_back=self._wait_back,
         )
         self.dispatcher = SimpleNamespace(
-            dispatch=self._dispatch, available=lambda: not self.troubles, steps_done=0
+            dispatch=self._dispatch,
+            available=lambda: not self.troubles,
+            steps_done=0,
+            hand_over=lambda owner: None,
         )
         self.machine = ExecutorSM(
             PlanningSystem(
@@ -131,8 +134,7 @@ class Bench:
             ),
             self.own,  # type: ignore[arg-type]
             lambda: None,
-            lambda requests, verdict: self.ended.extend((request, verdict.outcome) for request in requests),
-            lambda: self.others_come,
+            lambda: self,  # type: ignore[arg-type, return-value]
         )
         self.request = self.make_request(KITCHEN, Course(3))
         self.requests: List[Any] = [self.request]
@@ -152,6 +154,17 @@ class Bench:
     def joined_by(self, *goals: str) -> None:
         """Further requests that run in the same plan."""
         self.requests += [self.make_request(parse_goal(goal), self.request.course) for goal in goals]
+
+    # --- the requests
+
+    def achieved(self, requests: List[Any], verdict: Verdict) -> None:
+        self.ended += [(request, verdict.outcome) for request in requests]
+
+    def planned_again(self) -> bool:
+        return self.others_come
+
+    def revision(self) -> List[Any]:
+        return []
 
     # --- the guards
 

@@ -2,7 +2,7 @@
 """The course of a run through the stages of planning, and the verdict on it. Pure."""
 
 from functools import partial
-from typing import Dict, List, NamedTuple, Sequence, Tuple
+from typing import Dict, List, NamedTuple, Optional, Sequence, Tuple
 
 from merlin_executor.core.awaited import Absence
 from merlin_executor.core.outcome import Outcome, Verdict
@@ -114,21 +114,30 @@ class Course:
         What one of them has given up, all do without.
         """
         made = cls(*courses[0]._limits)
-        made._earlier_replans = max(course.replans for course in courses)
         made.absence = courses[0].absence
-        given_up = {
-            failure.no_retry: failure for course in courses for failure in course._replanning.given_up
-        }
-        made._replanning.given_up = list(given_up.values())
         for course in courses:
-            for stage, seconds in course.stage_times.items():
-                made.stage_times[stage] = max(seconds, made.stage_times.get(stage, 0.0))
+            made.take_in(course)
         return made
 
-    def begin(self) -> None:
-        """A run begins: the first, or after an interruption."""
-        self._earlier_replans = self.replans
-        self._replanning = self._new_policy(self._replanning.given_up)
+    def take_in(self, other: "Course") -> None:
+        """From now on it is that of another request, too, which has had one of its own."""
+        self._earlier_replans = max(self._earlier_replans, other.replans)
+        given_up = [*self._replanning.given_up, *other._replanning.given_up]
+        self._replanning.given_up = list({failure.no_retry: failure for failure in given_up}.values())
+        for stage, seconds in other.stage_times.items():
+            self.stage_times[stage] = max(seconds, self.stage_times.get(stage, 0.0))
+
+    def begin(self, before: Optional["Course"] = None) -> None:
+        """A run begins: the first, or after an interruption.
+
+        :param before: of a run that was stopped only for others to join it: its failures count on.
+        """
+        given_up, self._earlier_replans = self._replanning.given_up, self.replans
+        self._replanning = self._new_policy(given_up)
+        if before is not None:
+            self._replanning = before._replanning
+            self._replanning.given_up = given_up
+            self._earlier_replans -= self._replanning.count
         self.end = StageEnd()
         self.stage = self.action = self.no_retry = ""
         self.unstopped = ()

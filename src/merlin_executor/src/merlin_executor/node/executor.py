@@ -118,13 +118,7 @@ class Executor:
         system = PlanningSystem(
             knowledge, planning, self._dispatcher, self._recovery, self._guard, return_wait, look_ahead
         )
-        self._machine = ExecutorSM(
-            system,
-            self._own,
-            self._publish_status,
-            lambda requests, verdict: self._engine.achieved(requests, verdict),
-            lambda: self._engine.planned_again(),
-        )
+        self._machine = ExecutorSM(system, self._own, self._publish_status, lambda: self._engine)
         self._server = ActionServer(
             "merlin/execute", ExecuteAction, self._receive, self._cancel, self._owner, _ended_by_server
         )
@@ -143,7 +137,7 @@ class Executor:
                 self._engine,
                 planning,
                 lambda: self._dispatcher.running,
-                lambda: self._dispatcher.steps_done,
+                lambda: self._dispatcher.succeeded,
             )
             if look_ahead
             else None

@@ -14,12 +14,13 @@ from rosplan_dispatch_msgs.msg import ActionDispatch
 
 import smach
 from merlin_executor.core.course import REPLAN, Course, StageEnd
-from merlin_executor.core.engine import Stages
+from merlin_executor.core.engine import Engine, Stages
 from merlin_executor.core.outcome import Outcome, StopKind, Verdict
 from merlin_executor.core.standstill import still_moving, unstopped
 from merlin_executor.node.executor_stages import KNOWLEDGE_BASE, PlanningSystem
-from merlin_executor.node.joint_run import JointRun, OnAchieved
+from merlin_executor.node.joint_run import JointRun
 from merlin_executor.node.own_goals import OwnGoals
+from merlin_executor.node.plan_revision import PlanRevision
 from merlin_executor.node.request import Request
 from merlin_planning.dispatch_progress import DispatchResult
 from merlin_planning.knowledge_client import KnowledgeError
@@ -42,8 +43,7 @@ class ExecutorSM(MerlinSM, Stages[Request]):
     :param system: that it drives.
     :param own: the goals it puts into the knowledge base.
     :param on_change: called when the stage changes.
-    :param on_achieved: called with requests that end before their run does, and the verdict.
-    :param planned_again: asked before a further plan; True: the run ends, and begins again with others.
+    :param requests: gives what those are told that run and wait.
     """
 
     def __init__(
@@ -51,17 +51,16 @@ class ExecutorSM(MerlinSM, Stages[Request]):
         system: PlanningSystem,
         own: OwnGoals,
         on_change: Callable[[], None],
-        on_achieved: OnAchieved = lambda requests, verdict: None,
-        planned_again: Callable[[], bool] = lambda: False,
+        requests: Callable[[], Engine[Request]],
     ) -> None:
         super().__init__(_OUTCOMES)
         self._system = system
         self._own = own
         self._on_change = on_change
-        self._on_achieved = on_achieved
-        self.planned_again = planned_again
+        self._requests = requests
         self._verdict = Verdict(Outcome.INTERNAL)
         self._joint_run: Optional[JointRun] = None
+        self._revision: Optional[PlanRevision] = None
         with self:
             self._add_stages()
         self.register_start_cb(self._enter)
@@ -72,32 +71,47 @@ class ExecutorSM(MerlinSM, Stages[Request]):
         """Runs requests; :meth:`prepare` comes before, :meth:`cancel` stops them from any thread."""
         system = self._system
         self._joint_run = run = JointRun(
-            requests, system.knowledge, system.dispatcher, system.recovery, self._own, self._on_achieved
+            requests,
+            system.knowledge,
+            system.dispatcher,
+            system.recovery,
+            self._own,
+            self._requests().achieved,
+        )
+        self._revision = PlanRevision(
+            run, system.knowledge, system.planning, system.dispatcher, self._own, self._requests()
         )
         # Stays so where SMACH stops the machine because the node ends.
         self._verdict = Verdict(Outcome.CANCELLED, StopKind.SHUTDOWN.value)
         try:
             self.execute()
         finally:
-            self._joint_run = None
+            self._joint_run = self._revision = None
             run.close()
         return self._verdict
 
     def dispatch_changed(self) -> None:
         """The dispatch under way has changed; called by a subscriber."""
-        run = self._joint_run
-        if run is not None:
+        run, revision = self._joint_run, self._revision
+        if run is not None and revision is not None:
             run.dispatch_changed()
+            revision.dispatch_changed()
+
+    def revise(self) -> bool:
+        """Has the plan exchanged while its actions go on; see :meth:`.Stages.revise`."""
+        revision = self._revision
+        return revision is not None and revision.ask()
 
     def cancel(self) -> None:
         """Stops the run, also one that is prepared and has not begun; from any thread.
 
         With several guards it waits for them, at most ``guard_client.BRAKE_WAIT``.
         """
-        run = self._joint_run
+        run, revision = self._joint_run, self._revision
         try:
-            if run is not None:
+            if run is not None and revision is not None:
                 run.cancel()
+                revision.interrupt()
                 if run.course.may_move:
                     self._system.guard.brake(f"{rospy.get_name()} cancels its action")
         finally:  # the brake only gains time
@@ -108,6 +122,16 @@ class ExecutorSM(MerlinSM, Stages[Request]):
         """The requests that run."""
         assert self._joint_run is not None
         return self._joint_run
+
+    @property
+    def revision(self) -> PlanRevision:
+        """Exchanges its plan."""
+        assert self._revision is not None
+        return self._revision
+
+    def planned_again(self) -> bool:
+        """Whether the run has to end before a further plan, as it begins again with other requests."""
+        return self._requests().planned_again()
 
     @property
     def course(self) -> Course:

@@ -16,6 +16,7 @@ from merlin_executor.core.outcome import Outcome, Verdict
 from merlin_executor.node.guard_client import GuardClient
 from merlin_executor.node.joint_run import LOOK_LIMIT, JointRun
 from merlin_executor.node.own_goals import OwnGoals
+from merlin_executor.node.plan_revision import PlanRevision
 from merlin_executor.node.recovery import Recovery
 from merlin_planning.dispatch_client import PART as DISPATCHER
 from merlin_planning.dispatch_client import DispatchClient
@@ -58,6 +59,10 @@ class Running(Protocol):
     @property
     def run(self) -> JointRun:
         """The requests, with their goals."""
+
+    @property
+    def revision(self) -> PlanRevision:
+        """Exchanges its plan while that is dispatched."""
 
     @property
     def course(self) -> Course:
@@ -174,22 +179,34 @@ class Dispatch(DispatchPlanState):
         # Of several requests the first one owns the dispatch: while its client is silent, nothing moves.
         super().__init__(
             system.dispatcher,
-            run.take_result,
+            self._take_result,
             lambda: run.run.request.plan,
             lambda: run.run.request.goal.id,
         )
         self._knowledge = system.knowledge
         self._own = own
         self._run = run
+        self._result = DispatchResult(False)
+
+    def _take_result(self, result: DispatchResult) -> None:
+        self._result = result
+        self._run.take_result(result)
 
     def run(self, userdata: Any) -> str:
         """Dispatches, and checks that the goals stayed stored until the end."""
-        outcome = super().run(userdata)
-        if outcome != SUCCEEDED:
+        revision = self._run.revision
+        revision.open()
+        try:
+            outcome = super().run(userdata)
+        finally:
+            revision.close()
+        joining = not self._result.action and revision.of_newcomers(self._result.unmet)
+        if outcome != SUCCEEDED and not (outcome == FAILED and joining):
             return outcome
         try:
             with CallScope(LOOK_LIMIT):
-                if self._own.all_there() or all(self._knowledge.query(self._run.run.items)):
+                stays = not revision.tried and self._own.all_there()
+                if stays or all(self._knowledge.query(self._run.run.items)):
                     return SUCCEEDED
         except ServiceError as error:
             return self.fail_stage(_of_knowledge_base(error))

@@ -8,7 +8,7 @@ those before it end. Only what waits with or before a deadline is.
 
 import math
 import threading
-from typing import Callable, Dict, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Callable, Dict, FrozenSet, List, NamedTuple, Optional, Sequence, Tuple
 
 import rospy
 from merlin_msgs.msg import GoalDeadline, PlannerStatus, RunningAction
@@ -50,7 +50,7 @@ class Forecasts:
     :param engine: has the requests.
     :param planning: the planning system.
     :param actions: gives the actions under way.
-    :param steps_done: gives how many of the running plan have ended.
+    :param succeeded: gives the ids of those of the plan that have ended.
     """
 
     def __init__(
@@ -58,12 +58,12 @@ class Forecasts:
         engine: Engine[Request],
         planning: PlanningClient,
         actions: Callable[[], Sequence[RunningAction]],
-        steps_done: Callable[[], int],
+        succeeded: Callable[[], FrozenSet[int]],
     ) -> None:
         self._engine = engine
         self._planning = planning
         self._actions = actions
-        self._steps_done = steps_done
+        self._succeeded = succeeded
         self._calls = CallQueue("forecasts")
         self._lock = threading.Lock()  # guards the two fields below
         self._asked = False
@@ -177,9 +177,9 @@ class Forecasts:
         begin = max(rospy.get_time(), request.window.not_before, free or 0.0)
         running = self._engine.running
         actions = list(self._actions()) if running is not None else []
-        under_way = {action.action_id for action in actions}
-        rest = running.plan[self._steps_done() :] if running is not None else []
-        coming = [action_text(s.name, s.parameters) for s in rest if s.action_id not in under_way]
+        begun = self._succeeded() | {action.action_id for action in actions}
+        plan = running.plan if running is not None else []
+        coming = [action_text(s.name, s.parameters) for s in plan if s.action_id not in begun]
         for other in self._engine.waiting:
             if other.order in ahead and other.forecast is not None:
                 coming += other.forecast.steps

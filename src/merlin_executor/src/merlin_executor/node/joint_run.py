@@ -2,7 +2,7 @@
 """The requests of one run: their goals, and the end of each whose goals hold before the plan ends."""
 
 import threading
-from typing import Callable, Dict, FrozenSet, List, Optional, Sequence
+from typing import Callable, Dict, FrozenSet, Iterable, List, Optional, Sequence
 
 import rospy
 from rosplan_knowledge_msgs.msg import KnowledgeItem
@@ -59,7 +59,8 @@ class JointRun:
         self._steps_done = 0
         self._looks = CallQueue("goals that hold")
         self._calls: Optional[CallScope] = None  # of a look under way
-        self._lock = threading.Lock()  # guards `requests` and the field below while some of them end
+        self._lock = threading.Lock()  # guards `requests` and the fields below while that changes
+        self._expected: List[Request] = []
         self._over = False
 
     @property
@@ -70,7 +71,7 @@ class JointRun:
     @property
     def items(self) -> List[KnowledgeItem]:
         """Their goals, each once."""
-        return list({_key(item): item for request in self.requests for item in request.items}.values())
+        return goals_of(self.requests)
 
     @property
     def stopped(self) -> bool:
@@ -89,16 +90,40 @@ class JointRun:
     def end(self, requests: Sequence[Request], verdict: Verdict) -> None:
         """Ends requests whose goals hold; those goals leave the knowledge base that no other one needs."""
         with self._lock:
+            first = self.requests[0]
             left = [request for request in self.requests if request not in requests] or self.requests[-1:]
             ended = [request for request in self.requests if request not in left]
             if self._over or not ended:
                 return
             self.requests = left
-            try:
-                self._own.keep(self.items)
-            except (KnowledgeError, ServiceError, OSError) as error:  # they are removed with the others
-                rospy.logwarn(f"goals that hold stay in the knowledge base until the plan ends: {error}")
+            self._keep_goals()
+            if ended[0] is first:
+                self._dispatcher.hand_over(left[0].goal.id)
             self._on_achieved(ended, verdict)
+
+    def expect(self, newcomers: Sequence[Request]) -> None:
+        """These are about to join: their goals may be stored, and nobody else's but those of the run."""
+        with self._lock:
+            self._expected = list(newcomers)
+            self._keep_goals()
+
+    def go_on(self, members: Callable[[], Sequence[Request]]) -> None:
+        """Its plan was exchanged.
+
+        :param members: says for which requests.
+        """
+        with self._lock:
+            self._expected = []
+            self.requests = list(members())
+        self._looks.put(self.look)
+
+    def _keep_goals(self) -> None:
+        try:
+            self._own.keep(goals_of([*self.requests, *self._expected]))
+        except (KnowledgeError, ServiceError, OSError) as error:  # they are removed with the others
+            rospy.logwarn(
+                f"goals that are not needed stay in the knowledge base until the plan ends: {error}"
+            )
 
     def dispatch_changed(self) -> None:
         """Looks which goals hold when an action has ended; called by a subscriber, never blocks."""
@@ -151,6 +176,11 @@ class JointRun:
         if literals is None:
             return None if self._dispatcher.running else frozenset()
         return frozenset(map(_atom, literals))
+
+
+def goals_of(requests: Iterable[Request]) -> List[KnowledgeItem]:
+    """The goals of requests, each once."""
+    return list({_key(item): item for request in requests for item in request.items}.values())
 
 
 def _key(item: KnowledgeItem) -> str:

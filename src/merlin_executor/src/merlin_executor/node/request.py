@@ -87,17 +87,35 @@ class Request(Job):
     def begin(self, run: Sequence["Request"]) -> None:
         """A run begins: the first, or after another one was stopped. Its requests share one course."""
         if run[0] is self:
+            before = next((request.course for request in run if request.rejoins), None)
             self.course = Course.of([request.course for request in run])
-            self.course.begin()
+            self.course.begin(before)
         else:
             self.course = run[0].course
         self.take_plan([])
 
-    def take_plan(self, actions: Sequence[ActionDispatch]) -> None:
-        """Its plan is carried out from now on; none: it has no plan."""
+    def join(self, first: "Request") -> None:
+        """Becomes part of a run whose plan is carried out."""
+        first.course.take_in(self.course)
+        self.course = first.course
+
+    def take_plan(self, actions: Sequence[ActionDispatch], going_on: Sequence[RunningAction] = ()) -> None:
+        """Its plan is carried out from now on; none: it has no plan.
+
+        :param going_on: those of the actions that run already; the times of the others count from their ends.
+        """
+        now = rospy.get_time()
+        since = {action.action_id: action.dispatched.to_sec() - now for action in going_on}
+        ends = [since[each.action_id] + each.duration for each in actions if each.action_id in since]
+        behind = max([0.0, *ends])
         self.plan = list(actions)
-        steps = [(action.action_id, action.dispatch_time, action.duration) for action in actions]
-        self._times.begin(steps, rospy.get_time())
+        self._times.begin(
+            (
+                (each.action_id, since.get(each.action_id, behind + each.dispatch_time), each.duration)
+                for each in actions
+            ),
+            now,
+        )
 
     def deadlines(self, plan: str) -> List[GoalDeadline]:
         """Its goals with its deadline, for the planner; none where a plan is in time, or has no times.
