@@ -127,7 +127,8 @@ class TogetherWorld(RuleBasedStateMachine):
             ticket.under_way = False
         if any(ticket.stop for ticket in self.agenda.together):
             return
-        self.take(self.agenda.planned_again())
+        self.take(self.agenda.revised(self.agenda.planned_again()))
+        self.stored |= set().union(*(self.goals[ticket] for ticket in self.agenda.together))
         self.plan_for = self.agenda.together
 
     @precondition(lambda self: self.revising is None and self.agenda.together and self.agenda.revision)

@@ -136,11 +136,9 @@ def test_who_comes_while_the_plan_is_carried_out_joins_the_next_one(
     )
     assert agenda.receive(Errand(2)) == [], "nobody is overtaken"
     agenda.together[0].under_way = False
-    assert stops(agenda.planned_again()) == [0]
-    assert rest(agenda, CANCELLED) == {}
-    assert begun(agenda) == [0, 1, 2]
-    go(agenda)
-    assert agenda.planned_again() == []
+    assert agenda.revised(agenda.planned_again()) == []
+    assert [errand.order for errand in agenda.together] == [0, 1, 2] and agenda.waiting == []
+    assert agenda.planned_again() == agenda.together
 
 
 def test_each_ends_when_its_goals_hold_and_the_last_one_with_the_run(agenda: "Agenda[Errand]") -> None:

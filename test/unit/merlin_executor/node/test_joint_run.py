@@ -63,7 +63,8 @@ class World:
             )
             for name, text in goals.items()
         ]
-        run = JointRun(requests, self, self.dispatcher, self, self.own, self.achieved)  # type: ignore[arg-type]
+        system: Any = SimpleNamespace(knowledge=self, dispatcher=self.dispatcher, recovery=self)
+        run = JointRun(requests, system, self.own, self.achieved)
         self.own.add(run.items)
         return run
 

@@ -18,7 +18,7 @@ from merlin_executor.core.course import Course
 from merlin_executor.core.engine import Engine
 from merlin_executor.node import plan_revision
 from merlin_executor.node.executor_sm import ExecutorSM
-from merlin_executor.node.executor_stages import PlanningSystem
+from merlin_executor.node.joint_run import PlanningSystem
 from merlin_executor.node.own_goals import OwnGoals
 from merlin_executor.node.request import Request
 from merlin_planning.dispatch_progress import DispatchResult

@@ -252,25 +252,23 @@ class Agenda(Generic[T]):
             if not self.breakpoints.admit([first.text]):
                 return None
             self.breakpoints.began(first.text)
+        if not any(ticket.stop and ticket.stop.kind is StopKind.JOINED for ticket in group):
+            self._gathers_until = self._elapsed + GATHER
         for ticket in group:
-            ticket.rejoins = ticket.stop is not None and ticket.stop.kind is StopKind.JOINED
             self._waiting.remove(ticket)
             ticket.stop = None
             ticket.begun, ticket.parts = True, False
-        if not any(ticket.rejoins for ticket in group):
-            self._gathers_until = self._elapsed + GATHER
         self._running = tuple(group)
         self._stopping = self._surplus = False
         self._refused.clear()
         return first
 
-    def planned_again(self) -> List[Decision]:
-        """The run is to be planned again: who waits may join it, as when it began."""
+    def planned_again(self) -> List[T]:
+        """The run is to be planned again: for these, once it is :meth:`revised`."""
         self._look()
-        self._gathers_until = self._elapsed + GATHER
         self._surplus = False
         self._refused.clear()
-        return self._join()
+        return self._joined() or list(self._running)
 
     @property
     def revision(self) -> List[T]:

@@ -2,7 +2,7 @@
 """The course of a run through the stages of planning, and the verdict on it. Pure."""
 
 from functools import partial
-from typing import Dict, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Dict, List, NamedTuple, Sequence, Tuple
 
 from merlin_executor.core.awaited import Absence
 from merlin_executor.core.outcome import Outcome, Verdict
@@ -127,17 +127,10 @@ class Course:
         for stage, seconds in other.stage_times.items():
             self.stage_times[stage] = max(seconds, self.stage_times.get(stage, 0.0))
 
-    def begin(self, before: Optional["Course"] = None) -> None:
-        """A run begins: the first, or after an interruption.
-
-        :param before: of a run that was stopped only for others to join it: its failures count on.
-        """
-        given_up, self._earlier_replans = self._replanning.given_up, self.replans
-        self._replanning = self._new_policy(given_up)
-        if before is not None:
-            self._replanning = before._replanning
-            self._replanning.given_up = given_up
-            self._earlier_replans -= self._replanning.count
+    def begin(self) -> None:
+        """A run begins: the first, or after an interruption."""
+        self._earlier_replans = self.replans
+        self._replanning = self._new_policy(self._replanning.given_up)
         self.end = StageEnd()
         self.stage = self.action = self.no_retry = ""
         self.unstopped = ()

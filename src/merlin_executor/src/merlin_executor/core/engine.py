@@ -193,13 +193,14 @@ class Engine(Generic[J]):
             answers = self._carry_out(self._agenda.achieved(requests, verdict))
         self._conclude(answers, {}, None)
 
-    def planned_again(self) -> bool:
-        """The run is to be planned again; called by its stages.
+    def planned_again(self) -> List[J]:
+        """The run is to be planned again, with requests that have come meanwhile; called by its stages.
 
-        :return: whether they have to end it: it begins again, with requests that have come meanwhile.
+        :return: all that run now.
         """
         with self._changed:
-            return bool(self._agenda.planned_again())
+            wanted = self._agenda.planned_again()
+        return self.revised(wanted, True)
 
     def revision(self) -> List[J]:
         """The requests for which the plan that is carried out should be, see :attr:`.Agenda.revision`."""

@@ -36,7 +36,6 @@ class Ticket:
     :param alone: whether it is never planned together with others.
     :ivar party: it runs together only with those of the same number; a joint run that failed divides its own.
     :ivar begun: whether it has begun and was not interrupted since; a pause lets it go on.
-    :ivar rejoins: whether its run was stopped only to begin again with others.
     :ivar parts: whether it is taken out of a run that goes on with the others.
     :ivar forecast: how long it will take; None: that is not known.
     :ivar rank: of those of its priority that have deadlines, where not all can be in time.
@@ -66,7 +65,7 @@ class Ticket:
         self.rank = 0
         self.left_out = ""
         self.ready_since: Optional[float] = None
-        self.begun = self.rejoins = self.parts = False
+        self.begun = self.parts = False
         self.interrupted = False
         self.client = Client.ALIVE
         self.stop: Optional[Stop] = None

@@ -35,9 +35,10 @@ from merlin_executor.core.ticket import Client
 from merlin_executor.core.time_window import Outlook
 from merlin_executor.goal_check import GoalError, check_goals
 from merlin_executor.node.executor_sm import ExecutorSM
-from merlin_executor.node.executor_stages import KNOWLEDGE_BASE, PlanningSystem
+from merlin_executor.node.executor_stages import KNOWLEDGE_BASE
 from merlin_executor.node.forecast import Forecasts
 from merlin_executor.node.guard_client import GuardClient
+from merlin_executor.node.joint_run import PlanningSystem
 from merlin_executor.node.own_goals import OwnGoals
 from merlin_executor.node.recovery import Recovery
 from merlin_executor.node.request import Request

@@ -17,8 +17,8 @@ from merlin_executor.core.course import REPLAN, Course, StageEnd
 from merlin_executor.core.engine import Engine, Stages
 from merlin_executor.core.outcome import Outcome, StopKind, Verdict
 from merlin_executor.core.standstill import still_moving, unstopped
-from merlin_executor.node.executor_stages import KNOWLEDGE_BASE, PlanningSystem
-from merlin_executor.node.joint_run import JointRun
+from merlin_executor.node.executor_stages import KNOWLEDGE_BASE
+from merlin_executor.node.joint_run import JointRun, PlanningSystem
 from merlin_executor.node.own_goals import OwnGoals
 from merlin_executor.node.plan_revision import PlanRevision
 from merlin_executor.node.request import Request
@@ -70,17 +70,8 @@ class ExecutorSM(MerlinSM, Stages[Request]):
     def run_requests(self, requests: Sequence[Request]) -> Verdict:
         """Runs requests; :meth:`prepare` comes before, :meth:`cancel` stops them from any thread."""
         system = self._system
-        self._joint_run = run = JointRun(
-            requests,
-            system.knowledge,
-            system.dispatcher,
-            system.recovery,
-            self._own,
-            self._requests().achieved,
-        )
-        self._revision = PlanRevision(
-            run, system.knowledge, system.planning, system.dispatcher, self._own, self._requests()
-        )
+        self._joint_run = run = JointRun(requests, system, self._own, self._requests().achieved)
+        self._revision = PlanRevision(run, system, self._own, self._requests())
         # Stays so where SMACH stops the machine because the node ends.
         self._verdict = Verdict(Outcome.CANCELLED, StopKind.SHUTDOWN.value)
         try:
@@ -129,8 +120,8 @@ class ExecutorSM(MerlinSM, Stages[Request]):
         assert self._revision is not None
         return self._revision
 
-    def planned_again(self) -> bool:
-        """Whether the run has to end before a further plan, as it begins again with other requests."""
+    def planned_again(self) -> List[Request]:
+        """Has those join that wait; returns all that run."""
         return self._requests().planned_again()
 
     @property
@@ -153,7 +144,7 @@ class ExecutorSM(MerlinSM, Stages[Request]):
             "PARSE_PLAN",
         )
         stage("PARSE_PLAN", make("parse_plan", planning, self._take_plan), "DISPATCH_PLAN")
-        dispatch = make("dispatch_goals", system, self._own, self)
+        dispatch = make("dispatch_goals", system, self)
         stage("DISPATCH_PLAN", dispatch, REMOVE_GOALS, **{FAILED: REPLAN})
         stage(REPLAN, make("replan", system, self), "SETTLE", **{ABORTED: REMOVE_GOALS})
         self.add(REMOVE_GOALS, make("remove_goals", _OUTCOMES, self._finish))

@@ -2,19 +2,21 @@
 """The requests of one run: their goals, and the end of each whose goals hold before the plan ends."""
 
 import threading
-from typing import Callable, Dict, FrozenSet, Iterable, List, Optional, Sequence
+from typing import Callable, Dict, FrozenSet, Iterable, List, NamedTuple, Optional, Sequence
 
 import rospy
 from rosplan_knowledge_msgs.msg import KnowledgeItem
 
 from merlin_executor.core.course import ACHIEVED_MEANWHILE
 from merlin_executor.core.outcome import Outcome, Verdict
+from merlin_executor.node.guard_client import GuardClient
 from merlin_executor.node.own_goals import OwnGoals
 from merlin_executor.node.recovery import Recovery
 from merlin_executor.node.request import Request
 from merlin_planning.dispatch_client import DispatchClient
 from merlin_planning.knowledge_client import KnowledgeClient, KnowledgeError
 from merlin_planning.knowledge_text import to_pddl
+from merlin_planning.planning_client import PlanningClient
 from merlin_ros.call_scope import CallScope
 from merlin_ros.service_proxy import ServiceError
 from merlin_ros.work.threads import CallQueue
@@ -26,15 +28,27 @@ _LOOKS = 5  # so often at most the goals are asked again because an action began
 OnAchieved = Callable[[Sequence[Request], Verdict], None]
 
 
+class PlanningSystem(NamedTuple):
+    """The parts of a planning system, and what watches over the robot that it moves."""
+
+    knowledge: KnowledgeClient
+    planning: PlanningClient
+    dispatcher: DispatchClient
+    recovery: Recovery
+    guard: GuardClient
+    return_wait: float
+    """s of running time for a part that was ended to return."""
+    proves: bool = True
+    """Whether a request whose plan is late is planned once more, with its deadline."""
+
+
 class JointRun:
     """One request, or several in one plan: each ends when its own goals hold, the last one with the run.
 
     With one request nothing is asked that its stages do not ask.
 
     :param requests: all of one course.
-    :param knowledge: has their goals.
-    :param dispatcher: of the plan.
-    :param recovery: knows what holds only while an action runs.
+    :param system: carries out the plan.
     :param own: the goals of this Executor.
     :param on_achieved: called with requests whose goals hold, and the verdict on them; not with the last one.
     """
@@ -42,18 +56,16 @@ class JointRun:
     def __init__(
         self,
         requests: Sequence[Request],
-        knowledge: KnowledgeClient,
-        dispatcher: DispatchClient,
-        recovery: Recovery,
+        system: PlanningSystem,
         own: OwnGoals,
         on_achieved: OnAchieved,
     ) -> None:
         self.requests = list(requests)
         """Those that have not ended; replaced as a whole."""
         self.course = requests[0].course
-        self._knowledge = knowledge
-        self._dispatcher = dispatcher
-        self._recovery = recovery
+        self._knowledge = system.knowledge
+        self._dispatcher = system.dispatcher
+        self._recovery = system.recovery
         self._own = own
         self._on_achieved = on_achieved
         self._steps_done = 0
@@ -108,9 +120,9 @@ class JointRun:
             self._keep_goals()
 
     def go_on(self, members: Callable[[], Sequence[Request]]) -> None:
-        """Its plan was exchanged.
+        """Others have joined it, or some have left.
 
-        :param members: says for which requests.
+        :param members: has them do so; returns all that run.
         """
         with self._lock:
             self._expected = []

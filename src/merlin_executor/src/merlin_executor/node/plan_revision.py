@@ -7,20 +7,19 @@ plan for the others would have, too; where that are none, the run is stopped and
 
 import threading
 from functools import partial
-from typing import AbstractSet, Any, Callable, FrozenSet, List, Optional, Sequence
+from typing import AbstractSet, Any, Callable, List, Optional, Sequence
 
 import rospy
 from diagnostic_msgs.msg import KeyValue
 from merlin_msgs.msg import RunningAction
 
 from merlin_executor.core.engine import Engine
-from merlin_executor.node.joint_run import JointRun, goals_of
+from merlin_executor.node.joint_run import JointRun, PlanningSystem, goals_of
 from merlin_executor.node.own_goals import OwnGoals
 from merlin_executor.node.request import Request
-from merlin_planning.dispatch_client import DispatchClient
-from merlin_planning.knowledge_client import KnowledgeClient, KnowledgeError
+from merlin_planning.knowledge_client import KnowledgeError
 from merlin_planning.knowledge_text import action_text, to_pddl
-from merlin_planning.planning_client import Planned, PlanningClient, StageError
+from merlin_planning.planning_client import Planned, StageError
 from merlin_ros.alarms import call_later
 from merlin_ros.call_scope import CallScope
 from merlin_ros.service_proxy import ServiceError
@@ -30,7 +29,6 @@ from merlin_sm.states.planning import CALL_GRACE
 JOIN_LIMIT = 10.0  # s of wall time for a plan with newcomers; then they wait
 PART_LIMIT = 2.0  # s of wall time for a plan without one that leaves; then the run stops
 TRIES = 2
-_MOVED_ON = "the plan went on meanwhile"
 _NOT_NEEDED = "what runs is not needed by the others"
 
 
@@ -44,16 +42,13 @@ class PlanRevision:
     def __init__(
         self,
         run: JointRun,
-        knowledge: KnowledgeClient,
-        planning: PlanningClient,
-        dispatcher: DispatchClient,
+        system: PlanningSystem,
         own: OwnGoals,
         requests: Engine[Request],
     ) -> None:
         self._run = run
-        self._knowledge = knowledge
-        self._planning = planning
-        self._dispatcher = dispatcher
+        self._knowledge, self._planning = system.knowledge, system.planning
+        self._dispatcher = system.dispatcher
         self._own = own
         self._requests = requests
         self._calls = CallQueue("another plan")
@@ -63,8 +58,6 @@ class PlanRevision:
         self._closed = self._over = False
         self._interrupt: Optional[Callable[[], None]] = None
         self._scope: Optional[CallScope] = None
-        self.tried: FrozenSet[str] = frozenset()
-        """Goals, as PDDL text, that were stored for newcomers; set by the thread that revises."""
 
     def open(self) -> None:
         """The plan is about to be dispatched."""
@@ -110,11 +103,6 @@ class PlanRevision:
         with self._changed:
             self._changed.notify_all()
 
-    def of_newcomers(self, goals: Sequence[str]) -> bool:
-        """Whether these goals, as PDDL text, are only of requests that were to join and have not."""
-        mine = _texts(self._run.requests)
-        return bool(goals) and {goal.lower() for goal in goals} <= self.tried - mine
-
     # --- in the thread that revises -----------------------------------------------------------------
 
     def _work(self) -> None:
@@ -135,36 +123,41 @@ class PlanRevision:
         """Exchanges the plan for one for these; returns why not, as a sentence."""
         parts = all(request in self._run.requests for request in wanted)
         limit = PART_LIMIT if parts else JOIN_LIMIT
-        with self._changed:
-            self._over = self._closed
         alarm = call_later(limit, partial(self._limits.put, self._late, wanted))
         try:
             with CallScope(limit) as scope:
                 with self._changed:
-                    self._scope = scope
-                why = self._exchange(wanted, parts)
+                    self._over, self._scope = self._closed, scope
+                dropped = self._exchange(wanted, parts)
         except (StageError, KnowledgeError, ServiceError, OSError) as error:
-            why = str(error)
+            if not parts:
+                with CallScope(CALL_GRACE):
+                    self._run.expect([])
+            return str(error)
         finally:
             alarm.cancel()
-            with self._changed:
-                self._scope = None
-        if why and not parts:
-            with CallScope(CALL_GRACE):
-                self._run.expect([])
-        return why
+            self._scope = None
+        with self._changed:
+            # The dispatch fails when what the new plan lacks does not stop in time.
+            self._changed.wait_for(
+                lambda: self._closed or not dropped & {each.action_id for each in self._dispatcher.running}
+            )
+            if dropped and self._closed:
+                return "the dispatch has ended"
+        self._run.go_on(lambda: self._requests.revised(wanted, True))
+        return ""
 
     def _late(self, wanted: List[Request]) -> None:
         self.interrupt()
         self._requests.revised(wanted, False)
 
-    def _exchange(self, wanted: List[Request], parts: bool) -> str:
+    def _exchange(self, wanted: List[Request], parts: bool) -> AbstractSet[int]:
+        """Returns the ids of the actions that are stopped; raises StageError and what its calls raise."""
         run, running = self._run, self._dispatcher.running
         kept = self._needed(running, wanted) if parts else running
         if running and not kept:
-            return _NOT_NEEDED
+            raise StageError(_NOT_NEEDED)
         if not parts:
-            self.tried |= _texts(wanted)
             run.expect(wanted)
         items = goals_of(wanted)
         self._own.keep(items)
@@ -173,33 +166,21 @@ class PlanRevision:
         self._planning.generate_problem()
         found = self._planning.plan(self._interruptible, run.course.without, list(map(_text, kept)))
         if found.verdict is not Planned.SOLVED:
-            return found.reason or found.verdict.value
+            raise StageError(found.reason or found.verdict.value)
         plan = self._planning.parse_plan()
         known = {action.action_id for action in running}
         steps = {action_text(step.name, step.parameters) for step in plan}
         begun = [each for each in self._dispatcher.running if each.action_id not in known]
         if self._requests.revision() != wanted or any(_text(each) not in steps for each in begun):
-            return _MOVED_ON
+            raise StageError("the plan went on meanwhile")
         refused = self._dispatcher.exchange(plan, kept, wanted[0].goal.id)
-        if not refused:
-            ids = {action.action_id for action in kept}
-            before = [step for step in run.request.plan if step.action_id in ids]
-            for request in wanted:
-                request.take_plan([*before, *plan], kept)
-            return self._stopped(known - ids, wanted)
-        return refused
-
-    def _stopped(self, dropped: AbstractSet[int], wanted: List[Request]) -> str:
-        """The run goes on with the new plan when nothing runs that is not part of it."""
-        with self._changed:
-            # The dispatch fails when it does not stop in time.
-            self._changed.wait_for(
-                lambda: self._closed or not dropped & {each.action_id for each in self._dispatcher.running}
-            )
-            if dropped and self._closed:
-                return "the dispatch has ended"
-        self._run.go_on(lambda: self._requests.revised(wanted, True))
-        return ""
+        if refused:
+            raise StageError(refused)
+        ids = {action.action_id for action in kept}
+        before = [step for step in run.request.plan if step.action_id in ids]
+        for request in wanted:
+            request.take_plan([*before, *plan], kept)
+        return known - ids
 
     def _needed(self, running: Sequence[RunningAction], wanted: Sequence[Request]) -> List[RunningAction]:
         """Those of the running actions that a plan for these requests has that begins where they began."""
@@ -233,10 +214,6 @@ class PlanRevision:
             self._interrupt, over = interrupt, self._over
         if over and interrupt is not None:
             interrupt()
-
-
-def _texts(requests: Sequence[Request]) -> FrozenSet[str]:
-    return frozenset(to_pddl(item).lower() for item in goals_of(requests))
 
 
 def _text(action: RunningAction) -> str:

@@ -87,9 +87,8 @@ class Request(Job):
     def begin(self, run: Sequence["Request"]) -> None:
         """A run begins: the first, or after another one was stopped. Its requests share one course."""
         if run[0] is self:
-            before = next((request.course for request in run if request.rejoins), None)
             self.course = Course.of([request.course for request in run])
-            self.course.begin(before)
+            self.course.begin()
         else:
             self.course = run[0].course
         self.take_plan([])
