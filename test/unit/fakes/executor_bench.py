@@ -148,7 +148,7 @@ class Bench:
             self.callbacks = dict(zip(("goal", "cancel", "owner", "own result"), callbacks))
             return SimpleNamespace(start=lambda: None, shutdown=lambda: None)
 
-        dispatcher = SimpleNamespace(
+        self.dispatcher = dispatcher = SimpleNamespace(
             wait_status=lambda timeout: True, running=[], steps_done=0, succeeded=frozenset(), hold=Hold()
         )
         recovery = SimpleNamespace(rest=lambda *_: "")

@@ -90,6 +90,14 @@ def test_the_dispatch_goes_on_with_the_new_plan(dispatcher: Any, driven: Driven)
     assert result.goal_achieved and driven.client.steps_done == 1
 
 
+def test_the_dispatch_that_runs_is_handed_over(dispatcher: Any, driven: Driven) -> None:
+    assert driven.exchange(PLAN, [driven.drive]) == ""
+    driven.client.hand_over("request 3")
+    driven.end()
+    driven.client.hand_over("request 4")
+    assert dispatcher.calls == ["goal", "exchange_plan", "goal 1 for request 3"]
+
+
 @pytest.mark.parametrize("refuses", [True, False])
 def test_a_refusal_says_why_and_the_plan_goes_on(dispatcher: Any, driven: Driven, refuses: bool) -> None:
     def exchange(**fields: Any) -> Any:

@@ -251,6 +251,8 @@ class DispatchProgress:
         :param reason: the dispatcher's, which names what did not answer it.
         """
         names = list(self._unstopped)
+        if self._counted is not None:  # what another plan did without is cancelled, too
+            names += [each.text for each in self.running.values() if each.id not in self._counted]
         if cancelled:
             names += self.unanswered
             if _UNANSWERED in reason:

@@ -117,10 +117,11 @@ class Forecasts:
         if not timed or (running is not None and not running.plan):
             return None
         for request, ahead in lines[: timed[-1] + 1]:
-            if request.forecast is None or not request.forecast.fits(ahead):
+            forecast = request.forecast
+            if forecast is None or not forecast.fits(ahead):
                 return request
-            if request.forecast.seconds < 0.0 and not request.forecast.late:
-                return None  # what begins behind it cannot be known
+            if forecast.seconds < 0.0 and not forecast.late:  # what begins behind it cannot be known
+                return request if forecast.ended != len(self._succeeded()) else None
         return None
 
     def _plan(self, request: Request) -> None:
@@ -129,6 +130,7 @@ class Forecasts:
             return
         with self._lock:
             forgotten = self._forgotten
+        ended = len(self._succeeded())
         start = self._start(request, ahead)
         within = request.window.deadline - start.begin
         answer = self._ask(request, start.running, start.coming, within)
@@ -136,7 +138,7 @@ class Forecasts:
             return  # another client looks ahead now; the next change asks again
         found = _forecast(answer, ahead, start.begin, request.window.deadline)
         equal = {other.order for other in self._engine.waiting if other.priority == request.priority}
-        found = found._replace(alone=not equal & set(ahead))
+        found = found._replace(alone=not equal & set(ahead), ended=ended)
 
         with self._lock:
             outdated = forgotten != self._forgotten
