@@ -81,9 +81,9 @@ def test_the_dispatch_goes_on_with_the_new_plan(dispatcher: Any, driven: Driven)
 
     dispatcher.on_exchange = exchange
     assert driven.client.can_exchange
-    assert driven.exchange(PLAN, [driven.drive], "request 2") == ""
+    assert driven.exchange(PLAN, [driven.drive]) == ""
     assert asked == {"goal": "goal 1", "keep": [0]}
-    assert dispatcher.calls == ["goal", "exchange_plan", "goal 1 for request 2"]
+    assert dispatcher.calls == ["goal", "exchange_plan"]
     assert [action.name for action in driven.client.running] == ["drive"]
     driven.feedback(0, 2)
     result = driven.end()
@@ -106,7 +106,7 @@ def test_a_refusal_says_why_and_the_plan_goes_on(dispatcher: Any, driven: Driven
         raise ServiceUnavailable("it does not answer")
 
     dispatcher.on_exchange = exchange
-    refused = driven.exchange(PLAN, [driven.drive], "request 2")
+    refused = driven.exchange(PLAN, [driven.drive])
     assert refused.endswith("it ends" if refuses else "does not exchange its plan: it does not answer")
     assert dispatcher.calls == ["goal", "exchange_plan"]
     assert driven.end().goal_achieved

@@ -214,9 +214,7 @@ class DispatchClient:
         """Whether the dispatcher can replace the rest of a plan while actions go on; ROSPlan's own cannot."""
         return self._kind.reports
 
-    def exchange(
-        self, plan: Sequence[ActionDispatch], keep: Sequence[RunningAction], owner: Optional[str] = None
-    ) -> str:
+    def exchange(self, plan: Sequence[ActionDispatch], keep: Sequence[RunningAction]) -> str:
         """Replaces the rest of the plan that another thread dispatches, without a stop of what goes on.
 
         First the new plan is made: :attr:`running` is looked at, these actions are given to
@@ -230,8 +228,6 @@ class DispatchClient:
         :param plan: the one that was parsed last.
         :param keep: of :attr:`running`: the actions that the new plan counts on. One that has succeeded
             meanwhile does no harm; with one that has failed the exchange is refused.
-        :param owner: id of the goal of this process's own server on whose behalf the dispatch runs from now
-            on; None: as before.
         :return: why the plan is not exchanged, as a sentence; empty: the new plan runs.
         """
         kept = {action.action_id for action in keep}
@@ -239,18 +235,15 @@ class DispatchClient:
             goal = self._kind.goal() if self._active and not self._cancelling else ""
             if not goal:
                 return f"{PART} {self.name} carries out no plan of this node that it could exchange"
-            progress = self._progress
-            take_back = progress.exchange({*kept, *(action.action_id for action in plan)})
+            take_back = self._progress.exchange({*kept, *(action.action_id for action in plan)})
         try:
             refused = str(self._exchange(goal=goal, keep=sorted(kept)).refused)
         except ServiceError as error:
             refused = f"{PART} does not exchange its plan: {error}"
-        with self._changed:
-            if refused:
+        if refused:
+            with self._changed:
                 take_back()
-            elif progress is self._progress and self._active:
-                self._kind.goal(owner)
-        if not refused:
+        else:
             self._on_change()
         return refused
 

@@ -63,8 +63,11 @@ class World:
             )
             for name, text in goals.items()
         ]
-        system: Any = SimpleNamespace(knowledge=self, dispatcher=self.dispatcher, recovery=self)
-        run = JointRun(requests, system, self.own, self.achieved)
+        system: Any = SimpleNamespace(
+            knowledge=self, planning=None, dispatcher=self.dispatcher, recovery=self
+        )
+        engine: Any = SimpleNamespace(achieved=self.achieved)
+        run = JointRun(requests, system, self.own, engine)
         self.own.add(run.items)
         return run
 

@@ -203,7 +203,7 @@ class Robot:
             self.next()
         self.on_change()
 
-    def exchange(self, plan: Sequence[ActionDispatch], keep: Sequence[RunningAction], owner: str) -> str:
+    def exchange(self, plan: Sequence[ActionDispatch], keep: Sequence[RunningAction]) -> str:
         refused = self.on_exchange()
         with self.changed:
             self.changed.notify_all()
@@ -217,7 +217,6 @@ class Robot:
             self.under_way = [action for action in self.under_way if action.action_id in ids]
             self.leaving = dropped if self.slow_to_stop else []
             self.plan_of_run = list(plan)
-            self.owners.append(owner)
             self.next()
         return ""
 

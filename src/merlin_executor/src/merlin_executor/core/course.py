@@ -77,6 +77,8 @@ class Course:
         """What did not stop, as PDDL text."""
         self.no_retry = ""
         """Which actions another try cannot help, see :class:`.replanning.Failure`."""
+        self.unmet: Tuple[str, ...] = ()
+        """Goals that the last dispatch has not reached, as PDDL text."""
         self.timed_out = False
         """Whether the dispatcher itself did not end the plan in time."""
         self.may_move = False
@@ -133,7 +135,7 @@ class Course:
         self._replanning = self._new_policy(self._replanning.given_up)
         self.end = StageEnd()
         self.stage = self.action = self.no_retry = ""
-        self.unstopped = ()
+        self.unstopped = self.unmet = ()
         self.may_move = self.unreachable = self.timed_out = False
 
     def enter(self, stage: str, now: float) -> None:

@@ -20,7 +20,6 @@ from merlin_executor.core.standstill import still_moving, unstopped
 from merlin_executor.node.executor_stages import KNOWLEDGE_BASE
 from merlin_executor.node.joint_run import JointRun, PlanningSystem
 from merlin_executor.node.own_goals import OwnGoals
-from merlin_executor.node.plan_revision import PlanRevision
 from merlin_executor.node.request import Request
 from merlin_planning.dispatch_progress import DispatchResult
 from merlin_planning.knowledge_client import KnowledgeError
@@ -43,7 +42,7 @@ class ExecutorSM(MerlinSM, Stages[Request]):
     :param system: that it drives.
     :param own: the goals it puts into the knowledge base.
     :param on_change: called when the stage changes.
-    :param requests: gives what those are told that run and wait.
+    :param engine: gives the one that has all requests.
     """
 
     def __init__(
@@ -51,16 +50,15 @@ class ExecutorSM(MerlinSM, Stages[Request]):
         system: PlanningSystem,
         own: OwnGoals,
         on_change: Callable[[], None],
-        requests: Callable[[], Engine[Request]],
+        engine: Callable[[], Engine[Request]],
     ) -> None:
         super().__init__(_OUTCOMES)
         self._system = system
         self._own = own
         self._on_change = on_change
-        self._requests = requests
+        self._engine = engine
         self._verdict = Verdict(Outcome.INTERNAL)
         self._joint_run: Optional[JointRun] = None
-        self._revision: Optional[PlanRevision] = None
         with self:
             self._add_stages()
         self.register_start_cb(self._enter)
@@ -69,40 +67,36 @@ class ExecutorSM(MerlinSM, Stages[Request]):
 
     def run_requests(self, requests: Sequence[Request]) -> Verdict:
         """Runs requests; :meth:`prepare` comes before, :meth:`cancel` stops them from any thread."""
-        system = self._system
-        self._joint_run = run = JointRun(requests, system, self._own, self._requests().achieved)
-        self._revision = PlanRevision(run, system, self._own, self._requests())
+        self._joint_run = run = JointRun(requests, self._system, self._own, self._engine())
         # Stays so where SMACH stops the machine because the node ends.
         self._verdict = Verdict(Outcome.CANCELLED, StopKind.SHUTDOWN.value)
         try:
             self.execute()
         finally:
-            self._joint_run = self._revision = None
+            self._joint_run = None
             run.close()
         return self._verdict
 
     def dispatch_changed(self) -> None:
         """The dispatch under way has changed; called by a subscriber."""
-        run, revision = self._joint_run, self._revision
-        if run is not None and revision is not None:
+        run = self._joint_run
+        if run is not None:
             run.dispatch_changed()
-            revision.dispatch_changed()
 
     def revise(self) -> bool:
         """Has the plan exchanged while its actions go on; see :meth:`.Stages.revise`."""
-        revision = self._revision
-        return revision is not None and revision.ask()
+        run = self._joint_run
+        return run is not None and run.revision.ask()
 
     def cancel(self) -> None:
         """Stops the run, also one that is prepared and has not begun; from any thread.
 
         With several guards it waits for them, at most ``guard_client.BRAKE_WAIT``.
         """
-        run, revision = self._joint_run, self._revision
+        run = self._joint_run
         try:
-            if run is not None and revision is not None:
+            if run is not None:
                 run.cancel()
-                revision.interrupt()
                 if run.course.may_move:
                     self._system.guard.brake(f"{rospy.get_name()} cancels its action")
         finally:  # the brake only gains time
@@ -113,16 +107,6 @@ class ExecutorSM(MerlinSM, Stages[Request]):
         """The requests that run."""
         assert self._joint_run is not None
         return self._joint_run
-
-    @property
-    def revision(self) -> PlanRevision:
-        """Exchanges its plan."""
-        assert self._revision is not None
-        return self._revision
-
-    def planned_again(self) -> List[Request]:
-        """Has those join that wait; returns all that run."""
-        return self._requests().planned_again()
 
     @property
     def course(self) -> Course:
@@ -157,7 +141,7 @@ class ExecutorSM(MerlinSM, Stages[Request]):
         """Notes how a dispatch has ended."""
         course = self.course
         course.action, course.unstopped, course.timed_out = result.action, result.unstopped, result.timed_out
-        course.no_retry = result.no_retry
+        course.no_retry, course.unmet = result.no_retry, result.unmet
 
     def _enter(self, userdata: Any, states: List[str], *outcome: str) -> None:
         course = self.course

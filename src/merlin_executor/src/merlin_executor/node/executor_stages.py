@@ -6,7 +6,7 @@ They carry out; what their ends mean is decided in :mod:`merlin_executor.core.co
 """
 
 import threading
-from typing import Any, Callable, List, Protocol, Sequence
+from typing import Any, Callable, Protocol, Sequence
 
 import rospy
 
@@ -15,9 +15,7 @@ from merlin_executor.core.course import ACHIEVED_MEANWHILE, Course
 from merlin_executor.core.outcome import Outcome, Verdict
 from merlin_executor.node.joint_run import LOOK_LIMIT, JointRun, PlanningSystem
 from merlin_executor.node.own_goals import OwnGoals
-from merlin_executor.node.plan_revision import PlanRevision
 from merlin_executor.node.recovery import Recovery
-from merlin_executor.node.request import Request
 from merlin_planning.dispatch_client import PART as DISPATCHER
 from merlin_planning.dispatch_client import DispatchClient
 from merlin_planning.dispatch_progress import DispatchResult
@@ -47,15 +45,8 @@ class Running(Protocol):
         """The requests, with their goals."""
 
     @property
-    def revision(self) -> PlanRevision:
-        """Exchanges its plan while that is dispatched."""
-
-    @property
     def course(self) -> Course:
         """Its stages, failures and verdict."""
-
-    def planned_again(self) -> List[Request]:
-        """Has those join that wait; returns all that run."""
 
     def take_result(self, result: DispatchResult) -> None:
         """Notes how a dispatch has ended."""
@@ -165,27 +156,22 @@ class Dispatch(DispatchPlanState):
         # Of several requests the first one owns the dispatch: while its client is silent, nothing moves.
         super().__init__(
             system.dispatcher,
-            self._take_result,
+            run.take_result,
             lambda: run.run.request.plan,
             lambda: run.run.request.goal.id,
         )
         self._knowledge = system.knowledge
         self._run = run
-        self._result = DispatchResult(False)
-
-    def _take_result(self, result: DispatchResult) -> None:
-        self._result = result
-        self._run.take_result(result)
 
     def run(self, userdata: Any) -> str:
         """Dispatches. The goals of the requests count: not those of a newcomer, nor of another client."""
-        revision = self._run.revision
+        revision, course = self._run.run.revision, self._run.course
         revision.open()
         try:
             outcome = super().run(userdata)
         finally:
             revision.close()
-        unmet = outcome == FAILED and self._result.unmet and not self._result.action
+        unmet = outcome == FAILED and course.unmet and not course.action
         if outcome != SUCCEEDED and not unmet:
             return outcome
         try:
@@ -228,7 +214,7 @@ class Replan(PlanningState):
             guard.wait_released(cancelled.is_set)
             if end.gone and not self._back(cancelled):
                 return PREEMPTED if cancelled.is_set() else ABORTED
-            self._run.run.go_on(self._run.planned_again)
+            self._run.run.plan_again()
             if Deadline(decision.wait).wait_event(cancelled):
                 return PREEMPTED
         finally:

@@ -2,17 +2,19 @@
 """The requests of one run: their goals, and the end of each whose goals hold before the plan ends."""
 
 import threading
-from typing import Callable, Dict, FrozenSet, Iterable, List, NamedTuple, Optional, Sequence
+from typing import Callable, Dict, FrozenSet, List, NamedTuple, Optional, Sequence
 
 import rospy
 from rosplan_knowledge_msgs.msg import KnowledgeItem
 
 from merlin_executor.core.course import ACHIEVED_MEANWHILE
+from merlin_executor.core.engine import Engine
 from merlin_executor.core.outcome import Outcome, Verdict
 from merlin_executor.node.guard_client import GuardClient
 from merlin_executor.node.own_goals import OwnGoals
+from merlin_executor.node.plan_revision import PlanRevision
 from merlin_executor.node.recovery import Recovery
-from merlin_executor.node.request import Request
+from merlin_executor.node.request import Request, goals_of
 from merlin_planning.dispatch_client import DispatchClient
 from merlin_planning.knowledge_client import KnowledgeClient, KnowledgeError
 from merlin_planning.knowledge_text import to_pddl
@@ -24,8 +26,6 @@ from merlin_sm.states.planning import CALL_GRACE
 
 LOOK_LIMIT = 2.0  # s of wall time for one look at the knowledge base
 _LOOKS = 5  # so often at most the goals are asked again because an action began or ended meanwhile
-
-OnAchieved = Callable[[Sequence[Request], Verdict], None]
 
 
 class PlanningSystem(NamedTuple):
@@ -50,7 +50,7 @@ class JointRun:
     :param requests: all of one course.
     :param system: carries out the plan.
     :param own: the goals of this Executor.
-    :param on_achieved: called with requests whose goals hold, and the verdict on them; not with the last one.
+    :param engine: has all requests; ends those whose goals hold, but the last one.
     """
 
     def __init__(
@@ -58,7 +58,7 @@ class JointRun:
         requests: Sequence[Request],
         system: PlanningSystem,
         own: OwnGoals,
-        on_achieved: OnAchieved,
+        engine: Engine[Request],
     ) -> None:
         self.requests = list(requests)
         """Those that have not ended; replaced as a whole."""
@@ -67,7 +67,8 @@ class JointRun:
         self._dispatcher = system.dispatcher
         self._recovery = system.recovery
         self._own = own
-        self._on_achieved = on_achieved
+        self._engine = engine
+        self.revision = PlanRevision(self, system, own, engine)
         self._steps_done = 0
         self._looks = CallQueue("goals that hold")
         self._calls: Optional[CallScope] = None  # of a look under way
@@ -111,7 +112,7 @@ class JointRun:
             self._keep_goals()
             if ended[0] is first:
                 self._dispatcher.hand_over(left[0].goal.id)
-            self._on_achieved(ended, verdict)
+            self._engine.achieved(ended, verdict)
 
     def expect(self, newcomers: Sequence[Request]) -> None:
         """These are about to join: their goals may be stored, and nobody else's but those of the run."""
@@ -143,9 +144,15 @@ class JointRun:
         if len(self.requests) > 1 and done != self._steps_done:
             self._looks.put(self.look)
         self._steps_done = done
+        self.revision.dispatch_changed()
+
+    def plan_again(self) -> None:
+        """A further plan is about to be made: those that wait may join."""
+        self.go_on(self._engine.planned_again)
 
     def cancel(self) -> None:
-        """Limits the calls of a look under way; from any thread."""
+        """Limits the calls of a look and of a revision under way; from any thread."""
+        self.revision.request_preempt()
         calls = self._calls
         if calls is not None:
             calls.end(CALL_GRACE)
@@ -188,11 +195,6 @@ class JointRun:
         if literals is None:
             return None if self._dispatcher.running else frozenset()
         return frozenset(map(_atom, literals))
-
-
-def goals_of(requests: Iterable[Request]) -> List[KnowledgeItem]:
-    """The goals of requests, each once."""
-    return list({_key(item): item for request in requests for item in request.items}.values())
 
 
 def _key(item: KnowledgeItem) -> str:

@@ -3,7 +3,7 @@
 
 import contextlib
 import math
-from typing import List, Optional, Sequence
+from typing import Iterable, List, Optional, Sequence
 
 import rospy
 from actionlib_msgs.msg import GoalStatus
@@ -188,3 +188,9 @@ class Request(Job):
                 for stage, seconds in course.stage_times.items()
             ],
         )
+
+
+def goals_of(requests: Iterable[Request]) -> List[KnowledgeItem]:
+    """The goals of requests, each once."""
+    items = [item for request in requests for item in request.items]
+    return list({to_pddl(item).lower(): item for item in items}.values())
