@@ -111,6 +111,18 @@ def test_what_another_one_needs_stays_a_goal(world: World) -> None:
     assert world.ended[0] == ("ann", Outcome.SUCCEEDED, ["(CHECKED hall)", "(checked bath)"])
 
 
+def test_the_goals_of_a_newcomer_stay_while_it_is_planned(world: World) -> None:
+    run = world.run(ann="(checked hall)", bob="(checked bath)")
+    newcomer: Any = SimpleNamespace(items=parse_goal("(checked attic)"))
+    run.expect([newcomer])
+    world.own.add(newcomer.items)
+    world.true = {"(checked hall)"}
+    run.look()
+    assert world.ended == [("ann", Outcome.SUCCEEDED, ["(checked attic)", "(checked bath)"])]
+    run.expect([])
+    assert world.goals == ["(checked bath)"], "it does not join"
+
+
 def test_what_holds_only_while_an_action_runs_does_not_hold(world: World) -> None:
     run = world.run(ann="(not (door_open hall))", bob="(checked bath)")
     world.true = {"(not (door_open hall))"}
