@@ -216,10 +216,11 @@ class Engine(Generic[J]):
             before, agenda = self._agenda.together, self._agenda
             answers = self._carry_out(agenda.revised(wanted) if exchanged else agenda.not_revised(wanted))
             members = agenda.together
-        for request in members:
-            if request not in before:
+            joined = [request for request in members if request not in before]
+            for request in joined:  # before another event: it is under way from now on
                 self._tell(partial(request.join, members[0]))
-                self._tell(request.accept)
+        for request in joined:
+            self._tell(request.accept)
         self._conclude(answers, {}, None)
         return members
 

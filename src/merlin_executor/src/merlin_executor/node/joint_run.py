@@ -148,7 +148,8 @@ class JointRun:
 
     def plan_again(self) -> None:
         """A further plan is about to be made: those that wait may join."""
-        self.go_on(self._engine.planned_again)
+        with self._lock:
+            self.requests = list(self._engine.planned_again())
 
     def cancel(self) -> None:
         """Limits the calls of a look and of a revision under way; from any thread."""
