@@ -7,13 +7,14 @@ import unittest
 
 import rospy
 from actionlib_msgs.msg import GoalID
-from merlin_msgs.msg import DispatchStatus
+from merlin_msgs.msg import DispatchStatus, ExecutorStatus, PlannerStatus
 from merlin_msgs.srv import ExchangePlan
 from move_base_msgs.msg import MoveBaseActionGoal
 from rosplan_dispatch_msgs.msg import ActionDispatch
 from std_msgs.msg import String
 
 import rostest
+from merlin_executor.executor_client import MerlinExecutorClient, outcome_name
 from merlin_planning.dispatch_client import DispatchClient
 from merlin_planning.planning_client import Planned, PlanningClient
 from merlin_ros.service_proxy import ServiceProxy
@@ -24,6 +25,7 @@ from merlin_test.topic_links import wait_for_publishers
 LONG = 60.0
 GOALS = ["(checked kitchen)", "(checked bathroom)"]
 HOLDS = "(in_service)"
+PLANNER = "rosplan_planner_interface/planner_command"
 
 
 def text(action):
@@ -66,6 +68,10 @@ class Exchange(unittest.TestCase):
         cls.dispatched = Heard("rosplan_plan_dispatcher/action_dispatch", ActionDispatch)
         cls.status = Heard("rosplan_plan_dispatcher/dispatch_status", DispatchStatus)
         cls.graph = Heard("rosplan_plan_dispatcher/plan_graph", String)
+        cls.executor = Heard("merlin/status", ExecutorStatus)
+        cls.planned = Heard("rosplan_planner_interface/planner_status", PlannerStatus)
+        cls.clients = [MerlinExecutorClient(), MerlinExecutorClient()]
+        assert all(client.wait_for_executor(LONG) for client in cls.clients)
 
     @classmethod
     def notify(cls):
@@ -77,8 +83,9 @@ class Exchange(unittest.TestCase):
         self.addCleanup(self.held.end)
         self.knowledge.remove_facts([*GOALS, *self.knowledge.facts("robot_at")])
         self.knowledge.add_facts("(robot_at main_door)")
-        for heard in (self.drives, self.cancels, self.dispatched, self.status, self.graph):
+        for heard in (self.drives, self.cancels, self.dispatched, self.status, self.graph, self.executor):
             heard.messages.clear()
+        self.planned.messages.clear()
         self.interrupt = lambda: None
         self.results = []
 
@@ -168,6 +175,65 @@ class Exchange(unittest.TestCase):
         self.held.end()
         self.assertEqual(self.result(thread).unmet, (GOALS[1],))
         self.status.wait(lambda status: status.steps_done == 2)
+
+    # --- the Executor, with two clients
+
+    def joined(self):
+        """One request, whose drive to the kitchen is held, and one of another client that has joined it."""
+        first, second = self.driving_for_one(), self.clients[1].send(GOALS[1])
+        self.executor.wait(lambda status: [each.request for each in status.together] == [second.id])
+        return first, second
+
+    def driving_for_one(self):
+        self.held.hold()
+        request = self.clients[0].send(GOALS[0])
+        self.held.wait_driving()
+        return request
+
+    def assertOutcome(self, request, outcome):
+        self.assertTrue(request.wait(LONG))
+        self.assertEqual(outcome_name(request.result.outcome), outcome, request.result.reason)
+
+    def test_a_newcomer_joins_in_mid_drive_and_the_drive_goes_on(self):
+        requests = self.joined()
+        self.assertEqual((len(self.drives.messages), self.cancels.messages), (1, []))
+        self.held.end()
+        for request in requests:
+            self.assertOutcome(request, "SUCCEEDED")
+        self.assertEqual((len(self.drives.messages), self.cancels.messages), (2, []))
+        self.assertEqual(requests[1].result.replans, 0)
+        self.assertEqual(set(self.knowledge.goals()) & set(GOALS), set())
+
+    def test_the_cancel_of_one_keeps_the_drive_of_the_other(self):
+        first, second = self.joined()
+        second.cancel()
+        self.assertOutcome(second, "CANCELLED")
+        self.assertNotIn(GOALS[1], self.knowledge.goals())
+        self.held.end()
+        self.assertOutcome(first, "SUCCEEDED")
+        self.assertEqual((len(self.drives.messages), self.cancels.messages), (1, []))
+
+    def test_the_cancel_of_the_one_that_is_driven_for_stops_the_drive(self):
+        first, second = self.joined()
+        first.cancel()
+        self.held.wait_stopped()
+        self.assertOutcome(first, "CANCELLED")
+        self.held.end()
+        self.assertOutcome(second, "SUCCEEDED")
+        self.assertFalse(self.knowledge.holds(GOALS[0]))
+
+    def test_a_planner_that_is_killed_keeps_nobody(self):
+        first = self.driving_for_one()
+        rospy.set_param(PLANNER, "sh -c 'kill -9 $$' DOMAIN PROBLEM")
+        self.addCleanup(rospy.set_param, PLANNER, "")
+        self.planned.messages.clear()
+        second = self.clients[1].send(GOALS[1])
+        self.planned.wait(lambda status: status.state == PlannerStatus.CRASHED)
+        rospy.set_param(PLANNER, "")
+        self.held.end()
+        self.assertOutcome(first, "SUCCEEDED")
+        self.assertOutcome(second, "SUCCEEDED")
+        self.assertEqual(self.cancels.messages, [])
 
 
 if __name__ == "__main__":

@@ -17,7 +17,7 @@ from contextlib import contextmanager
 import rospy
 from actionlib_msgs.msg import GoalStatusArray
 from executor_faults_fixture import Changes, Guard, Watch, client_process, kill, pid_of, start
-from merlin_msgs.msg import DispatchStatus, ExecutorStatus, GoalQueue
+from merlin_msgs.msg import DispatchStatus, ExecutorStatus, GoalQueue, PlannerStatus
 from rosplan_dispatch_msgs.srv import DispatchService
 from std_srvs.srv import Empty
 
@@ -29,6 +29,7 @@ from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 from merlin_test.held_drives import HeldDrives
 
 LONG = 60.0
+PLANNER = "rosplan_planner_interface/planner_command"
 TOPICS = {
     "rosplan_planner_interface/problem_instance": "rosplan_problem_interface/problem_instance",
     "rosplan_parsing_interface/planner_output": "rosplan_planner_interface/planner_output",
@@ -293,6 +294,28 @@ class Faults(unittest.TestCase):
         self.assertOutcome(request.result, "CANCELLED")
         self.assertIn("the planning system's knowledge base: service", request.result.reason)
         self.assertNextGoalWorks()
+
+    def test_a_planning_system_that_hangs_while_a_newcomer_is_planned(self):
+        planned = Watch("rosplan_planner_interface/planner_status", PlannerStatus)
+        request = self.driving()
+        self.addCleanup(rospy.set_param, PLANNER, "")
+        rospy.set_param(PLANNER, "sh -c 'exec sleep 1000' DOMAIN PROBLEM")
+        begun = rospy.Time.now()
+        newcomer = MerlinExecutorClient().send("(checked main_door)")
+        planned.wait(lambda status: status.state == PlannerStatus.RUNNING, begun)
+        os.kill(self.planning.pid, signal.SIGSTOP)
+        try:
+            newcomer.cancel()
+            self.assertTrue(newcomer.wait(LONG))
+            request.cancel()
+            self.assertTrue(request.wait(LONG))
+        finally:
+            os.kill(self.planning.pid, signal.SIGCONT)
+        self.assertOutcome(newcomer.result, "CANCELLED")
+        self.assertOutcome(request.result, "CANCEL_TIMEOUT")
+        rospy.set_param(PLANNER, "")
+        self.assertNextGoalWorks()
+        self.assertNotIn("(checked main_door)", self.knowledge.goals())
 
     def test_a_plan_without_an_owner_gives_way(self):
         self.knowledge.knowledge.update([Update(ADD_GOAL, fact("checked", "kitchen"))])

@@ -72,7 +72,7 @@ class Machine:
         self.begun: threading.Semaphore = threading.Semaphore(0)
         self.go_on = threading.Event()
         self.verdict: Any = Verdict(Outcome.SUCCEEDED)
-        self.unstoppable = False
+        self.unstoppable = self.revises = False
         self.running: List[Any] = []
         self.goals_removed = 0
         self.left = False
@@ -88,6 +88,9 @@ class Machine:
     def cancel(self) -> None:
         self._cancelled = True
         self.go_on.set()
+
+    def revise(self) -> bool:
+        return self.revises
 
     def run_requests(self, requests: Any) -> Verdict:
         assert not self.running, "two run"
@@ -158,7 +161,7 @@ class Bench:
             return SimpleNamespace(start=lambda left: self.left.extend(left), shutdown=lambda: None)
 
         self.dispatcher = SimpleNamespace(
-            wait_status=lambda timeout: True, running=[], steps_done=0, hold=Hold()
+            wait_status=lambda timeout: True, running=[], steps_done=0, succeeded=frozenset(), hold=Hold()
         )
         recovery = SimpleNamespace(rest=lambda *_: "")
         own = SimpleNamespace(remove_left=lambda: [])
@@ -201,7 +204,7 @@ class Bench:
         self.on_dispatch()
 
     def make_machine(self, *arguments: Any) -> Machine:
-        self.achieved = arguments[3]
+        self.engine = arguments[3]
         return self.machine
 
     def serve_pause(self, switch: Callable[[bool], None]) -> None:

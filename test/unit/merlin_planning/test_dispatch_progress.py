@@ -292,6 +292,12 @@ def test_what_is_dropped_and_does_not_stop_is_named() -> None:
     assert progress.result(Reply()).unstopped == ("(navigate hall kitchen)",)
 
 
+def test_what_is_dropped_and_does_not_answer_is_named_too() -> None:
+    progress = book(NAVIGATE, WAVE)
+    progress.exchange({2, 3})
+    assert progress.result(Reply()).unstopped == ("(navigate hall kitchen)",)
+
+
 def test_the_steps_count_anew_with_another_plan_unless_it_is_refused() -> None:
     progress = book(NAVIGATE, WAVE)
     progress.answered(1, 7, DispatchAnswer.SUCCEEDED, {})

@@ -81,13 +81,21 @@ def test_the_dispatch_goes_on_with_the_new_plan(dispatcher: Any, driven: Driven)
 
     dispatcher.on_exchange = exchange
     assert driven.client.can_exchange
-    assert driven.exchange(PLAN, [driven.drive], "request 2") == ""
+    assert driven.exchange(PLAN, [driven.drive]) == ""
     assert asked == {"goal": "goal 1", "keep": [0]}
-    assert dispatcher.calls == ["goal", "exchange_plan", "goal 1 for request 2"]
+    assert dispatcher.calls == ["goal", "exchange_plan"]
     assert [action.name for action in driven.client.running] == ["drive"]
     driven.feedback(0, 2)
     result = driven.end()
     assert result.goal_achieved and driven.client.steps_done == 1
+
+
+def test_the_dispatch_that_runs_is_handed_over(dispatcher: Any, driven: Driven) -> None:
+    assert driven.exchange(PLAN, [driven.drive]) == ""
+    driven.client.hand_over("request 3")
+    driven.end()
+    driven.client.hand_over("request 4")
+    assert dispatcher.calls == ["goal", "exchange_plan", "goal 1 for request 3"]
 
 
 @pytest.mark.parametrize("refuses", [True, False])
@@ -98,7 +106,7 @@ def test_a_refusal_says_why_and_the_plan_goes_on(dispatcher: Any, driven: Driven
         raise ServiceUnavailable("it does not answer")
 
     dispatcher.on_exchange = exchange
-    refused = driven.exchange(PLAN, [driven.drive], "request 2")
+    refused = driven.exchange(PLAN, [driven.drive])
     assert refused.endswith("it ends" if refuses else "does not exchange its plan: it does not answer")
     assert dispatcher.calls == ["goal", "exchange_plan"]
     assert driven.end().goal_achieved

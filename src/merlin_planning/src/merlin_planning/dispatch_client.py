@@ -3,7 +3,7 @@
 
 import threading
 from functools import partial
-from typing import Callable, List, Optional, Sequence
+from typing import Callable, FrozenSet, List, Optional, Sequence
 
 import rospy
 from merlin_msgs.msg import DispatchStatus, RunningAction
@@ -117,6 +117,12 @@ class DispatchClient:
         return self._progress.steps_done
 
     @property
+    def succeeded(self) -> FrozenSet[int]:
+        """Ids of these."""
+        with self._changed:
+            return frozenset(self._progress.succeeded)
+
+    @property
     def hold(self) -> Hold:
         """Before which actions the dispatcher holds, and before which it will hold."""
         return self._reporting.hold
@@ -208,15 +214,10 @@ class DispatchClient:
 
     @property
     def can_exchange(self) -> bool:
-        """Whether the dispatcher can replace the rest of a plan while actions go on; ROSPlan's own cannot.
+        """Whether the dispatcher can replace the rest of a plan while actions go on; ROSPlan's own cannot."""
+        return self._kind.reports
 
-        Asks the master.
-        """
-        return self._kind.reports and self._exchange.available()
-
-    def exchange(
-        self, plan: Sequence[ActionDispatch], keep: Sequence[RunningAction], owner: Optional[str] = None
-    ) -> str:
+    def exchange(self, plan: Sequence[ActionDispatch], keep: Sequence[RunningAction]) -> str:
         """Replaces the rest of the plan that another thread dispatches, without a stop of what goes on.
 
         First the new plan is made: :attr:`running` is looked at, these actions are given to
@@ -230,8 +231,6 @@ class DispatchClient:
         :param plan: the one that was parsed last.
         :param keep: of :attr:`running`: the actions that the new plan counts on. One that has succeeded
             meanwhile does no harm; with one that has failed the exchange is refused.
-        :param owner: id of the goal of this process's own server on whose behalf the dispatch runs from now
-            on; None: as before.
         :return: why the plan is not exchanged, as a sentence; empty: the new plan runs.
         """
         kept = {action.action_id for action in keep}
@@ -239,20 +238,26 @@ class DispatchClient:
             goal = self._kind.goal() if self._active and not self._cancelling else ""
             if not goal:
                 return f"{PART} {self.name} carries out no plan of this node that it could exchange"
-            progress = self._progress
-            take_back = progress.exchange({*kept, *(action.action_id for action in plan)})
+            take_back = self._progress.exchange({*kept, *(action.action_id for action in plan)})
         try:
             refused = str(self._exchange(goal=goal, keep=sorted(kept)).refused)
         except ServiceError as error:
             refused = f"{PART} does not exchange its plan: {error}"
-        with self._changed:
-            if refused:
+        if refused:
+            with self._changed:
                 take_back()
-            elif progress is self._progress and self._active:
-                self._kind.goal(owner)
-        if not refused:
+        else:
             self._on_change()
         return refused
+
+    def hand_over(self, owner: str) -> None:
+        """The dispatch that runs is on behalf of another goal of this process's own server from now on.
+
+        :param owner: id of that goal.
+        """
+        with self._changed:
+            if self._active:
+                self._kind.goal(owner)
 
     def cancel(self) -> None:
         """Cancels the running dispatch; before it runs, as soon as it does. Never blocks.

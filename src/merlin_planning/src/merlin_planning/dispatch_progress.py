@@ -109,7 +109,8 @@ class DispatchProgress:
         self.running: Dict[int, Action] = {}
         self.kept: Set[int] = set()
         """Ids of those of them for which a more urgent request has to wait."""
-        self.steps_done = 0
+        self.succeeded: Set[int] = set()
+        """Ids of the actions that have succeeded, since the present plan began."""
         self.failed = ""
         """The action that failed last, as PDDL text."""
         self.failed_reason = ""
@@ -122,6 +123,11 @@ class DispatchProgress:
         self._unstopped: List[str] = []
         self._no_retry: Dict[str, str] = {}  # a failed action -> which actions cannot help
         self._counted: Optional[Container[int]] = None  # actions whose failure counts; None: all
+
+    @property
+    def steps_done(self) -> int:
+        """How many actions have succeeded, since the present plan began."""
+        return len(self.succeeded)
 
     @property
     def begun(self) -> bool:
@@ -149,11 +155,11 @@ class DispatchProgress:
             by the dispatcher, which is no failure.
         :return: takes it back.
         """
-        done, before = self.steps_done, self._counted
-        self.steps_done, self._counted = 0, counted
+        done, before = self.succeeded, self._counted
+        self.succeeded, self._counted = set(), counted
 
         def take_back() -> None:
-            self.steps_done, self._counted = self.steps_done + done, before
+            self.succeeded, self._counted = self.succeeded | done, before
 
         return take_back
 
@@ -197,7 +203,7 @@ class DispatchProgress:
         del self.running[action_id]
         self.kept.discard(action_id)
         if answer is DispatchAnswer.SUCCEEDED:
-            self.steps_done += 1
+            self.succeeded.add(action_id)
             return True
         reason = information.get("reason", NO_REASON)
         if information.get(STOPPED, "").lower() == NO:
@@ -252,6 +258,8 @@ class DispatchProgress:
         :param reason: the dispatcher's, which names what did not answer it.
         """
         names = list(self._unstopped)
+        if self._counted is not None:  # what another plan did without is cancelled, too
+            names += [each.text for each in self.running.values() if each.id not in self._counted]
         if cancelled:
             names += self.unanswered
             if _UNANSWERED in reason:

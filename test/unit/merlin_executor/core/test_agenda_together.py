@@ -1,47 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Requests that run together, in virtual time: who joins, who ends when, and what becomes of the others."""
 
-from typing import Dict, List, Optional, Set
+from typing import Dict, List
 
 import pytest
-from hypothesis import settings
-from hypothesis import strategies as st
-from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
+from fakes.errands import CANCELLED, DONE, LIMIT, MOST, UNSOLVABLE, Clock, Errand, go
 
-from merlin_executor.core.agenda import APART, GATHER, Agenda, AgendaAnswer, Decision, StopRun
-from merlin_executor.core.outcome import Outcome, Stop, StopKind, Verdict
+from merlin_executor.core.agenda import APART, GATHER, Agenda, AgendaAnswer, Decision, ReviseRun, StopRun
+from merlin_executor.core.outcome import Outcome, Verdict
 from merlin_executor.core.ticket import Client, Ticket
-from merlin_executor.core.time_window import TimeWindow
-
-CANCELLED = Verdict(Outcome.CANCELLED, "cancelled")
-DONE = Verdict(Outcome.SUCCEEDED)
-UNSOLVABLE = Verdict(Outcome.UNSOLVABLE, "the problem has no plan")
-LIMIT = 60.0
-MOST = 4
-
-
-class Clock:
-    now = 100.0
-
-    def __call__(self) -> float:
-        return self.now
-
-
-class Errand(Ticket):
-    under_way = False  # type: ignore[assignment]
-    ends: Optional[float] = None
-
-    def __init__(self, order: int, priority: int = 0, resumes: bool = True, **more: object) -> None:
-        times = {name: more.pop(name) for name in ("not_before", "deadline") if name in more}
-        super().__init__(order, priority, resumes, window=TimeWindow(**times), **more)  # type: ignore[arg-type]
-
-    @property
-    def expected_end(self) -> Optional[float]:
-        return self.ends
-
-    @property
-    def text(self) -> str:
-        return f"(checked room_{self.order})"
 
 
 def answers(decisions: List[Decision]) -> Dict[Ticket, Verdict]:
@@ -50,6 +17,10 @@ def answers(decisions: List[Decision]) -> Dict[Ticket, Verdict]:
 
 def stops(decisions: List[Decision]) -> List[int]:
     return [decision.ticket.order for decision in decisions if isinstance(decision, StopRun)]
+
+
+def revises(decisions: List[Decision]) -> List[int]:
+    return [decision.ticket.order for decision in decisions if isinstance(decision, ReviseRun)]
 
 
 @pytest.fixture
@@ -71,12 +42,6 @@ def begun(agenda: "Agenda[Errand]") -> List[int]:
     """Begins, and says which requests run."""
     agenda.begin()
     return [errand.order for errand in agenda.together]
-
-
-def go(agenda: "Agenda[Errand]") -> None:
-    """The plan is carried out from now on."""
-    for errand in agenda.together:
-        errand.under_way = True
 
 
 def rest(agenda: "Agenda[Errand]", verdict: Verdict) -> Dict[Ticket, Verdict]:
@@ -165,13 +130,15 @@ def test_who_comes_while_the_plan_is_carried_out_joins_the_next_one(
     begun(agenda)
     go(agenda)
     clock.now += 10 * GATHER
-    receive(agenda, Errand(1), Errand(2))
+    assert revises(agenda.receive(Errand(1))) == [1]
+    assert agenda.not_revised(agenda.revision) == [], (
+        "it is carried out by a dispatcher that cannot exchange it"
+    )
+    assert agenda.receive(Errand(2)) == [], "nobody is overtaken"
     agenda.together[0].under_way = False
-    assert stops(agenda.planned_again()) == [0]
-    assert rest(agenda, CANCELLED) == {}
-    assert begun(agenda) == [0, 1, 2]
-    go(agenda)
-    assert agenda.planned_again() == []
+    assert agenda.revised(agenda.planned_again()) == []
+    assert [errand.order for errand in agenda.together] == [0, 1, 2] and agenda.waiting == []
+    assert agenda.planned_again() == agenda.together
 
 
 def test_each_ends_when_its_goals_hold_and_the_last_one_with_the_run(agenda: "Agenda[Errand]") -> None:
@@ -190,20 +157,111 @@ def test_one_that_is_cancelled_leaves_the_others(agenda: "Agenda[Errand]") -> No
     held(agenda, *errands)
     begun(agenda)
     go(agenda)
-    assert stops(agenda.cancel(errands[0])) == [0]
+    assert revises(agenda.cancel(errands[0])) == [0]
     assert agenda.achieved([errands[0]], DONE) == [], "it is being stopped"
+    assert stops(agenda.not_revised(agenda.revision)) == [0]
+    assert agenda.revision == [] and agenda.revised(errands[1:]) == []
     ended = rest(agenda, CANCELLED)
     assert list(ended) == [errands[0]] and ended[errands[0]].outcome is Outcome.CANCELLED
     assert begun(agenda) == [1, 2]
+
+
+def test_who_comes_while_the_plan_is_carried_out_joins_it(agenda: "Agenda[Errand]") -> None:
+    errands = [Errand(order) for order in range(MOST + 1)]
+    receive(agenda, errands[0])
+    begun(agenda)
+    assert agenda.revision == []
+    go(agenda)
+    for errand in errands[1:]:
+        assert (revises(agenda.receive(errand)) == [errand.order]) == (errand.order < MOST)
+    assert agenda.revision == errands[:MOST]
+    assert agenda.revised(agenda.revision) == []
+    assert agenda.together == errands[:MOST] and agenda.waiting == errands[MOST:]
+    go(agenda)
+    assert revises(agenda.achieved([errands[0]], DONE)) == [MOST], "there is a place for it now"
+    assert agenda.revision == errands[1:]
+
+
+def test_one_that_leaves_is_answered_and_the_run_goes_on(agenda: "Agenda[Errand]", clock: Clock) -> None:
+    errands = [Errand(0), Errand(1), Errand(2)]
+    held(agenda, *errands)
+    begun(agenda)
+    go(agenda)
+    assert revises(agenda.cancel(errands[0])) == [0]
+    assert agenda.cancel(errands[0]) == []
+    assert agenda.revision == errands[1:]
+    assert answers(agenda.revised(errands[1:]))[errands[0]].outcome is Outcome.CANCELLED
+    assert agenda.together == errands[1:] and agenda.revision == []
+    assert set(rest(agenda, DONE)) == set(errands[1:])
+
+
+def test_who_leaves_has_not_succeeded_when_the_plan_ends(agenda: "Agenda[Errand]") -> None:
+    errands = [Errand(0), Errand(1)]
+    held(agenda, *errands)
+    begun(agenda)
+    go(agenda)
+    agenda.cancel(errands[1])
+    assert [each.outcome for each in rest(agenda, DONE).values()] == [Outcome.SUCCEEDED, Outcome.CANCELLED]
+
+
+def test_a_run_of_which_only_those_are_left_that_are_to_leave_stops(agenda: "Agenda[Errand]") -> None:
+    errands = [Errand(0), Errand(1), Errand(2)]
+    held(agenda, *errands)
+    begun(agenda)
+    go(agenda)
+    agenda.cancel(errands[0])
+    assert answers(agenda.achieved(errands[1:2], DONE)) == {errands[1]: DONE}
+    assert stops(agenda.cancel(errands[2])) == [2]
+    assert [each.outcome for each in rest(agenda, CANCELLED).values()] == [Outcome.CANCELLED] * 2
+
+
+def test_the_last_one_beside_one_that_leaves_ends_and_the_run_stops(agenda: "Agenda[Errand]") -> None:
+    errands = [Errand(0), Errand(1)]
+    held(agenda, *errands)
+    begun(agenda)
+    go(agenda)
+    agenda.cancel(errands[0])
+    decisions = agenda.achieved(errands[1:], DONE)
+    assert (answers(decisions), stops(decisions)) == ({errands[1]: DONE}, [0])
+
+
+def test_a_newcomer_taken_back_meanwhile_is_taken_out_again(agenda: "Agenda[Errand]") -> None:
+    errands = [Errand(0), Errand(1)]
+    receive(agenda, errands[0])
+    begun(agenda)
+    go(agenda)
+    agenda.receive(errands[1])
+    wanted = agenda.revision
+    assert answers(agenda.cancel(errands[1]))[errands[1]].outcome is Outcome.CANCELLED
+    assert agenda.revision == []
+    agenda.revised(wanted)
+    assert agenda.together == agenda.revision == errands[:1], "the plan is for the other one, too"
+    assert stops(agenda.not_revised(agenda.revision)) == [0]
+    assert rest(agenda, CANCELLED) == {} and begun(agenda) == [0]
+
+
+def test_a_run_goes_on_with_newcomers_for_a_bounded_time(agenda: "Agenda[Errand]", clock: Clock) -> None:
+    receive(agenda, Errand(0))
+    begun(agenda)
+    go(agenda)
+    clock.now += LIMIT - 1.0
+    assert revises(agenda.receive(Errand(1))) == [1]
+    agenda.revised(agenda.revision)
+    go(agenda)
+    clock.now += 2.0
+    assert agenda.receive(Errand(2)) == [] and agenda.revision == []
 
 
 def test_the_others_of_a_run_go_on_in_a_pause(agenda: "Agenda[Errand]") -> None:
     errands = [Errand(0), Errand(1)]
     held(agenda, *errands)
     begun(agenda)
+    go(agenda)
     agenda.pause(True)
     receive(agenda, Errand(2))
     agenda.cancel(errands[0])
+    assert agenda.revision == errands[1:], "who waits does not join"
+    agenda.not_revised(agenda.revision)
     rest(agenda, CANCELLED)
     assert begun(agenda) == [1]
     rest(agenda, DONE)
@@ -297,184 +355,3 @@ def test_who_waits_is_told_for_how_many(agenda: "Agenda[Errand]") -> None:
     receive(agenda, errands[2])
     errands[0].ends = 180.0
     assert agenda.outlook(errands[2]).late.startswith("(checked room_0) and 1 more is expected to run")
-
-
-GOALS = 6
-
-
-class TogetherWorld(RuleBasedStateMachine):
-    """Arrivals, ends, cancels, goals that come true and failures in any order, over a knowledge base.
-
-    Goal 0 is impossible; goals 1 and 2 exclude each other.
-    """
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.clock = Clock()
-        self.agenda: Agenda[Errand] = Agenda(self.clock, LIMIT, MOST)
-        self.tickets: List[Errand] = []
-        self.goals: Dict[Ticket, Set[int]] = {}
-        self.true: Set[int] = set()
-        self.stored: Set[int] = set()
-        self.answered: Dict[Ticket, Verdict] = {}
-        self.ready: Dict[Ticket, float] = {}
-
-    def take(self, decisions: List[Decision]) -> None:
-        for decision in decisions:
-            ticket = decision.ticket
-            if isinstance(decision, StopRun):
-                assert ticket in self.agenda.together and ticket.stop is not None
-                continue
-            assert ticket not in self.answered, "answered twice"
-            self.answered[ticket] = decision.verdict
-            if decision.verdict.outcome.achieved:
-                assert self.goals[ticket] <= self.true, "succeeded, and its goals do not hold"
-            if decision.verdict.outcome is Outcome.UNSOLVABLE:
-                assert self.impossible([ticket]), "the fault of another one"
-        for ticket in self.agenda.waiting:
-            if ticket.window.not_before <= self.clock.now:
-                self.ready.setdefault(ticket, self.clock.now)
-        kept = [self.goals[ticket] for ticket in self.agenda.together]
-        self.stored &= set().union(*kept) if kept else set()
-
-    def impossible(self, tickets: List[Ticket]) -> bool:
-        wanted = set().union(*(self.goals[ticket] for ticket in tickets))
-        return bool(({0} & wanted) - self.true) or {1, 2} <= wanted
-
-    @rule(
-        priority=st.sampled_from([0, 0, 0, 1]),
-        resumes=st.booleans(),
-        alone=st.sampled_from([False, False, False, True]),
-        later=st.sampled_from([0.0, 0.0, 0.0, 5.0]),
-        wanted=st.sets(st.integers(0, GOALS - 1), min_size=1, max_size=2),
-    )
-    def receive(self, priority: int, resumes: bool, alone: bool, later: float, wanted: Set[int]) -> None:
-        ticket = Errand(
-            len(self.tickets),
-            priority,
-            resumes,
-            alone=alone,
-            not_before=self.clock.now + later if later else 0.0,
-        )
-        self.tickets.append(ticket)
-        self.goals[ticket] = wanted
-        self.take([*self.agenda.elapse(), *self.agenda.receive(ticket)])
-
-    @precondition(lambda self: self.tickets)
-    @rule(number=st.integers(0, 30), stop=st.sampled_from([StopKind.CANCELLED, StopKind.CLIENT_LOST]))
-    def cancel(self, number: int, stop: StopKind) -> None:
-        ticket = self.tickets[number % len(self.tickets)]
-        self.take(self.agenda.cancel(ticket, Stop(stop)))
-
-    @rule(step=st.floats(0.0, 40.0))
-    def pass_time(self, step: float) -> None:
-        self.clock.now += step
-        self.take(self.agenda.elapse())
-
-    @rule(paused=st.booleans())
-    def pause(self, paused: bool) -> None:
-        self.take(self.agenda.pause(paused))
-
-    @precondition(lambda self: not self.agenda.together)
-    @rule()
-    def begin(self) -> None:
-        self.agenda.begin()
-        together = self.agenda.together
-        assert len(together) <= MOST
-        if not together:
-            return
-        assert len({(ticket.priority, ticket.party) for ticket in together}) == 1
-        assert len(together) == 1 or not any(ticket.alone for ticket in together)
-        for ticket in together:
-            assert ticket not in self.answered and ticket.stop is None
-            assert ticket.window.not_before <= self.clock.now
-            for other in self.agenda.waiting:
-                if other.priority == ticket.priority and other.window.is_open(self.clock.now):
-                    overdue = self.clock.now - self.ready[other] >= LIMIT + 0.001
-                    assert not overdue or self.ready[ticket] <= self.ready[other], "overtaken for too long"
-        self.stored |= set().union(*(self.goals[ticket] for ticket in together))
-
-    @precondition(lambda self: self.agenda.together)
-    @rule()
-    def dispatch(self) -> None:
-        if not self.impossible(self.agenda.together):
-            go(self.agenda)
-
-    @precondition(lambda self: self.agenda.together)
-    @rule()
-    def plan_again(self) -> None:
-        for ticket in self.agenda.together:
-            ticket.under_way = False
-        self.take(self.agenda.planned_again())
-
-    @rule(goal=st.integers(1, GOALS - 1), holds=st.booleans())
-    def world(self, goal: int, holds: bool) -> None:
-        """The world changes."""
-        self.change(goal, holds)
-
-    def change(self, goal: int, holds: bool) -> None:
-        self.true -= {goal, 3 - goal}
-        if holds:
-            self.true.add(goal)
-
-    @precondition(lambda self: self.agenda.together)
-    @rule()
-    def look(self) -> None:
-        found = [ticket for ticket in self.agenda.together if self.goals[ticket] <= self.true]
-        self.take(self.agenda.achieved(found, DONE))
-        assert self.agenda.together
-
-    @precondition(lambda self: self.agenda.together)
-    @rule(how=st.sampled_from(["succeeds", "stops", "does not stop", "fails", "is gone"]))
-    def end(self, how: str) -> None:
-        together = self.agenda.together
-        if any(ticket.stop for ticket in together) and how != "does not stop":
-            verdict = CANCELLED
-        elif how == "is gone" or how == "does not stop":
-            verdict = Verdict(Outcome.INTERNAL if how == "is gone" else Outcome.CANCEL_TIMEOUT, "it hangs")
-        elif self.impossible(together):
-            verdict = UNSOLVABLE
-        elif how == "fails":
-            verdict = Verdict(Outcome.ACTION_FAILED, "the door is locked")
-        else:
-            for ticket in together:
-                for goal in self.goals[ticket]:
-                    self.change(goal, True)
-            verdict = DONE
-        for ticket in together:
-            ticket.under_way = False
-        self.take(self.agenda.ended(verdict))
-
-    @invariant()
-    def no_request_is_lost(self) -> None:
-        for ticket in self.tickets:
-            places = [ticket in self.agenda.waiting, ticket in self.agenda.together, ticket in self.answered]
-            assert places.count(True) == 1, places
-
-    @invariant()
-    def no_goal_outlives_its_requests(self) -> None:
-        alive = [self.goals[ticket] for ticket in self.tickets if ticket not in self.answered]
-        assert self.stored <= (set().union(*alive) if alive else set())
-
-    @invariant()
-    def nothing_more_urgent_waits_than_runs(self) -> None:
-        together = self.agenda.together
-        if together and not any(ticket.stop for ticket in together) and not self.agenda.paused:
-            now = self.clock.now
-            ready = [ticket.priority for ticket in self.agenda.waiting if ticket.window.is_open(now)]
-            assert max(ready, default=together[0].priority) <= together[0].priority
-
-    def teardown(self) -> None:
-        """Without further arrivals everything is answered, in a bounded number of runs."""
-        self.take(self.agenda.pause(False))
-        self.pass_time(10.0)
-        for _ in range(8 * len(self.tickets) + 8):
-            if self.agenda.together:
-                self.end("succeeds")
-            else:
-                self.begin()
-        assert set(self.answered) == set(self.tickets)
-
-
-TogetherWorld.TestCase.settings = settings(max_examples=200, stateful_step_count=50, deadline=None)
-test_any_order_of_events = TogetherWorld.TestCase

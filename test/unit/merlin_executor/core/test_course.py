@@ -308,3 +308,20 @@ def test_a_planner_that_plans_it_all_the_same_ends_the_request() -> None:
     assert course.replan().again
     give_up(course, "(Prescribe Ann)")
     assert not course.replan().again
+
+
+def test_newcomers_do_not_make_a_failing_action_be_tried_without_end() -> None:
+    course, other = Course(3, replan_wait=0.0), Course(3)
+    other.begin()
+    run(other, ("DISPATCH_PLAN", "failed", "the door of the bath is locked"))
+    other.no_retry = "(drive * bath)"
+    other.replan()
+    course.begin()
+    again = []
+    for number in range(5):
+        course.take_in(other)
+        course.action = "(drive hall kitchen)"
+        run(course, ("DISPATCH_PLAN", "failed", f"stuck {number}"))
+        again.append(course.replan().again)
+    assert again == [True, True, True, False, False]
+    assert course.without == ["(drive * bath)"], "what a newcomer has given up, all do without"

@@ -15,7 +15,8 @@ from merlin_executor.core.course import Course
 from merlin_executor.core.outcome import Outcome, Stop, StopKind, Verdict
 from merlin_executor.node import executor_stages
 from merlin_executor.node.executor_sm import ExecutorSM
-from merlin_executor.node.executor_stages import GOALS_GONE, PlanningSystem
+from merlin_executor.node.executor_stages import GOALS_GONE
+from merlin_executor.node.joint_run import PlanningSystem
 from merlin_planning.dispatch_progress import DispatchResult
 from merlin_planning.knowledge_text import parse_goal, to_pddl
 from merlin_planning.planning_client import Planned, PlanningResult
@@ -83,9 +84,6 @@ class Own:
         if not items:
             self.remove()
 
-    def all_there(self) -> bool:
-        return bool(self._knowledge.goals())
-
 
 class Bench:
     """A machine over a planning system that always finds a plan, which always succeeds."""
@@ -107,7 +105,8 @@ class Bench:
         self.waits, self.woken = threading.Event(), threading.Event()
         self.now = 0.0  # s of running time, where a test counts it
         self.ended: List[tuple] = []  # before the run
-        self.others_come = False
+        self.newcomers: List[str] = []
+        self.planned_for: List[List[str]] = []
         self.patience: List[float] = []  # s for which the planning system was waited for
         planning = SimpleNamespace(
             read_ahead=lambda: None,
@@ -118,7 +117,10 @@ class Bench:
             wait_back=self._wait_back,
         )
         self.dispatcher = SimpleNamespace(
-            dispatch=self._dispatch, available=lambda: not self.troubles, steps_done=0
+            dispatch=self._dispatch,
+            available=lambda: not self.troubles,
+            steps_done=0,
+            hand_over=lambda owner: None,
         )
         self.machine = ExecutorSM(
             PlanningSystem(
@@ -131,8 +133,7 @@ class Bench:
             ),
             self.own,  # type: ignore[arg-type]
             lambda: None,
-            lambda requests, verdict: self.ended.extend((request, verdict.outcome) for request in requests),
-            lambda: self.others_come,
+            lambda: self,  # type: ignore[arg-type, return-value]
         )
         self.request = self.make_request(KITCHEN, Course(3))
         self.requests: List[Any] = [self.request]
@@ -152,6 +153,18 @@ class Bench:
     def joined_by(self, *goals: str) -> None:
         """Further requests that run in the same plan."""
         self.requests += [self.make_request(parse_goal(goal), self.request.course) for goal in goals]
+
+    # --- the requests
+
+    def achieved(self, requests: List[Any], verdict: Verdict) -> None:
+        self.ended += [(request, verdict.outcome) for request in requests]
+
+    def planned_again(self) -> List[Any]:
+        self.joined_by(*self.newcomers)
+        return [each for each in self.requests if each not in [ended for ended, _ in self.ended]]
+
+    def revision(self) -> List[Any]:
+        return []
 
     # --- the guards
 
@@ -185,13 +198,17 @@ class Bench:
     def _dispatch(self, *_: Any) -> DispatchResult:
         self.dispatched += 1
         self.on_dispatch()
-        return self.results.pop(0) if self.results else DispatchResult(True)
+        if self.results:
+            return self.results.pop(0)
+        self.knowledge.true = self.knowledge.true or bool(self.knowledge.stored)
+        return DispatchResult(True)
 
     def _plan(self, _: Any, without: Sequence[str], deadlines: Sequence[Any] = ()) -> PlanningResult:
         if deadlines:
             assert deadlines == self.deadlines
             return self.in_time
         self.without.append(list(without))
+        self.planned_for.append(list(map(to_pddl, self.knowledge.stored)))
         if without and self.unsolvable:
             return PlanningResult(Planned.UNSOLVABLE, "the problem has no plan")
         return PlanningResult(Planned.SOLVED)
@@ -435,10 +452,10 @@ def test_a_request_that_ends_while_goals_are_looked_at_does_not_end_the_others(
     assert bench.dispatched == 2, "the hall is not checked yet"
 
 
-def test_a_run_that_others_join_ends_before_it_is_planned_again(bench: Bench) -> None:
-    bench.results, bench.others_come = [SAID_NO], True
-    assert bench.run().outcome is Outcome.CANCELLED
-    assert bench.dispatched == 1 and not bench.own.left
+def test_others_join_a_run_before_it_is_planned_again(bench: Bench) -> None:
+    bench.results, bench.newcomers = [SAID_NO], ["(checked hall)"]
+    assert bench.run().outcome is Outcome.SUCCEEDED
+    assert bench.planned_for == [["(checked kitchen)"], ["(checked kitchen)", "(checked hall)"]]
 
 
 @pytest.mark.parametrize(

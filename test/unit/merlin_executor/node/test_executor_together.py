@@ -54,7 +54,7 @@ def test_the_cancel_of_one_lets_the_other_begin_again(bench: Bench) -> None:
 
 def test_one_whose_goals_hold_is_answered_while_the_other_runs(bench: Bench) -> None:
     first, second = run_together(bench, Goal("(checked kitchen)"), Goal("(checked hall)"))
-    bench.achieved(bench.machine.running[:1], Verdict(Outcome.SUCCEEDED, "the goal holds"))
+    bench.engine().achieved(bench.machine.running[:1], Verdict(Outcome.SUCCEEDED, "the goal holds"))
     assert first.end() == (GoalStatus.SUCCEEDED, "SUCCEEDED", "the goal holds")
     status = bench.status()
     assert (status.request, status.together) == (second.id, [])

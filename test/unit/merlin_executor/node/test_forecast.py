@@ -8,7 +8,7 @@ from typing import Any, Callable, Dict, Iterator, List
 import pytest
 import rospy
 from diagnostic_msgs.msg import KeyValue
-from merlin_msgs.msg import PlannerStatus
+from merlin_msgs.msg import PlannerStatus, RunningAction
 from merlin_msgs.srv import PreviewPlanResponse
 from rosplan_dispatch_msgs.msg import ActionDispatch
 from test_executor import LONG, Goal
@@ -141,6 +141,32 @@ def test_where_not_all_can_be_in_time_the_most_are_and_the_others_say_for_what(b
         assert bench.machine.begun.acquire(timeout=LONG)
     bench.machine.end(Verdict(Outcome.LATE, "cannot be in time"))
     assert [goal.end()[1] for goal in (*short, long)] == ["SUCCEEDED", "SUCCEEDED", "LATE"]
+
+
+def test_of_a_parallel_plan_that_is_still_to_come_which_has_not_begun(bench: Bench) -> None:
+    bench.run(Goal("(checked kitchen)"))
+    steps = [ActionDispatch(action_id=number, name=f"step{number}", duration=60.0) for number in range(4)]
+    bench.machine.running[0].take_plan(steps)
+    bench.dispatcher.succeeded = frozenset({2})
+    bench.dispatcher.running = [RunningAction(action_id=0, name="step0")]
+    bench.takes = {"(checked hall)": 20.0}
+    bench.send(Goal("(checked hall)", deadline=rospy.Time(900)))
+    bench.queue_when(lambda queue: bool(queue and queue[0].expected_end.to_sec()))
+    assert (bench.previews[0]["after"], bench.previews[0]["then"]) == (["(step0)"], ["(step1)", "(step3)"])
+
+
+def test_what_the_planner_did_not_find_out_is_asked_again_when_an_action_has_ended(bench: Bench) -> None:
+    bench.run(Goal("(checked kitchen)"))
+    bench.machine.running[0].take_plan([ActionDispatch(name="drive", duration=60.0)])
+    bench.answers = [PreviewPlanResponse(status=PlannerStatus(state=PlannerStatus.TIMEOUT)), planned(20.0)]
+    bench.send(Goal("(checked hall)", deadline=rospy.Time(900)))
+    with bench.published:
+        assert bench.published.wait_for(lambda: len(bench.answers) == 1, LONG)
+    bench.pause(False)  # any event
+    bench.dispatcher.succeeded = frozenset({0})
+    while not bench.queue()[0].expected_end.to_sec():
+        bench.pause(False)
+    assert len(bench.previews) == 2
 
 
 def test_without_a_deadline_nothing_is_planned_ahead(bench: Bench) -> None:

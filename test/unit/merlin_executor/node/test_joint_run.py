@@ -27,7 +27,8 @@ class World:
         self.goals: List[str] = []
         self.literals: Optional[FrozenSet[str]] = frozenset()
         self.on_query: Callable[[], Any] = lambda: None
-        self.dispatcher = SimpleNamespace(steps_done=0, running=[])
+        self.owners: List[str] = []
+        self.dispatcher = SimpleNamespace(steps_done=0, running=[], hand_over=self.owners.append)
         self.queries = 0
         self.ended: List[tuple] = []
         self.answered = threading.Semaphore(0)
@@ -57,10 +58,16 @@ class World:
     def run(self, **goals: str) -> JointRun:
         course = SimpleNamespace()
         requests: List[Any] = [
-            SimpleNamespace(name=name, items=parse_goal(text), course=course, stop=None)
+            SimpleNamespace(
+                name=name, items=parse_goal(text), course=course, stop=None, goal=SimpleNamespace(id=name)
+            )
             for name, text in goals.items()
         ]
-        run = JointRun(requests, self, self.dispatcher, self, self.own, self.achieved)  # type: ignore[arg-type]
+        system: Any = SimpleNamespace(
+            knowledge=self, planning=None, dispatcher=self.dispatcher, recovery=self
+        )
+        engine: Any = SimpleNamespace(achieved=self.achieved)
+        run = JointRun(requests, system, self.own, engine)
         self.own.add(run.items)
         return run
 
@@ -93,6 +100,7 @@ def test_a_request_ends_when_its_goals_hold_and_leaves_those_that_another_one_ne
     assert world.answered.acquire(timeout=LONG) and world.answered.acquire(timeout=LONG)
     assert world.ended == [(name, Outcome.SUCCEEDED, ["(checked bath)"]) for name in ("ann", "bob")]
     assert [request.name for request in run.requests] == ["cem"]  # type: ignore[attr-defined]
+    assert world.owners == ["cem"], "the dispatch is always on behalf of one that runs"
 
 
 def test_what_another_one_needs_stays_a_goal(world: World) -> None:
@@ -101,6 +109,18 @@ def test_what_another_one_needs_stays_a_goal(world: World) -> None:
     world.ends(run)
     assert world.answered.acquire(timeout=LONG)
     assert world.ended[0] == ("ann", Outcome.SUCCEEDED, ["(CHECKED hall)", "(checked bath)"])
+
+
+def test_the_goals_of_a_newcomer_stay_while_it_is_planned(world: World) -> None:
+    run = world.run(ann="(checked hall)", bob="(checked bath)")
+    newcomer: Any = SimpleNamespace(items=parse_goal("(checked attic)"))
+    run.expect([newcomer])
+    world.own.add(newcomer.items)
+    world.true = {"(checked hall)"}
+    run.look()
+    assert world.ended == [("ann", Outcome.SUCCEEDED, ["(checked attic)", "(checked bath)"])]
+    run.expect([])
+    assert world.goals == ["(checked bath)"], "it does not join"
 
 
 def test_what_holds_only_while_an_action_runs_does_not_hold(world: World) -> None:

@@ -122,14 +122,6 @@ def test_a_lease_names_the_goals_while_they_are_there(knowledge: Knowledge, tmp_
     assert not goals.left
 
 
-def test_a_goal_that_another_client_removed_is_missed(knowledge: Knowledge, tmp_path: Path) -> None:
-    goals = own(knowledge, tmp_path / "goals")
-    goals.add(parse_goal("(and (checked kitchen) (>= (battery) 20))"))
-    assert goals.all_there()
-    knowledge.texts.remove("(checked kitchen)")
-    assert not goals.all_there()
-
-
 def test_goals_stay_leased_until_they_are_removed(knowledge: Knowledge, tmp_path: Path) -> None:
     lease = Lease()
     goals = OwnGoals(knowledge, str(tmp_path / "goals"), lease)  # type: ignore[arg-type]

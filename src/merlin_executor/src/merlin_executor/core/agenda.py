@@ -20,6 +20,7 @@ from typing import (
     NamedTuple,
     Optional,
     Sequence,
+    Set,
     Tuple,
     TypeVar,
     Union,
@@ -27,12 +28,8 @@ from typing import (
 
 from merlin_executor.core.outcome import Outcome, Stop, StopKind, Verdict
 from merlin_executor.core.request_limits import why_full
-from merlin_executor.core.ticket import Client, Ticket
-from merlin_executor.core.time_window import (
-    Outlook,
-    outlook_foreseen,
-    outlook_waiting,
-)
+from merlin_executor.core.ticket import Client, Ticket, lines, outlooks
+from merlin_executor.core.time_window import Outlook
 from merlin_pddl.breakpoints import Breakpoints
 
 CANCELLED = Stop(StopKind.CANCELLED)
@@ -76,7 +73,13 @@ class StopRun(NamedTuple):
     ticket: Ticket
 
 
-Decision = Union[AgendaAnswer, StopRun]
+class ReviseRun(NamedTuple):
+    """Because of this request the plan that is carried out should be one for :attr:`Agenda.revision`."""
+
+    ticket: Ticket
+
+
+Decision = Union[AgendaAnswer, StopRun, ReviseRun]
 
 
 class Agenda(Generic[T]):
@@ -102,6 +105,9 @@ class Agenda(Generic[T]):
         self._waiting: List[T] = []
         self._running: Tuple[T, ...] = ()  # replaced as a whole: other threads read it
         self._gathers_until = -math.inf  # by _elapsed
+        self._stopping = False  # all of the run
+        self._refused: Set[int] = set()  # newcomers that wait for the next plan
+        self._surplus = False  # the plan is for one, too, that was taken back meanwhile
         self._closing = False
         self._paused = False
         self._hold = False
@@ -149,44 +155,13 @@ class Agenda(Generic[T]):
         return next(outlook for waiting, outlook in self.outlooks() if waiting is ticket)
 
     def outlooks(self) -> List[Tuple[T, Outlook]]:
-        """The requests that wait, in order, and what can be expected of each."""
-        running = self.running
-        free = running.expected_end if running is not None else None
-        others = len(self._running) - 1
-        found = []
-        for ticket, ahead in self.lines():
-            before, end = "", None
-            goes_first = running is None or running.priority < ticket.priority
-            if running is not None and not goes_first:
-                before, end = running.text, running.expected_end
-                before += f" and {others} more" if before and others > 0 else ""
-            outlook = outlook_waiting(ticket.window, ticket is self._waiting[0], before, end)
-            forecast = ticket.forecast
-            if forecast is not None and forecast.fits(ahead):
-                outlook = outlook_foreseen(ticket.window, outlook, forecast, None if goes_first else free)
-                free = free if forecast.late else outlook.end
-            else:
-                free = None
-            if outlook.late and ticket.left_out:
-                outlook = outlook._replace(late=ticket.left_out)
-            if goes_first and running is not None and ticket.window.is_open(self._now):
-                outlook = outlook._replace(waits=self._kept and f"waits until {self._kept}")
-            found.append((ticket, outlook))
-        return found
+        """See :func:`.ticket.outlooks`."""
+        kept = self._kept and f"waits until {self._kept}"
+        return outlooks(self._running, self._waiting, self._now, kept)
 
     def lines(self) -> List[Tuple[T, Tuple[int, ...]]]:
-        """The requests that wait, in order, and the :attr:`Ticket.order` of what runs and waits before each.
-
-        One that is proven late by itself keeps no other one waiting.
-        """
-        ahead = tuple(ticket.order for ticket in self._running)
-        found = []
-        for ticket in self._waiting:
-            found.append((ticket, ahead))
-            forecast = ticket.forecast
-            if forecast is None or not forecast.late or not forecast.fits(ahead):
-                ahead = (*ahead, ticket.order)
-        return found
+        """See :func:`.ticket.lines`."""
+        return lines(self._running, self._waiting)
 
     # --- events ---------------------------------------------------------------------------------------
 
@@ -212,7 +187,7 @@ class Agenda(Generic[T]):
     def cancel(self, ticket: T, stop: Stop = CANCELLED) -> List[Decision]:
         """A request is no longer wanted."""
         if ticket in self._running:
-            return self._stop([ticket], stop)
+            return self._part(ticket, stop)
         if ticket not in self._waiting:
             return []
         self._waiting.remove(ticket)
@@ -244,7 +219,7 @@ class Agenda(Generic[T]):
         ]
         for ticket in self._running:
             if ticket.window.deadline <= self._now:
-                decisions += self._stop([ticket], Stop(StopKind.LATE, ticket.window.missed))
+                decisions += self._part(ticket, Stop(StopKind.LATE, ticket.window.missed))
         return [*decisions, *self._interrupt()]
 
     def arrange(self, ranks: Mapping[int, Tuple[int, str]]) -> List[Decision]:
@@ -284,15 +259,50 @@ class Agenda(Generic[T]):
         for ticket in group:
             self._waiting.remove(ticket)
             ticket.stop = None
-            ticket.begun = True
+            ticket.begun, ticket.parts = True, False
         self._running = tuple(group)
+        self._stopping = self._surplus = False
+        self._refused.clear()
         return first
 
-    def planned_again(self) -> List[Decision]:
-        """The run is to be planned again: who waits may join it, as when it began."""
+    def planned_again(self) -> List[T]:
+        """The run is to be planned again: for these, once it is :meth:`revised`."""
         self._look()
-        self._gathers_until = self._elapsed + GATHER
-        return [] if self._resting else self._join()
+        self._surplus = False
+        self._refused.clear()
+        return self._joined() or list(self._running)
+
+    @property
+    def revision(self) -> List[T]:
+        """The requests for which the plan that is carried out should be; none: it is, or it is to end."""
+        if self._stopping or not all(ticket.under_way for ticket in self._running):
+            return []
+        left = [ticket for ticket in self._running if ticket.stop is None]
+        return left if self._surplus or len(left) < len(self._running) else self._joined()
+
+    def revised(self, wanted: Sequence[T]) -> List[Decision]:
+        """The plan that is carried out is for these from now on: newcomers join, and others have left."""
+        if self._stopping:
+            return []
+        joined = [ticket for ticket in wanted if ticket in self._waiting]
+        parted = [ticket for ticket in self._running if ticket.stop and ticket not in wanted]
+        for ticket in joined:
+            self._waiting.remove(ticket)
+            ticket.begun = True
+        self._running = tuple(t for t in (*self._running, *joined) if t not in parted)
+        self._surplus = not all(ticket.begun for ticket in wanted)
+        return list(itertools.chain.from_iterable(self._leave(ticket, "") for ticket in parted))
+
+    def not_revised(self, wanted: Sequence[T]) -> List[Decision]:
+        """No plan for these can take the place: newcomers wait, and one that leaves stops the run."""
+        if self._stopping:
+            return []
+        self._refused |= {ticket.order for ticket in wanted if ticket in self._waiting}
+        parting = [ticket for ticket in self._running if ticket.stop]
+        if self._surplus and not parting:
+            return self._stop(self._running, Stop(StopKind.JOINED, StopKind.ANOTHER.value))
+        self._stopping = bool(parting)
+        return [StopRun(ticket) for ticket in parting]
 
     def achieved(self, tickets: Iterable[T], verdict: Verdict) -> List[Decision]:
         """The goals of some of the requests that run together hold: these end now.
@@ -304,7 +314,10 @@ class Agenda(Generic[T]):
         if not left:
             left = tuple(wanted[-1:])
         ended, self._running = [ticket for ticket in wanted if ticket not in left], left
-        return [AgendaAnswer(ticket, verdict) for ticket in ended]
+        decisions: List[Decision] = [AgendaAnswer(ticket, verdict) for ticket in ended]
+        if all(ticket.stop for ticket in left):  # who was to leave is alone now
+            return [*decisions, *self.not_revised([])]
+        return [*decisions, *self._interrupt()]
 
     def ended(self, verdict: Verdict) -> List[Decision]:
         """The run has ended.
@@ -323,7 +336,8 @@ class Agenda(Generic[T]):
         decisions: List[Decision] = []
         for ticket in members:
             of_another = verdict.outcome is Outcome.CANCEL_TIMEOUT and stopped and ticket.stop is None
-            if divided or of_another or (verdict.outcome is Outcome.CANCELLED and stopped):
+            left_it = ticket.parts and verdict.outcome.achieved  # nobody has looked at its goals
+            if divided or of_another or left_it or (verdict.outcome is Outcome.CANCELLED and stopped):
                 decisions += self._leave(ticket, "" if divided else verdict.trouble)
             else:
                 decisions.append(AgendaAnswer(ticket, verdict))
@@ -418,19 +432,35 @@ class Agenda(Generic[T]):
         return self._join()
 
     def _join(self) -> List[Decision]:
-        """Has a run that is not under way begin again with those that have come meanwhile.
-
-        One whose actions run is left alone: who comes then waits for its end, or for its next plan.
-        """
-        running = self._running
-        if self._together < 2 or any(ticket.stop or ticket.under_way or ticket.keeps for ticket in running):
-            return []
-        if not running[0].joins or self._elapsed > self._gathers_until:
-            return []
-        group = self._group(running)
-        if len(group) > len(running) and all(ticket in group for ticket in running):
-            return self._stop(running, Stop(StopKind.JOINED))
+        """Has a run go on with those that have come meanwhile, or begin again where its plan is not made."""
+        group = self._joined()
+        if group and all(ticket.under_way for ticket in self._running):
+            return [ReviseRun(group[-1])]
+        if group and self._elapsed <= self._gathers_until and not self._kept:
+            return self._stop(self._running, Stop(StopKind.JOINED))
         return []
+
+    def _joined(self) -> List[T]:
+        """Those that run and those that may join them; none: nobody may."""
+        running = self._running
+        if self._together < 2 or self._resting or not running[0].joins:
+            return []
+        # A run that goes on and on with newcomers would overtake those of its own that come last.
+        first = min(ticket.ready_since or 0.0 for ticket in running)
+        if any(ticket.stop for ticket in running) or self._elapsed - first >= self._overtake_limit:
+            return []
+        group = list(itertools.takewhile(lambda t: t.order not in self._refused, self._group(running)))
+        return group if len(group) > len(running) and all(t in group for t in running) else []
+
+    def _part(self, ticket: T, stop: Stop) -> List[Decision]:
+        """Takes one out of a run: the others go on where their plan can be exchanged."""
+        stopping = self._stopping
+        decisions = self._stop([ticket], stop)
+        goes_on = any(each.stop is None for each in self._running)
+        if not decisions or stopping or not goes_on or not all(each.under_way for each in self._running):
+            return decisions
+        self._stopping, ticket.parts = False, True
+        return [ReviseRun(ticket)]
 
     def _divide(self, members: Sequence[T]) -> None:
         """Lets two halves run apart: what makes a joint run fail is found in few runs."""
@@ -464,4 +494,5 @@ class Agenda(Generic[T]):
             if before is None or before.kind is StopKind.JOINED or (stop.is_final and not before.is_final):
                 ticket.stop = stop
                 decisions.append(StopRun(ticket))
+        self._stopping = self._stopping or bool(decisions)
         return decisions

@@ -77,6 +77,8 @@ class Course:
         """What did not stop, as PDDL text."""
         self.no_retry = ""
         """Which actions another try cannot help, see :class:`.replanning.Failure`."""
+        self.unmet: Tuple[str, ...] = ()
+        """Goals that the last dispatch has not reached, as PDDL text."""
         self.timed_out = False
         """Whether the dispatcher itself did not end the plan in time."""
         self.may_move = False
@@ -114,16 +116,18 @@ class Course:
         What one of them has given up, all do without.
         """
         made = cls(*courses[0]._limits)
-        made._earlier_replans = max(course.replans for course in courses)
         made.absence = courses[0].absence
-        given_up = {
-            failure.no_retry: failure for course in courses for failure in course._replanning.given_up
-        }
-        made._replanning.given_up = list(given_up.values())
         for course in courses:
-            for stage, seconds in course.stage_times.items():
-                made.stage_times[stage] = max(seconds, made.stage_times.get(stage, 0.0))
+            made.take_in(course)
         return made
+
+    def take_in(self, other: "Course") -> None:
+        """From now on it is that of another request, too, which has had one of its own."""
+        self._earlier_replans = max(self._earlier_replans, other.replans)
+        given_up = [*self._replanning.given_up, *other._replanning.given_up]
+        self._replanning.given_up = list({failure.no_retry: failure for failure in given_up}.values())
+        for stage, seconds in other.stage_times.items():
+            self.stage_times[stage] = max(seconds, self.stage_times.get(stage, 0.0))
 
     def begin(self) -> None:
         """A run begins: the first, or after an interruption."""
@@ -131,7 +135,7 @@ class Course:
         self._replanning = self._new_policy(self._replanning.given_up)
         self.end = StageEnd()
         self.stage = self.action = self.no_retry = ""
-        self.unstopped = ()
+        self.unstopped = self.unmet = ()
         self.may_move = self.unreachable = self.timed_out = False
 
     def enter(self, stage: str, now: float) -> None:

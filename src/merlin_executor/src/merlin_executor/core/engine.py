@@ -11,7 +11,7 @@ import threading
 from functools import partial
 from typing import Any, Callable, Dict, Generic, List, Optional, Sequence, Tuple, TypeVar, cast
 
-from merlin_executor.core.agenda import Agenda, AgendaAnswer, Decision, StopRun
+from merlin_executor.core.agenda import Agenda, AgendaAnswer, Decision, ReviseRun, StopRun
 from merlin_executor.core.outcome import Outcome, Stop, StopKind, Verdict, crashed
 from merlin_executor.core.ticket import Ticket
 from merlin_executor.core.time_window import Outlook
@@ -32,6 +32,12 @@ class Job(Ticket):
         """A run begins: the first, or after another one was stopped.
 
         :param run: all requests of that run, in the same order for each of them.
+        """
+
+    def join(self, first: Any) -> None:
+        """Becomes part of a run whose plan is carried out.
+
+        :param first: the first request of that run.
         """
 
     def accept(self) -> None:
@@ -55,6 +61,13 @@ class Stages(Generic[J]):
     def cancel(self) -> None:
         """Stops the run, also one that is prepared and has not begun; from any thread, in milliseconds."""
         raise NotImplementedError
+
+    def revise(self) -> bool:
+        """Has the plan that is carried out exchanged for one for :meth:`Engine.revision`; never blocks.
+
+        How that ends is said by :meth:`Engine.revised`. False: it cannot be exchanged.
+        """
+        return False
 
     def run_requests(self, requests: Sequence[J]) -> Verdict:
         """Runs requests in one plan to its end, in the calling thread; the verdict says how it ended."""
@@ -158,15 +171,11 @@ class Engine(Generic[J]):
     def decide(self, event: Callable[[Agenda[J]], List[Decision]]) -> None:
         """Puts an event on the agenda and carries out what that decides; from any thread."""
         with self._changed:
-            decisions = [*self._agenda.elapse(), *event(self._agenda)]
-            if any(isinstance(decision, StopRun) for decision in decisions):
-                self._tell(self._stages.cancel)
-            self._set_alarm()
+            answers = self._carry_out([*self._agenda.elapse(), *event(self._agenda)])
             self._changed.notify_all()
         self._tell(self._on_queue)
-        for decision in decisions:
-            if isinstance(decision, AgendaAnswer):
-                self._answer(cast(J, decision.ticket), decision.verdict)
+        for request, verdict in answers.items():
+            self._answer(request, verdict)
 
     def decide_on(self, wanted: Callable[[J], bool], event: Callable[[Agenda[J], J], List[Decision]]) -> None:
         """Likewise, for an event on one request; without effect when no such request waits or runs."""
@@ -181,17 +190,50 @@ class Engine(Generic[J]):
     def achieved(self, requests: Sequence[J], verdict: Verdict) -> None:
         """The goals of some of the requests that run together hold: each but the last one ends now."""
         with self._changed:
-            decisions = self._agenda.achieved(requests, verdict)
-            self._set_alarm()
-        self._conclude({cast(J, ended.ticket): verdict for ended in decisions}, {}, None)
+            answers = self._carry_out(self._agenda.achieved(requests, verdict))
+        self._conclude(answers, {}, None)
 
-    def planned_again(self) -> bool:
-        """The run is to be planned again; called by its stages.
+    def planned_again(self) -> List[J]:
+        """The run is to be planned again, with requests that have come meanwhile; called by its stages.
 
-        :return: whether they have to end it: it begins again, with requests that have come meanwhile.
+        :return: all that run now.
         """
         with self._changed:
-            return bool(self._agenda.planned_again())
+            wanted = self._agenda.planned_again()
+        return self.revised(wanted, True)
+
+    def revision(self) -> List[J]:
+        """The requests for which the plan that is carried out should be, see :attr:`.Agenda.revision`."""
+        with self._changed:
+            return self._agenda.revision
+
+    def revised(self, wanted: Sequence[J], exchanged: bool) -> List[J]:
+        """The plan that is carried out is for these requests from now on, or cannot be.
+
+        :return: all that run now.
+        """
+        with self._changed:
+            before, agenda = self._agenda.together, self._agenda
+            answers = self._carry_out(agenda.revised(wanted) if exchanged else agenda.not_revised(wanted))
+            members = agenda.together
+            joined = [request for request in members if request not in before]
+            for request in joined:  # before another event: it is under way from now on
+                self._tell(partial(request.join, members[0]))
+        for request in joined:
+            self._tell(request.accept)
+        self._conclude(answers, {}, None)
+        return members
+
+    def _carry_out(self, decisions: Sequence[Decision]) -> Dict[J, Verdict]:
+        """Stops or revises the run, with the lock held; returns the answers, to be given without it."""
+        stops = any(isinstance(decision, StopRun) for decision in decisions)
+        if not stops and any(isinstance(decision, ReviseRun) for decision in decisions):
+            stops = not self._stages.revise() and bool(self._agenda.not_revised(self._agenda.revision))
+        if stops:
+            self._tell(self._stages.cancel)
+        self._set_alarm()
+        answers = [decision for decision in decisions if isinstance(decision, AgendaAnswer)]
+        return {cast(J, answer.ticket): answer.verdict for answer in answers}
 
     def _work(self) -> None:
         reported = ""  # the hold that was reported last
@@ -260,12 +302,8 @@ class Engine(Generic[J]):
         """Ends a run, and its requests unless they run again."""
         with self._changed:
             members = self._agenda.together
-            decisions = self._agenda.ended(verdict)
-            self._set_alarm()
+            final = self._carry_out(self._agenda.ended(verdict))
             self._changed.notify_all()
-        final = {
-            cast(J, answer.ticket): answer.verdict for answer in decisions if isinstance(answer, AgendaAnswer)
-        }
         again = {
             request: Verdict(Outcome.CANCELLED, (request.stop or _AGAIN).reason)
             for request in members

@@ -1,12 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A request as the agenda sees it."""
+"""A request as the agenda sees it, and what can be expected of those that wait in line."""
 
 import math
 from enum import Enum
-from typing import Optional
+from typing import List, Optional, Sequence, Tuple, TypeVar
 
 from merlin_executor.core.outcome import Stop
-from merlin_executor.core.time_window import ALWAYS, Forecast, TimeWindow
+from merlin_executor.core.time_window import (
+    ALWAYS,
+    Forecast,
+    Outlook,
+    TimeWindow,
+    outlook_foreseen,
+    outlook_waiting,
+)
 
 
 class Client(Enum):
@@ -31,6 +38,7 @@ class Ticket:
     :param value: what it is worth among those of its priority, where not all can be in time.
     :ivar party: it runs together only with those of the same number; a joint run that failed divides its own.
     :ivar begun: whether it has begun and was not interrupted since; a pause lets it go on.
+    :ivar parts: whether it is taken out of a run that goes on with the others.
     :ivar forecast: how long it will take; None: that is not known.
     :ivar rank: of those of its priority that have deadlines, where not all can be in time.
     :ivar left_out: why there is no time for it, as a sentence; empty: that is not so.
@@ -63,7 +71,7 @@ class Ticket:
         self.rank = 0
         self.left_out = ""
         self.ready_since: Optional[float] = None
-        self.begun = False
+        self.begun = self.parts = False
         self.interrupted = False
         self.client = Client.ALIVE
         self.stop: Optional[Stop] = None
@@ -95,5 +103,56 @@ class Ticket:
 
     @property
     def under_way(self) -> bool:
-        """Whether its plan is being carried out: another one would stop its actions."""
+        """Whether its plan is carried out: another one would stop its actions, or be exchanged for it."""
         return False
+
+
+T = TypeVar("T", bound=Ticket)
+
+
+def lines(running: Sequence[T], waiting: Sequence[T]) -> List[Tuple[T, Tuple[int, ...]]]:
+    """The requests that wait, in order, and the :attr:`Ticket.order` of what runs and waits before each.
+
+    One that is proven late by itself keeps no other one waiting.
+    """
+    ahead = tuple(ticket.order for ticket in running)
+    found = []
+    for ticket in waiting:
+        found.append((ticket, ahead))
+        forecast = ticket.forecast
+        if forecast is None or not forecast.late or not forecast.fits(ahead):
+            ahead = (*ahead, ticket.order)
+    return found
+
+
+def outlooks(
+    running: Sequence[T], waiting: Sequence[T], now: float, kept: str = ""
+) -> List[Tuple[T, Outlook]]:
+    """The requests that wait, in order, and what can be expected of each.
+
+    :param running: those that run, in one plan.
+    :param now: s of ROS time.
+    :param kept: why a more urgent one does not interrupt these, as a sentence; empty: it does.
+    """
+    first = running[0] if running else None
+    free = first.expected_end if first is not None else None
+    found = []
+    for ticket, ahead in lines(running, waiting):
+        before, end = "", None
+        goes_first = first is None or first.priority < ticket.priority
+        if first is not None and not goes_first:
+            before, end = first.text, first.expected_end
+            before += f" and {len(running) - 1} more" if before and len(running) > 1 else ""
+        outlook = outlook_waiting(ticket.window, ticket is waiting[0], before, end)
+        forecast = ticket.forecast
+        if forecast is not None and forecast.fits(ahead):
+            outlook = outlook_foreseen(ticket.window, outlook, forecast, None if goes_first else free)
+            free = free if forecast.late else outlook.end
+        else:
+            free = None
+        if outlook.late and ticket.left_out:
+            outlook = outlook._replace(late=ticket.left_out)
+        if goes_first and first is not None and ticket.window.is_open(now):
+            outlook = outlook._replace(waits=kept)
+        found.append((ticket, outlook))
+    return found

@@ -100,6 +100,8 @@ class Forecast(NamedTuple):
     """Its plan, as PDDL text."""
     alone: bool = True
     """Whether it begins before all others of its priority that wait."""
+    ended: int = 0
+    """How many actions of the plan that ran had ended."""
 
     def fits(self, ahead: Tuple[int, ...]) -> bool:
         """Whether it holds for a request that waits behind others; those that were first may have ended."""

@@ -88,11 +88,6 @@ class GoalLedger(Generic[Item]):
         self.items = [item for item in self.items if item not in items]
         self._name()
 
-    def all_in(self, texts: Collection[str]) -> bool:
-        """Whether all of the goals are among others; names do not depend on case."""
-        present = {text.lower() for text in texts}
-        return all(text.lower() in present for text in self.texts)
-
     def _name(self) -> None:
         goals = " ".join(self.texts)
         self.lease = f"{self._life}-{next(self._numbers)} (and {goals})" if goals else ""

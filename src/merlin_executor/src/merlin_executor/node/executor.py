@@ -35,9 +35,10 @@ from merlin_executor.core.ticket import Client
 from merlin_executor.core.time_window import Outlook
 from merlin_executor.goal_check import GoalError, check_goals
 from merlin_executor.node.executor_sm import ExecutorSM
-from merlin_executor.node.executor_stages import KNOWLEDGE_BASE, PlanningSystem
+from merlin_executor.node.executor_stages import KNOWLEDGE_BASE
 from merlin_executor.node.forecast import Forecasts
 from merlin_executor.node.guard_client import GuardClient
+from merlin_executor.node.joint_run import PlanningSystem
 from merlin_executor.node.own_goals import OwnGoals
 from merlin_executor.node.recovery import Recovery
 from merlin_executor.node.request import Request
@@ -120,13 +121,7 @@ class Executor:
         system = PlanningSystem(
             knowledge, planning, self._dispatcher, self._recovery, self._guard, return_wait, look_ahead
         )
-        self._machine = ExecutorSM(
-            system,
-            self._own,
-            self._publish_status,
-            lambda requests, verdict: self._engine.achieved(requests, verdict),
-            lambda: self._engine.planned_again(),
-        )
+        self._machine = ExecutorSM(system, self._own, self._publish_status, lambda: self._engine)
         self._server = ActionServer(
             "merlin/execute", ExecuteAction, self._receive, self._cancel, self._owner, _ended_by_server
         )
@@ -145,7 +140,7 @@ class Executor:
                 self._engine,
                 planning,
                 lambda: self._dispatcher.running,
-                lambda: self._dispatcher.steps_done,
+                lambda: self._dispatcher.succeeded,
             )
             if look_ahead
             else None
@@ -327,7 +322,7 @@ class Executor:
                 status.reason = request.course.replan_reason
                 changes = [each.runs(status.running) for each in together]
                 freed = any(changes)
-                if request.keeps:
+                if any(each.keeps for each in together):
                     outlooks = self._engine.outlooks()
                     status.urgent_waits = next((each.waits for _, each in outlooks if each.waits), "")
                 outlook = request.outlook

@@ -14,11 +14,11 @@ from rosplan_dispatch_msgs.msg import ActionDispatch
 
 import smach
 from merlin_executor.core.course import REPLAN, Course, StageEnd
-from merlin_executor.core.engine import Stages
+from merlin_executor.core.engine import Engine, Stages
 from merlin_executor.core.outcome import Outcome, StopKind, Verdict
 from merlin_executor.core.standstill import still_moving, unstopped
-from merlin_executor.node.executor_stages import KNOWLEDGE_BASE, PlanningSystem
-from merlin_executor.node.joint_run import JointRun, OnAchieved
+from merlin_executor.node.executor_stages import KNOWLEDGE_BASE
+from merlin_executor.node.joint_run import JointRun, PlanningSystem
 from merlin_executor.node.own_goals import OwnGoals
 from merlin_executor.node.request import Request
 from merlin_planning.dispatch_progress import DispatchResult
@@ -42,8 +42,7 @@ class ExecutorSM(MerlinSM, Stages[Request]):
     :param system: that it drives.
     :param own: the goals it puts into the knowledge base.
     :param on_change: called when the stage changes.
-    :param on_achieved: called with requests that end before their run does, and the verdict.
-    :param planned_again: asked before a further plan; True: the run ends, and begins again with others.
+    :param engine: gives the one that has all requests.
     """
 
     def __init__(
@@ -51,15 +50,13 @@ class ExecutorSM(MerlinSM, Stages[Request]):
         system: PlanningSystem,
         own: OwnGoals,
         on_change: Callable[[], None],
-        on_achieved: OnAchieved = lambda requests, verdict: None,
-        planned_again: Callable[[], bool] = lambda: False,
+        engine: Callable[[], Engine[Request]],
     ) -> None:
         super().__init__(_OUTCOMES)
         self._system = system
         self._own = own
         self._on_change = on_change
-        self._on_achieved = on_achieved
-        self.planned_again = planned_again
+        self._engine = engine
         self._verdict = Verdict(Outcome.INTERNAL)
         self._joint_run: Optional[JointRun] = None
         with self:
@@ -70,10 +67,7 @@ class ExecutorSM(MerlinSM, Stages[Request]):
 
     def run_requests(self, requests: Sequence[Request]) -> Verdict:
         """Runs requests; :meth:`prepare` comes before, :meth:`cancel` stops them from any thread."""
-        system = self._system
-        self._joint_run = run = JointRun(
-            requests, system.knowledge, system.dispatcher, system.recovery, self._own, self._on_achieved
-        )
+        self._joint_run = run = JointRun(requests, self._system, self._own, self._engine())
         # Stays so where SMACH stops the machine because the node ends.
         self._verdict = Verdict(Outcome.CANCELLED, StopKind.SHUTDOWN.value)
         try:
@@ -88,6 +82,11 @@ class ExecutorSM(MerlinSM, Stages[Request]):
         run = self._joint_run
         if run is not None:
             run.dispatch_changed()
+
+    def revise(self) -> bool:
+        """Has the plan exchanged while its actions go on; see :meth:`.Stages.revise`."""
+        run = self._joint_run
+        return run is not None and run.revision.ask()
 
     def cancel(self) -> None:
         """Stops the run, also one that is prepared and has not begun; from any thread.
@@ -129,7 +128,7 @@ class ExecutorSM(MerlinSM, Stages[Request]):
             "PARSE_PLAN",
         )
         stage("PARSE_PLAN", make("parse_plan", planning, self._take_plan), "DISPATCH_PLAN")
-        dispatch = make("dispatch_goals", system, self._own, self)
+        dispatch = make("dispatch_goals", system, self)
         stage("DISPATCH_PLAN", dispatch, REMOVE_GOALS, **{FAILED: REPLAN})
         stage(REPLAN, make("replan", system, self), "SETTLE", **{ABORTED: REMOVE_GOALS})
         self.add(REMOVE_GOALS, make("remove_goals", _OUTCOMES, self._finish))
@@ -142,7 +141,7 @@ class ExecutorSM(MerlinSM, Stages[Request]):
         """Notes how a dispatch has ended."""
         course = self.course
         course.action, course.unstopped, course.timed_out = result.action, result.unstopped, result.timed_out
-        course.no_retry = result.no_retry
+        course.no_retry, course.unmet = result.no_retry, result.unmet
 
     def _enter(self, userdata: Any, states: List[str], *outcome: str) -> None:
         course = self.course

@@ -6,21 +6,20 @@ They carry out; what their ends mean is decided in :mod:`merlin_executor.core.co
 """
 
 import threading
-from typing import Any, Callable, NamedTuple, Protocol, Sequence
+from typing import Any, Callable, Protocol, Sequence
 
 import rospy
 
 import smach
 from merlin_executor.core.course import ACHIEVED_MEANWHILE, Course
 from merlin_executor.core.outcome import Outcome, Verdict
-from merlin_executor.node.guard_client import GuardClient
-from merlin_executor.node.joint_run import LOOK_LIMIT, JointRun
+from merlin_executor.node.joint_run import LOOK_LIMIT, JointRun, PlanningSystem
 from merlin_executor.node.own_goals import OwnGoals
 from merlin_executor.node.recovery import Recovery
 from merlin_planning.dispatch_client import PART as DISPATCHER
 from merlin_planning.dispatch_client import DispatchClient
 from merlin_planning.dispatch_progress import DispatchResult
-from merlin_planning.knowledge_client import KnowledgeClient, KnowledgeError
+from merlin_planning.knowledge_client import KnowledgeError
 from merlin_planning.knowledge_text import to_pddl
 from merlin_planning.planning_client import Planned, PlanningClient, StageError
 from merlin_ros.call_scope import CallScope
@@ -38,20 +37,6 @@ KNOWLEDGE_BASE = "the planning system's knowledge base"
 GOALS_GONE = "its goals were removed from the knowledge base: this executor was silent, or another client did"
 
 
-class PlanningSystem(NamedTuple):
-    """The parts of a planning system, and what watches over the robot that it moves."""
-
-    knowledge: KnowledgeClient
-    planning: PlanningClient
-    dispatcher: DispatchClient
-    recovery: Recovery
-    guard: GuardClient
-    return_wait: float
-    """s of running time for a part that was ended to return."""
-    proves: bool = True
-    """Whether a request whose plan is late is planned once more, with its deadline."""
-
-
 class Running(Protocol):
     """What runs, as its stages see it."""
 
@@ -62,9 +47,6 @@ class Running(Protocol):
     @property
     def course(self) -> Course:
         """Its stages, failures and verdict."""
-
-    def planned_again(self) -> bool:
-        """Whether the run has to end before a further plan, as it begins again with other requests."""
 
     def take_result(self, result: DispatchResult) -> None:
         """Notes how a dispatch has ended."""
@@ -170,7 +152,7 @@ class PlanInTime(PlanState):
 class Dispatch(DispatchPlanState):
     """Dispatches the plan. A goal that was removed from the knowledge base would count as achieved."""
 
-    def __init__(self, system: PlanningSystem, own: OwnGoals, run: Running) -> None:
+    def __init__(self, system: PlanningSystem, run: Running) -> None:
         # Of several requests the first one owns the dispatch: while its client is silent, nothing moves.
         super().__init__(
             system.dispatcher,
@@ -179,20 +161,27 @@ class Dispatch(DispatchPlanState):
             lambda: run.run.request.goal.id,
         )
         self._knowledge = system.knowledge
-        self._own = own
         self._run = run
 
     def run(self, userdata: Any) -> str:
-        """Dispatches, and checks that the goals stayed stored until the end."""
-        outcome = super().run(userdata)
-        if outcome != SUCCEEDED:
+        """Dispatches. The goals of the requests count: not those of a newcomer, nor of another client."""
+        revision, course = self._run.run.revision, self._run.course
+        revision.open()
+        try:
+            outcome = super().run(userdata)
+        finally:
+            revision.close()
+        unmet = outcome == FAILED and course.unmet and not course.action
+        if outcome != SUCCEEDED and not unmet:
             return outcome
         try:
             with CallScope(LOOK_LIMIT):
-                if self._own.all_there() or all(self._knowledge.query(self._run.run.items)):
+                if all(self._knowledge.query(self._run.run.items)):
                     return SUCCEEDED
         except ServiceError as error:
             return self.fail_stage(_of_knowledge_base(error))
+        if unmet:
+            return outcome
         self.reason = GOALS_GONE
         return PREEMPTED if self.preempt_requested() else FAILED
 
@@ -225,7 +214,8 @@ class Replan(PlanningState):
             guard.wait_released(cancelled.is_set)
             if end.gone and not self._back(cancelled):
                 return PREEMPTED if cancelled.is_set() else ABORTED
-            if self._run.planned_again() or Deadline(decision.wait).wait_event(cancelled):
+            self._run.run.plan_again()
+            if Deadline(decision.wait).wait_event(cancelled):
                 return PREEMPTED
         finally:
             self.interruptible(None)

@@ -8,7 +8,7 @@ those before it end. Only what waits with or before a deadline is.
 
 import math
 import threading
-from typing import Callable, Dict, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Callable, Dict, FrozenSet, List, NamedTuple, Optional, Sequence, Tuple
 
 import rospy
 from merlin_msgs.msg import GoalDeadline, PlannerStatus, RunningAction
@@ -50,7 +50,7 @@ class Forecasts:
     :param engine: has the requests.
     :param planning: the planning system.
     :param actions: gives the actions under way.
-    :param steps_done: gives how many of the running plan have ended.
+    :param succeeded: gives the ids of those of the plan that have ended.
     """
 
     def __init__(
@@ -58,12 +58,12 @@ class Forecasts:
         engine: Engine[Request],
         planning: PlanningClient,
         actions: Callable[[], Sequence[RunningAction]],
-        steps_done: Callable[[], int],
+        succeeded: Callable[[], FrozenSet[int]],
     ) -> None:
         self._engine = engine
         self._planning = planning
         self._actions = actions
-        self._steps_done = steps_done
+        self._succeeded = succeeded
         self._calls = CallQueue("forecasts")
         self._lock = threading.Lock()  # guards the two fields below
         self._asked = False
@@ -117,10 +117,11 @@ class Forecasts:
         if not timed or (running is not None and not running.plan):
             return None
         for request, ahead in lines[: timed[-1] + 1]:
-            if request.forecast is None or not request.forecast.fits(ahead):
+            forecast = request.forecast
+            if forecast is None or not forecast.fits(ahead):
                 return request
-            if request.forecast.seconds < 0.0 and not request.forecast.late:
-                return None  # what begins behind it cannot be known
+            if forecast.seconds < 0.0 and not forecast.late:  # what begins behind it cannot be known
+                return request if forecast.ended != len(self._succeeded()) else None
         return None
 
     def _plan(self, request: Request) -> None:
@@ -129,6 +130,7 @@ class Forecasts:
             return
         with self._lock:
             forgotten = self._forgotten
+        ended = len(self._succeeded())
         start = self._start(request, ahead)
         within = request.window.deadline - start.begin
         answer = self._ask(request, start.running, start.coming, within)
@@ -136,7 +138,7 @@ class Forecasts:
             return  # another client looks ahead now; the next change asks again
         found = _forecast(answer, ahead, start.begin, request.window.deadline)
         equal = {other.order for other in self._engine.waiting if other.priority == request.priority}
-        found = found._replace(alone=not equal & set(ahead))
+        found = found._replace(alone=not equal & set(ahead), ended=ended)
 
         with self._lock:
             outdated = forgotten != self._forgotten
@@ -177,9 +179,9 @@ class Forecasts:
         begin = max(rospy.get_time(), request.window.not_before, free or 0.0)
         running = self._engine.running
         actions = list(self._actions()) if running is not None else []
-        under_way = {action.action_id for action in actions}
-        rest = running.plan[self._steps_done() :] if running is not None else []
-        coming = [action_text(s.name, s.parameters) for s in rest if s.action_id not in under_way]
+        begun = self._succeeded() | {action.action_id for action in actions}
+        plan = running.plan if running is not None else []
+        coming = [action_text(s.name, s.parameters) for s in plan if s.action_id not in begun]
         for other in self._engine.waiting:
             if other.order in ahead and other.forecast is not None:
                 coming += other.forecast.steps

@@ -2,19 +2,23 @@
 """The requests of one run: their goals, and the end of each whose goals hold before the plan ends."""
 
 import threading
-from typing import Callable, Dict, FrozenSet, List, Optional, Sequence
+from typing import Callable, Dict, FrozenSet, List, NamedTuple, Optional, Sequence
 
 import rospy
 from rosplan_knowledge_msgs.msg import KnowledgeItem
 
 from merlin_executor.core.course import ACHIEVED_MEANWHILE
+from merlin_executor.core.engine import Engine
 from merlin_executor.core.outcome import Outcome, Verdict
+from merlin_executor.node.guard_client import GuardClient
 from merlin_executor.node.own_goals import OwnGoals
+from merlin_executor.node.plan_revision import PlanRevision
 from merlin_executor.node.recovery import Recovery
-from merlin_executor.node.request import Request
+from merlin_executor.node.request import Request, goals_of
 from merlin_planning.dispatch_client import DispatchClient
 from merlin_planning.knowledge_client import KnowledgeClient, KnowledgeError
 from merlin_planning.knowledge_text import to_pddl
+from merlin_planning.planning_client import PlanningClient
 from merlin_ros.call_scope import CallScope
 from merlin_ros.service_proxy import ServiceError
 from merlin_ros.work.threads import CallQueue
@@ -23,7 +27,19 @@ from merlin_sm.states.planning import CALL_GRACE
 LOOK_LIMIT = 2.0  # s of wall time for one look at the knowledge base
 _LOOKS = 5  # so often at most the goals are asked again because an action began or ended meanwhile
 
-OnAchieved = Callable[[Sequence[Request], Verdict], None]
+
+class PlanningSystem(NamedTuple):
+    """The parts of a planning system, and what watches over the robot that it moves."""
+
+    knowledge: KnowledgeClient
+    planning: PlanningClient
+    dispatcher: DispatchClient
+    recovery: Recovery
+    guard: GuardClient
+    return_wait: float
+    """s of running time for a part that was ended to return."""
+    proves: bool = True
+    """Whether a request whose plan is late is planned once more, with its deadline."""
 
 
 class JointRun:
@@ -32,34 +48,32 @@ class JointRun:
     With one request nothing is asked that its stages do not ask.
 
     :param requests: all of one course.
-    :param knowledge: has their goals.
-    :param dispatcher: of the plan.
-    :param recovery: knows what holds only while an action runs.
+    :param system: carries out the plan.
     :param own: the goals of this Executor.
-    :param on_achieved: called with requests whose goals hold, and the verdict on them; not with the last one.
+    :param engine: has all requests; ends those whose goals hold, but the last one.
     """
 
     def __init__(
         self,
         requests: Sequence[Request],
-        knowledge: KnowledgeClient,
-        dispatcher: DispatchClient,
-        recovery: Recovery,
+        system: PlanningSystem,
         own: OwnGoals,
-        on_achieved: OnAchieved,
+        engine: Engine[Request],
     ) -> None:
         self.requests = list(requests)
         """Those that have not ended; replaced as a whole."""
         self.course = requests[0].course
-        self._knowledge = knowledge
-        self._dispatcher = dispatcher
-        self._recovery = recovery
+        self._knowledge = system.knowledge
+        self._dispatcher = system.dispatcher
+        self._recovery = system.recovery
         self._own = own
-        self._on_achieved = on_achieved
+        self._engine = engine
+        self.revision = PlanRevision(self, system, own, engine)
         self._steps_done = 0
         self._looks = CallQueue("goals that hold")
         self._calls: Optional[CallScope] = None  # of a look under way
-        self._lock = threading.Lock()  # guards `requests` and the field below while some of them end
+        self._lock = threading.Lock()  # guards `requests` and the fields below while that changes
+        self._expected: List[Request] = []
         self._over = False
 
     @property
@@ -70,7 +84,7 @@ class JointRun:
     @property
     def items(self) -> List[KnowledgeItem]:
         """Their goals, each once."""
-        return list({_key(item): item for request in self.requests for item in request.items}.values())
+        return goals_of(self.requests)
 
     @property
     def stopped(self) -> bool:
@@ -89,16 +103,40 @@ class JointRun:
     def end(self, requests: Sequence[Request], verdict: Verdict) -> None:
         """Ends requests whose goals hold; those goals leave the knowledge base that no other one needs."""
         with self._lock:
+            first = self.requests[0]
             left = [request for request in self.requests if request not in requests] or self.requests[-1:]
             ended = [request for request in self.requests if request not in left]
             if self._over or not ended:
                 return
             self.requests = left
-            try:
-                self._own.keep(self.items)
-            except (KnowledgeError, ServiceError, OSError) as error:  # they are removed with the others
-                rospy.logwarn(f"goals that hold stay in the knowledge base until the plan ends: {error}")
-            self._on_achieved(ended, verdict)
+            self._keep_goals()
+            if ended[0] is first:
+                self._dispatcher.hand_over(left[0].goal.id)
+            self._engine.achieved(ended, verdict)
+
+    def expect(self, newcomers: Sequence[Request]) -> None:
+        """These are about to join: their goals may be stored, and nobody else's but those of the run."""
+        with self._lock:
+            self._expected = list(newcomers)
+            self._keep_goals()
+
+    def go_on(self, members: Callable[[], Sequence[Request]]) -> None:
+        """Others have joined it, or some have left.
+
+        :param members: has them do so; returns all that run.
+        """
+        with self._lock:
+            self._expected = []
+            self.requests = list(members())
+        self._looks.put(self.look)
+
+    def _keep_goals(self) -> None:
+        try:
+            self._own.keep(goals_of([*self.requests, *self._expected]))
+        except (KnowledgeError, ServiceError, OSError) as error:  # they are removed with the others
+            rospy.logwarn(
+                f"goals that are not needed stay in the knowledge base until the plan ends: {error}"
+            )
 
     def dispatch_changed(self) -> None:
         """Looks which goals hold when an action has ended; called by a subscriber, never blocks."""
@@ -106,9 +144,16 @@ class JointRun:
         if len(self.requests) > 1 and done != self._steps_done:
             self._looks.put(self.look)
         self._steps_done = done
+        self.revision.dispatch_changed()
+
+    def plan_again(self) -> None:
+        """A further plan is about to be made: those that wait may join."""
+        with self._lock:
+            self.requests = list(self._engine.planned_again())
 
     def cancel(self) -> None:
-        """Limits the calls of a look under way; from any thread."""
+        """Limits the calls of a look and of a revision under way; from any thread."""
+        self.revision.request_preempt()
         calls = self._calls
         if calls is not None:
             calls.end(CALL_GRACE)

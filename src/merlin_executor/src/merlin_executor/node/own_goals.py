@@ -68,15 +68,6 @@ class OwnGoals:
                 raise
             self._ledger.answered()
 
-    def all_there(self) -> bool:
-        """Whether the knowledge base still has every goal that was added.
-
-        :raises ServiceError: when it does not answer.
-        """
-        stored = [to_pddl(goal) for goal in self._knowledge.goals()]
-        with self._changing:
-            return self._ledger.all_in(stored)
-
     def remove(self) -> None:
         """Removes every goal that was added, also those of an earlier attempt that failed.
 

@@ -3,7 +3,7 @@
 
 import contextlib
 import math
-from typing import Callable, List, Optional, Sequence
+from typing import Callable, Iterable, List, Optional, Sequence
 
 import rospy
 from actionlib_msgs.msg import GoalStatus
@@ -105,11 +105,28 @@ class Request(Job):
         self._kept = ""
         self.take_plan([])
 
-    def take_plan(self, actions: Sequence[ActionDispatch]) -> None:
-        """Its plan is carried out from now on; none: it has no plan."""
+    def join(self, first: "Request") -> None:
+        """Becomes part of a run whose plan is carried out."""
+        first.course.take_in(self.course)
+        self.course = first.course
+
+    def take_plan(self, actions: Sequence[ActionDispatch], going_on: Sequence[RunningAction] = ()) -> None:
+        """Its plan is carried out from now on; none: it has no plan.
+
+        :param going_on: those of the actions that run already; the times of the others count from their ends.
+        """
+        now = rospy.get_time()
+        since = {action.action_id: action.dispatched.to_sec() - now for action in going_on}
+        ends = [since[each.action_id] + each.duration for each in actions if each.action_id in since]
+        behind = max([0.0, *ends])
         self.plan = list(actions)
-        steps = [(action.action_id, action.dispatch_time, action.duration) for action in actions]
-        self._times.begin(steps, rospy.get_time())
+        self._times.begin(
+            (
+                (each.action_id, since.get(each.action_id, behind + each.dispatch_time), each.duration)
+                for each in actions
+            ),
+            now,
+        )
 
     def deadlines(self, plan: str) -> List[GoalDeadline]:
         """Its goals with its deadline, for the planner; none where a plan is in time, or has no times.
@@ -198,3 +215,9 @@ class Request(Job):
                 for stage, seconds in course.stage_times.items()
             ],
         )
+
+
+def goals_of(requests: Iterable[Request]) -> List[KnowledgeItem]:
+    """The goals of requests, each once."""
+    items = [item for request in requests for item in request.items]
+    return list({to_pddl(item).lower(): item for item in items}.values())

@@ -1,0 +1,198 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Exchanges the plan of a run while its actions go on: for newcomers that join, and for one that leaves.
+
+For newcomers the new plan follows all that runs. When one leaves, those of the running actions go on that a
+plan for the others would have, too; where that are none, the run is stopped and planned again.
+"""
+
+import threading
+from functools import partial
+from typing import TYPE_CHECKING, AbstractSet, Any, List, Sequence
+
+import rospy
+from diagnostic_msgs.msg import KeyValue
+from merlin_msgs.msg import RunningAction
+
+from merlin_executor.core.engine import Engine
+from merlin_executor.node.own_goals import OwnGoals
+from merlin_executor.node.request import Request, goals_of
+from merlin_planning.knowledge_client import KnowledgeError
+from merlin_planning.knowledge_text import action_text, to_pddl
+from merlin_planning.planning_client import Planned, StageError
+from merlin_ros.alarms import call_later
+from merlin_ros.call_scope import CallScope
+from merlin_ros.service_proxy import ServiceError
+from merlin_ros.work.threads import CallQueue
+from merlin_sm.states.merlin_state import SUCCEEDED
+from merlin_sm.states.planning import CALL_GRACE, PlanningState
+
+if TYPE_CHECKING:
+    from merlin_executor.node.joint_run import JointRun, PlanningSystem
+
+JOIN_LIMIT = 10.0  # s of wall time for a plan with newcomers; then they wait
+PART_LIMIT = 2.0  # s of wall time for a plan without one that leaves; then the run stops
+TRIES = 2
+
+
+class PlanRevision(PlanningState):
+    """Revises the plan of one run, in a thread of its own, while that is dispatched. A preempt ends that.
+
+    :param run: its requests.
+    :param requests: says for which requests the plan should be, and is told for which it is.
+    """
+
+    def __init__(
+        self, run: "JointRun", system: "PlanningSystem", own: OwnGoals, requests: Engine[Request]
+    ) -> None:
+        super().__init__()
+        self._run = run
+        self._knowledge, self._planning = system.knowledge, system.planning
+        self._dispatcher = system.dispatcher
+        self._own = own
+        self._requests = requests
+        self._calls_put = CallQueue("another plan").put
+        self._limits = CallQueue("limit of another plan")
+        self._working = threading.Lock()  # held by the thread that revises; guards the field below
+        self._wanted: List[Request] = []
+        self._changed = threading.Condition()  # notified when an action has ended, or nothing is waited for
+        self._closed = False
+
+    def open(self) -> None:
+        """The plan is about to be dispatched."""
+        self._closed = False
+        if self._requests.revision():  # of one that came since the plan was made
+            self.ask()
+
+    def ask(self) -> bool:
+        """Has the plan exchanged; False: that is not possible. From any thread, never blocks."""
+        left = [request for request in self._run.requests if request.stop is None]
+        if self._closed or not left or not self._dispatcher.can_exchange:
+            return False
+        # Nothing moves for the first one of before when that leaves because its client is gone.
+        self._dispatcher.hand_over(left[0].goal.id)
+        self._calls_put(self._work)
+        return True
+
+    def close(self) -> None:
+        """The dispatch has ended. Waits for what is under way, each step of which has a limit."""
+        self._closed = True
+        self.request_preempt()
+        with self._working:
+            wanted = self._requests.revision()
+        if wanted:
+            self._requests.revised(wanted, False)
+
+    def dispatch_changed(self) -> None:
+        """An action has begun or ended; from any thread."""
+        with self._changed:
+            self._changed.notify_all()
+
+    # --- in the thread that revises -----------------------------------------------------------------
+
+    def _work(self) -> None:
+        with self._working:
+            tries, before = 0, self._wanted
+            while True:
+                self.service_preempt()
+                self._wanted = [] if self._closed else self._requests.revision()
+                if not self._wanted:
+                    return
+                tries = tries + 1 if self._wanted == before else 1
+                before = self._wanted
+                done = self.execute(None) == SUCCEEDED or self._closed
+                if not done and (tries == TRIES or self.given_up):
+                    rospy.loginfo(f"the plan is not exchanged: {self.reason}")
+                    self._requests.revised(self._wanted, False)
+
+    def run(self, userdata: Any) -> str:
+        """Exchanges the plan for one for the requests that are wanted."""
+        wanted = self._wanted
+        parts = all(request in self._run.requests for request in wanted)
+        alarm = call_later(PART_LIMIT if parts else JOIN_LIMIT, partial(self._limits.put, self._late, wanted))
+        try:
+            dropped = self._exchange(wanted, parts)
+        except (StageError, KnowledgeError, ServiceError, OSError) as error:
+            if not parts:
+                with CallScope(CALL_GRACE):
+                    self._run.expect([])
+            return self.fail(str(error))
+        finally:
+            alarm.cancel()
+        self.interruptible(self.dispatch_changed)
+        with self._changed:
+            # The dispatch fails when what the new plan lacks does not stop in time.
+            self._changed.wait_for(
+                lambda: self._closed or not dropped & {each.action_id for each in self._dispatcher.running}
+            )
+        self.interruptible(None)
+        if dropped and self._closed:
+            return self.fail("the dispatch has ended")
+        self._run.go_on(lambda: self._requests.revised(wanted, True))
+        return SUCCEEDED
+
+    def _late(self, wanted: List[Request]) -> None:
+        self.request_preempt()
+        self._requests.revised(wanted, False)
+
+    def _exchange(self, wanted: List[Request], parts: bool) -> AbstractSet[int]:
+        """Returns the ids of the actions that are stopped; raises StageError and what its calls raise."""
+        run, running = self._run, self._dispatcher.running
+        kept = self._needed(running, wanted) if parts else running
+        if running and not kept:
+            self.given_up = True
+            raise StageError("what runs is not needed by the others")
+        if not parts:
+            run.expect(wanted)
+        items = goals_of(wanted)
+        self._own.keep(items)
+        there = {to_pddl(goal).lower() for goal in self._knowledge.goals()}
+        self._own.add([item for item in items if to_pddl(item).lower() not in there])
+        self._planning.generate_problem()
+        found = self._planning.plan(self.interruptible, run.course.without, list(map(_text, kept)))
+        if found.verdict is not Planned.SOLVED:
+            raise StageError(found.reason or found.verdict.value)
+        plan = self._planning.parse_plan()
+        ids = {action.action_id for action in running}
+        steps = {action_text(step.name, step.parameters) for step in plan}
+        begun = [_text(each) for each in self._dispatcher.running if each.action_id not in ids]
+        if self._requests.revision() != wanted or not steps.issuperset(begun):
+            raise StageError("the plan went on meanwhile")
+        refused = self._dispatcher.exchange(plan, kept)
+        if refused:
+            raise StageError(refused)
+        kept_ids = {action.action_id for action in kept}
+        before = [step for step in run.request.plan if step.action_id in kept_ids]
+        for request in wanted:
+            request.take_plan([*before, *plan], kept)
+        return ids - kept_ids
+
+    def _needed(self, running: Sequence[RunningAction], wanted: Sequence[Request]) -> List[RunningAction]:
+        """Those of the running actions that a plan for these requests has that begins where they began."""
+        if not running:
+            return []
+        answer = self._planning.preview(
+            goals=[text for request in wanted for text in request.texts],
+            without=self._run.course.without,
+            facts=[literal for action in running for literal in self._undone(action)],
+        )
+        steps = {step.lower() for step in answer.actions}
+        return [action for action in running if _text(action).lower() in steps]
+
+    def _undone(self, action: RunningAction) -> List[str]:
+        """What its start effects have changed, as it was before."""
+        operator = self._knowledge.operator(action.name)
+        objects = {parameter.key: parameter.value for parameter in action.parameters}
+
+        def ground(formula: Any) -> str:
+            return action_text(
+                formula.name, [KeyValue(value=objects.get(p.key, p.key)) for p in formula.typed_parameters]
+            )
+
+        return [
+            *map(ground, operator.at_start_del_effects),
+            *(f"(not {ground(formula)})" for formula in operator.at_start_add_effects),
+        ]
+
+
+def _text(action: RunningAction) -> str:
+    return action_text(action.name, action.parameters)
