@@ -160,7 +160,9 @@ def passes(environment: Environment, home: Path) -> None:
             check=False,
         )
     except subprocess.TimeoutExpired as error:
-        pytest.fail(f"not done after {LIMIT:.0f} s; the last of it:\n{(error.output or b'')[-12000:].decode()}")
+        pytest.fail(
+            f"not done after {LIMIT:.0f} s; the last of it:\n{(error.output or b'')[-12000:].decode()}"
+        )
     finally:
         processes.kill_marked(home.name)
     assert done.returncode == 0 and " passed" in done.stdout, done.stdout[-12000:]

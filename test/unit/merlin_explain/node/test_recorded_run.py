@@ -11,6 +11,7 @@ import pytest
 import rosbag
 import yaml
 from diagnostic_msgs.msg import KeyValue
+from merlin_monitor.bag.recorded_topics import BAG, KNOWLEDGE, PARAMETERS
 from merlin_msgs.msg import ExecuteActionResult, ExecuteResult, ExecutorStatus, KnowledgeChanges
 from merlin_msgs.srv import ExplainRequest
 from robot_story import BEGIN, BRIDGES, DOMAIN, RobotStory
@@ -19,7 +20,6 @@ from std_msgs.msg import String
 
 from merlin_explain.claims import QuestionError
 from merlin_explain.node.recorded_run import ask_recording
-from merlin_monitor.bag.recorded_topics import BAG, KNOWLEDGE, PARAMETERS
 from merlin_test.node_path import node_path
 
 GOAL = "(tidy kitchen)"

@@ -8,9 +8,8 @@ from typing import Any, List
 
 import pytest
 
-from merlin_monitor.history.frames import Frame
 from merlin_monitor.history.history_file import WallClock
-from merlin_monitor.state.recorder import Recorder
+from merlin_monitor.state.history_store import Frames
 from merlin_monitor.state.state_tree import StateTree
 
 
@@ -27,24 +26,16 @@ def test_the_frame_of_an_event_is_no_earlier_one(monkeypatch: pytest.MonkeyPatch
     clock = WallClock()
     monkeypatch.setattr(time, "monotonic", lambda: at["now"])
     tree = StateTree(("now",))
-    frames: List[Frame] = []
-
-    def put(frame: Frame) -> bool:
-        frames.append(frame)
-        return True
-
-    recorder = Recorder(tree, put, clock)
-    recorder.follow()
+    frames = Frames(tree, clock, lambda: None)
     tree.set("now", "doing", "what was before")
     at["now"] = began + 0.3001
-    recorder.take()
+    before = frames.next(False)
     tree.set("now", "doing", "what it is about")
     at["now"] = began + 0.3004
     event = clock()
-    recorder.mark()
-    at["now"] = began + 0.5
-    recorder.take()
+    after = frames.next(True)
+    assert before is not None and after is not None
     unpack = zlib.decompressobj()
-    read: List[Any] = [json.loads(unpack.decompress(frame.data)) for frame in frames]
+    read: List[Any] = [json.loads(unpack.decompress(frame.data)) for frame in (before, after)]
     shown = next(changes for wall, _, changes, _ in read if wall >= event)
     assert shown == [[["now", "doing"], "what it is about"]]

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Callable, Optional
 
 import rospy
+from merlin_monitor.bag.bag_history import BagError, as_bag, history_of
 from merlin_msgs.srv import ExplainRequest, ExplainResponse
 
 from merlin_explain.claims import QuestionError
@@ -13,7 +14,6 @@ from merlin_explain.happening.recorded_past import PANEL, RecordedPast
 from merlin_explain.node.application_words import ApplicationWords
 from merlin_explain.node.explain_node import as_response
 from merlin_explain.node.happening_questions import tell, usable_history
-from merlin_monitor.bag.bag_history import BagError, as_bag, history_of
 from merlin_monitor.text.sentences import Sentences, read_sentences
 from merlin_pddl.domain import Domain
 from merlin_pddl.domain_reader import parse_domain, read_domain

@@ -6,10 +6,10 @@ import time
 from pathlib import Path
 from typing import Any, Callable, Dict, List, Mapping, Optional
 
+from merlin_monitor.listeners.graph_watch import GraphWatch
 from merlin_msgs.srv import Explain, ExplainRequest, ExplainResponse
 
 from merlin_explain.happening.recorded_past import PANEL
-from merlin_monitor.listeners.graph_watch import GraphWatch
 from merlin_monitor.listeners.panel import Panel
 from merlin_monitor.panels.control import SENTENCES
 from merlin_monitor.state.monitor_model import MonitorModel
