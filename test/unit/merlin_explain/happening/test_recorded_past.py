@@ -36,3 +36,15 @@ def test_a_run_that_is_not_there_is_named(story: RobotStory) -> None:
     story.model.settle()
     with pytest.raises(QuestionError, match="there is no run 3; there are: 1"):
         RecordedPast(story.file, story.domain, run=3)
+
+
+def test_what_is_recorded_before_the_time_is_renewed_is_not_of_the_moment_before(story: RobotStory) -> None:
+    story.wait(1.0)
+    story.now += 0.3
+    story.model.tree.set("now", "later", True)
+    story.model.record()  # with the time of 0.3 s ago
+    story.wait(1.0)
+    with contextlib.closing(story.past(1.1)) as past:
+        assert "later" not in past.moment().section("now")
+    with contextlib.closing(story.past(1.4)) as past:
+        assert "later" in past.moment().section("now")

@@ -164,7 +164,10 @@ class RecordedPast:
             elif frames[-1][1] < at and frames[-1][0] < high and high - low > LATER:
                 low = max(frames[-1][0], middle)
             else:
-                return float(max((frame[0] for frame in frames if frame[1] <= at), default=frames[0][0]))
+                seen = max((frame[1] for frame in frames if frame[1] <= at), default=frames[0][1])
+                walls = [float(frame[0]) for frame in frames if frame[1] == seen]
+                # A frame has the time that was shown, which is renewed a few times per s.
+                return max(wall for wall in walls if wall - walls[0] <= max(0.0, at - seen))
             middle = (low + high) / 2
 
     def span(self) -> Tuple[float, float]:
