@@ -128,7 +128,7 @@ class MerlinExecutorClient:
         :param value: what it is worth among those of its priority, where not all can be in time.
         :param name: of one that survives: while it has not ended, this node finds it again by sending it once
             more under the same name, also in its next life. Empty: it gets a name of its own.
-        :raises ValueError: for a time that is not one, or not in the future, or a value below 0.
+        :raises ValueError: for a time that is not one, or not in the future, or a value that is not above 0.
         :raises PDDLSyntaxError: for text that is not a PDDL goal.
         :raises RequestTooLarge: for more than the Executor takes.
         :raises GoalError: for goals that the domain or the world does not know.

@@ -129,3 +129,10 @@ def test_an_id_that_nothing_has_any_more_is_said_to_have_ended(lives: Any) -> No
 def test_a_value_that_is_none_is_refused(lives: Any, value: float) -> None:
     status, outcome, reason = lives().send(Goal("(checked kitchen)", value=value)).end()
     assert outcome == "REFUSED" and "above 0" in reason
+
+
+def test_a_client_without_a_value_is_worth_one(lives: Any) -> None:
+    bench = lives()
+    bench.run(Goal("(checked kitchen)"))
+    bench.send(Goal("(checked hall)"))
+    assert [request.value for request in bench.queue()] == [1.0]

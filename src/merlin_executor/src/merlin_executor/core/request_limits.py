@@ -37,13 +37,13 @@ def check_size(texts: Sequence[str], items: int = 0, tokens: int = 0) -> None:
 
 
 def check_value(value: float) -> float:
-    """The value of a request; zero, of a client that gives none, is 1.
+    """Returns the value of a request.
 
-    :raises RequestTooLarge: when it is below 0 or no number.
+    :raises RequestTooLarge: when it is not a number above 0.
     """
-    if not 0.0 <= value < math.inf:
+    if not 0.0 < value < math.inf:
         raise RequestTooLarge(f"the value of the request is {value:g}; it has to be a number above 0")
-    return value or 1.0
+    return value
 
 
 def why_full(waiting: Sequence[str], client: str) -> str:

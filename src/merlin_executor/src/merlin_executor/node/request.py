@@ -58,7 +58,7 @@ class Request(Job):
             window=TimeWindow(wanted.not_before.to_sec(), wanted.deadline.to_sec() or math.inf),
             alone=wanted.alone,
             interruptible=wanted.on_interrupt != ExecuteGoal.NEVER,
-            value=check_value(wanted.value),
+            value=check_value(wanted.value or 1.0),
         )
         self.goal = goal
         self._on_end = on_end
