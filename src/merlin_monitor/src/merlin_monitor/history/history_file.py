@@ -160,4 +160,5 @@ class WallClock:
 
     def __call__(self) -> float:
         """Wall time, s since 1970, that never jumps."""
-        return round(self.began + time.monotonic() - self._monotonic, 3)
+        # Finer than anything is noted: an event must not have the time of a frame from before it.
+        return round(self.began + time.monotonic() - self._monotonic, 6)
