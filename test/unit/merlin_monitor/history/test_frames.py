@@ -121,6 +121,21 @@ def test_an_event_leads_to_what_it_is_about_although_that_was_recorded_before_it
     model.stop()
 
 
+def test_an_event_has_never_the_time_of_a_frame_from_before_it(tmp_path: Path) -> None:
+    tree = StateTree(("plan",))
+    store = HistoryStore(tmp_path / "h", 1000)
+    store.follow(tree, live=False)
+    for number in range(100):
+        tree.set("plan", "number", number)
+        store.add(Event("plan", str(number), 0.0))
+        store.take()
+    for event in store.export().result(LIMIT):
+        frames = json.loads(store.segment(store.run, 1e12).result(LIMIT) or "")["frames"]
+        first = next(wall for wall, *_ in frames if wall >= event["wall"])
+        assert state_at(store, store.run, first)["plan"]["number"] == int(event["text"])
+    store.close()
+
+
 def test_a_frame_has_all_that_was_changed_by_its_time(tmp_path: Path) -> None:
     recorded = Recorded(tmp_path)
     for number in range(3):
