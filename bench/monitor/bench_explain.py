@@ -13,7 +13,7 @@ import rospy
 from diagnostic_msgs.msg import KeyValue
 from measuring.figures import time_ms
 from measuring.ros_process import RosMaster
-from merlin_monitor.state.plan_order import ShownStep
+from merlin_monitor.state.plan_section import ShownStep
 from merlin_msgs.msg import DispatchStatus, ExecutorStatus
 from merlin_msgs.srv import Explain, ExplainRequest
 from planning.bench_dispatch import OPERATORS, PLACES, chain, chain_domain, chain_problem

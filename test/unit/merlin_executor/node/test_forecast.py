@@ -169,6 +169,18 @@ def test_what_the_planner_did_not_find_out_is_asked_again_when_an_action_has_end
     assert len(bench.previews) == 2
 
 
+def test_one_that_is_worth_more_than_the_others_together_is_preferred(bench: Bench) -> None:
+    bench.run(Goal("(checked kitchen)"))
+    bench.machine.running[0].take_plan([ActionDispatch(name="drive", duration=60.0)])  # until 61
+    bench.takes = {"(checked kitchen)": 35.0, "(checked hall)": 15.0, "(not (checked hall))": 16.0}
+    bench.send(Goal("(checked kitchen)", deadline=rospy.Time(100), value=2.5))
+    for goal in ("(checked hall)", "(not (checked hall))"):
+        bench.send(Goal(goal, deadline=rospy.Time(110)))
+    left_out = "there is no time for it (preferred: (checked kitchen))"
+    queue = bench.queue_when(lambda queue: [each.late for each in queue] == ["", left_out, left_out])
+    assert queue[0].goals == ["(checked kitchen)"]
+
+
 def test_without_a_deadline_nothing_is_planned_ahead(bench: Bench) -> None:
     bench.run(Goal("(checked kitchen)"))
     bench.machine.running[0].take_plan([ActionDispatch(name="drive", duration=60.0)])

@@ -11,7 +11,7 @@ import pytest
 import rosbag
 import yaml
 from diagnostic_msgs.msg import KeyValue
-from merlin_monitor.bag.recorded_topics import BAG, KNOWLEDGE, PARAMETERS
+from merlin_monitor.bag import BAG, KNOWLEDGE, PARAMETERS
 from merlin_msgs.msg import ExecuteActionResult, ExecuteResult, ExecutorStatus, KnowledgeChanges
 from merlin_msgs.srv import ExplainRequest
 from robot_story import BEGIN, BRIDGES, DOMAIN, RobotStory

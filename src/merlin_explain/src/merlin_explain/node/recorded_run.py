@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Callable, Optional
 
 import rospy
-from merlin_monitor.bag.bag_history import BagError, as_bag, history_of
+from merlin_monitor.web.open_command import BagError, as_bag, history_of
 from merlin_msgs.srv import ExplainRequest, ExplainResponse
 
 from merlin_explain.claims import QuestionError

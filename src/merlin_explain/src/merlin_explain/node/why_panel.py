@@ -6,11 +6,11 @@ import time
 from pathlib import Path
 from typing import Any, Callable, Dict, List, Mapping, Optional
 
-from merlin_monitor.listeners.graph_watch import GraphWatch
 from merlin_msgs.srv import Explain, ExplainRequest, ExplainResponse
 
 from merlin_explain.happening.recorded_past import PANEL
 from merlin_monitor.listeners.panel import Panel
+from merlin_monitor.listeners.ros_system import RosSystem
 from merlin_monitor.panels.control import SENTENCES
 from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_monitor.text.phrase import say
@@ -29,8 +29,8 @@ class WhyPanel(Panel):
     name, title, place, width = PANEL, "Why?", 18, 12
     script = "package://merlin_explain/web/why.js"
 
-    def __init__(self, state: MonitorModel, watch: GraphWatch) -> None:
-        super().__init__(state, watch)
+    def __init__(self, state: MonitorModel, ros: RosSystem) -> None:
+        super().__init__(state, ros)
         self._knowledge, self._dispatcher = (
             self.ros.resolve(str(self.ros.parameter(f"~{name}", f"rosplan_{name}")))
             for name in ("knowledge_base", "plan_dispatcher")
@@ -53,8 +53,8 @@ class WhyPanel(Panel):
 
     def check(self, at: float, wall: float) -> None:
         """Notes which nodes apply effects."""
-        answering = self.watch.publishers_of(f"{self._dispatcher}/action_feedback")
-        own = self.watch.publishers_of(f"{self._dispatcher}/action_dispatch")
+        answering = self.ros.publishers_of(f"{self._dispatcher}/action_feedback")
+        own = self.ros.publishers_of(f"{self._dispatcher}/action_dispatch")
         self.set("interfaces", sorted(set(answering) - set(own)))
 
     def _text_of(self, parameter: str) -> str:
