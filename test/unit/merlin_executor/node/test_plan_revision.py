@@ -46,7 +46,6 @@ class Robot:
     """A robot that drives and checks, with its knowledge base, planner and dispatcher; all calls are seen."""
 
     can_exchange = True
-    cancel_deadline = 5.0
 
     def __init__(self) -> None:
         self.changed = threading.Condition(threading.RLock())  # guards the fields below
@@ -237,6 +236,10 @@ class Robot:
             assert self.changed.wait_for(fits, LONG), (self.began, self.stored)
 
 
+def end(request: Request) -> Any:
+    return request.goal.end()  # type: ignore[attr-defined]
+
+
 class Bench:
     """An Executor without its action server."""
 
@@ -303,10 +306,6 @@ class Bench:
                     self.robot.changed.wait(0.01)
 
 
-def end(request: Request) -> Any:
-    return request.goal.end()  # type: ignore[attr-defined]
-
-
 @pytest.fixture
 def robot() -> Robot:
     return Robot()
@@ -358,16 +357,6 @@ def test_a_drive_that_only_the_cancelled_one_needs_is_stopped(bench: Bench, robo
     bench.carry_on(second)
     assert end(second)[1] == "SUCCEEDED"
     assert robot.began == ["(drive hall kitchen)", "(drive anywhere bath)", "(check bath)"]
-
-
-def test_between_two_actions_nothing_has_to_stop(bench: Bench, robot: Robot) -> None:
-    first = bench.driving("(checked hall)")  # no drive
-    second = bench.send("(checked bath)")
-    bench.members(first, second)
-    robot.slow_to_stop = True
-    bench.cancel(first)
-    bench.carry_on(second)
-    assert (end(first)[1], end(second)[1]) == ("CANCELLED", "SUCCEEDED")
 
 
 def test_a_newcomer_that_has_no_plan_waits_and_is_told_when_it_is_alone(bench: Bench, robot: Robot) -> None:
@@ -505,8 +494,6 @@ def test_any_order_of_arrivals_and_cancels(bench: Bench, robot: Robot, seed: int
         if choice.random() < 0.4:
             bench.cancel(choice.choice(requests))
     bench.carry_on(*requests)
-    outcomes = {end(request)[1] for request in requests}
-    assert outcomes <= {"SUCCEEDED", "ALREADY_TRUE", "CANCELLED", "UNSOLVABLE"}
     for request in requests:
-        if end(request)[1] == "UNSOLVABLE":
-            assert "(checked room0)" in request.texts
+        impossible = "(checked room0)" in request.texts
+        assert end(request)[1] in ("SUCCEEDED", "ALREADY_TRUE", "CANCELLED", *["UNSOLVABLE"] * impossible)
