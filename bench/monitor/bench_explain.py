@@ -13,7 +13,6 @@ import rospy
 from diagnostic_msgs.msg import KeyValue
 from measuring.figures import time_ms
 from measuring.ros_process import RosMaster
-from merlin_monitor.state.plan_section import ShownStep
 from merlin_msgs.msg import DispatchStatus, ExecutorStatus
 from merlin_msgs.srv import Explain, ExplainRequest
 from planning.bench_dispatch import OPERATORS, PLACES, chain, chain_domain, chain_problem
@@ -25,6 +24,7 @@ from std_msgs.msg import String
 from merlin_monitor.bag.bag_import import RecordedModel
 from merlin_monitor.state.history_events import Event
 from merlin_monitor.state.knowledge_section import Contents
+from merlin_monitor.state.plan_section import ShownStep
 from merlin_planning.knowledge_client import fact
 from merlin_ros.service_proxy import ServiceProxy
 

@@ -11,7 +11,6 @@ import pytest
 import rosbag
 import yaml
 from diagnostic_msgs.msg import KeyValue
-from merlin_monitor.bag import BAG, KNOWLEDGE, PARAMETERS
 from merlin_msgs.msg import ExecuteActionResult, ExecuteResult, ExecutorStatus, KnowledgeChanges
 from merlin_msgs.srv import ExplainRequest
 from robot_story import BEGIN, BRIDGES, DOMAIN, RobotStory
@@ -20,6 +19,7 @@ from std_msgs.msg import String
 
 from merlin_explain.claims import QuestionError
 from merlin_explain.node.recorded_run import ask_recording
+from merlin_monitor.bag import BAG, KNOWLEDGE, PARAMETERS
 from merlin_test.node_path import node_path
 
 GOAL = "(tidy kitchen)"

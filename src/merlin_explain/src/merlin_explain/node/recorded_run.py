@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Callable, Optional
 
 import rospy
-from merlin_monitor.web.open_command import BagError, as_bag, history_of
 from merlin_msgs.srv import ExplainRequest, ExplainResponse
 
 from merlin_explain.claims import QuestionError
@@ -15,6 +14,7 @@ from merlin_explain.node.application_words import ApplicationWords
 from merlin_explain.node.explain_node import as_response
 from merlin_explain.node.happening_questions import tell, usable_history
 from merlin_monitor.text.sentences import Sentences, read_sentences
+from merlin_monitor.web.open_command import BagError, as_bag, history_of
 from merlin_pddl.domain import Domain
 from merlin_pddl.domain_reader import parse_domain, read_domain
 
