@@ -270,7 +270,9 @@ def check_mission(found: Findings, config: LaunchConfig, node: Node) -> None:
             f"file does not start; it starts: {', '.join(sorted(served)) or 'none'}"
         )
     fault = found.task(config, config.knowledge_base(node)).fault
-    found.wrong(*goal_faults(mission, fault), *mission.faults(lambda key: config.param(f"{own}/{key}"), fault))
+    found.wrong(
+        *goal_faults(mission, fault), *mission.faults(lambda key: config.param(f"{own}/{key}"), fault)
+    )
 
 
 def check_world(found: Findings, config: LaunchConfig, node: Node) -> None:

@@ -35,9 +35,18 @@ def _duration(text: str) -> float:
 
 def _goals(given: Union[str, List[str]]) -> List[str]:
     goals = [given] if isinstance(given, str) else list(given)
-    for goal in goals:
-        parse_goal(goal)
+    if not goals or not all(isinstance(goal, str) and parse_goal(goal) for goal in goals):
+        raise ValueError("it has to be PDDL, one text or a list of texts")
     return goals
+
+
+def _one_of(**words: Any) -> Callable[[str], Any]:
+    def read(text: str) -> Any:
+        if text not in words:
+            raise ValueError(f"it has to be one of {', '.join(words)}")
+        return words[text]
+
+    return read
 
 
 #: What an entry may have, and how that is read.
@@ -48,9 +57,9 @@ _READERS: Dict[str, Callable[[Any], Any]] = {
     "deadline": _duration,
     "priority": int,
     "value": lambda text: check_value(float(text)),
-    "on_interrupt": {"resume": RESUME, "drop": DROP, "never": NEVER}.__getitem__,
-    "alone": {"true": True, "false": False}.__getitem__,
-    "survives": {"true": True, "false": False}.__getitem__,
+    "on_interrupt": _one_of(resume=RESUME, drop=DROP, never=NEVER),
+    "alone": _one_of(true=True, false=False),
+    "survives": _one_of(true=True, false=False),
     "by": str,
 }
 
@@ -123,7 +132,7 @@ def _errand(where: str, entry: Any, keys: int) -> Errand:
             raise ValueError(f"{key!r} is none of {', '.join(_READERS)}")
         try:
             given[key] = _READERS[key](text)
-        except (KeyError, TypeError, ValueError) as error:
+        except (TypeError, ValueError) as error:
             raise ValueError(f"{key} cannot be {text!r}: {error}") from error
     own = {key: given.pop(key) for key in Errand._fields if key in given}
     return Errand(where, **own, options=given)
@@ -137,16 +146,19 @@ class Day(GoalDispatcher):
     """
 
     def __init__(self, file: Path) -> None:
-        self._errands = read_day(file.expanduser())
+        self._errands = read_day(file)
         super().__init__()
-        self._ended: "queue.Queue[Tuple[Errand, float, ExecutorRequest]]" = queue.Queue()
+        self._ended: queue.Queue[Tuple[Errand, float, ExecutorRequest]] = queue.Queue()
         self._begun = 0.0
 
     @classmethod
     def faults(cls, value_of: Callable[[str], Any], fault: Callable[[str], str]) -> List[str]:
         """What is wrong with the file, and with its goals."""
+        file = value_of("file")
+        if not file:
+            return [f"{cls.__name__}: the parameter ~file is missing, which names the file of the day"]
         try:
-            errands = read_day(Path(str(value_of("file") or "~file")).expanduser())
+            errands = read_day(Path(str(file)))
         except DayError as error:
             return str(error).split("\n")
         said = [(each.where, goal, fault(goal)) for each in errands for goal in each.goals]
@@ -189,6 +201,11 @@ class Day(GoalDispatcher):
         if errand.deadline < math.inf:
             times["deadline"] = rospy.Time.from_sec(due + errand.deadline)
         name = f"{self.name}:{errand.where.rpartition(':')[2]}@{due:.0f}"
-        on_done = lambda request: self._ended.put((errand, due, request))  # noqa: E731
-        self.send(errand.goals, on_done=on_done, name=name, **times, **errand.options)
+        self.send(
+            errand.goals,
+            on_done=lambda request: self._ended.put((errand, due, request)),
+            name=name,
+            **times,
+            **errand.options,
+        )
         return True
