@@ -269,7 +269,10 @@ def check_mission(found: Findings, config: LaunchConfig, node: Node) -> None:
             f"node {own}: {path} waits for the action servers {', '.join(missing)}, which the launch "
             f"file does not start; it starts: {', '.join(sorted(served)) or 'none'}"
         )
-    found.wrong(*goal_faults(mission, found.task(config, config.knowledge_base(node)).fault))
+    fault = found.task(config, config.knowledge_base(node)).fault
+    found.wrong(
+        *goal_faults(mission, fault), *mission.faults(lambda key: config.param(f"{own}/{key}"), fault)
+    )
 
 
 def check_world(found: Findings, config: LaunchConfig, node: Node) -> None:

@@ -189,6 +189,21 @@ def test_a_mission_that_does_not_exist_and_an_object_declared_twice_are_named(
     assert "warning: 'kitchen' is declared in line" in done.stdout
 
 
+def test_a_day_is_checked_with_its_goals(check: Any, tmp_path: Path) -> None:
+    launch = Path(application(tmp_path, f"{NAVIGATE}, {ASK}", points="kitchen bathroom dorm_room main_door"))
+    day = tmp_path / "day.yaml"
+    day.write_text("- every: 20min\n  goals: (checked moon)\n")
+    args = "mission:=merlin_executor.mission:Day"
+    node = f"""<node pkg="merlin_executor" type="mission" name="mission" args="{args}">
+      <param name="file" value="{day}"/></node>"""
+    launch.write_text(launch.read_text().replace("</launch>", f"{node}</launch>"))
+    done = check(tmp_path, str(launch))
+    assert done.returncode == 2
+    assert f"{day}:1: (checked moon): " in done.stderr and "moon" in done.stderr.partition("moon)")[2]
+    day.write_text("- every: 20min\n  goals: (checked kitchen)\n  dedline: 5min\n")
+    assert f"{day}:1: 'dedline' is none of at, every" in check(tmp_path, str(launch)).stderr
+
+
 def order_application(tmp_path: Path, on: str, action: str) -> Path:
     domain = tmp_path / "order.pddl"
     domain.write_text("(define (domain order) (:action take_order :parameters (?t - object)))")

@@ -2,6 +2,7 @@
 """What missions are made of (paper, section 3.2.2). These names are the API of applications."""
 
 from merlin_executor.executor_client import DROP, NEVER, RESUME, outcome_name
+from merlin_executor.mission.day import Day
 from merlin_executor.mission.goal_dispatcher import GoalDispatcher, MissionFailed, MissionSM
 from merlin_executor.mission.goal_state import NOTHING, GoalState
 from merlin_executor.mission.mission_node import MissionError, MissionNode, results_folder
@@ -17,6 +18,7 @@ __all__ = [
     "RESUME",
     "SKIP",
     "WAIT",
+    "Day",
     "GoalDispatcher",
     "GoalState",
     "MissionError",

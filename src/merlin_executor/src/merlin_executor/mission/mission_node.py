@@ -5,7 +5,7 @@ import sys
 import threading
 from abc import ABC, abstractmethod
 from pathlib import Path
-from typing import Sequence, Type
+from typing import Any, Callable, List, Sequence, Type
 
 import rospy
 from merlin_msgs.msg import MissionStatus
@@ -61,6 +61,15 @@ class MissionNode(MerlinROSPlanAssistant, ABC):
         :raises ValueError: when a parameter is missing or has a wrong value.
         """
         return cls(**arguments_of(cls, lambda name: rospy.get_param(f"~{name}", None)))
+
+    @classmethod
+    def faults(cls, value_of: Callable[[str], Any], fault: Callable[[str], str]) -> List[str]:
+        """What `rosrun merlin check` finds wrong with the parameters, one sentence each.
+
+        :param value_of: name of a parameter → its value; None when it is not set.
+        :param fault: a goal → what domain and problem do not know of it; empty: nothing.
+        """
+        return []
 
     def wait_for_robot(self, timeout: float) -> None:
         """Waits for knowledge base, Executor, action interfaces, robots of ``robots:=`` and :attr:`servers`.

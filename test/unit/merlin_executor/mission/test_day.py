@@ -1,0 +1,172 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A day in a file: what is due when, what is sent, and how a wrong file is refused."""
+
+import time
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, Callable, Dict, List
+
+import pytest
+import rospy
+from fake_robot import FakeRobot
+from merlin_msgs.msg import ExecuteResult
+
+from merlin_executor.executor_client import NEVER
+from merlin_executor.mission.day import Day, DayError, read_day
+from merlin_executor.mission.goal_dispatcher import MissionFailed
+from merlin_executor.mission.readiness import NotReady
+
+EIGHT = time.mktime((2026, 11, 26, 8, 0, 0, 0, 0, -1))
+HOUR, MINUTE = 3600.0, 60.0
+FILE = """
+- at: 10:30
+  goals: (checked kitchen)
+  deadline: 30min
+  priority: 2
+  survives: true
+- every: 20min
+  goals: ["(checked hall)", "(not (open door))"]
+  on_interrupt: never
+  value: 2.5
+"""
+
+
+@pytest.fixture
+def day(tmp_path: Path) -> Callable[[str], Path]:
+    def write(text: str) -> Path:
+        path = tmp_path / "day.yaml"
+        path.write_text(text)
+        return path
+
+    return write
+
+
+class Sent(Day):
+    """Keeps what is sent; a request ends when the test says so, or at once."""
+
+    outcome = ExecuteResult.SUCCEEDED
+
+    def __init__(self, file: Path, most: int) -> None:
+        super().__init__(file)
+        self.most = most
+        self.sent: List[Dict[str, Any]] = []
+
+    def send(self, goals: Any, **options: Any) -> Any:
+        if len(self.sent) == self.most:
+            raise MissionFailed("cancelled")
+        on_done = options.pop("on_done")
+        self.sent.append({"goals": goals, **options})
+        on_done(SimpleNamespace(result=ExecuteResult(outcome=self.outcome, reason="why")))
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
+    made = SimpleNamespace(now=EIGHT)
+    monkeypatch.setattr(rospy, "get_time", lambda: made.now)
+    for level in ("loginfo", "logwarn"):
+        monkeypatch.setattr(rospy, level, lambda *_: None)
+    return made
+
+
+def test_each_errand_is_sent_before_it_is_due_with_its_times(
+    robot: FakeRobot, day: Callable[[str], Path], clock: SimpleNamespace
+) -> None:
+    mission = Sent(day(FILE), 3)
+    with pytest.raises(MissionFailed, match="cancelled"):
+        mission.run()
+    first, second, third = mission.sent
+    assert first["goals"] == ["(checked kitchen)"] and first["priority"] == 2 and first["survives"] is True
+    assert first["not_before"].to_sec() == EIGHT + 2.5 * HOUR
+    assert first["deadline"].to_sec() == EIGHT + 3 * HOUR
+    assert second["not_before"].to_sec() == EIGHT + 20 * MINUTE and "deadline" not in second
+    assert (second["on_interrupt"], second["value"]) == (NEVER, 2.5)
+    assert third["goals"] == second["goals"] and third["not_before"].to_sec() == EIGHT + 40 * MINUTE
+    assert len({each["name"] for each in mission.sent}) == 3
+
+
+def test_a_mission_that_begins_again_gives_an_errand_the_same_name(
+    robot: FakeRobot, day: Callable[[str], Path], clock: SimpleNamespace
+) -> None:
+    names = []
+    for clock.now in (EIGHT + 1.0, EIGHT + 600.0):
+        mission = Sent(day(FILE), 2)
+        with pytest.raises(MissionFailed):
+            mission.run()
+        names.append([each["name"] for each in mission.sent])
+    assert names[0] == names[1]
+
+
+def test_what_has_passed_is_left_out_and_the_day_ends(
+    robot: FakeRobot, day: Callable[[str], Path], clock: SimpleNamespace
+) -> None:
+    mission = Sent(day('- at: "07:00"\n  goals: (a)\n- at: 10min\n  goals: (b)\n'), 9)
+    mission.run()
+    assert [(each["goals"], each["not_before"].to_sec()) for each in mission.sent] == [(["(b)"], EIGHT + 600)]
+
+
+def test_an_errand_that_is_not_done_costs_no_other_and_is_named(
+    robot: FakeRobot, day: Callable[[str], Path], clock: SimpleNamespace
+) -> None:
+    mission = Sent(day("- at: 1min\n  goals: (a)\n- at: 2min\n  goals: (b)\n"), 9)
+    mission.outcome = ExecuteResult.LATE
+    with pytest.raises(MissionFailed, match=r"2 not done, the first: .*day.yaml:1: late: why"):
+        mission.run()
+    assert len(mission.sent) == 2
+
+
+def test_what_takes_longer_than_its_interval_is_not_made_up_for(
+    day: Callable[[str], Path], clock: SimpleNamespace
+) -> None:
+    (errand,) = read_day(day('- at: "08:00"\n  every: 20min\n  goals: (a)'))
+    assert errand.due(EIGHT - 1.0, EIGHT - 1.0) == EIGHT
+    assert errand.due(EIGHT - 1.0, EIGHT + 50 * MINUTE) == EIGHT + 60 * MINUTE
+    assert errand.due(EIGHT - 1.0, EIGHT + 60 * MINUTE) == EIGHT + 80 * MINUTE
+
+
+def test_in_a_simulation_intervals_count_from_zero_and_times_of_the_day_are_refused(
+    robot: FakeRobot, day: Callable[[str], Path], clock: SimpleNamespace
+) -> None:
+    clock.now = 130.0
+    (errand,) = read_day(day("- every: 1min\n  goals: (a)"))
+    assert errand.due(130.0, 130.0) == 180.0
+    with pytest.raises(NotReady, match=r"day.yaml:1: the robot's clock is a simulator's"):
+        Day(day('- at: "08:00"\n  goals: (a)')).wait_for_robot(1.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("- at: '25:00'\n  goals: (a)", "day.yaml:1: at cannot be '25:00': '25:00' is not a time"),
+        ("- goals: (a)\n- at: 1min\n", "day.yaml:1: an entry needs goals, and at or every\n"),
+        ("- at: 1min\n  goals: (a\n", "day.yaml:1: goals cannot be '(a'"),
+        ("- at: 1min\n  goals: []\n", "one text or a list of texts"),
+        ("- at: 1min\n  goals: {a: b}\n", "day.yaml:1: goals cannot be"),
+        ("\n- at: 1min\n  goals: (a)\n  dedline: 1min", "day.yaml:2: 'dedline' is none of at, every, goals"),
+        ("- every: '08:00'\n  goals: (a)", "it has to be a duration"),
+        ("- every: [1min]\n  goals: (a)", "every cannot be"),
+        ("- at: 1min\n  at: 2min\n  goals: (a)", "a key stands there twice"),
+        ("- at: 1min\n  goals: (a)\n  priority: high", "priority cannot be 'high'"),
+        ("- at: 1min\n  goals: (a)\n  value: -1", "a number above 0"),
+        ("- at: 1min\n  goals: (a)\n  on_interrupt: perhaps", "one of resume, drop, never"),
+        ("- 3", "an entry needs goals"),
+        ("- [at, goals]", "an entry needs goals"),
+        ("- at: [", "is not YAML"),
+        ("goals: (a)", "has to be a list of 1 to 100 entries"),
+        ("", "has to be a list"),
+        ("- !!python/object:os.system x", "an entry needs goals"),
+    ],
+)
+def test_a_wrong_file_is_refused_with_line_and_reason(
+    day: Callable[[str], Path], text: str, why: str
+) -> None:
+    with pytest.raises(DayError) as error:
+        read_day(day(text))
+    assert why in f"{error.value}\n"
+
+
+def test_the_check_names_each_goal_that_nothing_knows(day: Callable[[str], Path]) -> None:
+    faults = Day.faults({"file": str(day(FILE))}.get, lambda goal: "unknown" if "hall" in goal else "")
+    assert faults == [f"{day(FILE)}:7: (checked hall): unknown"]
+    assert "~file is missing" in Day.faults({}.get, lambda goal: "")[0]
+    assert "cannot be read" in Day.faults({"file": "/nowhere"}.get, lambda goal: "")[0]
+    assert len(Day.faults({"file": str(day("- 3\n- 4\n"))}.get, lambda goal: "")) == 2
