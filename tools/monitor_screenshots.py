@@ -24,6 +24,7 @@ DESKTOP = {"width": 1360, "height": 1130}
 PICTURES: Dict[str, Dict[str, Any]] = {
     "monitor.png": {"viewport": DESKTOP},
     "monitor-dark.png": {"viewport": DESKTOP, "color_scheme": "dark"},
+    "monitor-laptop.png": {"viewport": {"width": 1440, "height": 900}},
     "monitor-phone.png": {"viewport": {"width": 390, "height": 844}, "device_scale_factor": 2},
 }
 DRIVING = """() => {
