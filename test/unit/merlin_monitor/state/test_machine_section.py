@@ -73,14 +73,14 @@ def test_a_structure_that_is_being_taken_in_is_not_drawn_yet() -> None:
 def test_no_page_sees_a_part_of_a_new_container(monkeypatch: pytest.MonkeyPatch, first: str) -> None:
     tree, machines, _, _ = section()
     seen: List[bool] = []
-    change = tree.update
+    change = tree.put
 
-    def changed(*path_and_value: Any) -> bool:  # a page may ask between any two
-        done = change(*path_and_value)
+    def changed(*path: str, **fields: Any) -> bool:  # a page may ask between any two
+        done = change(*path, **fields)
         seen.append("path" in tree.get("machines", "containers", KEY, default={}))
         return done
 
-    monkeypatch.setattr(tree, "update", changed)
+    monkeypatch.setattr(tree, "put", changed)
     if first == "structure":
         machines.structure("/m", OUTER, 0.0)
     else:
