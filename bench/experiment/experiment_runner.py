@@ -78,7 +78,7 @@ class ExperimentRunner:
             # On a signal the runner ends all below it; a terminal sends it to the runner, too.
             process = subprocess.Popen(command, stdout=output, stderr=subprocess.STDOUT)
             try:
-                with _fault(process, run.killed_in) if run.killed_in else contextlib.nullcontext():
+                with _fault(process, run.killed_in, folder) if run.killed_in else contextlib.nullcontext():
                     process.wait()
             except BaseException:
                 process.send_signal(signal.SIGINT)
@@ -114,15 +114,16 @@ class ExperimentRunner:
 
 
 @contextlib.contextmanager
-def _fault(process: "subprocess.Popen[bytes]", task: int) -> Iterator[None]:
-    """Within it, navigation is killed in a task of a run that begins."""
+def _fault(process: "subprocess.Popen[bytes]", task: int, folder: Path) -> Iterator[None]:
+    """Within it, navigation is killed in a task of a run that begins; else the run is not finished."""
     uri = ""
     while not uri and process.poll() is None:
         time.sleep(LOOK)
         below = {process.pid, *descendants(process.pid)}
         uri = next((each.uri for each in living() if each.pid in below), "")
     program = (
-        f"import sys; sys.path[:] = {sys.path!r}; from experiment.fault_injector import main; main({task})"
+        f"import sys; sys.path[:] = {sys.path!r}; "
+        f"from experiment.fault_injector import main; sys.exit(main({task}))"
     )
     environment = {**os.environ, "ROS_MASTER_URI": uri}
     injector = subprocess.Popen([sys.executable, "-c", program], env=environment, stdout=subprocess.DEVNULL)
@@ -130,7 +131,10 @@ def _fault(process: "subprocess.Popen[bytes]", task: int) -> Iterator[None]:
         yield
     finally:
         injector.terminate()
-        injector.wait()
+        if injector.wait():
+            say(f"{folder.name}: navigation could not be killed, the run does not count")
+            for table in folder.glob("*.csv"):
+                table.unlink()
 
 
 def outcome_line(run: ExperimentRun, row: Optional[Row], cost: float) -> str:

@@ -9,11 +9,12 @@ import os
 import signal
 import threading
 import time
-from typing import Any
+from typing import Any, List
 
 import rospy
 from merlin_msgs.msg import MissionStatus
 
+from merlin.local_names import use_loopback
 from merlin_ros.master.master_link import ERRORS, bounded_master, bounded_proxy
 from merlin_ros.node import run_node
 
@@ -29,6 +30,7 @@ class FaultInjector:
         self._node = rospy.resolve_name(node)
         self._task = task
         self._delay = delay
+        self.killed = False
         self._once = threading.Lock()  # taken for good by the first status that names the task
         self._subscriber = rospy.Subscriber("merlin/mission", MissionStatus, self._receive)
 
@@ -47,14 +49,22 @@ class FaultInjector:
             return
         rospy.loginfo(f"killing {self._node}, process {process}")
         os.kill(process, signal.SIGKILL)
+        self.killed = True
 
 
 def main(task: int, node: str = "navigation", delay: float = 5.0) -> int:
-    """Runs the node; returns the exit code. The clock is the launch file's, so its parameters come first."""
+    """Runs the node until it is ended; returns 0 when it has killed the other one.
+
+    The clock is the launch file's, so its parameters come first.
+    """
+    use_loopback()  # as the run has done for itself
     while not bounded_master().hasParam("/use_sim_time"):
         time.sleep(0.1)
 
-    def start() -> None:
-        FaultInjector(node, task, delay)
+    injectors: List[FaultInjector] = []
 
-    return run_node("fault_injector", start)
+    def start() -> None:
+        injectors.append(FaultInjector(node, task, delay))
+
+    code = run_node("fault_injector", start)
+    return 0 if injectors and injectors[0].killed else code or 1

@@ -31,7 +31,7 @@ export function show(section, { store, control }) {
     if (executor.request) for (const goal of executor.goals) offered.push([`Why ${goal}?`, "why", goal]);
     for (const action of executor.running || []) offered.push([`Why ${pddl(action)}?`, "why", pddl(action)]);
     for (const waiting of queue.waiting || []) offered.push([`Why does ${say(waiting.words) || waiting.request} wait?`, "waiting", waiting.request]);
-    keyed(choices, offered, ([label]) => label, ([label, question, about]) => el("button", { onclick: () => ask(question, { about }) }, label), () => {});
+    keyed(choices, offered, ([, question, about]) => `${question} ${about}`, ([label, question, about]) => el("button", { onclick: () => ask(question, { about }) }, label), () => {});
     for (const each of [choices, form]) setHidden(each, !control.possible());
   }
   for (const view of ["now", "queue", "meta"]) store.view(view, offer);
@@ -40,7 +40,7 @@ export function show(section, { store, control }) {
   store.view("why", ({ asked: open, answers: given = [] }) => {
     tell(asked, open && `${open.by} asks: ${title(open)}? It is being answered.`);
     setHidden(cancel, !open || !control.possible());
-    keyed(answers, given, (answer) => `${answer.at} ${answer.by}`, (answer) => el("li", {},
+    keyed(answers, given, ({ number }) => number, (answer) => el("li", {},
       el("div", { class: "head" }, el("span", { class: "title" }, `${title(answer)}?`), el("span", { class: "end" }, `${answer.by}, ${clockText(answer.at)}`)),
       el("p", { class: "sentence" }),
       answer.claims.length ? el("details", {}, el("summary", {}, "What shows it"), el("ul", {}, answer.claims.map(({ text, evidence }) => el("li", {}, text, evidence.map((each) => el("pre", { class: "code" }, each)))))) : null),

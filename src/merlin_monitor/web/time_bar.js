@@ -62,7 +62,7 @@ export class TimeBar {
     return (this.store.live.meta || {}).archive;
   }
 
-  // --- where to -----------------------------------------------------------------------------------------------
+  // --- where to
 
   async look() {
     this.runs = await ask("runs");
@@ -180,7 +180,7 @@ export class TimeBar {
     }
   }
 
-  // --- playing -------------------------------------------------------------------------------------------------
+  // --- playing
 
   async toggle() {
     if (this.playing) {
@@ -231,7 +231,7 @@ export class TimeBar {
     this.tick = requestAnimationFrame((next) => this.advance(next));
   }
 
-  // --- what is seen --------------------------------------------------------------------------------------------
+  // --- what is seen
 
   // The end of a run that goes on moves, and new events come.
   async refresh() {

@@ -103,8 +103,14 @@ class PanelBoard:
             self._stopped.wait(period)
 
     def requests(self) -> Dict[str, Request]:
-        """What operators may ask of the panels."""
-        return {name: call for panel in list(self._panels) for name, call in panel.requests().items()}
+        """What operators may ask of the panels; of two of a name, that of the first panel."""
+        found: Dict[str, Request] = {}
+        for panel in list(self._panels):
+            try:
+                found = {**panel.requests(), **found}
+            except Exception as error:  # of a foreign panel
+                rospy.logerr_throttle(30.0, f"panel {panel.name}: {type(error).__name__}: {error}")
+        return found
 
     def look(self) -> None:
         """Looks once which topics there are."""

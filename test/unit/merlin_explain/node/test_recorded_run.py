@@ -4,6 +4,7 @@
 import os
 import subprocess
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, List
 
 import genpy
@@ -19,6 +20,7 @@ from std_msgs.msg import String
 
 from merlin_explain.claims import QuestionError
 from merlin_explain.node.recorded_run import ask_recording
+from merlin_explain.node.why_panel import WhyPanel
 from merlin_monitor.bag import BAG, KNOWLEDGE, PARAMETERS
 from merlin_test.node_path import node_path
 
@@ -32,8 +34,12 @@ def folder(tmp_path: Path) -> Path:
     """With the history of a run in which the mop does its work, and a request fails later."""
     story = RobotStory(tmp_path)
     tell = story.model.tree.set
-    tell("why", "domain", DOMAIN)
-    tell("why", "sentences", SENTENCES)
+    parameters = {
+        "rosplan_knowledge_base/domain_path": {"text": DOMAIN + "\n; longer than what a page shows" * 500},
+        "merlin/sentences": {"text": SENTENCES},
+    }
+    robot = SimpleNamespace(resolve=str, parameter=parameters.get)
+    WhyPanel(story.model, robot).look({})  # type: ignore[arg-type]
     tell("why", "interfaces", [BRIDGES])
     story.runs("/m-1", [GOAL])
     story.plans(("(mop kitchen)", 0.0, 4.0))

@@ -25,8 +25,9 @@ def ros_master(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     folder = tmp_path_factory.mktemp("ros")
     os.environ.update(ROS_MASTER_URI=uri, ROS_HOME=str(folder), ROS_LOG_DIR=str(folder / "log"))
     init_node("test", anonymous=True)
-    # pytest would show some hundred lines of it with each test that fails.
-    logging.getLogger("rosmaster").setLevel(logging.WARNING)
+    # pytest would show some hundred lines of these with each test that fails.
+    for name in ("rosmaster", "rospy.internal"):
+        logging.getLogger(name).setLevel(logging.WARNING)
     yield uri
     rospy.signal_shutdown("the tests are over")
     master.stop()

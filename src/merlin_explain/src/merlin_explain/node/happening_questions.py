@@ -59,7 +59,8 @@ def happening(question: ExplainRequest, system: RobotSystem) -> Answer:
         moment = past.moment()
         if not question.at:
             age = past.age(moment, time.monotonic(), time.time())
-            if age > STALE:
+            simulator = moment.section("meta").get("simulator") or {}
+            if age > STALE and not simulator.get("paused"):  # a world that rests has nothing to record
                 raise QuestionError(
                     f"the monitor has recorded nothing for {age:.0f} s; is it running? "
                     f"What was so until {clock(moment.at)} can be asked with that time"

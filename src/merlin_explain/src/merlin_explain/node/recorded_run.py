@@ -44,8 +44,8 @@ def ask_recording(
             end, told = past.span()[1], past.moment().section(PANEL)
         if domain is None and not told.get("domain"):
             raise QuestionError(f"{path} does not have the domain of its robot; name its file, --domain")
-        known = parse_domain(told["domain"]) if domain is None else read_domain(str(domain))
-        text = told.get("sentences")
+        known = parse_domain("\n".join(told["domain"])) if domain is None else read_domain(str(domain))
+        text = "\n".join(told.get("sentences") or ())
         words = ApplicationWords(known, read_sentences(path, text) if text else Sentences())
         at = moment(end).to_sec() if moment else 0.0
         with contextlib.closing(RecordedPast(file, known, at, run=run)) as past:

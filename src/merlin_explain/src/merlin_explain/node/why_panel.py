@@ -15,7 +15,7 @@ from merlin_monitor.panels.control import SENTENCES
 from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_monitor.text.phrase import say
 from merlin_ros.call_scope import CallScope
-from merlin_ros.service_proxy import ServiceError, ServiceProxy
+from merlin_ros.service_proxy import ServiceProxy
 from merlin_ros.work.threads import start_thread
 
 LIMIT = 60.0  # s of wall time for an answer: longer than any question takes
@@ -39,6 +39,7 @@ class WhyPanel(Panel):
         self._lock = threading.Lock()  # guards the field below
         self._asking: Optional[CallScope] = None
         self._answers: List[Dict[str, Any]] = []
+        self._number = 0  # of the last answer
         self._domain: Any = self  # with which the files were read; not yet
         if state.history is not None:
             self.set("clock", round(state.history.now() - time.monotonic(), 3))
@@ -49,7 +50,8 @@ class WhyPanel(Panel):
         if domain != self._domain:
             self._domain = domain
             for field, parameter in (("domain", f"{self._knowledge}/domain_path"), ("sentences", SENTENCES)):
-                self.state.inbox.put(self.set, field, self._text_of(parameter))
+                lines = self._text_of(parameter).splitlines()  # a text of the state is bounded
+                self.state.inbox.put(self.set, field, lines)
 
     def check(self, at: float, wall: float) -> None:
         """Notes which nodes apply effects."""
@@ -102,18 +104,25 @@ class WhyPanel(Panel):
         try:
             with scope:
                 answer = self._service(request)
-        except ServiceError as error:
+        except Exception as error:  # also of a text that no message can have
             answer.sentence = answer.sentence if scope.ended else str(error)
         finally:
+            self.state.inbox.put(self._answered, asked, answer)
             with self._lock:
                 self._asking = None
-            self.state.inbox.put(self._answered, asked, answer)
 
     def _answered(self, asked: Dict[str, Any], answer: ExplainResponse) -> None:
         claims = [
             {"text": claim.text, "evidence": list(map(_shown, claim.evidence))} for claim in answer.claims
         ]
-        told = {**asked, "ok": answer.ok, "sentence": answer.sentence, "claims": claims}
+        self._number += 1
+        told = {
+            **asked,
+            "number": self._number,
+            "ok": answer.ok,
+            "sentence": answer.sentence,
+            "claims": claims,
+        }
         self._answers = [told, *self._answers][:KEPT]
         self.set("answers", self._answers)
         self.set("asked", None)

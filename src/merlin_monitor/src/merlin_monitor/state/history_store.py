@@ -232,8 +232,8 @@ class HistoryStore(HistoryReader):
             said = say("{count} events came too fast to be kept", count=str(lost))
             jobs = [*jobs, (self.now(), sentence("monitor", said, 0.0))]
         try:
-            self._leave_memory()
             if jobs:
+                self._leave_memory()
                 self.on_events(self._store(jobs))
         except Exception as error:  # a full disk, or a strange event, must not end the monitor
             if self._frames is not None:

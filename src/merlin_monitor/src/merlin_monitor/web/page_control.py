@@ -60,8 +60,10 @@ class RobotRequests:
             raise ControlError(f"There is nothing called {what!r}; there is plan, {known}.")
         try:
             return {"done": offered[what](fields, by)}
-        except ValueError as error:
-            raise ControlError(str(error)) from error
+        except ControlError:
+            raise
+        except Exception as error:  # of a foreign panel
+            raise ControlError(str(error) or type(error).__name__) from error
 
 
 def _check(robot: Any, fields: Dict[str, Any], by: str) -> str:

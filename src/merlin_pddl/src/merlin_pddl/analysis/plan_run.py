@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A plan carried out on paper, whole or without some steps: which conditions and goals fail then."""
 
+from dataclasses import replace
 from typing import AbstractSet, Dict, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple, Union
 
 from merlin_pddl.domain import Domain, Operator
@@ -152,11 +153,15 @@ class PlanRun:
             left_out = {*left_out, failed[0]}
 
 
-def plan_fault(domain: Domain, problem: Problem, steps: Sequence[PlanStep]) -> str:
+def plan_fault(domain: Domain, problem: Problem, steps: Sequence[PlanStep], rounding: float = 0.0) -> str:
     """What is wrong with a plan, as a sentence; empty: nothing.
 
     Trajectory constraints, preferences, processes and events are left out of account.
+
+    :param rounding: s by which an end may come too late, where a planner prints few decimals.
     """
+    ends = [step.duration - rounding if step.duration > rounding else step.duration for step in steps]
+    steps = [replace(step, duration=end) for step, end in zip(steps, ends)]
     try:
         outcome = PlanRun(domain, problem, steps).run()
     except PlanRunError as error:

@@ -26,6 +26,9 @@ from merlin_pddl.text_reader import PddlError, read_expression
 _FATAL_WARNINGS = ("dialect.undeclared_predicate", "dialect.undeclared_function")
 
 
+#: s by which an end may be late in a plan whose times have three decimals: those of start and duration.
+ROUNDING = 0.0015
+
 _METRIC = re.compile(r"\(\s*:metric\s+(minimize|maximize)", re.IGNORECASE)
 
 
@@ -141,7 +144,7 @@ class PlanValidator:
     def fault(self, steps: Iterable[PlanStep]) -> Optional[str]:
         """What is wrong with a plan, or None when it solves the problem."""
         if self._kairos is None:
-            return plan_fault(*self._task, list(steps)) or None
+            return plan_fault(*self._task, list(steps), ROUNDING) or None
         try:
             report = self._report(list(steps))
         except self._kairos.PddlError as error:
