@@ -13,7 +13,7 @@ from merlin_explain.happening.recorded_past import PANEL, RecordedPast
 from merlin_explain.node.application_words import ApplicationWords
 from merlin_explain.node.explain_node import as_response
 from merlin_explain.node.happening_questions import tell, usable_history
-from merlin_monitor.text.sentences import Sentences, read_sentences
+from merlin_monitor.text.sentences import Sentences, SentencesError, read_sentences
 from merlin_monitor.web.open_command import BagError, as_bag, history_of
 from merlin_pddl.domain import Domain
 from merlin_pddl.domain_reader import parse_domain, read_domain
@@ -46,7 +46,10 @@ def ask_recording(
             raise QuestionError(f"{path} does not have the domain of its robot; name its file, --domain")
         known = parse_domain("\n".join(told["domain"])) if domain is None else read_domain(str(domain))
         text = "\n".join(told.get("sentences") or ())
-        words = ApplicationWords(known, read_sentences(path, text) if text else Sentences())
+        try:
+            words = ApplicationWords(known, read_sentences(path, text) if text else Sentences())
+        except SentencesError as error:
+            raise QuestionError(str(error)) from error
         at = moment(end).to_sec() if moment else 0.0
         with contextlib.closing(RecordedPast(file, known, at, run=run)) as past:
             interfaces = told.get("interfaces") or ()
