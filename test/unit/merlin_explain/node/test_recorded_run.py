@@ -156,3 +156,14 @@ def test_a_bag_is_asked_likewise(tmp_path: Path) -> None:
     assert "/move_base aborted: “no way”" in ask(tmp_path, "failed").sentence
     so = ask(tmp_path, "so", GOAL)
     assert "the kitchen is tidy" in so.sentence and "by /sensor" in so.sentence
+
+
+def test_sentences_that_cannot_be_read_are_named(tmp_path: Path) -> None:
+    story = RobotStory(tmp_path)
+    story.model.tree.set("why", "domain", DOMAIN.splitlines())
+    story.model.tree.set("why", "sentences", ["["])
+    story.runs("/m-1", [GOAL])
+    story.model.settle()
+    story.close()
+    with pytest.raises(QuestionError, match="sentences"):
+        ask(tmp_path, "doing")
