@@ -1,25 +1,31 @@
 # SPDX-License-Identifier: Apache-2.0
 """A day of requests in a file of YAML (docs/schedule.md, "A day")."""
 
+import functools
 import math
 import queue
 import time
 from pathlib import Path
-from typing import Any, Callable, Dict, List, NamedTuple, Optional, Tuple, Union
+from typing import Any, Callable, Dict, List, NamedTuple, Optional, Union
 
 import rospy
 import yaml
+from merlin_msgs.msg import ExecuteResult
 
 from merlin_executor.core.base_hold import CALENDAR
 from merlin_executor.core.request_limits import MAX_OF_CLIENT, check_value
 from merlin_executor.executor_client import DROP, NEVER, RESUME
-from merlin_executor.executor_request import ExecutorRequest
 from merlin_executor.goal_check import GoalError, check_goals
 from merlin_executor.mission.goal_dispatcher import GoalDispatcher, MissionFailed
 from merlin_executor.mission.goal_state import ACHIEVED, outcome_text
 from merlin_executor.mission.readiness import NotReady
 from merlin_executor.request_times import Written, read_time
 from merlin_planning.knowledge_text import parse_goal
+from merlin_ros.ros_alarm import RosAlarm, call_after
+from merlin_ros.service_proxy import ServiceError
+
+PAUSE = 2.0  # s of ROS time before an errand that ended before it was due is sent again; doubles each time
+LONGEST_PAUSE = 300.0
 
 
 class DayError(ValueError):
@@ -148,8 +154,12 @@ class Day(GoalDispatcher):
     def __init__(self, file: Path) -> None:
         self._errands = read_day(file)
         super().__init__()
-        self._ended: queue.Queue[Tuple[Errand, float, ExecutorRequest]] = queue.Queue()
+        self._events: queue.Queue[Callable[[], None]] = queue.Queue()
+        self._alarms: Dict[int, RosAlarm] = {}
         self._begun = 0.0
+        self._open = len(self._errands)
+        self._failed = 0
+        self._first = ""
 
     @classmethod
     def faults(cls, value_of: Callable[[str], Any], fault: Callable[[str], str]) -> List[str]:
@@ -178,34 +188,71 @@ class Day(GoalDispatcher):
     def run(self) -> None:
         """Sends what is due next of each errand, and the next one when that has ended."""
         self._begun = rospy.get_time()
-        waiting = sum(self._send(errand, self._begun) for errand in self._errands)
-        failed: List[str] = []
-        while waiting:
-            errand, due, request = self._ended.get()
-            result = request.result
-            if result is not None and result.outcome not in ACHIEVED:
-                failed.append(f"{errand.where}: {outcome_text(result)}: {result.reason}")
-                rospy.logwarn(failed[-1])
-            waiting += self._send(errand, max(due, rospy.get_time())) - 1
-        if failed:
-            raise MissionFailed(f"{len(failed)} not done, the first: {failed[0]}")
+        try:
+            for errand in self._errands:
+                self._begin(errand)
+            while self._open:
+                event = self._events.get()
+                self._refuse_cancelled(["what is due next"])
+                event()
+        finally:
+            for alarm in self._alarms.values():
+                alarm.shutdown()
+        if self._failed:
+            raise MissionFailed(f"{self._failed} not done, the first: {self._first}")
 
-    def _send(self, errand: Errand, after: float) -> bool:
-        """Whether there is a next time."""
+    def cancel(self) -> None:
+        """As of :class:`.GoalDispatcher`."""
+        super().cancel()
+        self._events.put(lambda: None)  # nothing may have been sent that ends now
+
+    def _begin(self, errand: Errand) -> None:
+        if errand.due(self._begun, self._begun) is None:
+            rospy.logwarn(f"{errand.where}: its time has passed today; it is left out")
+        self._next(errand, self._begun)
+
+    def _next(self, errand: Errand, after: float) -> None:
         due = errand.due(self._begun, after)
         if due is None:
-            if after == self._begun:
-                rospy.logwarn(f"{errand.where}: its time has passed today; it is left out")
-            return False
+            self._open -= 1
+        else:
+            self._send(errand, due)
+
+    def _send(self, errand: Errand, due: float, pause: float = PAUSE) -> None:
+        """Sends an errand, which may be the one that was sent before.
+
+        :param pause: s of ROS time before it is sent once more when it ends before it is due.
+        """
+
+        def ended(result: Optional[ExecuteResult], taken_back: bool = False) -> None:
+            self._events.put(lambda: self._ended(errand, due, pause, result, taken_back))
+
         times = {"not_before": rospy.Time.from_sec(due)}
         if errand.deadline < math.inf:
             times["deadline"] = rospy.Time.from_sec(due + errand.deadline)
-        name = f"{self.name}:{errand.where.rpartition(':')[2]}@{due:.0f}"
-        self.send(
-            errand.goals,
-            on_done=lambda request: self._ended.put((errand, due, request)),
-            name=name,
-            **times,
-            **errand.options,
-        )
-        return True
+        try:
+            self.send(
+                errand.goals,
+                on_done=lambda request: ended(request.result, request.taken_back),
+                name=f"{self.name}:{errand.where.rpartition(':')[2]}@{due:.0f}",
+                **times,
+                **errand.options,
+            )
+        except (ValueError, ServiceError) as error:
+            ended(ExecuteResult(outcome=ExecuteResult.REFUSED, reason=str(error)))
+
+    def _ended(
+        self, errand: Errand, due: float, pause: float, result: Optional[ExecuteResult], taken_back: bool
+    ) -> None:
+        now, why = rospy.get_time(), ""
+        if result is not None and result.outcome not in ACHIEVED:
+            why = f"{errand.where}: {outcome_text(result)}: {result.reason}"
+            rospy.logwarn(why)
+        if why and now < due and not taken_back:
+            longer = min(2.0 * pause, LONGEST_PAUSE)
+            again = functools.partial(self._events.put, lambda: self._send(errand, due, longer))
+            self._alarms[id(errand)] = call_after(min(pause, due - now), again, f"again {errand.where}")
+            return
+        self._failed += bool(why)
+        self._first = self._first or why
+        self._next(errand, max(due, now))
