@@ -11,7 +11,7 @@ import rospy
 from fake_robot import FakeRobot
 from merlin_msgs.msg import ExecuteResult
 
-from merlin_executor.executor_client import NEVER
+from merlin_executor.executor_client import NEVER, lasting_id
 from merlin_executor.goal_check import GoalError
 from merlin_executor.mission import day as day_module
 from merlin_executor.mission.day import Day, DayError, read_day
@@ -56,6 +56,9 @@ class Sent(Day):
         self.sent: List[Dict[str, Any]] = []
         self.never: List[str] = []
         self.early: List[Any] = []
+        self.found = ExecuteResult.REFUSED
+        self.followed: List[str] = []
+        self.client = SimpleNamespace(follow=self.follow, cancel_all=lambda: None)
 
     def send(self, goals: Any, **options: Any) -> Any:
         if len(self.sent) == self.most:
@@ -72,6 +75,10 @@ class Sent(Day):
         outcome = self.outcome if early is None else early
         result = ExecuteResult(outcome=outcome, reason="why")
         on_done(SimpleNamespace(result=result, taken_back=outcome == ExecuteResult.CANCELLED))
+
+    def follow(self, request: str, on_done: Callable[[Any], None]) -> None:
+        self.followed.append(request)
+        on_done(SimpleNamespace(result=ExecuteResult(outcome=self.found, reason="why"), taken_back=False))
 
     @property
     def due(self) -> List[float]:
@@ -111,7 +118,7 @@ def test_each_errand_is_sent_before_it_is_due_with_its_times(
     assert second["not_before"].to_sec() == EIGHT + 20 * MINUTE and "deadline" not in second
     assert (second["on_interrupt"], second["value"]) == (NEVER, 2.5)
     assert third["goals"] == second["goals"] and third["not_before"].to_sec() == EIGHT + 40 * MINUTE
-    assert len({each["name"] for each in mission.sent}) == 3
+    assert first["name"] != second["name"] == third["name"]
 
 
 def test_a_mission_that_begins_again_gives_an_errand_the_same_name(
@@ -124,6 +131,46 @@ def test_a_mission_that_begins_again_gives_an_errand_the_same_name(
             mission.run()
         names.append([each["name"] for each in mission.sent])
     assert names[0] == names[1]
+
+
+def test_an_entry_that_was_edited_has_another_name_and_one_that_was_moved_has_not(
+    day: Callable[[str], Path],
+) -> None:
+    entry = '- at: "08:00"\n  goals: (a)\n  survives: true\n'
+    (known,) = read_day(day(entry))
+    _, moved = read_day(day(f"- every: 1h\n  goals: (b)\n{entry}"))
+    assert moved.name == known.name
+    for old, new in (("(a)", "(c)"), ("08:00", "08:01"), ("survives", "priority: 2\n  survives")):
+        (edited,) = read_day(day(entry.replace(old, new)))
+        assert edited.name != known.name
+
+
+def test_what_survived_and_began_before_the_mission_is_followed_to_its_end(
+    robot: FakeRobot, day: Callable[[str], Path], clock: SimpleNamespace
+) -> None:
+    file = day('- at: "07:55"\n  goals: (a)\n  survives: true\n')
+    (entry,) = read_day(file)
+
+    def run(outcome: int) -> None:
+        mission = Sent(file, 0, clock)
+        mission.found = outcome
+        mission.run()
+        assert mission.followed == [lasting_id(f"Sent:{entry.name}")] and not mission.sent
+
+    run(ExecuteResult.SUCCEEDED)
+    run(ExecuteResult.REFUSED)  # it has ended
+    with pytest.raises(MissionFailed, match=r"1 not done, the first: .*day.yaml:1: action failed: why"):
+        run(ExecuteResult.ACTION_FAILED)
+
+
+def test_one_that_survived_from_an_earlier_time_costs_no_later_one(
+    robot: FakeRobot, day: Callable[[str], Path], clock: SimpleNamespace
+) -> None:
+    mission = Sent(day("- every: 20min\n  goals: (a)\n  survives: true\n"), 3, clock)
+    mission.early = [ExecuteResult.SUCCEEDED]
+    with pytest.raises(MissionFailed, match="cancelled"):
+        mission.run()
+    assert mission.due == [20.0, 20.0, 40.0]
 
 
 def test_what_has_passed_is_left_out_and_the_day_ends(
@@ -231,6 +278,8 @@ def test_in_a_simulation_intervals_count_from_zero_and_times_of_the_day_are_refu
         ("- at: 1min\n  goals: (a)\n  priority: high", "priority cannot be 'high'"),
         ("- at: 1min\n  goals: (a)\n  value: -1", "a number above 0"),
         ("- at: 1min\n  goals: (a)\n  on_interrupt: perhaps", "one of resume, drop, never"),
+        ("- at: 1min\n  goals: (a)\n  survives: true", ":1: with survives, at has to be a time of the day"),
+        ("- every: 1h\n  goals: (a)\n- every: 60min\n  goals: (a)\n", ":3: the same entry stands before"),
         ("- 3", "an entry needs goals"),
         ("- [at, goals]", "an entry needs goals"),
         ("- at: [", "is not YAML"),

@@ -2,6 +2,7 @@
 """A day of requests in a file of YAML (docs/schedule.md, "A day")."""
 
 import functools
+import hashlib
 import math
 import queue
 import time
@@ -14,7 +15,8 @@ from merlin_msgs.msg import ExecuteResult
 
 from merlin_executor.core.base_hold import CALENDAR
 from merlin_executor.core.request_limits import MAX_OF_CLIENT, check_value
-from merlin_executor.executor_client import DROP, NEVER, RESUME
+from merlin_executor.executor_client import DROP, NEVER, RESUME, lasting_id
+from merlin_executor.executor_request import ExecutorRequest
 from merlin_executor.goal_check import GoalError, check_goals
 from merlin_executor.mission.goal_dispatcher import GoalDispatcher, MissionFailed
 from merlin_executor.mission.goal_state import ACHIEVED, outcome_text
@@ -84,6 +86,17 @@ class Errand(NamedTuple):
     options: Dict[str, Any] = {}
     """For :meth:`.GoalDispatcher.send`."""
 
+    @property
+    def survives(self) -> bool:
+        """Whether a request of it survives."""
+        return bool(self.options.get("survives"))
+
+    @property
+    def name(self) -> str:
+        """The same for all its times, wherever it stands; another one for an entry that says else."""
+        said = self._replace(where="", options=dict(sorted(self.options.items())))
+        return hashlib.sha256(repr(said).encode()).hexdigest()[:12]
+
     def due(self, begun: float, after: float) -> Optional[float]:
         """When it is due next, s of ROS time; None: never again. Without `at` it is counted from midnight.
 
@@ -115,11 +128,15 @@ def read_day(path: Path) -> List[Errand]:
         raise DayError(f"{path} is not YAML: {' '.join(str(error).split())}") from error
     if not isinstance(entries, list) or not 0 < len(entries) <= MAX_OF_CLIENT:
         raise DayError(f"{path} has to be a list of 1 to {MAX_OF_CLIENT} entries")
-    errands, faults = [], []
+    errands: List[Errand] = []
+    faults: List[str] = []
     for node, entry in zip(root.value, entries):
         where = f"{path}:{node.start_mark.line + 1}"
         try:
-            errands.append(_errand(where, entry, len(node.value)))
+            errand = _errand(where, entry, len(node.value))
+            if errand.name in {each.name for each in errands}:
+                raise ValueError("the same entry stands before")
+            errands.append(errand)
         except ValueError as error:
             faults.append(f"{where}: {error}")
     if faults:
@@ -141,7 +158,10 @@ def _errand(where: str, entry: Any, keys: int) -> Errand:
         except (TypeError, ValueError) as error:
             raise ValueError(f"{key} cannot be {text!r}: {error}") from error
     own = {key: given.pop(key) for key in Errand._fields if key in given}
-    return Errand(where, **own, options=given)
+    errand = Errand(where, **own, options=given)
+    if errand.survives and isinstance(errand.at, float):  # a mission that begins again would send it twice
+        raise ValueError("with survives, at has to be a time of the day")
+    return errand
 
 
 class Day(GoalDispatcher):
@@ -207,9 +227,31 @@ class Day(GoalDispatcher):
         self._events.put(lambda: None)  # nothing may have been sent that ends now
 
     def _begin(self, errand: Errand) -> None:
-        if errand.due(self._begun, self._begun) is None:
-            rospy.logwarn(f"{errand.where}: its time has passed today; it is left out")
-        self._next(errand, self._begun)
+        if errand.due(self._begun, self._begun) is not None:
+            self._next(errand, self._begun)
+        elif errand.survives:
+            self.client.follow(
+                lasting_id(self._name(errand)),
+                on_done=lambda request: self._events.put(lambda: self._found_ended(errand, request)),
+            )
+        else:
+            self._leave_out(errand)
+
+    def _found_ended(self, errand: Errand, request: ExecutorRequest) -> None:
+        """One that was due before the mission began has ended; REFUSED: it had before."""
+        result = request.result
+        if result is not None and result.outcome == ExecuteResult.REFUSED:
+            self._leave_out(errand)
+        else:
+            self._ended(errand, self._begun, PAUSE, result, request.taken_back)
+
+    def _leave_out(self, errand: Errand) -> None:
+        rospy.logwarn(f"{errand.where}: its time has passed today; it is left out")
+        self._open -= 1
+
+    def _name(self, errand: Errand) -> str:
+        """Of its requests: the next one of an errand is sent when none is left, so a name finds what is."""
+        return f"{self.name}:{errand.name}"
 
     def _next(self, errand: Errand, after: float) -> None:
         due = errand.due(self._begun, after)
@@ -234,7 +276,7 @@ class Day(GoalDispatcher):
             self.send(
                 errand.goals,
                 on_done=lambda request: ended(request.result, request.taken_back),
-                name=f"{self.name}:{errand.where.rpartition(':')[2]}@{due:.0f}",
+                name=self._name(errand),
                 **times,
                 **errand.options,
             )
@@ -248,7 +290,8 @@ class Day(GoalDispatcher):
         if result is not None and result.outcome not in ACHIEVED:
             why = f"{errand.where}: {outcome_text(result)}: {result.reason}"
             rospy.logwarn(why)
-        if why and now < due and not taken_back:
+        # One that survives and was achieved before it was due was that of an earlier time.
+        if now < due and not taken_back and (why or errand.survives):
             longer = min(2.0 * pause, LONGEST_PAUSE)
             again = functools.partial(self._events.put, lambda: self._send(errand, due, longer))
             self._alarms[id(errand)] = call_after(min(pause, due - now), again, f"again {errand.where}")
