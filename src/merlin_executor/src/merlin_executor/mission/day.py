@@ -28,16 +28,32 @@ from merlin_ros.service_proxy import ServiceError
 
 PAUSE = 2.0  # s of ROS time before an errand that ended before it was due is sent again; doubles each time
 LONGEST_PAUSE = 300.0
+YEAR = 366 * 24 * 3600.0  # s; a ROS time has to hold what begins in one, and its deadline
 
 
 class DayError(ValueError):
     """A file that is no day; the text has a line for each fault, with its place."""
 
 
-def _duration(text: str) -> float:
+def _time(text: str) -> Written:
     read = read_time(text)
-    if not isinstance(read, float) or not read:
-        raise ValueError("it has to be a duration: 90s, 10min or 2h")
+    if isinstance(read, float) and read > YEAR:
+        raise ValueError(f"it may be {YEAR / 3600.0:.0f}h, which is a year")
+    return read
+
+
+def _duration(text: str) -> float:
+    read = _time(text)
+    if not isinstance(read, float) or read < 1.0:
+        raise ValueError("it has to be a duration of 1 s at least: 90s, 10min or 2h")
+    return read
+
+
+def _priority(text: str) -> int:
+    least, most = -(2**31), 2**31 - 1  # an int32
+    read = int(text)
+    if not least <= read <= most:
+        raise ValueError(f"it has to be a number from {least} to {most}")
     return read
 
 
@@ -59,11 +75,11 @@ def _one_of(**words: Any) -> Callable[[str], Any]:
 
 #: What an entry may have, and how that is read.
 _READERS: Dict[str, Callable[[Any], Any]] = {
-    "at": read_time,
+    "at": _time,
     "every": _duration,
     "goals": _goals,
     "deadline": _duration,
-    "priority": int,
+    "priority": _priority,
     "value": lambda text: check_value(float(text)),
     "on_interrupt": _one_of(resume=RESUME, drop=DROP, never=NEVER),
     "alone": _one_of(true=True, false=False),
