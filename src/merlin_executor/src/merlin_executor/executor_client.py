@@ -160,7 +160,7 @@ class MerlinExecutorClient:
             value=check_value(value),
         )
         self._on_send([*texts, *map(to_pddl, items)])
-        known = f"{rospy.get_name()}-{name}{LASTING}" if survives and name else ""
+        known = lasting_id(name) if survives and name else ""
         request = ExecutorRequest(self._client, goal, on_done, on_feedback, on_lost, known)
         return self._noted(request)
 
@@ -203,6 +203,11 @@ class MerlinExecutorClient:
             requests = list(self._requests)
         for request in requests:
             request.leave()
+
+
+def lasting_id(name: str) -> str:
+    """The id of a request that survives and that this node has sent under a name; see :meth:`.send`."""
+    return f"{rospy.get_name()}-{name}{LASTING}"
 
 
 def _split(goals: Goals) -> Tuple[List[str], List[KnowledgeItem]]:

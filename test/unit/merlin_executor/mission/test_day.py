@@ -11,10 +11,13 @@ import rospy
 from fake_robot import FakeRobot
 from merlin_msgs.msg import ExecuteResult
 
-from merlin_executor.executor_client import NEVER
+from merlin_executor.executor_client import NEVER, lasting_id
+from merlin_executor.goal_check import GoalError
+from merlin_executor.mission import day as day_module
 from merlin_executor.mission.day import Day, DayError, read_day
 from merlin_executor.mission.goal_dispatcher import MissionFailed
 from merlin_executor.mission.readiness import NotReady
+from merlin_ros.service_proxy import ServiceError
 
 EIGHT = time.mktime((2026, 11, 26, 8, 0, 0, 0, 0, -1))
 HOUR, MINUTE = 3600.0, 60.0
@@ -42,27 +45,60 @@ def day(tmp_path: Path) -> Callable[[str], Path]:
 
 
 class Sent(Day):
-    """Keeps what is sent; a request ends when the test says so, or at once."""
+    """Keeps what is sent; a request ends when it is due, unless `early` says how it ends at once."""
 
     outcome = ExecuteResult.SUCCEEDED
 
-    def __init__(self, file: Path, most: int) -> None:
+    def __init__(self, file: Path, most: int, clock: SimpleNamespace) -> None:
         super().__init__(file)
         self.most = most
+        self.clock = clock
         self.sent: List[Dict[str, Any]] = []
+        self.never: List[str] = []
+        self.early: List[Any] = []
+        self.found = ExecuteResult.REFUSED
+        self.followed: List[str] = []
+        self.client = SimpleNamespace(follow=self.follow, cancel_all=lambda: None)
 
     def send(self, goals: Any, **options: Any) -> Any:
         if len(self.sent) == self.most:
             raise MissionFailed("cancelled")
         on_done = options.pop("on_done")
         self.sent.append({"goals": goals, **options})
-        on_done(SimpleNamespace(result=ExecuteResult(outcome=self.outcome, reason="why")))
+        if goals == self.never:
+            return
+        early = self.early.pop(0) if self.early else None
+        if isinstance(early, Exception):
+            raise early
+        if early is None:
+            self.clock.now = max(self.clock.now, options["not_before"].to_sec())
+        outcome = self.outcome if early is None else early
+        result = ExecuteResult(outcome=outcome, reason="why")
+        on_done(SimpleNamespace(result=result, taken_back=outcome == ExecuteResult.CANCELLED))
+
+    def follow(self, request: str, on_done: Callable[[Any], None]) -> None:
+        self.followed.append(request)
+        on_done(SimpleNamespace(result=ExecuteResult(outcome=self.found, reason="why"), taken_back=False))
+
+    @property
+    def due(self) -> List[float]:
+        """When each that was sent is due, min after eight."""
+        return [(each["not_before"].to_sec() - EIGHT) / MINUTE for each in self.sent]
 
 
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
-    made = SimpleNamespace(now=EIGHT)
+    """The time, and the pauses; each is over at once."""
+    made = SimpleNamespace(now=EIGHT, pauses=[])
+
+    def call_after(seconds: float, call: Callable[[], None], name: str) -> Any:
+        made.pauses.append(seconds)
+        made.now += seconds
+        call()
+        return SimpleNamespace(shutdown=lambda: None)
+
     monkeypatch.setattr(rospy, "get_time", lambda: made.now)
+    monkeypatch.setattr(day_module, "call_after", call_after, raising=False)
     for level in ("loginfo", "logwarn"):
         monkeypatch.setattr(rospy, level, lambda *_: None)
     return made
@@ -71,7 +107,8 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
 def test_each_errand_is_sent_before_it_is_due_with_its_times(
     robot: FakeRobot, day: Callable[[str], Path], clock: SimpleNamespace
 ) -> None:
-    mission = Sent(day(FILE), 3)
+    mission = Sent(day(FILE), 3, clock)
+    mission.never = ["(checked kitchen)"]
     with pytest.raises(MissionFailed, match="cancelled"):
         mission.run()
     first, second, third = mission.sent
@@ -81,7 +118,7 @@ def test_each_errand_is_sent_before_it_is_due_with_its_times(
     assert second["not_before"].to_sec() == EIGHT + 20 * MINUTE and "deadline" not in second
     assert (second["on_interrupt"], second["value"]) == (NEVER, 2.5)
     assert third["goals"] == second["goals"] and third["not_before"].to_sec() == EIGHT + 40 * MINUTE
-    assert len({each["name"] for each in mission.sent}) == 3
+    assert first["name"] != second["name"] == third["name"]
 
 
 def test_a_mission_that_begins_again_gives_an_errand_the_same_name(
@@ -89,17 +126,57 @@ def test_a_mission_that_begins_again_gives_an_errand_the_same_name(
 ) -> None:
     names = []
     for clock.now in (EIGHT + 1.0, EIGHT + 600.0):
-        mission = Sent(day(FILE), 2)
+        mission = Sent(day(FILE), 2, clock)
         with pytest.raises(MissionFailed):
             mission.run()
         names.append([each["name"] for each in mission.sent])
     assert names[0] == names[1]
 
 
+def test_an_entry_that_was_edited_has_another_name_and_one_that_was_moved_has_not(
+    day: Callable[[str], Path],
+) -> None:
+    entry = '- at: "08:00"\n  goals: (a)\n  survives: true\n'
+    (known,) = read_day(day(entry))
+    _, moved = read_day(day(f"- every: 1h\n  goals: (b)\n{entry}"))
+    assert moved.name == known.name
+    for old, new in (("(a)", "(c)"), ("08:00", "08:01"), ("survives", "priority: 2\n  survives")):
+        (edited,) = read_day(day(entry.replace(old, new)))
+        assert edited.name != known.name
+
+
+def test_what_survived_and_began_before_the_mission_is_followed_to_its_end(
+    robot: FakeRobot, day: Callable[[str], Path], clock: SimpleNamespace
+) -> None:
+    file = day('- at: "07:55"\n  goals: (a)\n  survives: true\n')
+    (entry,) = read_day(file)
+
+    def run(outcome: int) -> None:
+        mission = Sent(file, 0, clock)
+        mission.found = outcome
+        mission.run()
+        assert mission.followed == [lasting_id(f"Sent:{entry.name}")] and not mission.sent
+
+    run(ExecuteResult.SUCCEEDED)
+    run(ExecuteResult.REFUSED)  # it has ended
+    with pytest.raises(MissionFailed, match=r"1 not done, the first: .*day.yaml:1: action failed: why"):
+        run(ExecuteResult.ACTION_FAILED)
+
+
+def test_one_that_survived_from_an_earlier_time_costs_no_later_one(
+    robot: FakeRobot, day: Callable[[str], Path], clock: SimpleNamespace
+) -> None:
+    mission = Sent(day("- every: 20min\n  goals: (a)\n  survives: true\n"), 3, clock)
+    mission.early = [ExecuteResult.SUCCEEDED]
+    with pytest.raises(MissionFailed, match="cancelled"):
+        mission.run()
+    assert mission.due == [20.0, 20.0, 40.0]
+
+
 def test_what_has_passed_is_left_out_and_the_day_ends(
     robot: FakeRobot, day: Callable[[str], Path], clock: SimpleNamespace
 ) -> None:
-    mission = Sent(day('- at: "07:00"\n  goals: (a)\n- at: 10min\n  goals: (b)\n'), 9)
+    mission = Sent(day('- at: "07:00"\n  goals: (a)\n- at: 10min\n  goals: (b)\n'), 9, clock)
     mission.run()
     assert [(each["goals"], each["not_before"].to_sec()) for each in mission.sent] == [(["(b)"], EIGHT + 600)]
 
@@ -107,11 +184,64 @@ def test_what_has_passed_is_left_out_and_the_day_ends(
 def test_an_errand_that_is_not_done_costs_no_other_and_is_named(
     robot: FakeRobot, day: Callable[[str], Path], clock: SimpleNamespace
 ) -> None:
-    mission = Sent(day("- at: 1min\n  goals: (a)\n- at: 2min\n  goals: (b)\n"), 9)
+    mission = Sent(day("- at: 1min\n  goals: (a)\n- at: 2min\n  goals: (b)\n"), 9, clock)
     mission.outcome = ExecuteResult.LATE
     with pytest.raises(MissionFailed, match=r"2 not done, the first: .*day.yaml:1: late: why"):
         mission.run()
     assert len(mission.sent) == 2
+
+
+@pytest.mark.parametrize(
+    "early",
+    [ExecuteResult.REFUSED, ExecuteResult.INTERNAL, ServiceError("no answer"), GoalError("no object 'x'")],
+)
+def test_what_ends_before_it_is_due_is_sent_again_for_the_same_time(
+    robot: FakeRobot, day: Callable[[str], Path], clock: SimpleNamespace, early: Any
+) -> None:
+    mission = Sent(day("- every: 20min\n  goals: (a)\n"), 6, clock)
+    mission.early = [early] * 3
+    with pytest.raises(MissionFailed, match="cancelled"):
+        mission.run()
+    assert mission.due == [20.0, 20.0, 20.0, 20.0, 40.0, 60.0]
+    assert clock.pauses == [2.0, 4.0, 8.0]
+
+
+def test_one_that_is_refused_until_it_is_due_is_a_failure_once(
+    robot: FakeRobot, day: Callable[[str], Path], clock: SimpleNamespace
+) -> None:
+    mission = Sent(day("- at: 1h\n  goals: (a)\n"), 99, clock)
+    mission.early = [ExecuteResult.REFUSED] * 99
+    with pytest.raises(MissionFailed, match=r"1 not done, the first: .*day.yaml:1: refused: why"):
+        mission.run()
+    assert set(mission.due) == {60.0} and clock.now == EIGHT + HOUR
+    assert max(clock.pauses) == 300.0 and len(clock.pauses) < 25
+
+
+def test_what_an_operator_takes_back_is_not_sent_again(
+    robot: FakeRobot, day: Callable[[str], Path], clock: SimpleNamespace
+) -> None:
+    mission = Sent(day("- every: 20min\n  goals: (a)\n"), 2, clock)
+    mission.early = [ExecuteResult.CANCELLED]
+    with pytest.raises(MissionFailed, match="cancelled"):
+        mission.run()
+    assert mission.due == [20.0, 40.0] and not clock.pauses
+
+
+def test_a_cancel_ends_a_day_that_waits_to_send_again(
+    robot: FakeRobot, day: Callable[[str], Path], clock: SimpleNamespace, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    mission = Sent(day("- at: 1h\n  goals: (a)\n"), 9, clock)
+    mission.early = [ExecuteResult.REFUSED]
+    shut: List[str] = []
+
+    def call_after(seconds: float, call: Callable[[], None], name: str) -> Any:
+        mission.cancel()
+        return SimpleNamespace(shutdown=lambda: shut.append(name))
+
+    monkeypatch.setattr(day_module, "call_after", call_after, raising=False)
+    with pytest.raises(MissionFailed, match="the mission was cancelled"):
+        mission.run()
+    assert len(mission.sent) == len(shut) == 1
 
 
 def test_what_takes_longer_than_its_interval_is_not_made_up_for(
@@ -148,6 +278,15 @@ def test_in_a_simulation_intervals_count_from_zero_and_times_of_the_day_are_refu
         ("- at: 1min\n  goals: (a)\n  priority: high", "priority cannot be 'high'"),
         ("- at: 1min\n  goals: (a)\n  value: -1", "a number above 0"),
         ("- at: 1min\n  goals: (a)\n  on_interrupt: perhaps", "one of resume, drop, never"),
+        ("- at: 1min\n  goals: (a)\n  survives: true", ":1: with survives, at has to be a time of the day"),
+        ("- every: 1h\n  goals: (a)\n- every: 60min\n  goals: (a)\n", ":3: the same entry stands before"),
+        ("- at: 1min\n  goals: (a)\n  priority: 99999999999", "priority cannot be '99999999999': it has to"),
+        ("- at: 1min\n  goals: (a)\n  priority: -2147483649", "number from -2147483648 to 2147483647"),
+        ("- at: 8785h\n  goals: (a)", "day.yaml:1: at cannot be '8785h': it may be 8784h"),
+        (f"- at: {'9' * 400}h\n  goals: (a)", "it may be 8784h, which is a year"),
+        ("- every: 9999999h\n  goals: (a)", "every cannot be '9999999h': it may be 8784h"),
+        ("- at: 1min\n  goals: (a)\n  deadline: 4294967296s", "deadline cannot be '4294967296s'"),
+        ("- every: 0.0000001s\n  goals: (a)", "it has to be a duration of 1 s at least"),
         ("- 3", "an entry needs goals"),
         ("- [at, goals]", "an entry needs goals"),
         ("- at: [", "is not YAML"),

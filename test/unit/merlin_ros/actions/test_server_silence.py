@@ -4,9 +4,11 @@
 from typing import Dict, List
 
 import pytest
+import rospy
 from actionlib_msgs.msg import GoalID, GoalStatus
 
 from merlin_ros.actions.client_goal import ClientGoal
+from merlin_ros.actions.lease import LASTING
 from merlin_ros.actions.server_silence import (
     CONNECTED_SILENCE,
     GONE_SILENCE,
@@ -175,3 +177,13 @@ def test_a_goal_that_the_server_no_longer_names_is_forgotten(client: Client) -> 
     assert client.hear(seen=GoalStatus.ACTIVE, ended=GoalStatus.ABORTED) == []
     assert client.hear() == [seen]
     assert ended.ended_on_server is not None and not new.seen
+
+
+def test_the_end_of_an_earlier_goal_of_the_same_id_is_not_that_of_the_next_one(client: Client) -> None:
+    sent, earlier = (GoalID(rospy.Time(at), f"one{LASTING}") for at in (7, 6))
+    goal = ClientGoal(sent, lambda _: None, None, None, sent=client.silence.look())
+    client.goals.append(goal)
+    ended = GoalStatus(goal_id=earlier, status=GoalStatus.SUCCEEDED)
+    assert client.silence.hear({goal.id: ended}, client.goals) == [] and not goal.seen
+    client.serve(2 * LATE_RESULT, **{goal.id: GoalStatus.ACTIVE})
+    assert client.why_lost(goal) == ""

@@ -1,18 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """A day of requests in a file of YAML (docs/schedule.md, "A day")."""
 
+import functools
+import hashlib
 import math
 import queue
 import time
 from pathlib import Path
-from typing import Any, Callable, Dict, List, NamedTuple, Optional, Tuple, Union
+from typing import Any, Callable, Dict, List, NamedTuple, Optional, Union
 
 import rospy
 import yaml
+from merlin_msgs.msg import ExecuteResult
 
 from merlin_executor.core.base_hold import CALENDAR
 from merlin_executor.core.request_limits import MAX_OF_CLIENT, check_value
-from merlin_executor.executor_client import DROP, NEVER, RESUME
+from merlin_executor.executor_client import DROP, NEVER, RESUME, lasting_id
 from merlin_executor.executor_request import ExecutorRequest
 from merlin_executor.goal_check import GoalError, check_goals
 from merlin_executor.mission.goal_dispatcher import GoalDispatcher, MissionFailed
@@ -20,16 +23,37 @@ from merlin_executor.mission.goal_state import ACHIEVED, outcome_text
 from merlin_executor.mission.readiness import NotReady
 from merlin_executor.request_times import Written, read_time
 from merlin_planning.knowledge_text import parse_goal
+from merlin_ros.ros_alarm import RosAlarm, call_after
+from merlin_ros.service_proxy import ServiceError
+
+PAUSE = 2.0  # s of ROS time before an errand that ended before it was due is sent again; doubles each time
+LONGEST_PAUSE = 300.0
+YEAR = 366 * 24 * 3600.0  # s; a ROS time has to hold what begins in one, and its deadline
 
 
 class DayError(ValueError):
     """A file that is no day; the text has a line for each fault, with its place."""
 
 
-def _duration(text: str) -> float:
+def _time(text: str) -> Written:
     read = read_time(text)
-    if not isinstance(read, float) or not read:
-        raise ValueError("it has to be a duration: 90s, 10min or 2h")
+    if isinstance(read, float) and read > YEAR:
+        raise ValueError(f"it may be {YEAR / 3600.0:.0f}h, which is a year")
+    return read
+
+
+def _duration(text: str) -> float:
+    read = _time(text)
+    if not isinstance(read, float) or read < 1.0:
+        raise ValueError("it has to be a duration of 1 s at least: 90s, 10min or 2h")
+    return read
+
+
+def _priority(text: str) -> int:
+    least, most = -(2**31), 2**31 - 1  # an int32
+    read = int(text)
+    if not least <= read <= most:
+        raise ValueError(f"it has to be a number from {least} to {most}")
     return read
 
 
@@ -51,11 +75,11 @@ def _one_of(**words: Any) -> Callable[[str], Any]:
 
 #: What an entry may have, and how that is read.
 _READERS: Dict[str, Callable[[Any], Any]] = {
-    "at": read_time,
+    "at": _time,
     "every": _duration,
     "goals": _goals,
     "deadline": _duration,
-    "priority": int,
+    "priority": _priority,
     "value": lambda text: check_value(float(text)),
     "on_interrupt": _one_of(resume=RESUME, drop=DROP, never=NEVER),
     "alone": _one_of(true=True, false=False),
@@ -77,6 +101,17 @@ class Errand(NamedTuple):
     """s after it is due."""
     options: Dict[str, Any] = {}
     """For :meth:`.GoalDispatcher.send`."""
+
+    @property
+    def survives(self) -> bool:
+        """Whether a request of it survives."""
+        return bool(self.options.get("survives"))
+
+    @property
+    def name(self) -> str:
+        """The same for all its times, wherever it stands; another one for an entry that says else."""
+        said = self._replace(where="", options=dict(sorted(self.options.items())))
+        return hashlib.sha256(repr(said).encode()).hexdigest()[:12]
 
     def due(self, begun: float, after: float) -> Optional[float]:
         """When it is due next, s of ROS time; None: never again. Without `at` it is counted from midnight.
@@ -109,11 +144,15 @@ def read_day(path: Path) -> List[Errand]:
         raise DayError(f"{path} is not YAML: {' '.join(str(error).split())}") from error
     if not isinstance(entries, list) or not 0 < len(entries) <= MAX_OF_CLIENT:
         raise DayError(f"{path} has to be a list of 1 to {MAX_OF_CLIENT} entries")
-    errands, faults = [], []
+    errands: List[Errand] = []
+    faults: List[str] = []
     for node, entry in zip(root.value, entries):
         where = f"{path}:{node.start_mark.line + 1}"
         try:
-            errands.append(_errand(where, entry, len(node.value)))
+            errand = _errand(where, entry, len(node.value))
+            if errand.name in {each.name for each in errands}:
+                raise ValueError("the same entry stands before")
+            errands.append(errand)
         except ValueError as error:
             faults.append(f"{where}: {error}")
     if faults:
@@ -135,7 +174,10 @@ def _errand(where: str, entry: Any, keys: int) -> Errand:
         except (TypeError, ValueError) as error:
             raise ValueError(f"{key} cannot be {text!r}: {error}") from error
     own = {key: given.pop(key) for key in Errand._fields if key in given}
-    return Errand(where, **own, options=given)
+    errand = Errand(where, **own, options=given)
+    if errand.survives and isinstance(errand.at, float):  # a mission that begins again would send it twice
+        raise ValueError("with survives, at has to be a time of the day")
+    return errand
 
 
 class Day(GoalDispatcher):
@@ -148,8 +190,12 @@ class Day(GoalDispatcher):
     def __init__(self, file: Path) -> None:
         self._errands = read_day(file)
         super().__init__()
-        self._ended: queue.Queue[Tuple[Errand, float, ExecutorRequest]] = queue.Queue()
+        self._events: queue.Queue[Callable[[], None]] = queue.Queue()
+        self._alarms: Dict[int, RosAlarm] = {}
         self._begun = 0.0
+        self._open = len(self._errands)
+        self._failed = 0
+        self._first = ""
 
     @classmethod
     def faults(cls, value_of: Callable[[str], Any], fault: Callable[[str], str]) -> List[str]:
@@ -178,34 +224,94 @@ class Day(GoalDispatcher):
     def run(self) -> None:
         """Sends what is due next of each errand, and the next one when that has ended."""
         self._begun = rospy.get_time()
-        waiting = sum(self._send(errand, self._begun) for errand in self._errands)
-        failed: List[str] = []
-        while waiting:
-            errand, due, request = self._ended.get()
-            result = request.result
-            if result is not None and result.outcome not in ACHIEVED:
-                failed.append(f"{errand.where}: {outcome_text(result)}: {result.reason}")
-                rospy.logwarn(failed[-1])
-            waiting += self._send(errand, max(due, rospy.get_time())) - 1
-        if failed:
-            raise MissionFailed(f"{len(failed)} not done, the first: {failed[0]}")
+        try:
+            for errand in self._errands:
+                self._begin(errand)
+            while self._open:
+                event = self._events.get()
+                self._refuse_cancelled(["what is due next"])
+                event()
+        finally:
+            for alarm in self._alarms.values():
+                alarm.shutdown()
+        if self._failed:
+            raise MissionFailed(f"{self._failed} not done, the first: {self._first}")
 
-    def _send(self, errand: Errand, after: float) -> bool:
-        """Whether there is a next time."""
+    def cancel(self) -> None:
+        """As of :class:`.GoalDispatcher`."""
+        super().cancel()
+        self._events.put(lambda: None)  # nothing may have been sent that ends now
+
+    def _begin(self, errand: Errand) -> None:
+        if errand.due(self._begun, self._begun) is not None:
+            self._next(errand, self._begun)
+        elif errand.survives:
+            self.client.follow(
+                lasting_id(self._name(errand)),
+                on_done=lambda request: self._events.put(lambda: self._found_ended(errand, request)),
+            )
+        else:
+            self._leave_out(errand)
+
+    def _found_ended(self, errand: Errand, request: ExecutorRequest) -> None:
+        """One that was due before the mission began has ended; REFUSED: it had before."""
+        result = request.result
+        if result is not None and result.outcome == ExecuteResult.REFUSED:
+            self._leave_out(errand)
+        else:
+            self._ended(errand, self._begun, PAUSE, result, request.taken_back)
+
+    def _leave_out(self, errand: Errand) -> None:
+        rospy.logwarn(f"{errand.where}: its time has passed today; it is left out")
+        self._open -= 1
+
+    def _name(self, errand: Errand) -> str:
+        """Of its requests: the next one of an errand is sent when none is left, so a name finds what is."""
+        return f"{self.name}:{errand.name}"
+
+    def _next(self, errand: Errand, after: float) -> None:
         due = errand.due(self._begun, after)
         if due is None:
-            if after == self._begun:
-                rospy.logwarn(f"{errand.where}: its time has passed today; it is left out")
-            return False
+            self._open -= 1
+        else:
+            self._send(errand, due)
+
+    def _send(self, errand: Errand, due: float, pause: float = PAUSE) -> None:
+        """Sends an errand, which may be the one that was sent before.
+
+        :param pause: s of ROS time before it is sent once more when it ends before it is due.
+        """
+
+        def ended(result: Optional[ExecuteResult], taken_back: bool = False) -> None:
+            self._events.put(lambda: self._ended(errand, due, pause, result, taken_back))
+
         times = {"not_before": rospy.Time.from_sec(due)}
         if errand.deadline < math.inf:
             times["deadline"] = rospy.Time.from_sec(due + errand.deadline)
-        name = f"{self.name}:{errand.where.rpartition(':')[2]}@{due:.0f}"
-        self.send(
-            errand.goals,
-            on_done=lambda request: self._ended.put((errand, due, request)),
-            name=name,
-            **times,
-            **errand.options,
-        )
-        return True
+        try:
+            self.send(
+                errand.goals,
+                on_done=lambda request: ended(request.result, request.taken_back),
+                name=self._name(errand),
+                **times,
+                **errand.options,
+            )
+        except (ValueError, ServiceError) as error:
+            ended(ExecuteResult(outcome=ExecuteResult.REFUSED, reason=str(error)))
+
+    def _ended(
+        self, errand: Errand, due: float, pause: float, result: Optional[ExecuteResult], taken_back: bool
+    ) -> None:
+        now, why = rospy.get_time(), ""
+        if result is not None and result.outcome not in ACHIEVED:
+            why = f"{errand.where}: {outcome_text(result)}: {result.reason}"
+            rospy.logwarn(why)
+        # One that survives and was achieved before it was due was that of an earlier time.
+        if now < due and not taken_back and (why or errand.survives):
+            longer = min(2.0 * pause, LONGEST_PAUSE)
+            again = functools.partial(self._events.put, lambda: self._send(errand, due, longer))
+            self._alarms[id(errand)] = call_after(min(pause, due - now), again, f"again {errand.where}")
+            return
+        self._failed += bool(why)
+        self._first = self._first or why
+        self._next(errand, max(due, now))

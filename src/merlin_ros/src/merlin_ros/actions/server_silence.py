@@ -49,7 +49,7 @@ class ServerSilence:
         acknowledges = False  # a goal that was sent before the next one
         for goal in goals:
             status = statuses.get(goal.id)
-            if status is not None:
+            if status is not None and not _is_earlier(status, goal):
                 acknowledges = acknowledges or not goal.seen
                 goal.seen = True
                 if status.status not in TERMINAL:
@@ -105,3 +105,9 @@ class ServerSilence:
         if self._settled is None or self._settled[0] > ended:
             return ended
         return max(ended, self._settled[1])
+
+
+def _is_earlier(status: GoalStatus, goal: ClientGoal) -> bool:
+    """Whether that is a lasting goal that ended before this one was sent under its id."""
+    older = status.goal_id.stamp < goal.goal_id.stamp
+    return bool(goal.lasting and not goal.seen and status.status in TERMINAL and older)
