@@ -235,6 +235,7 @@ def test_a_request_to_an_executor_that_was_never_there_ends(client: Client) -> N
     ("status", "text", "reason"),
     [
         (GoalStatus.PREEMPTED, "", "the executor shuts down"),
+        (GoalStatus.ABORTED, "", "the executor shuts down; the planner does not answer"),
         (GoalStatus.ABORTED, "the action server shuts down", ""),
     ],
 )

@@ -60,7 +60,7 @@ def was_lost(status: int, text: str, reason: str) -> bool:
     :param text: of that status.
     :param reason: in the Executor's result; empty: it gives none.
     """
-    ends = reason == StopKind.SHUTDOWN.value or text == _SERVER_ENDS
+    ends = reason.startswith(StopKind.SHUTDOWN.value) or text == _SERVER_ENDS
     return status == RequestEnd.LOST or ends or client_was_lost(reason)
 
 

@@ -97,6 +97,24 @@ def test_an_executor_that_goes_down_in_order_leaves_them_to_the_next(lives: Any,
     assert left(file) == ["(checked kitchen)", "(checked hall)"]
 
 
+@pytest.mark.parametrize("outcome", [Outcome.CANCEL_TIMEOUT, Outcome.INTERNAL, Outcome.ACTION_FAILED])
+def test_what_does_not_end_in_order_meanwhile_is_left_too(lives: Any, file: Path, outcome: Outcome) -> None:
+    bench = lives()
+    goal = bench.run(lasting("(checked kitchen)"))
+    bench.machine.stopped = Verdict(outcome, "(drive) did not stop")
+    bench.executor.shutdown()
+    assert goal.end()[1:] == (outcome.name, "the executor shuts down; (drive) did not stop")
+    assert left(file) == ["(checked kitchen)"]
+
+
+def test_one_that_is_achieved_while_the_executor_goes_down_has_ended(lives: Any, file: Path) -> None:
+    bench = lives()
+    goal = bench.run(lasting("(checked kitchen)"))
+    bench.machine.stopped = Verdict(Outcome.SUCCEEDED, "done")
+    bench.executor.shutdown()
+    assert goal.end()[1] == "SUCCEEDED" and left(file) == []
+
+
 def test_one_whose_deadline_passed_between_two_lives_is_late(lives: Any) -> None:
     lives().run(lasting("(checked kitchen)", deadline=rospy.Time(60)))
     second = lives()
