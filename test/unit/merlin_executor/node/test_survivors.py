@@ -2,15 +2,21 @@
 """Requests that survive: the next life of the Executor takes up each that was not answered, and no other."""
 
 import json
+import threading
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, Iterator, List
 
 import pytest
 import rospy
-from fakes.executor_bench import Bench, Goal
+from diagnostic_msgs.msg import KeyValue
+from fakes.executor_bench import Bench, Goal, Knowledge
 
 from merlin_executor.core.outcome import Outcome, Verdict
+from merlin_executor.node import executor as executor_module
 from merlin_executor.node.survivors import Survivors
+from merlin_executor.resending import was_lost
+from merlin_ros.service_proxy import ServiceUnavailable
 
 LONG = 60.0
 
@@ -141,6 +147,98 @@ def test_one_that_cannot_be_noted_is_refused(lives: Any, file: Path) -> None:
 
 def test_an_id_that_nothing_has_any_more_is_said_to_have_ended(lives: Any) -> None:
     assert "it has ended" in lives().send(lasting()).end()[2]
+
+
+@pytest.fixture
+def world(monkeypatch: pytest.MonkeyPatch) -> Any:
+    """What every knowledge base says from now on; it can be changed while an Executor runs."""
+    said = SimpleNamespace(error=None, objects=["kitchen", "hall"], asked=threading.Semaphore(0))
+
+    def predicates(knowledge: Knowledge) -> Any:
+        said.asked.release()
+        if said.error is not None:
+            raise said.error
+        return {"checked": SimpleNamespace(typed_parameters=[KeyValue(key="p", value="poi")])}
+
+    monkeypatch.setattr(Knowledge, "predicates", predicates)
+    monkeypatch.setattr(Knowledge, "instances", lambda *_: said.objects)
+    monkeypatch.setattr(executor_module, "CHECK_AGAIN", 0.01)
+    return said
+
+
+def test_a_knowledge_base_that_is_slow_at_the_restart_costs_no_request(
+    lives: Any, file: Path, world: Any
+) -> None:
+    first = lives()
+    first.run(lasting("(checked kitchen)"))
+    first.send(lasting("(checked hall)"))
+    second = lives()
+    world.error = ServiceUnavailable("it is being started")
+    goals = [second.send(lasting("(checked kitchen)")), second.send(lasting("(checked hall)"))]
+    for _ in range(4):
+        assert world.asked.acquire(timeout=LONG)
+    assert not any(goal.ends for goal in goals) and left(file) == ["(checked kitchen)", "(checked hall)"]
+    world.error = None
+    assert second.machine.begun.acquire(timeout=LONG)
+    second.machine.end(Verdict(Outcome.SUCCEEDED, "done"))
+    assert goals[0].end()[1] == "SUCCEEDED"
+
+
+def test_while_it_is_silent_one_request_is_checked_and_no_other(lives: Any, world: Any) -> None:
+    first, texts = lives(), ["(checked kitchen)", "(checked hall)", "(not (checked hall))"]
+    for text in texts:
+        first.send(lasting(text))
+    second = lives()
+    world.error = ServiceUnavailable("it hangs")
+    executor_module.CHECK_AGAIN = LONG
+    while world.asked.acquire(blocking=False):
+        pass
+    for text in texts:
+        second.send(lasting(text))
+    assert world.asked.acquire(blocking=False) and not world.asked.acquire(blocking=False)
+
+
+def test_the_objects_of_a_request_may_be_added_after_the_start(lives: Any, file: Path, world: Any) -> None:
+    lives().run(lasting("(checked kitchen)"))
+    second = lives()
+    world.objects = []
+    goal = second.send(lasting("(checked kitchen)"))
+    assert not goal.ends and left(file) == ["(checked kitchen)"]
+    world.objects = ["kitchen"]
+    assert second.machine.begun.acquire(timeout=LONG)
+
+
+def test_objects_that_never_come_are_named(
+    lives: Any, file: Path, world: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lives().run(lasting("(checked kitchen)"))
+    monkeypatch.setattr(executor_module, "LOAD_WAIT", 0.0)
+    second = lives()
+    world.objects = []
+    goal = second.send(lasting("(checked kitchen)"))
+    assert goal.end()[1:] == ("REFUSED", "(checked kitchen): there is no object 'kitchen'")
+    assert left(file) == []
+
+
+def test_one_that_waits_for_the_knowledge_base_can_be_cancelled(lives: Any, file: Path, world: Any) -> None:
+    lives().run(lasting("(checked kitchen)"))
+    second = lives()
+    world.error = ServiceUnavailable("it hangs")
+    executor_module.CHECK_AGAIN = LONG
+    goal = second.send(lasting("(checked kitchen)"))
+    second.cancel(goal)
+    assert goal.end()[1] == "CANCELLED" and left(file) == []
+
+
+def test_who_follows_one_while_the_executor_goes_down_costs_it_nothing(lives: Any, file: Path) -> None:
+    bench = lives()
+    goal = bench.run(lasting("(checked kitchen)"))
+    bench.executor.shutdown()
+    follower = lasting()
+    follower.id = goal.id
+    status, _, reason = bench.send(follower).end()
+    assert was_lost(status, "", reason), "it is sent to the next life"
+    assert left(file) == ["(checked kitchen)"]
 
 
 @pytest.mark.parametrize("value", [-1.0, float("nan"), float("inf")])

@@ -51,6 +51,11 @@ class Survivors:
             rospy.loginfo(f"{' '.join(message.goal.goals)} of {sender} is taken up again")
         return found
 
+    def knows(self, goal_id: str) -> bool:
+        """Whether a request is noted, by this life or by an earlier one."""
+        with self._lock:
+            return goal_id in self._noted
+
     def keep(self, goal: ServerGoal) -> bool:
         """Notes a request; it is on the disk when this returns.
 
