@@ -9,6 +9,7 @@ from typing import Any, Iterator, List
 
 import pytest
 import rospy
+from actionlib_msgs.msg import GoalStatus
 from diagnostic_msgs.msg import KeyValue
 from fakes.executor_bench import Bench, Goal, Knowledge
 
@@ -239,6 +240,13 @@ def test_who_follows_one_while_the_executor_goes_down_costs_it_nothing(lives: An
     status, _, reason = bench.send(follower).end()
     assert was_lost(status, "", reason), "it is sent to the next life"
     assert left(file) == ["(checked kitchen)"]
+
+
+def test_a_cancel_of_an_id_that_nothing_has_is_not_said_to_have_worked(lives: Any) -> None:
+    goal = lasting()
+    goal.cancel_requested = True  # the cancel overtakes the goal that looks for it
+    status, outcome, reason = lives().send(goal).end()
+    assert (status, outcome) == (GoalStatus.REJECTED, "REFUSED") and "no request of this id" in reason
 
 
 @pytest.mark.parametrize("value", [-1.0, float("nan"), float("inf")])

@@ -317,10 +317,11 @@ class Executor:
         return not goes_on
 
     def _refuse(self, goal: ServerGoal, reason: str) -> None:
-        if goal.goal.goals or goal.goal.items:  # without: its client looks for the noted one
+        named = bool(goal.goal.goals or goal.goal.items)
+        if named:  # without goals its client looks for the noted one
             self._survivors.drop(goal.id)
         # A client may send names without end; the log, and all that listen to it, need not have them.
-        verdict = unreadable(shortened(reason, LONGEST_REASON), goal.cancel_requested)
+        verdict = unreadable(shortened(reason, LONGEST_REASON), named and goal.cancel_requested)
         rospy.logwarn(f"{verdict.outcome.name}: {verdict.reason}")
         result = ExecuteResult(outcome=int(verdict.outcome), reason=verdict.reason)
         end = goal.cancelled if verdict.outcome is Outcome.CANCELLED else goal.reject
