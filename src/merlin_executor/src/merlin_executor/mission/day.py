@@ -11,7 +11,7 @@ import rospy
 import yaml
 
 from merlin_executor.core.base_hold import CALENDAR
-from merlin_executor.core.request_limits import MAX_OF_CLIENT, check_value
+from merlin_executor.core.request_limits import MAX_OF_CLIENT, check_priority, check_value
 from merlin_executor.executor_client import DROP, NEVER, RESUME
 from merlin_executor.executor_request import ExecutorRequest
 from merlin_executor.goal_check import GoalError, check_goals
@@ -55,7 +55,7 @@ _READERS: Dict[str, Callable[[Any], Any]] = {
     "every": _duration,
     "goals": _goals,
     "deadline": _duration,
-    "priority": int,
+    "priority": lambda text: check_priority(int(text)),
     "value": lambda text: check_value(float(text)),
     "on_interrupt": _one_of(resume=RESUME, drop=DROP, never=NEVER),
     "alone": _one_of(true=True, false=False),
