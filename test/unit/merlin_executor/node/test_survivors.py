@@ -2,6 +2,7 @@
 """Requests that survive: the next life of the Executor takes up each that was not answered, and no other."""
 
 import json
+import os
 import threading
 from pathlib import Path
 from types import SimpleNamespace
@@ -61,6 +62,16 @@ def test_what_was_noted_is_found_with_all_that_it_says(file: Path) -> None:
     assert later.keep(goal)  # type: ignore[arg-type]
     later.drop(goal.id)
     assert left(file) == []
+
+
+def test_the_end_of_the_last_one_is_on_the_disk(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    survivors, synced = Survivors(str(file)), []
+    goal = lasting("(checked kitchen)")
+    survivors.keep(goal)  # type: ignore[arg-type]
+    fsync = os.fsync
+    monkeypatch.setattr(os, "fsync", lambda number: (synced.append(number), fsync(number)))
+    survivors.drop(goal.id)
+    assert synced and left(file) == []
 
 
 @pytest.mark.parametrize("note", ["nonsense", "[]", '["x", "y", "z"]', "3"])
