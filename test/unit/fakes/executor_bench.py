@@ -72,6 +72,7 @@ class Machine:
         self.begun: threading.Semaphore = threading.Semaphore(0)
         self.go_on = threading.Event()
         self.verdict: Any = Verdict(Outcome.SUCCEEDED)
+        self.stopped = Verdict(Outcome.CANCELLED, "cancelled")
         self.unstoppable = self.revises = False
         self.running: List[Any] = []
         self.goals_removed = 0
@@ -102,7 +103,7 @@ class Machine:
             if self._cancelled:
                 if self.unstoppable:
                     return Verdict(Outcome.CANCEL_TIMEOUT, "(drive) did not stop")
-                return Verdict(Outcome.CANCELLED, "cancelled")
+                return self.stopped
             if isinstance(self.verdict, BaseException):
                 raise self.verdict
             return self.verdict

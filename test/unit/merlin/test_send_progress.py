@@ -12,6 +12,7 @@ import pytest
 import rospy
 from merlin_msgs.msg import ExecuteFeedback, ExecutorStatus, GuardStatus, QueuedGoal, RunningAction
 
+from merlin import send
 from merlin.send_progress import SendProgress
 
 RUNNING, IDLE = ExecutorStatus.RUNNING, ExecutorStatus.IDLE
@@ -118,3 +119,12 @@ def test_ctrl_c_before_the_node_has_begun_gives_no_traceback() -> None:
     process.send_signal(signal.SIGINT)
     _, errors = process.communicate(timeout=60.0)
     assert process.returncode == -signal.SIGINT and errors == ""
+
+
+def test_a_request_is_followed_or_cancelled(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["send", "--follow", "one-lasting", "--cancel", "other-lasting"])
+    with pytest.raises(SystemExit) as ended:
+        send.main()
+    assert ended.value.code == 2 and "not allowed with argument" in capsys.readouterr().err

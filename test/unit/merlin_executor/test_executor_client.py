@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Requests of several threads, and one that cannot wait for a lost Executor."""
 
+import struct
 import threading
 from types import SimpleNamespace
 from typing import Any, Callable, List
@@ -13,6 +14,7 @@ from fakes.topics import Topics
 from merlin_msgs.msg import ExecuteAction, ExecuteGoal, ExecuteResult
 
 from merlin_executor import executor_client
+from merlin_executor.core.request_limits import RequestTooLarge, check_value
 from merlin_executor.executor_client import MerlinExecutorClient
 from merlin_executor.executor_request import ExecutorRequest
 from merlin_executor.mission import GoalDispatcher, goal_dispatcher
@@ -98,6 +100,26 @@ def test_a_client_that_waits_for_nothing_learns_it_at_once(away: Away) -> None:
     with pytest.raises(ServiceUnavailable, match="its node does not run"):
         MerlinExecutorClient().send("(checked hall)")
     assert away.calls == 2
+
+
+@pytest.mark.parametrize("priority", [2**31, -(2**31), 10**30, 1.5])
+def test_a_priority_that_no_message_holds_is_named(away: Away, priority: Any) -> None:
+    away.calls = 0
+    with pytest.raises(RequestTooLarge, match="the priority of the request is .*a whole number from"):
+        MerlinExecutorClient().send("(checked hall)", priority=priority)
+
+
+@pytest.mark.parametrize("value", [1e39, 1e-46, 0.0, -1.0, float("nan")])
+def test_a_value_that_no_message_holds_is_named(away: Away, value: float) -> None:
+    away.calls = 0
+    with pytest.raises(RequestTooLarge, match="a number above 0, from 1e-30 to 1e30"):
+        MerlinExecutorClient().send("(checked hall)", value=value)
+
+
+@pytest.mark.parametrize("value", [1e-30, 1e30])
+def test_the_bounds_of_a_value_hold_at_the_executor_too(value: float) -> None:
+    (received,) = struct.unpack("<f", struct.pack("<f", value))
+    assert check_value(value) == value and check_value(received) == received
 
 
 def test_a_cancelled_mission_does_not_wait_for_the_knowledge_base(

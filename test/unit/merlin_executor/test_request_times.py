@@ -29,7 +29,7 @@ def test_seconds_count_from_now_and_ros_times_are_kept(now: SimpleNamespace) -> 
     assert ros_time(None, "deadline") == rospy.Time()
 
 
-@pytest.mark.parametrize("wrong", [math.nan, math.inf, 0.0, -5.0, True, "10min", 1e12])
+@pytest.mark.parametrize("wrong", [math.nan, math.inf, 0.0, -5.0, True, "10min", 1e12, rospy.Time(2**32)])
 def test_what_is_not_a_time_is_refused_by_its_name(now: SimpleNamespace, wrong: Any) -> None:
     with pytest.raises(ValueError, match="^not_before is "):
         ros_time(wrong, "not_before")
@@ -55,6 +55,11 @@ def test_what_a_person_writes(now: SimpleNamespace, text: str, seconds: float) -
 def test_other_words_are_refused_with_what_to_write(text: str) -> None:
     with pytest.raises(ValueError, match="is not a time; write 90s, 10min or 2h from now, or 14:30 of today"):
         read_time(text)
+
+
+def test_a_time_beyond_a_year_is_refused() -> None:
+    with pytest.raises(ValueError, match="'9000h' is too long"):
+        read_time("9000h")
 
 
 def test_a_time_of_the_day_that_has_passed_is_refused(now: SimpleNamespace) -> None:

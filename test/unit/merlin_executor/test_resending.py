@@ -235,6 +235,7 @@ def test_a_request_to_an_executor_that_was_never_there_ends(client: Client) -> N
     ("status", "text", "reason"),
     [
         (GoalStatus.PREEMPTED, "", "the executor shuts down"),
+        (GoalStatus.ABORTED, "", "the executor shuts down; the planner does not answer"),
         (GoalStatus.ABORTED, "the action server shuts down", ""),
     ],
 )
@@ -339,6 +340,49 @@ def test_a_cancel_ends_the_wait_for_the_executor(client: Client, statuses: Statu
     assert sent.result.outcome == ExecuteResult.CANCELLED
     assert sent.result.reason == "cancelled while the executor was gone"
     assert len(client.sent) == 1
+
+
+def test_a_cancel_of_one_that_survives_reaches_the_next_executor(client: Client, statuses: Statuses) -> None:
+    sent = ExecutorRequest(client, ExecuteGoal(survives=True))  # type: ignore[arg-type]
+    client.sent[0].end(GoalStatus.LOST, "gone")
+    sent.cancel()
+    assert not sent.done, "the next executor would carry it out all the same"
+    statuses.publish()
+    second = client.wait_sent(2)
+    assert second.cancelled.wait(LONG) and client.how[1]["again"] == "goal-0"
+    second.end(GoalStatus.PREEMPTED, outcome=ExecuteResult.CANCELLED, reason="cancelled by its client")
+    assert sent.wait(LONG) and sent.result.outcome == ExecuteResult.CANCELLED and not sent.taken_back
+
+
+def test_one_that_was_being_cancelled_when_the_executor_died_is_cancelled_again(
+    client: Client, statuses: Statuses
+) -> None:
+    sent = ExecutorRequest(client, ExecuteGoal(survives=True))  # type: ignore[arg-type]
+    sent.cancel()
+    client.sent[0].end(GoalStatus.LOST, "gone")
+    statuses.publish()
+    assert client.wait_sent(2).cancelled.wait(LONG)
+
+
+def test_a_cancel_that_no_executor_has_heard_is_not_said_to_have_worked(
+    client: Client, statuses: Statuses, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(resending_rules, "RETURN_WAIT", 0.01)
+    client.there.clear()
+    sent = ExecutorRequest(client, ExecuteGoal(survives=True))  # type: ignore[arg-type]
+    sent.cancel()
+    client.sent[0].end(GoalStatus.LOST, "gone")
+    assert sent.wait(LONG) and sent.result.outcome == ExecuteResult.INTERNAL
+    assert "it may go on when the executor returns" in sent.result.reason
+
+
+def test_one_that_its_client_has_left_is_not_sent_again(client: Client, statuses: Statuses) -> None:
+    done: List[ExecutorRequest] = []
+    sent = ExecutorRequest(client, ExecuteGoal(survives=True), done.append)  # type: ignore[arg-type]
+    client.sent[0].end(GoalStatus.LOST, "gone")
+    sent.leave()
+    assert sent.wait(LONG) and sent.result.reason == GOES_ON
+    assert done == [sent] and len(client.sent) == 1
 
 
 def test_an_executor_that_does_not_return_ends_the_request(

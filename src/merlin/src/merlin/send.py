@@ -47,10 +47,11 @@ def main() -> int:
     parser.add_argument(
         "--survives", action="store_true", help="go on without this command, after a power cut too"
     )
-    parser.add_argument(
+    known_one = parser.add_mutually_exclusive_group()
+    known_one.add_argument(
         "--follow", metavar="ID", help="show a request that survives, instead of sending goals"
     )
-    parser.add_argument("--cancel", metavar="ID", help="cancel a request that survives")
+    known_one.add_argument("--cancel", metavar="ID", help="cancel a request that survives")
     parser.add_argument("--robot", help="namespace of the robot, where there are several")
     given = parser.parse_args()
     known = given.cancel or given.follow

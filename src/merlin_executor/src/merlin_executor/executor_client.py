@@ -9,7 +9,7 @@ from merlin_msgs.msg import ExecuteAction, ExecuteFeedback, ExecuteGoal, Execute
 from rosplan_knowledge_msgs.msg import KnowledgeItem
 
 from merlin_executor.core.outcome import outcome_name
-from merlin_executor.core.request_limits import check_size, check_value
+from merlin_executor.core.request_limits import check_priority, check_size, check_value
 from merlin_executor.executor_request import ExecutorRequest
 from merlin_executor.goal_check import GoalError, check_goals
 from merlin_executor.request_times import When, ros_time
@@ -130,7 +130,7 @@ class MerlinExecutorClient:
             more under the same name, also in its next life. Empty: it gets a name of its own.
         :raises ValueError: for a time that is not one, or not in the future, or a value that is not above 0.
         :raises PDDLSyntaxError: for text that is not a PDDL goal.
-        :raises RequestTooLarge: for more than the Executor takes.
+        :raises RequestTooLarge: for more than the Executor takes, or a priority that is no int32.
         :raises GoalError: for goals that the domain or the world does not know.
         :raises merlin_ros.service_proxy.ServiceError: when the knowledge base does not answer.
         """
@@ -149,7 +149,7 @@ class MerlinExecutorClient:
         goal = ExecuteGoal(
             goals=texts,
             items=items,
-            priority=priority,
+            priority=check_priority(priority),
             on_interrupt=on_interrupt,
             on_client_lost=self._on_client_lost if on_client_lost is None else on_client_lost,
             by=by,

@@ -45,7 +45,9 @@ class ExecutorRequest:
         self._on_done = on_done
         self._on_feedback = on_feedback
         self._known = known
-        self._resending = Resending(RESEND if goal.survives else on_lost, running_time)
+        self._resending = Resending(
+            RESEND if goal.survives else on_lost, running_time, survives=bool(goal.survives)
+        )
         self._ended = threading.Event()
         self._reason = ""
         self._wake = threading.Event()  # ends the wait for the Executor: it is back, or the client cancels
@@ -103,11 +105,15 @@ class ExecutorRequest:
         return ExecuteResult(outcome=int(verdict.outcome), reason=verdict.reason)
 
     def cancel(self) -> None:
-        """Stops it, wherever it is: queued, planning or under way. The answer is its end."""
+        """Stops it, wherever it is: queued, planning or under way. The answer is its end.
+
+        While the Executor is gone, that of one that survives comes from the next one.
+        """
         with self._lock:
             self._resending.cancel()
             sent = self._sent
-            self._wake.set()
+            if self._resending.given_up:
+                self._wake.set()
         sent.cancel()
 
     def leave(self) -> None:
@@ -116,7 +122,7 @@ class ExecutorRequest:
             self.cancel()
             return
         with self._lock:
-            self._resending.cancel()
+            self._resending.leave()
             self._wake.set()
         self._finish(GOES_ON)
 
@@ -155,16 +161,19 @@ class ExecutorRequest:
         """Waits for the Executor's return and sends the goal again."""
         rospy.logwarn(f"a goal is lost; it is sent again when the executor is there ({self._why})")
         with self._lock:
-            if not self._resending.cancelled:
+            if not self._resending.given_up:
                 self._wake = threading.Event()  # that of an earlier loss is set
         is_there = self._returned()
         with self._lock:
             decision: ResendDecision = self._resending.executor(is_there)
+            cancels = self._resending.cancelled
             if decision.next is Next.SEND:
                 self._sent = self._send()
         if decision.next is Next.FINISH:
             ends = rospy.is_shutdown() and not is_there
             self._finish("the executor is gone, and this node shuts down" if ends else decision.reason)
+        elif cancels:
+            self._sent.cancel()
 
     def _returned(self) -> bool:
         """Whether the Executor publishes its status, and is connected; False also after a cancel."""
@@ -186,7 +195,7 @@ class ExecutorRequest:
         if subscriber is not None:
             subscriber.unregister()
         left = deadline.remaining()
-        return heard and self._client.wait_for_server(left, lambda: self._resending.cancelled)
+        return heard and self._client.wait_for_server(left, lambda: self._resending.given_up)
 
     @property
     def _why(self) -> str:

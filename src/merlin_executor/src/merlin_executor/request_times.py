@@ -13,6 +13,7 @@ from merlin_executor.core.base_hold import CALENDAR
 When = Union[rospy.Time, float]
 TIMES = ("not_before", "deadline")
 LAST = float(2**32 - 1)  # s; ROS has no later time
+LONGEST = 365 * 24 * 3600.0  # s from now, or between two errands
 _SECONDS = {"s": 1.0, "min": 60.0, "h": 3600.0}
 _DURATION = re.compile(r"(\d+(?:\.\d+)?)(s|min|h)\Z")
 _CLOCK = re.compile(r"([01]?\d|2[0-3]):([0-5]\d)(?::([0-5]\d))?\Z")
@@ -26,6 +27,8 @@ def ros_time(when: Optional[When], name: str) -> rospy.Time:
     :param name: of the parameter, for the error.
     :raises ValueError: for what is not a time, or not in the future.
     """
+    if isinstance(when, rospy.Time) and when.secs > LAST:
+        raise ValueError(f"{name} is {when.secs} s of ROS time; ROS has no time so late")
     if when is None or isinstance(when, rospy.Time):
         return when or rospy.Time()
     if isinstance(when, bool) or not isinstance(when, (int, float)) or not math.isfinite(when):
@@ -54,7 +57,10 @@ def read_time(text: str) -> Written:
     """
     duration = _DURATION.match(text)
     if duration is not None:
-        return float(duration.group(1)) * _SECONDS[duration.group(2)]
+        seconds = float(duration.group(1)) * _SECONDS[duration.group(2)]
+        if seconds > LONGEST:
+            raise ValueError(f"{text!r} is too long; the longest time is a year, 8760h")
+        return seconds
     clock = _CLOCK.match(text)
     if clock is None:
         raise ValueError(f"{text!r} is not a time; write 90s, 10min or 2h from now, or 14:30 of today")

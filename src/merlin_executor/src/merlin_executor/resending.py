@@ -60,7 +60,7 @@ def was_lost(status: int, text: str, reason: str) -> bool:
     :param text: of that status.
     :param reason: in the Executor's result; empty: it gives none.
     """
-    ends = reason == StopKind.SHUTDOWN.value or text == _SERVER_ENDS
+    ends = reason.startswith(StopKind.SHUTDOWN.value) or text == _SERVER_ENDS
     return status == RequestEnd.LOST or ends or client_was_lost(reason)
 
 
@@ -88,11 +88,16 @@ class Resending:
 
     :param on_lost: :data:`END` or :data:`RESEND`.
     :param clock: s, never set back.
+    :param survives: the next Executor carries it out, also when it is not sent again: then a cancel has to
+        reach that one.
     :raises ValueError: for another word.
     """
 
-    def __init__(self, on_lost: str = END, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self, on_lost: str = END, clock: Callable[[], float] = time.monotonic, survives: bool = False
+    ) -> None:
         self._clock = clock
+        self._survives = survives
         self._absence = Absence()
         self._resend = checked(on_lost) == RESEND
         self._cancelled = False
@@ -104,6 +109,16 @@ class Resending:
     def cancel(self) -> None:
         """The client no longer wants the goal."""
         self._cancelled = True
+
+    def leave(self) -> None:
+        """The client no longer waits for it, and what survives goes on."""
+        self._survives = False
+        self._cancelled = True
+
+    @property
+    def given_up(self) -> bool:
+        """Whether nothing is left to do for it while the Executor is gone."""
+        return self._cancelled and not self._survives
 
     @property
     def cancelled(self) -> bool:
@@ -120,7 +135,7 @@ class Resending:
         :param lost: as of :func:`was_lost`.
         :param untaken: an Executor ran, and never acknowledged the goal.
         """
-        if not lost or not (self._resend or untaken) or self._cancelled:
+        if not lost or not (self._resend or untaken) or self.given_up:
             return ResendDecision(Next.FINISH)
         left = self._absence.lost(self._clock(), self._limit)
         if self.sent_again >= RESENDS or left is None:
@@ -131,11 +146,12 @@ class Resending:
     def executor(self, is_there: bool) -> ResendDecision:
         """The wait for the Executor is over."""
         self._absence.back(self._clock())
-        if self._cancelled:
+        if self.given_up:
             return ResendDecision(Next.FINISH, "cancelled while the executor was gone")
         if not is_there:
+            goes_on = "; it may go on when the executor returns" if self._survives else ""
             return ResendDecision(
-                Next.FINISH, f"the executor is gone and did not return within {self._limit:g} s"
+                Next.FINISH, f"the executor is gone and did not return within {self._limit:g} s{goes_on}"
             )
         self.sent_again += 1
         return ResendDecision(Next.SEND)
@@ -147,7 +163,7 @@ class Resending:
         :param said: why the goal was ended here; empty: it was not.
         """
         if status == RequestEnd.LOST or said:
-            outcome = Outcome.CANCELLED if self._cancelled and said else Outcome.INTERNAL
+            outcome = Outcome.CANCELLED if self.given_up and said else Outcome.INTERNAL
             return Verdict(outcome, said or text)
         # Without a reason the action server has answered for the Executor.
         if status == RequestEnd.RECALLED and not reason:

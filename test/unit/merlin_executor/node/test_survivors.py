@@ -2,15 +2,23 @@
 """Requests that survive: the next life of the Executor takes up each that was not answered, and no other."""
 
 import json
+import os
+import threading
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, Iterator, List
 
 import pytest
 import rospy
-from fakes.executor_bench import Bench, Goal
+from actionlib_msgs.msg import GoalStatus
+from diagnostic_msgs.msg import KeyValue
+from fakes.executor_bench import Bench, Goal, Knowledge
 
 from merlin_executor.core.outcome import Outcome, Verdict
+from merlin_executor.node import executor as executor_module
 from merlin_executor.node.survivors import Survivors
+from merlin_executor.resending import was_lost
+from merlin_ros.service_proxy import ServiceUnavailable
 
 LONG = 60.0
 
@@ -56,6 +64,16 @@ def test_what_was_noted_is_found_with_all_that_it_says(file: Path) -> None:
     assert left(file) == []
 
 
+def test_the_end_of_the_last_one_is_on_the_disk(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    survivors, synced = Survivors(str(file)), []
+    goal = lasting("(checked kitchen)")
+    survivors.keep(goal)  # type: ignore[arg-type]
+    fsync = os.fsync
+    monkeypatch.setattr(os, "fsync", lambda number: (synced.append(number), fsync(number)))
+    survivors.drop(goal.id)
+    assert synced and left(file) == []
+
+
 @pytest.mark.parametrize("note", ["nonsense", "[]", '["x", "y", "z"]', "3"])
 def test_a_note_that_makes_no_sense_costs_no_other_one(file: Path, note: str) -> None:
     Survivors(str(file)).keep(lasting("(checked kitchen)"))  # type: ignore[arg-type]
@@ -97,6 +115,24 @@ def test_an_executor_that_goes_down_in_order_leaves_them_to_the_next(lives: Any,
     assert left(file) == ["(checked kitchen)", "(checked hall)"]
 
 
+@pytest.mark.parametrize("outcome", [Outcome.CANCEL_TIMEOUT, Outcome.INTERNAL, Outcome.ACTION_FAILED])
+def test_what_does_not_end_in_order_meanwhile_is_left_too(lives: Any, file: Path, outcome: Outcome) -> None:
+    bench = lives()
+    goal = bench.run(lasting("(checked kitchen)"))
+    bench.machine.stopped = Verdict(outcome, "(drive) did not stop")
+    bench.executor.shutdown()
+    assert goal.end()[1:] == (outcome.name, "the executor shuts down; (drive) did not stop")
+    assert left(file) == ["(checked kitchen)"]
+
+
+def test_one_that_is_achieved_while_the_executor_goes_down_has_ended(lives: Any, file: Path) -> None:
+    bench = lives()
+    goal = bench.run(lasting("(checked kitchen)"))
+    bench.machine.stopped = Verdict(Outcome.SUCCEEDED, "done")
+    bench.executor.shutdown()
+    assert goal.end()[1] == "SUCCEEDED" and left(file) == []
+
+
 def test_one_whose_deadline_passed_between_two_lives_is_late(lives: Any) -> None:
     lives().run(lasting("(checked kitchen)", deadline=rospy.Time(60)))
     second = lives()
@@ -123,6 +159,105 @@ def test_one_that_cannot_be_noted_is_refused(lives: Any, file: Path) -> None:
 
 def test_an_id_that_nothing_has_any_more_is_said_to_have_ended(lives: Any) -> None:
     assert "it has ended" in lives().send(lasting()).end()[2]
+
+
+@pytest.fixture
+def world(monkeypatch: pytest.MonkeyPatch) -> Any:
+    """What every knowledge base says from now on; it can be changed while an Executor runs."""
+    said = SimpleNamespace(error=None, objects=["kitchen", "hall"], asked=threading.Semaphore(0))
+
+    def predicates(knowledge: Knowledge) -> Any:
+        said.asked.release()
+        if said.error is not None:
+            raise said.error
+        return {"checked": SimpleNamespace(typed_parameters=[KeyValue(key="p", value="poi")])}
+
+    monkeypatch.setattr(Knowledge, "predicates", predicates)
+    monkeypatch.setattr(Knowledge, "instances", lambda *_: said.objects)
+    monkeypatch.setattr(executor_module, "CHECK_AGAIN", 0.01)
+    return said
+
+
+def test_a_knowledge_base_that_is_slow_at_the_restart_costs_no_request(
+    lives: Any, file: Path, world: Any
+) -> None:
+    first = lives()
+    first.run(lasting("(checked kitchen)"))
+    first.send(lasting("(checked hall)"))
+    second = lives()
+    world.error = ServiceUnavailable("it is being started")
+    goals = [second.send(lasting("(checked kitchen)")), second.send(lasting("(checked hall)"))]
+    for _ in range(4):
+        assert world.asked.acquire(timeout=LONG)
+    assert not any(goal.ends for goal in goals) and left(file) == ["(checked kitchen)", "(checked hall)"]
+    world.error = None
+    assert second.machine.begun.acquire(timeout=LONG)
+    second.machine.end(Verdict(Outcome.SUCCEEDED, "done"))
+    assert goals[0].end()[1] == "SUCCEEDED"
+
+
+def test_while_it_is_silent_one_request_is_checked_and_no_other(lives: Any, world: Any) -> None:
+    first, texts = lives(), ["(checked kitchen)", "(checked hall)", "(not (checked hall))"]
+    for text in texts:
+        first.send(lasting(text))
+    second = lives()
+    world.error = ServiceUnavailable("it hangs")
+    executor_module.CHECK_AGAIN = LONG
+    while world.asked.acquire(blocking=False):
+        pass
+    for text in texts:
+        second.send(lasting(text))
+    assert world.asked.acquire(blocking=False) and not world.asked.acquire(blocking=False)
+
+
+def test_the_objects_of_a_request_may_be_added_after_the_start(lives: Any, file: Path, world: Any) -> None:
+    lives().run(lasting("(checked kitchen)"))
+    second = lives()
+    world.objects = []
+    goal = second.send(lasting("(checked kitchen)"))
+    assert not goal.ends and left(file) == ["(checked kitchen)"]
+    world.objects = ["kitchen"]
+    assert second.machine.begun.acquire(timeout=LONG)
+
+
+def test_objects_that_never_come_are_named(
+    lives: Any, file: Path, world: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lives().run(lasting("(checked kitchen)"))
+    monkeypatch.setattr(executor_module, "LOAD_WAIT", 0.0)
+    second = lives()
+    world.objects = []
+    goal = second.send(lasting("(checked kitchen)"))
+    assert goal.end()[1:] == ("REFUSED", "(checked kitchen): there is no object 'kitchen'")
+    assert left(file) == []
+
+
+def test_one_that_waits_for_the_knowledge_base_can_be_cancelled(lives: Any, file: Path, world: Any) -> None:
+    lives().run(lasting("(checked kitchen)"))
+    second = lives()
+    world.error = ServiceUnavailable("it hangs")
+    executor_module.CHECK_AGAIN = LONG
+    goal = second.send(lasting("(checked kitchen)"))
+    second.cancel(goal)
+    assert goal.end()[1] == "CANCELLED" and left(file) == []
+
+
+def test_who_follows_one_while_the_executor_goes_down_costs_it_nothing(lives: Any, file: Path) -> None:
+    bench = lives()
+    goal = bench.run(lasting("(checked kitchen)"))
+    bench.executor.shutdown()
+    follower = lasting()
+    follower.id = goal.id
+    status, _, reason = bench.send(follower).end()
+    assert was_lost(status, "", reason), "it is sent to the next life"
+    assert left(file) == ["(checked kitchen)"]
+
+
+def test_a_cancel_of_an_id_that_nothing_has_is_not_said_to_have_worked(lives: Any) -> None:
+    goal = lasting()
+    goal.cancel_requested = True  # the cancel overtakes the goal that looks for it
+    status, outcome, reason = lives().send(goal).end()
+    assert (status, outcome) == (GoalStatus.REJECTED, "REFUSED") and "no request of this id" in reason
 
 
 @pytest.mark.parametrize("value", [-1.0, float("nan"), float("inf")])

@@ -1,16 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A goal that is sent while the goal on whose behalf it is sent is given up, and one that cannot be sent."""
+"""A goal that is sent while the goal on whose behalf it is sent is given up, and one that cannot be sent.
+
+And one that is sent twice, as one that survives is looked for: each sending has the answer.
+"""
 
 from typing import Any, Iterator, List
 
 import pytest
 import rospy
-from actionlib_msgs.msg import GoalStatus
+from actionlib_msgs.msg import GoalID, GoalStatus, GoalStatusArray
 from fakes.topics import Topics
-from merlin_msgs.msg import ListenAction, ListenGoal
+from merlin_msgs.msg import ListenAction, ListenActionFeedback, ListenActionResult, ListenGoal
 
 from merlin_ros.actions import action_client
 from merlin_ros.actions.action_client import DEAD_OWNERS, ActionClient
+from merlin_ros.actions.client_goal import ClientGoal
 from merlin_ros.alarms import Alarm
 
 
@@ -69,3 +73,70 @@ def test_a_goal_that_cannot_be_sent_leaves_nothing(topics: Topics) -> None:
     assert leased(topics) == []
     client.shutdown()
     assert ended == [] and topics.published("/owned/cancel").empty()
+
+
+@pytest.fixture
+def ended() -> List[ClientGoal]:
+    return []
+
+
+@pytest.fixture
+def told() -> List[ClientGoal]:
+    return []
+
+
+@pytest.fixture
+def twice(client: ActionClient, ended: List[ClientGoal], told: List[ClientGoal]) -> List[ClientGoal]:
+    first = client.send(ListenGoal(), ended.append, lambda goal, _: told.append(goal), lasting=True)
+    second = client.send(
+        ListenGoal(), ended.append, lambda goal, _: told.append(goal), lasting=True, again=first.id
+    )
+    assert first.id == second.id
+    return [first, second]
+
+
+def status(goal: ClientGoal, state: int, text: str = "") -> GoalStatus:
+    return GoalStatus(goal_id=GoalID(id=goal.id), status=state, text=text)
+
+
+def test_both_get_the_result(topics: Topics, twice: List[ClientGoal], ended: List[ClientGoal]) -> None:
+    topics.send("/owned/result", ListenActionResult(status=status(twice[1], GoalStatus.SUCCEEDED, "done")))
+    assert [(goal.done, goal.status, goal.text) for goal in twice] == [
+        (True, GoalStatus.SUCCEEDED, "done")
+    ] * 2
+    assert sorted(map(twice.index, ended)) == [0, 1]
+
+
+def test_both_get_the_feedback(topics: Topics, twice: List[ClientGoal], told: List[ClientGoal]) -> None:
+    topics.send("/owned/feedback", ListenActionFeedback(status=status(twice[1], GoalStatus.ACTIVE)))
+    assert sorted(map(twice.index, told)) == [0, 1]
+
+
+def test_both_know_that_it_runs(topics: Topics, twice: List[ClientGoal]) -> None:
+    message = GoalStatusArray(status_list=[status(twice[1], GoalStatus.ACTIVE)])
+    topics.send("/owned/status", message)
+    assert [goal.status for goal in twice] == [GoalStatus.ACTIVE] * 2
+
+
+def test_both_end_with_the_client(topics: Topics) -> None:
+    client = ActionClient("owned", ListenAction)
+    first = client.send(ListenGoal(), lasting=True)
+    second = client.send(ListenGoal(), lasting=True, again=first.id)
+    client.shutdown()
+    assert [goal.status for goal in (first, second)] == [GoalStatus.LOST] * 2
+
+
+def test_what_cannot_be_sent_again_ends_nothing(
+    topics: Topics, client: ActionClient, ended: List[ClientGoal]
+) -> None:
+    first = client.send(ListenGoal(), ended.append, lasting=True)
+
+    def unwritable(topic: str, message: Any) -> None:
+        raise OverflowError("float too large to pack")
+
+    topics.before = unwritable
+    with pytest.raises(OverflowError):
+        client.send(ListenGoal(), lasting=True, again=first.id)
+    topics.before = lambda topic, message: None
+    topics.send("/owned/result", ListenActionResult(status=status(first, GoalStatus.SUCCEEDED)))
+    assert ended == [first]

@@ -54,6 +54,14 @@ def served(monkeypatch: pytest.MonkeyPatch, clock: Any) -> Iterator[Served]:
     made.server.shutdown()
 
 
+def test_who_looks_for_a_goal_and_cancels_it_hears_from_its_owner(served: Served) -> None:
+    served.cancel(f"one{LASTING}")  # on its own connection, and first
+    served.send(f"one{LASTING}", 1)
+    (goal,) = served.goals
+    assert goal.cancel_requested and not goal.done
+    assert goal.reject(text="nothing of this id runs")
+
+
 def test_goals_up_to_the_stamp_are_cancelled(served: Served) -> None:
     served.cancel(stamp=100)
     served.send("late", 99)  # "new" is of a node to which the tick of the clock came first

@@ -4,7 +4,6 @@
 Pure.
 """
 
-import math
 from typing import Sequence
 
 MAX_GOALS = 1000  #: Goals of a request, texts and items.
@@ -12,6 +11,8 @@ MAX_TEXT = 65536  #: Characters of all goal texts of a request together.
 MAX_TOKENS = 1000  #: Tokens of an expression in a knowledge item.
 MAX_OF_CLIENT = 100  #: Requests of one client that wait.
 MAX_WAITING = 1000  #: Requests of all clients that wait.
+MAX_PRIORITY = 2**31 - 1  #: That of an int32.
+LEAST_VALUE, LARGEST_VALUE = 2.0**-100, 2.0**100  #: Exact in a float32, with room beyond.
 
 
 class RequestTooLarge(ValueError):
@@ -39,11 +40,26 @@ def check_size(texts: Sequence[str], items: int = 0, tokens: int = 0) -> None:
 def check_value(value: float) -> float:
     """Returns the value of a request.
 
-    :raises RequestTooLarge: when it is not a number above 0.
+    :raises RequestTooLarge: when it is not a number above 0, or one that the message cannot hold.
     """
-    if not 0.0 < value < math.inf:
-        raise RequestTooLarge(f"the value of the request is {value:g}; it has to be a number above 0")
+    if not LEAST_VALUE <= value <= LARGEST_VALUE:
+        raise RequestTooLarge(
+            f"the value of the request is {value:g}; it has to be a number above 0, from 1e-30 to 1e30"
+        )
     return value
+
+
+def check_priority(priority: int) -> int:
+    """Returns the priority of a request.
+
+    :raises RequestTooLarge: when it is not a whole number that the message can hold.
+    """
+    if not isinstance(priority, int) or abs(priority) > MAX_PRIORITY:
+        raise RequestTooLarge(
+            f"the priority of the request is {priority!r}; it has to be a whole number from "
+            f"-{MAX_PRIORITY} to {MAX_PRIORITY}"
+        )
+    return priority
 
 
 def why_full(waiting: Sequence[str], client: str) -> str:

@@ -105,28 +105,31 @@ class GoalNotes:
     """Goals as PDDL text in a file, which is replaced as a whole: a crash leaves the old list or the new one.
 
     :param path: of the file; made with its folder when it does not exist.
+    :param sync_end: whether it has to be on the disk, too, that no goal is left.
     :raises OSError: when it cannot be written.
     """
 
-    def __init__(self, path: str) -> None:
+    def __init__(self, path: str, sync_end: bool = False) -> None:
+        self._sync_end = sync_end
         self.path = Path(path).expanduser()
         self.path.parent.mkdir(parents=True, exist_ok=True)
         self.path.touch()
 
     def write(self, texts: Sequence[str]) -> None:
         """Notes these goals and no others. They are on the disk when this returns: the knowledge base, to
-        which they go next, keeps them over a power cut. That no goal is left need not be there.
+        which they go next, keeps them over a power cut. That no goal is left need not be there by default.
 
         :raises OSError: when the file cannot be written.
         """
+        sync = bool(texts) or self._sync_end
         new = self.path.with_name(self.path.name + ".new")
         with new.open("w") as file:
             file.write(json.dumps(list(texts)))
             file.flush()
-            if texts:
+            if sync:
                 os.fsync(file.fileno())
         os.replace(new, self.path)
-        if texts:
+        if sync:
             self._sync_name()
 
     def _sync_name(self) -> None:

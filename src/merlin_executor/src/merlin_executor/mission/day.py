@@ -14,7 +14,7 @@ import yaml
 from merlin_msgs.msg import ExecuteResult
 
 from merlin_executor.core.base_hold import CALENDAR
-from merlin_executor.core.request_limits import MAX_OF_CLIENT, check_value
+from merlin_executor.core.request_limits import MAX_OF_CLIENT, check_priority, check_value
 from merlin_executor.executor_client import DROP, NEVER, RESUME, lasting_id
 from merlin_executor.executor_request import ExecutorRequest
 from merlin_executor.goal_check import GoalError, check_goals
@@ -49,13 +49,6 @@ def _duration(text: str) -> float:
     return read
 
 
-def _priority(text: str) -> int:
-    least, most = -(2**31), 2**31 - 1  # an int32
-    read = int(text)
-    if not least <= read <= most:
-        raise ValueError(f"it has to be a number from {least} to {most}")
-    return read
-
 
 def _goals(given: Union[str, List[str]]) -> List[str]:
     goals = [given] if isinstance(given, str) else list(given)
@@ -79,7 +72,7 @@ _READERS: Dict[str, Callable[[Any], Any]] = {
     "every": _duration,
     "goals": _goals,
     "deadline": _duration,
-    "priority": _priority,
+    "priority": lambda text: check_priority(int(text)),
     "value": lambda text: check_value(float(text)),
     "on_interrupt": _one_of(resume=RESUME, drop=DROP, never=NEVER),
     "alone": _one_of(true=True, false=False),

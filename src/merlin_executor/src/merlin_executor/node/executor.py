@@ -52,12 +52,15 @@ from merlin_planning.planning_client import PlanningClient
 from merlin_ros.actions.action_server import ActionServer, ServerGoal
 from merlin_ros.actions.lease import LeaseState
 from merlin_ros.actions.lease_holder import LeaseHolder
+from merlin_ros.alarms import call_later
 from merlin_ros.call_scope import CallScope
+from merlin_ros.deadline import Deadline
 from merlin_ros.health import OK, WARN, Health
 from merlin_ros.master.master_link import ERRORS, bounded_master
 from merlin_ros.publishing import publish
 from merlin_ros.ros_alarm import RosAlarm
 from merlin_ros.service_proxy import ServiceError
+from merlin_ros.work.threads import CallQueue
 from merlin_sm.introspection import start_introspection
 from merlin_sm.states.planning import CALL_GRACE
 
@@ -65,7 +68,10 @@ PAUSED_PARAM = "~paused"
 STATUS_WAIT = 1.0  # s of running time at start for the dispatcher's status; ROSPlan's own publish none
 CHECK_LIMIT = 5.0  # s of wall time to check the goals of a request; others wait behind it
 START_REST = 6.0  # s of running time at start for a plan to stop that is cancelled without a limit
+CHECK_AGAIN = 1.0  # s of wall time after which the goals of a request of an earlier life are checked again
+LOAD_WAIT = 60.0  # s of running time for the objects of such goals to be added to a world that was loaded
 END_WAIT = 1.5  # s of wall time for the running request to end when the node does
+NO_REQUEST = "no request of this id waits or runs: it has ended"
 _CLIENTS = {LeaseState.SUSPENDED: Client.SILENT, LeaseState.LOST: Client.GONE}
 
 
@@ -146,9 +152,13 @@ class Executor:
             else None
         )
         self._activity = Activity()
-        self._lock = threading.Lock()  # guards the two fields below
+        self._lock = threading.Lock()  # guards the fields below down to _loading
         self._unread: Set[str] = set()  # goals that are not requests yet
         self._checks: Dict[str, CallScope] = {}  # goal -> the calls that check it
+        self._aside: List[ServerGoal] = []  # of an earlier life, to be checked again
+        self._unchecked = False  # whether the knowledge base did not answer when such a goal was checked
+        self._loading = Deadline(LOAD_WAIT)
+        self._again = CallQueue("requests of an earlier life")
         self._order = itertools.count()
         self._publishing = threading.Lock()  # keeps published statuses and queues in order; guards the field
         self._expected_end: Optional[float] = None  # of the running request, as the queue was told last
@@ -204,27 +214,43 @@ class Executor:
     # --- events, in threads of the action server ----------------------------------------------------------
 
     def _receive(self, goal: ServerGoal) -> None:
+        noted = self._survivors.knows(goal.id)
         with self._lock:
             self._unread.add(goal.id)
+            waits = noted and self._unchecked
         try:
-            self._read(goal)
+            if waits:
+                self._set_aside(goal)
+            else:
+                self._read(goal, noted)
         finally:
             with self._lock:
                 self._unread.discard(goal.id)
 
-    def _read(self, goal: ServerGoal) -> None:
+    def _read(self, goal: ServerGoal, noted: bool) -> None:
         try:
             request = Request(goal, next(self._order), self._new_course(), self._survivors.drop)
             if goal.goal.survives and not request.items:
-                raise GoalError("no request of this id waits or runs: it has ended")
+                raise GoalError(StopKind.SHUTDOWN.value if noted else NO_REQUEST)
             with self._checking(goal):
                 check_goals(request.items, self._knowledge)
             request.texts = [to_pddl(item) for item in request.items]  # the arguments are in order now
             again = goal.goal.survives and self._survivors.keep(goal)
-        except (PDDLSyntaxError, GoalError, RequestTooLarge) as error:
+        except (PDDLSyntaxError, RequestTooLarge) as error:
             self._refuse(goal, str(error))
-        except ServiceError as error:
-            self._refuse(goal, f"the goals could not be checked: {KNOWLEDGE_BASE}: {error}")
+        except (GoalError, ServiceError) as error:
+            unchecked = isinstance(error, ServiceError)
+            why = f"the goals could not be checked: {KNOWLEDGE_BASE}: {error}" if unchecked else str(error)
+            with self._lock:
+                self._unchecked = self._unchecked or noted and unchecked
+                if unchecked:
+                    self._loading = Deadline(LOAD_WAIT)
+                over = self._loading.expired or goal.cancel_requested
+            if over or not noted or not request.items:
+                self._refuse(goal, why)
+            else:
+                rospy.logwarn_throttle_identical(LOAD_WAIT, f"a request of an earlier executor waits: {why}")
+                self._set_aside(goal)
         except OSError as error:
             self._refuse(goal, f"the request could not be noted for the next life of the executor: {error}")
         except BaseException as error:  # the client gets its answer, whatever it sent
@@ -232,6 +258,20 @@ class Executor:
             self._refuse(goal, f"the request could not be read: {crashed(error).reason}")
         else:
             self._engine.decide(lambda agenda: agenda.receive(request, goal.cancel_requested, again))
+
+    def _set_aside(self, goal: ServerGoal) -> None:
+        """A request of an earlier life is checked again later: what it is about may still be loaded."""
+        with self._lock:
+            self._aside.append(goal)
+            if len(self._aside) == 1:
+                call_later(CHECK_AGAIN, lambda: self._again.put(self._check_again))
+
+    def _check_again(self) -> None:
+        """As long as the knowledge base does not answer, only the first one is checked."""
+        with self._lock:
+            goals, self._aside, self._unchecked = self._aside, [], False
+        for goal in goals:
+            self._receive(goal)
 
     @contextmanager
     def _checking(self, goal: ServerGoal) -> Iterator[None]:
@@ -250,6 +290,11 @@ class Executor:
     def _cancel(self, goal: ServerGoal) -> None:
         with self._lock:
             calls = self._checks.get(goal.id)
+            aside = goal in self._aside
+            if aside:
+                self._aside.remove(goal)
+        if aside:
+            self._refuse(goal, "its goals could not be checked yet")
         if calls is not None:
             calls.end(CALL_GRACE)
         self._engine.decide_on(
@@ -272,9 +317,11 @@ class Executor:
         return not goes_on
 
     def _refuse(self, goal: ServerGoal, reason: str) -> None:
-        self._survivors.drop(goal.id)
+        named = bool(goal.goal.goals or goal.goal.items)
+        if named:  # without goals its client looks for the noted one
+            self._survivors.drop(goal.id)
         # A client may send names without end; the log, and all that listen to it, need not have them.
-        verdict = unreadable(shortened(reason, LONGEST_REASON), goal.cancel_requested)
+        verdict = unreadable(shortened(reason, LONGEST_REASON), named and goal.cancel_requested)
         rospy.logwarn(f"{verdict.outcome.name}: {verdict.reason}")
         result = ExecuteResult(outcome=int(verdict.outcome), reason=verdict.reason)
         end = goal.cancelled if verdict.outcome is Outcome.CANCELLED else goal.reject

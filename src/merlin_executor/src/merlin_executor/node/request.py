@@ -163,8 +163,12 @@ class Request(Job):
 
     def end(self, verdict: Verdict) -> bool:
         """Answers the client with the actionlib state that fits; False when that was done before."""
-        if not verdict.reason.startswith(StopKind.SHUTDOWN.value):
+        goes_down = self.stop is not None and self.stop.kind is StopKind.SHUTDOWN
+        said = verdict.reason.startswith(StopKind.SHUTDOWN.value)
+        if verdict.outcome.achieved or not (goes_down or said):
             self._on_end(self.goal.id)
+        elif self.goal.goal.survives and not said:  # its client knows by the reason that it goes on
+            verdict = verdict._replace(reason=f"{StopKind.SHUTDOWN.value}; {verdict.reason}")
         accepted = self.goal.status not in (GoalStatus.PENDING, GoalStatus.RECALLING)
         verbs = {
             ClientAnswer.SUCCEED: self.goal.succeed,

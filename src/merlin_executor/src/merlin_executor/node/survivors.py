@@ -32,7 +32,7 @@ class Survivors:
         self._noted: Dict[str, str] = {}  # goal id -> its note
         self._notes: Notes = ParameterNotes(PARAMETER)
         if goals_file:
-            self._notes = GoalNotes(f"{goals_file}.requests")
+            self._notes = GoalNotes(f"{goals_file}.requests", sync_end=True)
 
     def left(self) -> List[Tuple[ExecuteActionGoal, str]]:
         """The requests of an earlier life, the oldest first, and the node that has sent each."""
@@ -50,6 +50,11 @@ class Survivors:
             found.append((message, str(sender)))
             rospy.loginfo(f"{' '.join(message.goal.goals)} of {sender} is taken up again")
         return found
+
+    def knows(self, goal_id: str) -> bool:
+        """Whether a request is noted, by this life or by an earlier one."""
+        with self._lock:
+            return goal_id in self._noted
 
     def keep(self, goal: ServerGoal) -> bool:
         """Notes a request; it is on the disk when this returns.
@@ -70,7 +75,7 @@ class Survivors:
         return False
 
     def drop(self, goal_id: str) -> None:
-        """A request has ended: no further life takes it up."""
+        """A request has ended: no further life takes it up. This is on the disk when it returns."""
         with self._lock:
             if self._noted.pop(goal_id, None) is None:
                 return

@@ -208,6 +208,7 @@ class ActionClient:
         with self._changed:
             over = owner is not None and owner in self._dead_owners
             if not over:
+                sent.earlier = self._goals.get(sent.id)
                 self._goals[sent.id] = sent
             if self._looks is None:
                 self._looks = every(LOOK, self._look)
@@ -219,7 +220,10 @@ class ActionClient:
             publish(self._goal_publisher, message)
         except BaseException:  # it was not sent, and its sender learns that from this
             with self._changed:
-                self._goals.pop(sent.id, None)
+                if self._goals.get(sent.id) is sent:
+                    del self._goals[sent.id]
+                    if sent.earlier is not None:
+                        self._goals[sent.id] = sent.earlier
             self._lease.release(sent.id)
             raise
         return sent
@@ -278,7 +282,7 @@ class ActionClient:
 
     def _send_cancel(self, goal: ClientGoal) -> None:
         with self._changed:
-            goal.cancel_sent = running_time()
+            self._goals.get(goal.id, goal).cancel_sent = running_time()
             self._changed.notify_all()
         self._publish_cancel(goal.id)
 
@@ -298,9 +302,7 @@ class ActionClient:
         with self._changed:
             goal = self._goals.get(message.status.goal_id.id)
         if goal is not None:
-            goal.feedback = message.feedback
-            if goal.on_feedback is not None:
-                goal.on_feedback(goal, message.feedback)
+            goal.take_feedback(message.feedback)
 
     def _receive_status(self, message: GoalStatusArray) -> None:
         statuses = {status.goal_id.id: status for status in message.status_list}

@@ -315,7 +315,10 @@ class ActionServer:
             goal = ServerGoal(self, goal_id, message.goal, sender, self._order.sent(stamp))
             self._goals[goal.id] = goal
             overtaken = self._early_cancels.pop(goal.id, None) is not None
-            if overtaken or self._order.place(stamp) <= self._cancel_before:
+            taken_back = overtaken or self._order.place(stamp) <= self._cancel_before
+            if taken_back and lasting:  # it may be one that is looked for: its owner says what became of it
+                goal.request_cancel()
+            elif taken_back:
                 goal.cancelled(text="cancelled before it arrived")
                 return
             self.publish_status()

@@ -3,7 +3,7 @@
 
 import threading
 import traceback
-from typing import Any, Callable, Optional
+from typing import Any, Callable, Iterator, Optional
 
 import rospy
 from actionlib_msgs.msg import GoalID, GoalStatus
@@ -44,6 +44,7 @@ class ClientGoal:
     ) -> None:
         self._cancel = cancel
         self.goal_id = goal_id
+        self.earlier: Optional[ClientGoal] = None  # the same goal, sent before; it gets the same answers
         self.owner = owner
         self.status = GoalStatus.PENDING
         self.text = ""
@@ -90,8 +91,33 @@ class ClientGoal:
         """
         return Deadline(timeout).wait_event(self._ended)
 
+    @property
+    def sendings(self) -> Iterator["ClientGoal"]:
+        """The goal, as often as it was sent, the last time first."""
+        sent: Optional[ClientGoal] = self
+        while sent is not None:
+            yield sent
+            sent = sent.earlier
+
+    def heard(self, status: int, said: str) -> None:
+        """The server has told of it while it runs."""
+        for sent in self.sendings:
+            sent.seen = True
+            sent.status, sent.said = status, said
+
+    def take_feedback(self, feedback: Any) -> None:
+        """The server has sent feedback."""
+        for sent in self.sendings:
+            sent.feedback = feedback
+            if sent.on_feedback is not None:
+                sent.on_feedback(sent, feedback)
+
     def finish(self, status: int, text: str, result: Any) -> None:
         """Ends the goal; called by its client, once, without a lock."""
+        for sent in list(self.sendings):
+            sent._finish(status, text, result)
+
+    def _finish(self, status: int, text: str, result: Any) -> None:
         self.status, self.text, self.result = status, text, result
         self._ended.set()
         if self._on_done is None:

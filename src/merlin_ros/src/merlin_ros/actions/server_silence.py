@@ -53,7 +53,7 @@ class ServerSilence:
                 acknowledges = acknowledges or not goal.seen
                 goal.seen = True
                 if status.status not in TERMINAL:
-                    goal.status, goal.said = status.status, status.text
+                    goal.heard(status.status, status.text)
                 elif goal.ended_on_server is None:
                     goal.ended_on_server = now
                     goal.text = status.text
