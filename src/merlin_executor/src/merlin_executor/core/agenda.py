@@ -125,6 +125,11 @@ class Agenda(Generic[T]):
         return self._closing
 
     @property
+    def stopping(self) -> bool:
+        """Whether all of what runs stops; it may be planned again then."""
+        return self._stopping
+
+    @property
     def next_change(self) -> Optional[float]:
         """ROS time, s, at which :meth:`elapse` has to be called; None: time alone changes nothing."""
         windows = [ticket.window for ticket in self._waiting]
