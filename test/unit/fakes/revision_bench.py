@@ -61,6 +61,7 @@ class Robot:
         self.hangs = threading.Event()
         self.calls: List[threading.Event] = []  # that hang
         self.asked = 0  # for plans
+        self.after: List[str] = []  # of the last one
         self.on_exchange: Callable[[], str] = lambda: ""
         self.impossible = ""
         self.numbers = itertools.count()
@@ -126,6 +127,7 @@ class Robot:
 
     def plan(self, interruptible: Any, without: Any, after: Optional[Sequence[str]] = None) -> PlanningResult:
         self.asked += 1
+        self.after = list(after or ())
         if self.hanging == "plan":
             interrupted = threading.Event()
             interruptible(interrupted.set)

@@ -10,6 +10,7 @@ import rospy
 from diagnostic_msgs.msg import KeyValue
 from fakes.revision_bench import LONG, Bench, Robot, end, text
 from merlin_msgs.msg import RunningAction
+from rosplan_dispatch_msgs.msg import ActionDispatch
 
 from merlin_executor.node import plan_revision
 
@@ -43,6 +44,21 @@ def test_a_newcomer_joins_in_mid_drive_and_the_drive_goes_on(bench: Bench, robot
     assert [end(each)[1] for each in (first, second)] == ["SUCCEEDED"] * 2
     assert robot.began == ["(drive hall kitchen)", "(check kitchen)", "(drive kitchen bath)", "(check bath)"]
     assert robot.cancelled == [] and robot.owners[-1] == second.goal.id
+
+
+def test_the_new_plan_begins_behind_what_runs_in_the_order_of_its_ends(bench: Bench, robot: Robot) -> None:
+    first = bench.driving("(checked kitchen)")  # 5 s from now
+    with robot.changed:  # a second robot has begun before, and takes longer
+        wave = ActionDispatch(action_id=1000, name="wave", duration=90.0)
+        first.plan.append(wave)
+        robot.under_way.insert(0, RunningAction(action_id=1000, name="wave"))
+        robot.under_way[1].dispatched = rospy.Time(1)
+    second = bench.send("(checked bath)")
+    bench.members(first, second)
+    assert robot.after == ["(drive hall kitchen)", "(wave)"]
+    with robot.changed:
+        del robot.under_way[0]
+    bench.carry_on(first, second)
 
 
 def test_the_drive_of_the_other_one_goes_on_when_one_is_cancelled(bench: Bench, robot: Robot) -> None:

@@ -142,7 +142,7 @@ class PlanRevision(PlanningState):
     def _exchange(self, wanted: List[Request], parts: bool) -> List[RunningAction]:
         """Returns the actions that are stopped; raises StageError and what its calls raise."""
         run, running = self._run, self._dispatcher.running
-        kept = self._needed(running, wanted) if parts else running
+        kept = run.request.by_ends(self._needed(running, wanted) if parts else running)
         if running and not kept:
             self.given_up = True
             raise StageError("what runs is not needed by the others")
