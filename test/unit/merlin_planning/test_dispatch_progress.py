@@ -301,6 +301,8 @@ def test_what_is_dropped_and_does_not_answer_is_named_too() -> None:
 def test_the_steps_count_anew_with_another_plan_unless_it_is_refused() -> None:
     progress = book(NAVIGATE, WAVE)
     progress.answered(1, 7, DispatchAnswer.SUCCEEDED, {})
+    progress.exchange({1, 2, 3})
+    assert progress.steps_done == 1, "one that goes on, and has succeeded before the exchange, is a step"
     take_back = progress.exchange({3})
     assert progress.steps_done == 0
     take_back()

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 import rospy
 from actionlib_msgs.msg import GoalID, GoalStatus
+from diagnostic_msgs.msg import KeyValue
 from merlin_msgs.msg import DispatchStatus
 from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback
 
@@ -53,9 +54,10 @@ class Driven:
     def drive(self) -> Any:
         return self.client.running[0]
 
-    def feedback(self, number: int, status: int) -> None:
+    def feedback(self, number: int, status: int, **said: str) -> None:
+        information = [KeyValue(*each) for each in said.items()]
         self.world.heard["/dispatcher/action_feedback"](
-            ActionFeedback(action_id=number, plan_id=7, status=status)
+            ActionFeedback(action_id=number, plan_id=7, status=status, information=information)
         )
 
     def end(self) -> Any:
@@ -88,6 +90,13 @@ def test_the_dispatch_goes_on_with_the_new_plan(dispatcher: Any, driven: Driven)
     driven.feedback(0, 2)
     result = driven.end()
     assert result.goal_achieved and driven.client.steps_done == 1
+
+
+def test_what_is_dropped_and_does_not_stop_is_known_at_once(driven: Driven) -> None:
+    assert driven.exchange(PLAN, [driven.drive]) == ""
+    driven.feedback(1, 10, stopped="no")
+    assert driven.client.unstopped == ("(sing)",)
+    driven.end()
 
 
 def test_the_dispatch_that_runs_is_handed_over(dispatcher: Any, driven: Driven) -> None:

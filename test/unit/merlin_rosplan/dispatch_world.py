@@ -149,8 +149,8 @@ class Run:
     def _run(self):
         self._report = self.dispatch.run()
 
-    def feedback(self, action_id, status, plan_id=PLAN_ID, reason="", robot=""):
-        self.dispatch.put(Feedback(action_id, int(status), plan_id, reason, robot))
+    def feedback(self, action_id, status, plan_id=PLAN_ID, reason="", robot="", unstopped=False):
+        self.dispatch.put(Feedback(action_id, int(status), plan_id, reason, robot, unstopped))
 
     def report(self):
         self._thread.join(LONG)

@@ -3,7 +3,7 @@
 
 import threading
 from functools import partial
-from typing import Callable, FrozenSet, List, Optional, Sequence
+from typing import Callable, FrozenSet, List, Optional, Sequence, Tuple
 
 import rospy
 from merlin_msgs.msg import DispatchStatus, RunningAction
@@ -121,6 +121,12 @@ class DispatchClient:
         """Ids of these."""
         with self._changed:
             return frozenset(self._progress.succeeded)
+
+    @property
+    def unstopped(self) -> Tuple[str, ...]:
+        """Actions of this dispatch that had to stop and may still run, as PDDL text."""
+        with self._changed:
+            return self._progress.unstopped(False)
 
     @property
     def hold(self) -> Hold:

@@ -151,12 +151,12 @@ class DispatchProgress:
     def exchange(self, counted: Container[int]) -> Callable[[], None]:
         """Another plan is to take the place of the rest; the steps done count anew.
 
-        :param counted: ids of the actions of the new plan and of those that go on. The others are cancelled
-            by the dispatcher, which is no failure.
+        :param counted: ids of the actions of the new plan and of those that go on; one of these may have
+            succeeded meanwhile. The others are cancelled by the dispatcher, which is no failure.
         :return: takes it back.
         """
         done, before = self.succeeded, self._counted
-        self.succeeded, self._counted = set(), counted
+        self.succeeded, self._counted = {each for each in done if each in counted}, counted
 
         def take_back() -> None:
             self.succeeded, self._counted = self.succeeded | done, before

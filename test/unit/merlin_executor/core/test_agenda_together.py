@@ -195,6 +195,25 @@ def test_one_that_leaves_is_answered_and_the_run_goes_on(agenda: "Agenda[Errand]
     assert set(rest(agenda, DONE)) == set(errands[1:])
 
 
+@pytest.mark.parametrize("leaves", [0, 1])
+def test_one_that_leaves_lets_none_of_the_others_be_interrupted_that_is_not(
+    agenda: "Agenda[Errand]", leaves: int
+) -> None:
+    errands, urgent = [Errand(0), Errand(1, interruptible=False)], Errand(2, priority=3)
+    held(agenda, *errands)
+    begun(agenda)
+    go(agenda)
+    assert agenda.receive(urgent) == []
+    assert revises(agenda.cancel(errands[leaves])) == [leaves]
+    if leaves == 0:
+        assert agenda.elapse() == [] and agenda.outlook(urgent).waits
+    decisions = agenda.revised(agenda.revision)
+    assert list(answers(decisions)) == [errands[leaves]]
+    assert stops(decisions) == [0] * leaves, "it is interrupted as soon as that is possible"
+    assert [*rest(agenda, CANCELLED if leaves else DONE)] == ([] if leaves else errands[1:])
+    assert begun(agenda) == [2]
+
+
 def test_who_leaves_has_not_succeeded_when_the_plan_ends(agenda: "Agenda[Errand]") -> None:
     errands = [Errand(0), Errand(1)]
     held(agenda, *errands)

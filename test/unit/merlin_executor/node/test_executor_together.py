@@ -6,6 +6,7 @@ from typing import Iterator, List
 import pytest
 from actionlib_msgs.msg import GoalStatus
 from fakes.executor_bench import Bench, Goal
+from merlin_msgs.msg import ExecutorStatus
 
 from merlin_executor.core.outcome import Outcome, Verdict
 
@@ -48,6 +49,26 @@ def test_the_cancel_of_one_lets_the_other_begin_again(bench: Bench) -> None:
     bench.cancel(first)
     assert first.end()[1:] == ("CANCELLED", "cancelled by its client")
     assert bench.machine.begun.acquire(timeout=LONG)
+    bench.machine.end(Verdict(Outcome.SUCCEEDED, "done"))
+    assert second.end()[1] == "SUCCEEDED"
+
+
+@pytest.mark.parametrize("exchanged", [True, False])
+def test_the_status_says_cancelling_when_all_stops_and_not_when_one_leaves(
+    bench: Bench, exchanged: bool
+) -> None:
+    bench.machine.revises, bench.machine.cancel = True, lambda: None  # type: ignore[method-assign]
+    first, second = run_together(bench, Goal("(checked kitchen)"), Goal("(checked hall)"))
+    bench.cancel(first)
+    bench.pause(False)  # any event
+    assert bench.status().state == ExecutorStatus.RUNNING
+    engine = bench.engine()
+    engine.revised(engine.revision(), exchanged)
+    if not exchanged:
+        assert bench.status().state == ExecutorStatus.CANCELLING
+        bench.machine.end(Verdict(Outcome.CANCELLED, "cancelled"))
+        assert bench.machine.begun.acquire(timeout=LONG)
+    assert first.end()[1] == "CANCELLED"
     bench.machine.end(Verdict(Outcome.SUCCEEDED, "done"))
     assert second.end()[1] == "SUCCEEDED"
 

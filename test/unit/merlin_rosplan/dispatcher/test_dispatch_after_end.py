@@ -6,6 +6,8 @@ from types import SimpleNamespace
 from typing import Any, List, Optional
 
 import pytest
+from diagnostic_msgs.msg import KeyValue
+from rosplan_dispatch_msgs.msg import ActionFeedback
 
 from merlin_rosplan.dispatch.dispatch import DispatchReport, DispatchState
 from merlin_rosplan.dispatcher import plan_dispatcher
@@ -128,3 +130,13 @@ def test_a_cancel_while_the_plan_is_taken_is_not_lost(monkeypatch: pytest.Monkey
 def test_one_that_runs_is_not(monkeypatch: pytest.MonkeyPatch) -> None:
     dispatcher: Any = Dispatcher()
     assert dispatcher._occupy(None) is False
+
+
+def test_an_interface_that_says_that_its_action_did_not_stop_is_heard() -> None:
+    dispatcher, heard = Dispatcher(), []  # type: Any, List[Any]
+    dispatcher._dispatch, dispatcher._goal = SimpleNamespace(plan_id=1, put=heard.append), None
+    dispatcher._topics = SimpleNamespace(answered=lambda number: None)
+    for stopped in ("no", ""):
+        said = [KeyValue("reason", "why"), KeyValue("stopped", stopped)]
+        dispatcher._receive_feedback(ActionFeedback(3, 1, ActionFeedback.ACTION_FAILED, said))
+    assert [event.unstopped for event in heard] == [True, False]

@@ -104,6 +104,15 @@ def test_an_action_that_does_not_stop_fails_the_plan():
     assert [str(action) for action in report.unanswered] == ["(work o0)"]
 
 
+def test_an_action_whose_interface_says_that_it_does_not_stop_fails_the_plan():
+    world, run = begun("work", "work")
+    assert exchanged(run, further("a")) == ""
+    run.feedback(0, FeedbackStatus.FAILED, reason="it does not stop", unstopped=True)
+    report = run.report()
+    assert report.state is DispatchState.FAILED and ("action", 10) not in world.published
+    assert report.reason == "(work o0) was cancelled and did not stop"
+
+
 def test_an_action_that_goes_on_and_fails_fails_the_new_plan():
     world, run = begun("work", "work")
     assert exchanged(run, further("a"), 0) == ""

@@ -11,24 +11,11 @@ run of several and is not an end of each of them puts the others back into their
 
 import itertools
 import math
-from typing import (
-    Callable,
-    Generic,
-    Iterable,
-    List,
-    Mapping,
-    NamedTuple,
-    Optional,
-    Sequence,
-    Set,
-    Tuple,
-    TypeVar,
-    Union,
-)
+from typing import Callable, Generic, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple, Union
 
 from merlin_executor.core.outcome import Outcome, Stop, StopKind, Verdict
 from merlin_executor.core.request_limits import why_full
-from merlin_executor.core.ticket import Client, Ticket, lines, outlooks
+from merlin_executor.core.ticket import Client, T, Ticket, lines, outlooks
 from merlin_executor.core.time_window import Outlook
 from merlin_pddl.breakpoints import Breakpoints
 
@@ -55,9 +42,6 @@ APART = (
 def client_was_lost(reason: str) -> bool:
     """Whether the reason of a verdict says that the request was cancelled because its client was silent."""
     return reason.startswith(tuple(f"{how}: its client " for how in (STOPPED, NOT_BEGUN, NOT_RESUMED)))
-
-
-T = TypeVar("T", bound=Ticket)
 
 
 class AgendaAnswer(NamedTuple):
@@ -139,6 +123,11 @@ class Agenda(Generic[T]):
     def closing(self) -> bool:
         """Whether no further request begins."""
         return self._closing
+
+    @property
+    def stopping(self) -> bool:
+        """Whether all of what runs stops; it may be planned again then."""
+        return self._stopping
 
     @property
     def next_change(self) -> Optional[float]:
@@ -291,7 +280,8 @@ class Agenda(Generic[T]):
             ticket.begun = True
         self._running = tuple(t for t in (*self._running, *joined) if t not in parted)
         self._surplus = not all(ticket.begun for ticket in wanted)
-        return list(itertools.chain.from_iterable(self._leave(ticket, "") for ticket in parted))
+        left = [self._leave(ticket, "") for ticket in parted]
+        return [*itertools.chain(*left), *self._interrupt()]
 
     def not_revised(self, wanted: Sequence[T]) -> List[Decision]:
         """No plan for these can take the place: newcomers wait, and one that leaves stops the run."""
@@ -304,7 +294,7 @@ class Agenda(Generic[T]):
         self._stopping = bool(parting)
         return [StopRun(ticket) for ticket in parting]
 
-    def achieved(self, tickets: Iterable[T], verdict: Verdict) -> List[Decision]:
+    def achieved(self, tickets: Sequence[T], verdict: Verdict) -> List[Decision]:
         """The goals of some of the requests that run together hold: these end now.
 
         Not the last one, which ends with the run, and none that is being stopped.
@@ -363,7 +353,7 @@ class Agenda(Generic[T]):
         """Those that wait, of the priority of one with a deadline."""
         return [t for t in self._waiting if ticket.window.is_limited and t.priority == ticket.priority]
 
-    def _choose_anew(self, tickets: Iterable[T]) -> None:
+    def _choose_anew(self, tickets: Sequence[T]) -> None:
         """Takes back what :meth:`arrange` has decided: there may be time for others than these now."""
         for rival in itertools.chain.from_iterable(map(self._rivals, tickets)):
             rival.rank, rival.left_out = 0, ""
@@ -392,9 +382,8 @@ class Agenda(Generic[T]):
     @property
     def _kept(self) -> str:
         """Until when a more urgent request waits for what runs; empty: that is interrupted, or stops."""
-        running = self._running
-        stops = any(ticket.stop for ticket in running)
-        return "" if stops else next((ticket.keeps for ticket in running if ticket.keeps), "")
+        staying = [] if self._stopping else [ticket for ticket in self._running if ticket.stop is None]
+        return next((ticket.keeps for ticket in staying if ticket.keeps), "")
 
     @property
     def _resting(self) -> bool:

@@ -149,6 +149,11 @@ class Engine(Generic[J]):
         return self._agenda.together
 
     @property
+    def stopping(self) -> bool:
+        """Whether all of what runs stops, see :attr:`.Agenda.stopping`."""
+        return self._agenda.stopping
+
+    @property
     def waiting(self) -> List[J]:
         """The requests that wait, in the order in which they would run."""
         with self._changed:

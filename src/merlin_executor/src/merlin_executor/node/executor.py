@@ -355,7 +355,8 @@ class Executor:
             status.held = self._engine.breakpoints.held or hold.held
             status.header.stamp = rospy.Time.now()
             if request is not None:
-                stops = any(each.stop and each.stop.kind is not StopKind.JOINED for each in together)
+                ends = any(each.stop and each.stop.kind is not StopKind.JOINED for each in together)
+                stops = ends and self._engine.stopping
                 status.state = ExecutorStatus.CANCELLING if stops else ExecutorStatus.RUNNING
                 status.request = request.goal.id
                 status.goals = request.texts

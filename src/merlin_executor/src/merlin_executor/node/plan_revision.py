@@ -7,7 +7,7 @@ plan for the others would have, too; where that are none, the run is stopped and
 
 import threading
 from functools import partial
-from typing import TYPE_CHECKING, AbstractSet, Any, List, Sequence
+from typing import TYPE_CHECKING, Any, List, Sequence
 
 import rospy
 from diagnostic_msgs.msg import KeyValue
@@ -118,15 +118,20 @@ class PlanRevision(PlanningState):
             return self.fail(str(error))
         finally:
             alarm.cancel()
+        ids = {each.action_id for each in dropped}
         self.interruptible(self.dispatch_changed)
         with self._changed:
             # The dispatch fails when what the new plan lacks does not stop in time.
             self._changed.wait_for(
-                lambda: self._closed or not dropped & {each.action_id for each in self._dispatcher.running}
+                lambda: self._closed or not ids & {each.action_id for each in self._dispatcher.running}
             )
         self.interruptible(None)
         if dropped and self._closed:
             return self.fail("the dispatch has ended")
+        hangs = [text for text in map(_text, dropped) if text in self._dispatcher.unstopped]
+        if hangs:
+            self.given_up = True
+            return self.fail(f"{', '.join(hangs)} did not stop")
         self._run.go_on(lambda: self._requests.revised(wanted, True))
         return SUCCEEDED
 
@@ -134,10 +139,10 @@ class PlanRevision(PlanningState):
         self.request_preempt()
         self._requests.revised(wanted, False)
 
-    def _exchange(self, wanted: List[Request], parts: bool) -> AbstractSet[int]:
-        """Returns the ids of the actions that are stopped; raises StageError and what its calls raise."""
+    def _exchange(self, wanted: List[Request], parts: bool) -> List[RunningAction]:
+        """Returns the actions that are stopped; raises StageError and what its calls raise."""
         run, running = self._run, self._dispatcher.running
-        kept = self._needed(running, wanted) if parts else running
+        kept = run.request.by_ends(self._needed(running, wanted) if parts else running)
         if running and not kept:
             self.given_up = True
             raise StageError("what runs is not needed by the others")
@@ -164,7 +169,7 @@ class PlanRevision(PlanningState):
         before = [step for step in run.request.plan if step.action_id in kept_ids]
         for request in wanted:
             request.take_plan([*before, *plan], kept)
-        return ids - kept_ids
+        return [action for action in running if action.action_id not in kept_ids]
 
     def _needed(self, running: Sequence[RunningAction], wanted: Sequence[Request]) -> List[RunningAction]:
         """Those of the running actions that a plan for these requests has that begins where they began."""

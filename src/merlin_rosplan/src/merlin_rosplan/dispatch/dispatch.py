@@ -323,6 +323,8 @@ class PlanDispatch:
         status = feedback.status
         if record.leaving is not None:
             self._unpublished = True
+            if status == FeedbackStatus.FAILED and feedback.unstopped:
+                self._fail(f"{record.action} was cancelled and did not stop", record.action)
             return self._answer(feedback)
         final = status in (FeedbackStatus.SUCCEEDED, FeedbackStatus.FAILED)
         if final and not record.taken and feedback.plan_id != self.plan_id:

@@ -293,6 +293,8 @@ class Feedback(NamedTuple):
     reason: str = ""
     robot: str = ""
     """The robot that no longer takes actions, which is why this one failed; those of others continue."""
+    unstopped: bool = False
+    """Whether it failed because it was cancelled and did not stop."""
 
 
 class CancelRequest(NamedTuple):

@@ -23,6 +23,7 @@ from std_srvs.srv import Empty, EmptyRequest, EmptyResponse
 from merlin_pddl.breakpoints import Breakpoints
 from merlin_planning.action_messages import OWN_MARK
 from merlin_planning.breakpoint_service import BreakpointService
+from merlin_planning.dispatch_progress import NO, STOPPED
 from merlin_ros.actions.action_server import ActionServer, ServerGoal
 from merlin_ros.actions.lease import LOSE_AFTER, SUSPEND_AFTER, LeaseState
 from merlin_ros.alarms import wait_ticks
@@ -418,7 +419,7 @@ class PlanDispatcher(Component):
         said = {entry.key: entry.value for entry in reversed(message.information)}
         if goal is not None:  # first: the event may end the goal
             goal.feedback(NonBlockingDispatchFeedback(feedback=message))
-        why = said.get("reason", ""), said.get("robot", "")
+        why = said.get("reason", ""), said.get("robot", ""), said.get(STOPPED, "").lower() == NO
         dispatch.put(Feedback(message.action_id, message.status, message.plan_id, *why))
 
     def _forward(self, message: ActionFeedback) -> None:
