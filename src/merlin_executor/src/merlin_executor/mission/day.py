@@ -28,26 +28,17 @@ from merlin_ros.service_proxy import ServiceError
 
 PAUSE = 2.0  # s of ROS time before an errand that ended before it was due is sent again; doubles each time
 LONGEST_PAUSE = 300.0
-YEAR = 366 * 24 * 3600.0  # s; a ROS time has to hold what begins in one, and its deadline
 
 
 class DayError(ValueError):
     """A file that is no day; the text has a line for each fault, with its place."""
 
 
-def _time(text: str) -> Written:
-    read = read_time(text)
-    if isinstance(read, float) and read > YEAR:
-        raise ValueError(f"it may be {YEAR / 3600.0:.0f}h, which is a year")
-    return read
-
-
 def _duration(text: str) -> float:
-    read = _time(text)
+    read = read_time(text)
     if not isinstance(read, float) or read < 1.0:
         raise ValueError("it has to be a duration of 1 s at least: 90s, 10min or 2h")
     return read
-
 
 
 def _goals(given: Union[str, List[str]]) -> List[str]:
@@ -68,7 +59,7 @@ def _one_of(**words: Any) -> Callable[[str], Any]:
 
 #: What an entry may have, and how that is read.
 _READERS: Dict[str, Callable[[Any], Any]] = {
-    "at": _time,
+    "at": read_time,
     "every": _duration,
     "goals": _goals,
     "deadline": _duration,
