@@ -8,7 +8,8 @@ from typing import Any, Callable, List, Optional, Sequence, Set
 
 from diagnostic_msgs.msg import KeyValue
 from fakes.executor_bench import Goal
-from merlin_msgs.msg import RunningAction
+from merlin_msgs.msg import PlannerStatus, RunningAction
+from merlin_msgs.srv import PreviewPlanResponse
 from rosplan_dispatch_msgs.msg import ActionDispatch
 
 from merlin_executor.core.agenda import Agenda
@@ -64,6 +65,7 @@ class Robot:
         self.after: List[str] = []  # of the last one
         self.on_exchange: Callable[[], str] = lambda: ""
         self.impossible = ""
+        self.unknown: List[int] = []  # states of the planner for previews without an answer
         self.numbers = itertools.count()
         self.plans: List[List[ActionDispatch]] = []
         self.on_change: Callable[[], None] = lambda: None
@@ -144,7 +146,10 @@ class Robot:
 
     def preview(self, goals: List[str], without: Any, facts: List[str]) -> Any:
         self.call("preview")
-        return SimpleNamespace(actions=[text(step) for step in self.steps(goals, self.place(facts))])
+        if self.unknown:
+            return PreviewPlanResponse(status=PlannerStatus(state=self.unknown.pop(), reason="not known"))
+        actions = [text(step) for step in self.steps(goals, self.place(facts))]
+        return PreviewPlanResponse(status=PlannerStatus(state=PlannerStatus.SOLVED), actions=actions)
 
     # --- dispatcher
 

@@ -9,7 +9,7 @@ import pytest
 import rospy
 from diagnostic_msgs.msg import KeyValue
 from fakes.revision_bench import LONG, Bench, Robot, end, text
-from merlin_msgs.msg import RunningAction
+from merlin_msgs.msg import PlannerStatus, RunningAction
 from rosplan_dispatch_msgs.msg import ActionDispatch
 
 from merlin_executor.node import plan_revision
@@ -70,6 +70,22 @@ def test_the_drive_of_the_other_one_goes_on_when_one_is_cancelled(bench: Bench, 
     assert robot.cancelled == [] and robot.stored == ["(checked kitchen)"]
     bench.carry_on(first)
     assert end(first)[1] == "SUCCEEDED" and "(drive kitchen bath)" not in robot.began
+
+
+@pytest.mark.parametrize("state", [PlannerStatus.CANCELLED, PlannerStatus.TIMEOUT, PlannerStatus.INVALID])
+@pytest.mark.parametrize("times", [1, 2])
+def test_what_the_others_need_is_asked_once_more_when_the_planner_does_not_say(
+    bench: Bench, robot: Robot, state: int, times: int
+) -> None:
+    first = bench.driving("(checked kitchen)")
+    second = bench.send("(checked bath)")
+    bench.members(first, second)
+    robot.unknown = [state] * times
+    bench.cancel(second)
+    assert end(second)[1:] == ("CANCELLED", "cancelled by its client") and robot.unknown == []
+    bench.carry_on(first)
+    assert end(first)[1] == "SUCCEEDED"
+    assert robot.cancelled == ["(drive hall kitchen)"] * (times - 1)
 
 
 def test_a_drive_that_only_the_cancelled_one_needs_is_stopped(bench: Bench, robot: Robot) -> None:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, List, Sequence
 
 import rospy
 from diagnostic_msgs.msg import KeyValue
-from merlin_msgs.msg import RunningAction
+from merlin_msgs.msg import PlannerStatus, RunningAction
 
 from merlin_executor.core.engine import Engine
 from merlin_executor.node.own_goals import OwnGoals
@@ -172,7 +172,10 @@ class PlanRevision(PlanningState):
         return [action for action in running if action.action_id not in kept_ids]
 
     def _needed(self, running: Sequence[RunningAction], wanted: Sequence[Request]) -> List[RunningAction]:
-        """Those of the running actions that a plan for these requests has that begins where they began."""
+        """Those of the running actions that a plan for these requests has that begins where they began.
+
+        :raises StageError: the planner did not find that out, or looks for another plan to be shown.
+        """
         if not running:
             return []
         answer = self._planning.preview(
@@ -180,6 +183,8 @@ class PlanRevision(PlanningState):
             without=self._run.course.without,
             facts=[literal for action in running for literal in self._undone(action)],
         )
+        if answer.status.state not in (PlannerStatus.SOLVED, PlannerStatus.UNSOLVABLE):
+            raise StageError(answer.status.reason or "no plan of the others was found")
         steps = {step.lower() for step in answer.actions}
         return [action for action in running if _text(action).lower() in steps]
 
