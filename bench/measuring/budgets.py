@@ -42,6 +42,11 @@ BUDGETS: Dict[str, str] = {
     "stress_goal_to_dispatch_ms": "25, p99 60",
     "stress_preempt_to_urgent_ms": "45, p99 80",
     "succeeded_to_dispatch_ms": "0.8",
+    "together cancel_to_idle_ms": "15, p99 40",
+    "together cancel_to_stop_ms": "4, p99 10",
+    "together cancelled_drives join": "0",
+    "together join_20th_ms": "300",
+    "together preempt_to_urgent_ms": "45, p99 80",
 }
 
 
