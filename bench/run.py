@@ -3,7 +3,7 @@
 """Runs all benchmarks, each in its own process, writes results/bench.json and prints a table.
 
 Usage: bench/run.py [--docs] [topic ...]     for example: bench/run.py knowledge dispatch
-Without topics all but the long ones: fleet, profile, restaurant_lost, robots_home.
+Without topics all but the long ones: errands, fleet, profile, restaurant_lost, robots_home.
 --docs puts the table into docs/benchmarks.md.
 """
 
@@ -33,7 +33,13 @@ TOPICS = {
     for path in sorted(BENCH.glob("*/bench_*.py"))
 }
 #: Topics that are run by their name only, and s for each.
-LONG = {"fleet": 3600.0, "profile": 1200.0, "restaurant_lost": 3600.0, "robots_home": 3600.0}
+LONG = {
+    "errands": 600.0,
+    "fleet": 3600.0,
+    "profile": 1200.0,
+    "restaurant_lost": 3600.0,
+    "robots_home": 3600.0,
+}
 
 # What a benchmark's process does: measure, and write the results to a given file.
 _CHILD = """

@@ -36,7 +36,7 @@ class Lists:
         self._robot, self._floor = robot, floor
         self._start = floor.points[0]
         self._knowledge = MerlinROSPlanAssistant()
-        self.replaced = 0  # lists of which a plan was replaced, and which were done again
+        self.replaced = 0  # plans that were replaced
         self._pause, self._resume = (ServiceProxy(f"merlin/{name}", Trigger) for name in ("pause", "resume"))
         if not self._knowledge.knowledge.wait(LIMIT):
             raise RuntimeError(f"no knowledge base after {LIMIT:g} s")
@@ -55,7 +55,6 @@ class Lists:
             if len(actions) == 2 * len(stops):
                 drives = [point for name, point in actions if name == "navigate"]
                 return self._floor.tour([self._start, *drives]), first
-            self.replaced += 1
         raise RuntimeError(f"for {stops}: {actions}")
 
     def _once(self, stops: List[str], alone: bool) -> float:
@@ -76,6 +75,7 @@ class Lists:
             result = request.result
             if result is None or result.outcome != ExecuteResult.SUCCEEDED:
                 raise RuntimeError(f"an errand did not succeed: {result}")
+        self.replaced += max(request.result.replans for request in requests if request.result)
         robot.wait("the last action", lambda: len(robot.dispatched) >= 2 * len(stops))
         return first
 
