@@ -2,8 +2,11 @@
 """The plan graph and its schedule."""
 
 import random
+from dataclasses import replace
+from io import BytesIO
 
 import pytest
+from rosplan_dispatch_msgs.msg import ActionDispatch, CompletePlan
 
 from merlin_pddl.formula import Atom as FormulaAtom
 from merlin_pddl.formula import Comparison, Fluent, Forall, Number, Or, Variable
@@ -455,3 +458,14 @@ def test_orders_of_what_ends_read_and_write_are_strict():
     steps = [PlanStep(0.0, "set", (), 2.0), PlanStep(0.0, "read", (), 3.0)]
     graph = build_graph(steps, [set_, read])
     assert (2, 3) in edges(graph) and edges(graph)[2, 4].strict  # one after the other
+
+
+def test_an_end_and_a_start_of_one_moment_keep_their_order_in_the_times_of_messages():
+    steps, actions = plan((48.966, "move", "ab", 51.609), (100.575, "ask", "b", 5))
+    told = [ActionDispatch(dispatch_time=step.time, duration=step.duration) for step in steps]
+    buffer = BytesIO()
+    CompletePlan(plan=told).serialize(buffer)  # float32: the end is 4 µs behind the start
+    of_message = CompletePlan().deserialize(buffer.getvalue()).plan
+    rounded = [replace(step, time=m.dispatch_time, duration=m.duration) for step, m in zip(steps, of_message)]
+    schedule = GraphSchedule(build_graph(steps, actions), planned(rounded))
+    assert schedule.happenings() == [(0, False), (0, True), (1, False), (1, True)]

@@ -77,8 +77,9 @@ class Schedule(abc.ABC):
 
     def happenings(self) -> List[Tuple[int, bool]]:
         """The start (False) and the end (True) of every action, by its id, in the order of the plan."""
-        timed = [(each.time, True, each.id) for each in self.actions.values()]
-        timed += [(each.time + each.duration, False, each.id) for each in self.actions.values()]
+        # Times of messages are float32: an end and a start of one moment may differ by some µs.
+        timed = [(round(each.time, 3), True, each.id) for each in self.actions.values()]
+        timed += [(round(each.time + each.duration, 3), False, each.id) for each in self.actions.values()]
         return [(action_id, not is_start) for _, is_start, action_id in sorted(timed)]
 
     def begin(self, now: float) -> None:  # noqa: B027 - nothing to do is a fine default
