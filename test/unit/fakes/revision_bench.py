@@ -57,6 +57,7 @@ class Robot:
         self.cancelled: List[str] = []
         self.owners: List[Optional[str]] = []
         self.active = self.interrupted = self.slow_to_stop = False
+        self.slow_to_begin = self.awaited = False
         self.steps_done = 0
         self.hanging = ""  # the call that does not answer
         self.hangs = threading.Event()
@@ -154,6 +155,13 @@ class Robot:
     # --- dispatcher
 
     @property
+    def begun(self) -> bool:
+        with self.changed:
+            self.awaited = True
+            self.changed.notify_all()
+            return self.active
+
+    @property
     def running(self) -> List[RunningAction]:
         with self.changed:
             return [*self.under_way, *self.leaving] if self.active else []
@@ -165,10 +173,13 @@ class Robot:
                 self.changed.notify_all()
 
         with self.changed:
-            self.plan_of_run, self.active, self.interrupted = list(plan), True, False
+            self.interrupted = False
             self.owners.append(owner)
-            self.steps_done = 0
             interruptible(interrupt)
+            self.changed.notify_all()
+            assert self.changed.wait_for(lambda: self.interrupted or not self.slow_to_begin, LONG)
+            self.plan_of_run, self.active = list(plan), True
+            self.steps_done = 0
             self.next()
             assert self.changed.wait_for(lambda: self.interrupted or not self.busy(), LONG)
             self.stop(self.under_way)
@@ -199,9 +210,11 @@ class Robot:
                 self.facts.discard(f"(robot_at {step.parameters[0].value})")
         self.changed.notify_all()
 
-    def end_action(self) -> None:
-        """The action that runs succeeds."""
+    def end_action(self) -> bool:
+        """The action that runs succeeds; False: none runs."""
         with self.changed:
+            if not self.under_way:
+                return False
             action = self.under_way[0]
             room = action.parameters[-1].value
             self.facts.add(f"(robot_at {room})" if action.name == "drive" else f"(checked {room})")
@@ -209,6 +222,7 @@ class Robot:
             self.steps_done += 1
             self.next()
         self.on_change()
+        return True
 
     def stop_leaving(self) -> None:
         with self.changed:
@@ -307,8 +321,6 @@ class Bench:
     def carry_on(self, *requests: Request) -> None:
         """All that is still to be done succeeds."""
         while not all(request.goal.ends for request in requests):  # type: ignore[attr-defined]
-            with self.robot.changed:
-                if self.robot.under_way:
-                    self.robot.end_action()
-                else:
+            if not self.robot.end_action():
+                with self.robot.changed:
                     self.robot.changed.wait(0.01)

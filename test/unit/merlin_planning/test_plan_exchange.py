@@ -92,6 +92,14 @@ def test_the_dispatch_goes_on_with_the_new_plan(dispatcher: Any, driven: Driven)
     assert result.goal_achieved and driven.client.steps_done == 1
 
 
+def test_a_dispatch_has_begun_when_the_dispatcher_says_so(dispatcher: Any, driven: Driven) -> None:
+    assert not driven.client.begun, "its status is of before"
+    dispatcher.status(DispatchStatus.RUNNING)
+    assert driven.client.begun
+    driven.end()
+    assert not driven.client.begun
+
+
 def test_what_is_dropped_and_does_not_stop_is_known_at_once(driven: Driven) -> None:
     assert driven.exchange(PLAN, [driven.drive]) == ""
     driven.feedback(1, 10, stopped="no")

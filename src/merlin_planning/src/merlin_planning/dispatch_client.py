@@ -51,7 +51,8 @@ class DispatchClient:
     :param cancel_deadline: s of running time for a cancelled dispatch to end; zero or less: no limit.
     :param stuck_after: s of running time without an action under way, after which a dispatch is given up at a
         dispatcher that would wait for ever, as ROSPlan's do; zero or less: never.
-    :param on_change: called when the running actions, the steps done or the hold change, by a subscriber.
+    :param on_change: called by a subscriber when the running actions, the steps done or the hold change, and
+            when the dispatcher begins or ends.
     """
 
     def __init__(
@@ -121,6 +122,12 @@ class DispatchClient:
         """Ids of these."""
         with self._changed:
             return frozenset(self._progress.succeeded)
+
+    @property
+    def begun(self) -> bool:
+        """Whether the dispatcher has taken the plan of the present dispatch; known of one with a status."""
+        with self._changed:
+            return self._active and self._reporting.busy
 
     @property
     def unstopped(self) -> Tuple[str, ...]:
@@ -462,11 +469,11 @@ class DispatchClient:
 
     def _receive_status(self, status: DispatchStatus) -> None:
         with self._changed:
-            before = self.hold
+            before = self.hold, self._reporting.busy
             self._reporting.receive(status)
             self._kind = self._reporting
             self._changed.notify_all()
-        if before != self.hold:
+        if before != (self.hold, self._reporting.busy):
             self._on_change()
 
     def _dispatcher_changed(self, change: LeaseChange) -> None:

@@ -46,6 +46,42 @@ def test_a_newcomer_joins_in_mid_drive_and_the_drive_goes_on(bench: Bench, robot
     assert robot.cancelled == [] and robot.owners[-1] == second.goal.id
 
 
+def test_no_newcomer_is_planned_before_the_dispatcher_has_the_plan_before(bench: Bench, robot: Robot) -> None:
+    robot.slow_to_begin = True
+    first = bench.send("(checked kitchen)")
+    robot.wait(lambda: robot.owners)
+    second = bench.send("(checked bath)")
+    robot.wait(lambda: robot.awaited or robot.asked == 2)
+    assert robot.asked == 1
+    with robot.changed:
+        robot.slow_to_begin = False
+        robot.changed.notify_all()
+    robot.wait(lambda: robot.began)
+    robot.on_change()
+    bench.members(first, second)
+    bench.carry_on(first, second)
+    assert [end(each)[1] for each in (first, second)] == ["SUCCEEDED"] * 2
+
+
+@pytest.mark.parametrize("leaves", [0, 1])
+def test_a_cancel_before_the_dispatcher_has_the_plan_has_an_end(
+    bench: Bench, robot: Robot, leaves: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(plan_revision, "PART_LIMIT", 0.1)
+    bench.engine.decide(lambda agenda: agenda.pause(True))
+    both = [bench.send("(checked kitchen)"), bench.send("(checked bath)")]
+    robot.slow_to_begin = True
+    bench.engine.decide(lambda agenda: agenda.pause(False))
+    robot.wait(lambda: robot.owners)
+    bench.cancel(both[leaves])
+    assert end(both[leaves])[1] == "CANCELLED"
+    with robot.changed:
+        robot.slow_to_begin = False
+        robot.changed.notify_all()
+    bench.carry_on(*both)
+    assert end(both[1 - leaves])[1] == "SUCCEEDED"
+
+
 def test_the_new_plan_begins_behind_what_runs_in_the_order_of_its_ends(bench: Bench, robot: Robot) -> None:
     first = bench.driving("(checked kitchen)")  # 5 s from now
     with robot.changed:  # a second robot has begun before, and takes longer
@@ -245,10 +281,8 @@ def test_any_order_of_arrivals_and_cancels(bench: Bench, robot: Robot, seed: int
         goals = [f"(checked {room})" for room in choice.sample(rooms, choice.choice([1, 1, 2]))]
         requests.append(bench.send(f"(and {' '.join(goals)})", priority=choice.choice([0, 0, 0, 1])))
         for _ in range(choice.randrange(4)):
-            with robot.changed:
-                if robot.under_way:
-                    robot.end_action()
-                else:
+            if not robot.end_action():
+                with robot.changed:
                     robot.changed.wait(0.01)
         if choice.random() < 0.4:
             bench.cancel(choice.choice(requests))

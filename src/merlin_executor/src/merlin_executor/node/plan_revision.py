@@ -7,7 +7,7 @@ plan for the others would have, too; where that are none, the run is stopped and
 
 import threading
 from functools import partial
-from typing import TYPE_CHECKING, Any, List, Sequence
+from typing import TYPE_CHECKING, Any, Callable, List, Sequence
 
 import rospy
 from diagnostic_msgs.msg import KeyValue
@@ -110,6 +110,8 @@ class PlanRevision(PlanningState):
         parts = all(request in self._run.requests for request in wanted)
         alarm = call_later(PART_LIMIT if parts else JOIN_LIMIT, partial(self._limits.put, self._late, wanted))
         try:
+            # A plan that is parsed before would be taken for the one that is to be dispatched.
+            self._wait_for(lambda: self.preempt_requested() or self._dispatcher.begun)
             dropped = self._exchange(wanted, parts)
         except (StageError, KnowledgeError, ServiceError, OSError) as error:
             if not parts:
@@ -119,13 +121,8 @@ class PlanRevision(PlanningState):
         finally:
             alarm.cancel()
         ids = {each.action_id for each in dropped}
-        self.interruptible(self.dispatch_changed)
-        with self._changed:
-            # The dispatch fails when what the new plan lacks does not stop in time.
-            self._changed.wait_for(
-                lambda: self._closed or not ids & {each.action_id for each in self._dispatcher.running}
-            )
-        self.interruptible(None)
+        # The dispatch fails when what the new plan lacks does not stop in time.
+        self._wait_for(lambda: not ids & {each.action_id for each in self._dispatcher.running})
         if dropped and self._closed:
             return self.fail("the dispatch has ended")
         hangs = [text for text in map(_text, dropped) if text in self._dispatcher.unstopped]
@@ -135,6 +132,13 @@ class PlanRevision(PlanningState):
         self._run.go_on(lambda: self._requests.revised(wanted, True))
         return SUCCEEDED
 
+    def _wait_for(self, fits: Callable[[], bool]) -> None:
+        """Waits for a change of the dispatch, or its end."""
+        self.interruptible(self.dispatch_changed)
+        with self._changed:
+            self._changed.wait_for(lambda: self._closed or fits())
+        self.interruptible(None)
+
     def _late(self, wanted: List[Request]) -> None:
         self.request_preempt()
         self._requests.revised(wanted, False)
@@ -142,6 +146,8 @@ class PlanRevision(PlanningState):
     def _exchange(self, wanted: List[Request], parts: bool) -> List[RunningAction]:
         """Returns the actions that are stopped; raises StageError and what its calls raise."""
         run, running = self._run, self._dispatcher.running
+        if not self._dispatcher.begun:
+            raise StageError("the dispatch has not begun, or has ended")
         kept = run.request.by_ends(self._needed(running, wanted) if parts else running)
         if running and not kept:
             self.given_up = True
