@@ -13,6 +13,7 @@ from merlin_msgs.msg import PlannerStatus, RunningAction
 from rosplan_dispatch_msgs.msg import ActionDispatch
 
 from merlin_executor.node import plan_revision
+from merlin_sm.states import planning
 
 
 @pytest.fixture
@@ -209,6 +210,20 @@ def test_one_that_leaves_stops_the_run_when_there_is_no_other_plan_in_time(
     assert end(second)[1] == "CANCELLED"
     bench.carry_on(first)
     assert end(first)[1] == "SUCCEEDED"
+
+
+def test_a_cancel_of_all_waits_for_no_preview(
+    bench: Bench, robot: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(planning, "CALL_GRACE", 10 * LONG)
+    first = bench.driving("(checked kitchen)")
+    second = bench.send("(checked bath)")
+    bench.members(first, second)
+    robot.hanging = "preview"
+    bench.cancel(second)
+    assert robot.hangs.wait(LONG)
+    bench.cancel(first)
+    assert end(first)[1] == end(second)[1] == "CANCELLED"
 
 
 def test_who_leaves_is_answered_when_what_ran_for_it_has_stopped(bench: Bench, robot: Robot) -> None:

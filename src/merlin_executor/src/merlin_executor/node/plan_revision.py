@@ -16,12 +16,10 @@ from merlin_msgs.msg import PlannerStatus, RunningAction
 from merlin_executor.core.engine import Engine
 from merlin_executor.node.own_goals import OwnGoals
 from merlin_executor.node.request import Request, goals_of
-from merlin_planning.knowledge_client import KnowledgeError
 from merlin_planning.knowledge_text import action_text, to_pddl
 from merlin_planning.planning_client import Planned, StageError
 from merlin_ros.alarms import call_later
 from merlin_ros.call_scope import CallScope
-from merlin_ros.service_proxy import ServiceError
 from merlin_ros.work.threads import CallQueue
 from merlin_sm.states.merlin_state import SUCCEEDED
 from merlin_sm.states.planning import CALL_GRACE, PlanningState
@@ -113,7 +111,7 @@ class PlanRevision(PlanningState):
             # A plan that is parsed before would be taken for the one that is to be dispatched.
             self._wait_for(lambda: self.preempt_requested() or self._dispatcher.begun)
             dropped = self._exchange(wanted, parts)
-        except (StageError, KnowledgeError, ServiceError, OSError) as error:
+        except Exception as error:  # whatever it is, the one that leaves gets its answer
             if not parts:
                 with CallScope(CALL_GRACE):
                     self._run.expect([])
@@ -184,11 +182,14 @@ class PlanRevision(PlanningState):
         """
         if not running:
             return []
-        answer = self._planning.preview(
-            goals=[text for request in wanted for text in request.texts],
-            without=self._run.course.without,
-            facts=[literal for action in running for literal in self._undone(action)],
-        )
+        with CallScope() as calls:  # nothing is lost when it ends at once
+            self.interruptible(calls.end)
+            answer = self._planning.preview(
+                goals=[text for request in wanted for text in request.texts],
+                without=self._run.course.without,
+                facts=[literal for action in running for literal in self._undone(action)],
+            )
+            self.interruptible(None)
         if answer.status.state not in (PlannerStatus.SOLVED, PlannerStatus.UNSOLVABLE):
             raise StageError(answer.status.reason or "no plan of the others was found")
         steps = {step.lower() for step in answer.actions}
