@@ -264,7 +264,7 @@ def end(request: Request) -> Any:
 class Bench:
     """An Executor without its action server."""
 
-    def __init__(self, robot: Robot, path: str) -> None:
+    def __init__(self, robot: Robot, path: str, leave_limit: float = LONG) -> None:
         self.robot = robot
         own = OwnGoals(robot, path)  # type: ignore[arg-type]
         guard = SimpleNamespace(
@@ -283,7 +283,9 @@ class Bench:
             preview=robot.preview,
         )
         recovery = SimpleNamespace(rest=lambda interruptible: "", meanwhile=lambda: frozenset())
-        system: Any = PlanningSystem(robot, planning, robot, recovery, guard, 0.1)  # type: ignore[arg-type]
+        system: Any = PlanningSystem(  # type: ignore[arg-type]
+            robot, planning, robot, recovery, guard, 0.1, leave_limit=leave_limit
+        )
         self.machine = ExecutorSM(system, own, lambda: None, lambda: self.engine)
         robot.on_change = self.machine.dispatch_changed
         self.engine: Engine[Request] = Engine(

@@ -12,7 +12,6 @@ from fakes.revision_bench import LONG, Bench, Robot, end, text
 from merlin_msgs.msg import PlannerStatus, RunningAction
 from rosplan_dispatch_msgs.msg import ActionDispatch
 
-from merlin_executor.node import plan_revision
 from merlin_sm.states import planning
 
 
@@ -22,12 +21,19 @@ def robot() -> Robot:
 
 
 @pytest.fixture
-def bench(robot: Robot, tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
+def leave_limit() -> float:
+    return LONG
+
+
+@pytest.fixture
+def bench(
+    robot: Robot, leave_limit: float, tmp_path: Any, monkeypatch: pytest.MonkeyPatch
+) -> Iterator[Bench]:
     monkeypatch.setattr("merlin_sm.states.planning.master_answers", lambda: True)
     monkeypatch.setattr(rospy.Time, "now", lambda: rospy.Time(1))
     for level in ("loginfo", "logwarn", "logerr", "logerr_throttle_identical"):
         monkeypatch.setattr(rospy, level, lambda *_: None)
-    made = Bench(robot, str(tmp_path / "goals"))
+    made = Bench(robot, str(tmp_path / "goals"), leave_limit)
     yield made
     robot.answer()
     made.engine.shutdown(LONG)
@@ -64,11 +70,11 @@ def test_no_newcomer_is_planned_before_the_dispatcher_has_the_plan_before(bench:
     assert [end(each)[1] for each in (first, second)] == ["SUCCEEDED"] * 2
 
 
+@pytest.mark.parametrize("leave_limit", [0.1])
 @pytest.mark.parametrize("leaves", [0, 1])
 def test_a_cancel_before_the_dispatcher_has_the_plan_has_an_end(
-    bench: Bench, robot: Robot, leaves: int, monkeypatch: pytest.MonkeyPatch
+    bench: Bench, robot: Robot, leaves: int
 ) -> None:
-    monkeypatch.setattr(plan_revision, "PART_LIMIT", 0.1)
     bench.engine.decide(lambda agenda: agenda.pause(True))
     both = [bench.send("(checked kitchen)"), bench.send("(checked bath)")]
     robot.slow_to_begin = True
@@ -195,11 +201,11 @@ def test_what_hangs_keeps_neither_the_run_nor_its_cancel(bench: Bench, robot: Ro
     assert end(second)[1] == "SUCCEEDED"
 
 
+@pytest.mark.parametrize("leave_limit", [0.1])
 @pytest.mark.parametrize("hanging", ["preview", "update", "plan"])
 def test_one_that_leaves_stops_the_run_when_there_is_no_other_plan_in_time(
-    bench: Bench, robot: Robot, hanging: str, monkeypatch: pytest.MonkeyPatch
+    bench: Bench, robot: Robot, hanging: str
 ) -> None:
-    monkeypatch.setattr(plan_revision, "PART_LIMIT", 0.1)
     first = bench.driving("(checked kitchen)")
     second = bench.send("(checked bath)")
     bench.members(first, second)

@@ -94,6 +94,7 @@ class Executor:
     :param together: how many requests one plan may be for.
     :param look_ahead: whether requests with deadlines are planned before they begin, and end as LATE as soon
         as it is proven that they are.
+    :param leave_limit: as of :class:`.PlanningSystem`.
     :raises OSError: when that file cannot be written.
     """
 
@@ -113,6 +114,7 @@ class Executor:
         look_ahead: bool = True,
         same_failures: int = SAME_FAILURES,
         replan_wait: float = REPLAN_WAIT,
+        leave_limit: float = 2.0,
     ) -> None:
         self._knowledge = knowledge
         self._new_course = partial(Course, max_replans, same_failures, replan_wait)
@@ -125,7 +127,14 @@ class Executor:
         self._recovery = Recovery(knowledge, self._dispatcher)
         self._guard = GuardClient(knowledge.name, stand_wait, brakes=cancel_deadline > 0.0)
         system = PlanningSystem(
-            knowledge, planning, self._dispatcher, self._recovery, self._guard, return_wait, look_ahead
+            knowledge,
+            planning,
+            self._dispatcher,
+            self._recovery,
+            self._guard,
+            return_wait,
+            look_ahead,
+            leave_limit,
         )
         self._machine = ExecutorSM(system, self._own, self._publish_status, lambda: self._engine)
         self._server = ActionServer(

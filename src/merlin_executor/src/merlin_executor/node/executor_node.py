@@ -59,6 +59,7 @@ def _start() -> None:
             overtake_limit=number("~overtake_limit", OVERTAKE_LIMIT, 0.0),
             together=round(number("~together", TOGETHER, 1)),
             look_ahead=flag("~look_ahead", True),
+            leave_limit=number("~leave_limit", 2.0, 0.0),
         )
     except OSError as error:
         raise ParameterError(f"parameter ~goals_file cannot be used: {error}") from error

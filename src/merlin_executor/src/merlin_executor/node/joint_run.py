@@ -40,6 +40,8 @@ class PlanningSystem(NamedTuple):
     """s of running time for a part that was ended to return."""
     proves: bool = True
     """Whether a request whose plan is late is planned once more, with its deadline."""
+    leave_limit: float = 2.0
+    """s of wall time for a plan without a request that leaves a run; then all of that stops."""
 
 
 class JointRun:

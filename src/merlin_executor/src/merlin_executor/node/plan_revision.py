@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from merlin_executor.node.joint_run import JointRun, PlanningSystem
 
 JOIN_LIMIT = 10.0  # s of wall time for a plan with newcomers; then they wait
-PART_LIMIT = 2.0  # s of wall time for a plan without one that leaves; then the run stops
 TRIES = 2
 
 
@@ -45,7 +44,7 @@ class PlanRevision(PlanningState):
         super().__init__()
         self._run = run
         self._knowledge, self._planning = system.knowledge, system.planning
-        self._dispatcher = system.dispatcher
+        self._dispatcher, self._system = system.dispatcher, system
         self._own = own
         self._requests = requests
         self._calls_put = CallQueue("another plan").put
@@ -106,7 +105,9 @@ class PlanRevision(PlanningState):
         """Exchanges the plan for one for the requests that are wanted."""
         wanted = self._wanted
         parts = all(request in self._run.requests for request in wanted)
-        alarm = call_later(PART_LIMIT if parts else JOIN_LIMIT, partial(self._limits.put, self._late, wanted))
+        alarm = call_later(
+            self._system.leave_limit if parts else JOIN_LIMIT, partial(self._limits.put, self._late, wanted)
+        )
         try:
             # A plan that is parsed before would be taken for the one that is to be dispatched.
             self._wait_for(lambda: self.preempt_requested() or self._dispatcher.begun)
