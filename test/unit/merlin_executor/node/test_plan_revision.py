@@ -12,6 +12,7 @@ from fakes.revision_bench import LONG, Bench, Robot, end, text
 from merlin_msgs.msg import PlannerStatus, RunningAction
 from rosplan_dispatch_msgs.msg import ActionDispatch
 
+from merlin_executor.node.plan_revision import PlanRevision
 from merlin_sm.states import planning
 
 
@@ -213,6 +214,20 @@ def test_one_that_leaves_stops_the_run_when_there_is_no_other_plan_in_time(
     bench.cancel(second)
     robot.wait(lambda: robot.cancelled == ["(drive hall kitchen)"])
     robot.answer()
+    assert end(second)[1] == "CANCELLED"
+    bench.carry_on(first)
+    assert end(first)[1] == "SUCCEEDED"
+
+
+def test_an_error_of_its_own_stops_the_run(
+    bench: Bench, robot: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = bench.driving("(checked kitchen)")
+    second = bench.send("(checked bath)")
+    bench.members(first, second)
+    monkeypatch.setattr(PlanRevision, "run", lambda *_: 1 / 0)
+    bench.cancel(second)
+    robot.wait(lambda: robot.cancelled == ["(drive hall kitchen)"])
     assert end(second)[1] == "CANCELLED"
     bench.carry_on(first)
     assert end(first)[1] == "SUCCEEDED"

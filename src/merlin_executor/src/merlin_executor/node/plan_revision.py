@@ -96,7 +96,11 @@ class PlanRevision(PlanningState):
                     return
                 tries = tries + 1 if self._wanted == before else 1
                 before = self._wanted
-                done = self.execute(None) == SUCCEEDED or self._closed
+                try:
+                    done = self.execute(None) == SUCCEEDED or self._closed
+                except Exception as error:  # the one that leaves waits for what runs to be stopped
+                    done = False
+                    self.give_up(f"{type(error).__name__}: {error}")
                 if not done and (tries == TRIES or self.given_up):
                     rospy.loginfo(f"the plan is not exchanged: {self.reason}")
                     self._requests.revised(self._wanted, False)
