@@ -18,7 +18,7 @@ NAMES: Dict[str, Tuple[str, ...]] = {
     "master": ("master",),
     "client": ("client", "chaos"),
 }
-#: Outcomes of a request that nobody broke: it came true, or was taken back.
+#: Outcomes of a request that was not broken: it came true, or was taken back.
 NOT_FAILED = ("SUCCEEDED", "ALREADY_TRUE", "CANCELLED", "no result")
 
 

@@ -170,7 +170,7 @@ class MerlinExecutorClient:
         on_done: Optional[Callable[[ExecutorRequest], None]] = None,
         on_feedback: Optional[Callable[[ExecuteFeedback], None]] = None,
     ) -> ExecutorRequest:
-        """Finds a request that survives again, whoever has sent it.
+        """Finds a request that survives again, also one of another client.
 
         :param request: its id; of one that does not run or wait any more, the result is REFUSED.
         :raises ValueError: for an id of a request that does not survive.

@@ -326,7 +326,7 @@ class Agenda(Generic[T]):
         decisions: List[Decision] = []
         for ticket in members:
             of_another = verdict.outcome is Outcome.CANCEL_TIMEOUT and stopped and ticket.stop is None
-            left_it = ticket.parts and verdict.outcome.achieved  # nobody has looked at its goals
+            left_it = ticket.parts and verdict.outcome.achieved  # its goals were not looked at
             if divided or of_another or left_it or (verdict.outcome is Outcome.CANCELLED and stopped):
                 decisions += self._leave(ticket, "" if divided else verdict.trouble)
             else:
@@ -430,7 +430,7 @@ class Agenda(Generic[T]):
         return []
 
     def _joined(self) -> List[T]:
-        """Those that run and those that may join them; none: nobody may."""
+        """Those that run and those that may join them; none: no other may."""
         running = self._running
         if self._together < 2 or self._resting or not running[0].joins:
             return []

@@ -117,7 +117,7 @@ class JointRun:
             self._engine.achieved(ended, verdict)
 
     def expect(self, newcomers: Sequence[Request]) -> None:
-        """These are about to join: their goals may be stored, and nobody else's but those of the run."""
+        """These are about to join: only their goals and those of the run may be stored."""
         with self._lock:
             self._expected = list(newcomers)
             self._keep_goals()

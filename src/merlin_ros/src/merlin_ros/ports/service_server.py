@@ -53,7 +53,7 @@ def after_answer(call: Callable[[], None]) -> None:
 def while_wanted(gone: Callable[[], object]) -> Iterator[None]:
     """Within it, a function is called when the client of this request closes its connection.
 
-    For long work, which the function ends, as nobody reads the answer.
+    For long work, which the function ends, as its answer is not read any more.
 
     :param gone: called in another thread.
     """
