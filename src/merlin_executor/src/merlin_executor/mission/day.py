@@ -31,7 +31,7 @@ LONGEST_PAUSE = 300.0
 
 
 class DayError(ValueError):
-    """A file that is no day; the text has a line for each fault, with its place."""
+    """A file that cannot be used as a day; the text has a line for each fault, with its place."""
 
 
 def _duration(text: str) -> float:

@@ -35,7 +35,7 @@ class PlanRevision(PlanningState):
     """Revises the plan of one run, in a thread of its own, while that is dispatched. A preempt ends that.
 
     :param run: its requests.
-    :param requests: says for which requests the plan should be, and is told for which it is.
+    :param requests: knows the requests that the plan should be for, and takes note of those that it is for.
     """
 
     def __init__(
