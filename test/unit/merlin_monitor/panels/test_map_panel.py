@@ -13,7 +13,7 @@ from merlin_msgs.msg import ListenActionResult
 from sensor_msgs.msg import LaserScan
 from sound_play.msg import SoundRequest
 
-from merlin_monitor.listeners.panel import Panel
+from merlin_monitor.listeners.panel import Panel, Request
 from merlin_monitor.listeners.ros_system import RosSystem, TopicGraph
 from merlin_monitor.panel_board import PanelBoard
 from merlin_monitor.panels.map import OLD_POSITION, MapPanel
@@ -22,6 +22,7 @@ from merlin_monitor.state.freshness import Source
 from merlin_monitor.state.inbox import Inbox
 from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_monitor.terminal.terminal_view import lines
+from merlin_monitor.web.page_control import ControlError, RobotRequests
 from merlin_ros.robot_values import ROBOTS
 
 LIMIT = 60.0  # s
@@ -228,3 +229,29 @@ def test_of_several_navigation_servers_the_one_that_is_gone_is_named(panel: Tupl
     (result,) = [each for each in system.of("bob") if each.topic.endswith("/result")]
     result.connections = 0
     assert made.owners() == {"navigation": Source(False, bob, (ann,))}
+
+
+def test_requests_of_a_strange_panel_harm_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    said: List[str] = []
+    monkeypatch.setattr(rospy, "logerr_throttle", lambda period, text: said.append(text))
+
+    class Failing(Panel):
+        name = "plan"
+
+        def requests(self) -> Dict[str, Request]:
+            raise KeyError("strange")
+
+    class Asked(Panel):
+        name = "map"
+
+        def requests(self) -> Dict[str, Request]:
+            return {"ask": lambda fields, by: f"asked by {by}", "break": lambda fields, by: str(1 / 0)}
+
+    board = PanelBoard(MonitorModel(Inbox()), ros=System(), only=[Failing, Asked])
+    assert len(said) == 0
+    robot = RobotRequests()
+    robot.offered = board.requests
+    assert robot.carry_out("ask", {}, "Ana") == {"done": "asked by Ana"}
+    assert "panel plan: KeyError" in said[0]
+    with pytest.raises(ControlError, match="division by zero"):
+        robot.carry_out("break", {}, "Ana")
