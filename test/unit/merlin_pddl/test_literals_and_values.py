@@ -1,8 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Facts and goals in Python are found and judged by a domain; numbers that are missing are named."""
 
+import contextlib
+import gc
+import sys
+import threading
+import traceback
 from pathlib import Path
-from typing import Any, List
+from typing import Any, Iterator, List
 
 import pytest
 
@@ -69,6 +74,49 @@ def test_the_literals_of_a_class_and_of_what_it_inherits() -> None:
     source = Path(__file__).read_text().splitlines()
     place, _, line = found[0].where.rpartition(", line ")
     assert place == Path(__file__).name and "(clean hall)" in source[int(line) - 1]
+
+
+@contextlib.contextmanager
+def parsed_elsewhere() -> Iterator[None]:
+    """Another thread formats tracebacks, and is let in at every collection of garbage."""
+    over = threading.Event()
+
+    def failing(depth: int) -> None:
+        try:
+            [][0] if not depth else failing(depth - 1)
+        except IndexError:
+            with contextlib.suppress(SystemError):
+                traceback.format_exc()
+
+    def fail() -> None:
+        while not over.is_set():
+            failing(20)
+
+    def collected(phase: str, info: Any) -> None:
+        sum(range(200))
+
+    limits, interval = gc.get_threshold(), sys.getswitchinterval()
+    other = threading.Thread(target=fail, name="tracebacks")
+    gc.callbacks.append(collected)
+    gc.set_threshold(50, 2, 2)
+    sys.setswitchinterval(1e-5)
+    other.start()
+    try:
+        yield
+    finally:
+        over.set()
+        other.join()
+        sys.setswitchinterval(interval)
+        gc.set_threshold(*limits)
+        gc.callbacks.remove(collected)
+
+
+def test_a_class_is_read_while_another_thread_formats_a_traceback() -> None:
+    with parsed_elsewhere():
+        found = [literals_of(Heir, {"send": 0}, (Base,)) for _ in range(20)]
+    assert all(found) and len({str(each) for each in found}) == 1
+    assert gc.isenabled()
+
 
 
 def problem(init: str) -> Any:

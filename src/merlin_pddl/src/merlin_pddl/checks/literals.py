@@ -2,6 +2,8 @@
 """Facts and goals that stand literally in Python: where they are, and whether a domain knows them."""
 
 import ast
+import contextlib
+import gc
 import inspect
 import re
 import textwrap
@@ -54,14 +56,30 @@ def _calls(kind: type, bases: Tuple[type, ...]) -> Iterator[Tuple[str, int, str,
         if each is object or any(each in base.__mro__ for base in bases):
             continue
         try:
-            lines, first = inspect.getsourcelines(each)
-            tree = ast.parse(textwrap.dedent("".join(lines)))
+            with _no_collection():
+                lines, first = inspect.getsourcelines(each)
+                tree = ast.parse(textwrap.dedent("".join(lines)))
         except (OSError, TypeError, SyntaxError):
             continue
         file = Path(inspect.getsourcefile(each) or "").name
         for node in ast.walk(tree):
             if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
                 yield file, first, node.func.attr, node
+
+
+@contextlib.contextmanager
+def _no_collection() -> Iterator[None]:
+    """The parser of Python before 3.11.5 fails where a collection of garbage lets another thread parse.
+
+    Python's own tracebacks parse too, so any thread may (python/cpython issue 106905).
+    """
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()
 
 
 #: Arguments that are PDDL where they are named.
