@@ -40,6 +40,8 @@ def test_changes_lead_to_the_state_whenever_they_are_taken(steps: List[Tuple[str
     copy: Dict[str, Any] = json.loads(tree.as_json()[1])
     behind = ChangeSet()  # a page that reads only at the end
     late = json.loads(tree.as_json()[1])
+    base, history, own = json.loads(tree.as_json()[1]), [], {}  # a reader of the past, which keeps both
+    shared, before = dict(base), tree.as_json()[1]
     for what, path, value in steps:
         if what == "set":
             tree.set(*path, value)
@@ -49,12 +51,18 @@ def test_changes_lead_to_the_state_whenever_they_are_taken(steps: List[Tuple[str
             changes = feed.take().changes
             behind.merge(changes)
             apply_changes(copy, through_wire(changes.as_list()))
+            history.append(through_wire(changes.as_list()))
     taken = feed.take()
     behind.merge(taken.changes)
     apply_changes(copy, through_wire(taken.changes.as_list()))
     apply_changes(late, through_wire(behind.as_list()))
+    history.append(through_wire(taken.changes.as_list()))
+    kept = json.dumps(history)
+    for frame in history:
+        apply_changes(shared, frame, own)
     version, text = tree.as_json()
-    assert copy == json.loads(text) == late
+    assert copy == json.loads(text) == late == shared
+    assert base == json.loads(before) and json.dumps(history) == kept
     assert taken.version == version
 
 

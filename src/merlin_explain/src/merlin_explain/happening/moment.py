@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What was so at a moment: the state as the monitor keeps it, read in the terms of the domain."""
 
+import functools
 import re
 import time
 from typing import Any, Dict, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
@@ -92,10 +93,6 @@ class Moment(WorldState):
         self.state = state
         self.domain = domain
         self.timed = timed
-        knowledge = state.get("knowledge") or {}
-        # Of 10 000 facts their texts are there four times as soon as their keys.
-        self._facts: Dict[str, str] = {text.lower(): text for text in knowledge.get("facts") or {}}
-        self._values: Dict[str, str] = {text.lower(): text for text in knowledge.get("values") or {}}
         self._steps: Optional[List[Step]] = None
 
     @property
@@ -146,6 +143,15 @@ class Moment(WorldState):
                 yield by_key[first], "start" not in what
 
     # --- the knowledge --------------------------------------------------------------------------------------
+
+    @functools.cached_property
+    def _facts(self) -> Dict[str, str]:
+        """The facts by their texts in small letters, of 10 000 there four times as soon as their keys."""
+        return {text.lower(): text for text in self.section("knowledge").get("facts") or {}}
+
+    @functools.cached_property
+    def _values(self) -> Dict[str, str]:
+        return {text.lower(): text for text in self.section("knowledge").get("values") or {}}
 
     def holds(self, key: Key) -> bool:
         """Whether a fact is stored."""

@@ -139,12 +139,12 @@ class RecordedPast:
         if after and segment["next"] is not None and segment["frames"][-1][0] < wall:
             segment = self._segment(segment["next"])
         (seen, _, whole, _), *later = segment["frames"]
-        state: Dict[str, Any] = {}
-        apply_changes(state, [[[name], section] for name, section in whole.items()])
+        state: Dict[str, Any] = dict(whole)
+        own: Dict[int, Any] = {}
         for frame_wall, _, changes, _ in later:
             if seen >= wall if after else frame_wall > wall:
                 break
-            apply_changes(state, changes)
+            apply_changes(state, changes, own)
             seen = frame_wall
         return Moment(state, self._domain)
 

@@ -100,8 +100,9 @@ def last_state(segment: Optional[str]) -> Dict[str, Any]:
     :raises ValueError, LookupError, TypeError: it cannot be read.
     """
     (_, _, state, _), *later = json.loads(segment or "")["frames"]
+    own: Dict[int, Any] = {}
     for _, _, changes, _ in later:
-        apply_changes(state, changes)
+        apply_changes(state, changes, own)
     return dict(state)
 
 

@@ -8,7 +8,7 @@ a limit the whole state takes their place.
 
 import json
 import threading
-from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Sequence, Tuple
+from typing import Any, Callable, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 from merlin_monitor.text.plain_value import LONGEST_KEY, plain, plain_text
 
@@ -139,7 +139,7 @@ class StateTree:
     def _set(self, path: Path, value: Any) -> bool:
         parent = self._root
         for part in path[:-1]:
-            child = parent.get(part)
+            child: Any = parent.get(part)
             if not isinstance(child, dict):
                 child = parent[part] = {}
             parent = child
@@ -208,18 +208,26 @@ class StateTree:
             feed._note(path, value)
 
 
-def apply_changes(state: Dict[str, Any], changes: List[List[Any]]) -> None:
-    """Brings a copy of the state up to date, as the page does."""
+def apply_changes(
+    state: Dict[str, Any], changes: Iterable[Sequence[Any]], own: Optional[Dict[int, Any]] = None
+) -> None:
+    """Brings a state up to date, as the page does. What it shares, and the changes, stay as they are.
+
+    :param own: for the next changes of the same state: its parts that are shared with none, by id.
+    """
+    own = {} if own is None else own
     for path, *value in changes:
         parent = state
         for part in path[:-1]:
-            child = parent.get(part)
-            if not isinstance(child, dict):
+            child: Any = parent.get(part)
+            if id(child) not in own:
                 # Also for what is gone: it may have been all that its parent was made for.
-                child = parent[part] = {}
+                child = parent[part] = dict(child) if isinstance(child, dict) else {}
+                own[id(child)] = child
+            parent = child
             parent = child
         if value:
-            parent[path[-1]] = _copy(value[0])
+            parent[path[-1]] = value[0]
         else:
             parent.pop(path[-1], None)
 

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A plan carried out on paper, whole or without some steps: which conditions and goals fail then."""
 
+import copy
 from dataclasses import replace
 from typing import AbstractSet, Dict, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple, Union
 
@@ -58,7 +59,14 @@ class PaperState(WorldState):
         self.facts: Set[Key] = {fact.key for fact in problem.facts if not fact.negative}
         self.values: Dict[Key, float] = {value.key: value.value for value in problem.values}
         self._domain = domain
-        self._known = _known(domain, problem)
+        self.known = _known(domain, problem)
+        """Objects and constants with their types."""
+
+    def copy(self) -> "PaperState":
+        """A state of its own."""
+        other = copy.copy(self)
+        other.facts, other.values = set(self.facts), dict(self.values)
+        return other
 
     def holds(self, key: Key) -> bool:
         """Whether that fact is stored."""
@@ -70,7 +78,7 @@ class PaperState(WorldState):
 
     def objects(self, types: Tuple[str, ...]) -> List[str]:
         """The objects of any of these types or of types below them."""
-        return [name for name, has in self._known.items() if self._domain.accepts(types, has)]
+        return [name for name, has in self.known.items() if self._domain.accepts(types, has)]
 
 
 class Outcome(NamedTuple):
@@ -126,8 +134,9 @@ class PlanRun:
         """By time: steps, each with whether it ends then."""
         self.timed: Dict[float, List[Union[Instance, Fact, FunctionValue]]] = {}
         """What comes by itself, by time; the goals are judged behind the last of it."""
-        known = _known(domain, problem)
-        for step in (_ground(number, step, domain, known) for number, step in enumerate(steps)):
+        self.start = PaperState(domain, problem)
+        """What holds before the plan."""
+        for step in (_ground(number, step, domain, self.start.known) for number, step in enumerate(steps)):
             self.happenings.setdefault(step.begin, []).append((step, False))
             if step.operator.durative:
                 self.happenings.setdefault(step.end, []).append((step, True))
@@ -236,7 +245,7 @@ class _Paper:
         self._plan = plan
         self._left_out = set(left_out)
         self._falling = falling
-        self.state = PaperState(plan.domain, plan.problem)
+        self.state = plan.start.copy()
         self._running: Dict[int, _Step] = {}
         self._allowed: Dict[Tuple[int, int], List[Dict[str, str]]] = {}
         self._unmet: Dict[Unmet, None] = {}
