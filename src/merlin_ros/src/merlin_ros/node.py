@@ -3,6 +3,7 @@
 
 import contextlib
 import faulthandler
+import logging
 import os
 import signal
 import sys
@@ -15,6 +16,7 @@ import rosgraph
 import rospy
 from rosgraph.names import load_mappings, resolve_name
 from rosgraph.network import parse_http_host_and_port
+from rosgraph.roslogging import RosStreamHandler
 from rospy.core import is_shutdown_requested
 from rospy.impl import tcpros_base
 from rospy.impl.paramserver import get_param_server_cache
@@ -181,6 +183,7 @@ def init_node(name: str, **options: Any) -> None:
     _wait_for_master(name)
     if not options.get("anonymous"):
         _refuse_second(name)
+    _log_without_failing()
     _ending.enter_rospy()
     try:
         with log_configured(), announced_together():
@@ -363,6 +366,20 @@ def _refuse_second(name: str) -> None:
         _refuse(own, namesake.refusal())
 
 
+def _log_without_failing() -> None:
+    """What a full disk or a closed pipe does not take of the log is lost there, and nothing fails of it.
+
+    rospy's handler lets the line of code that logs have the error.
+    """
+    emit = RosStreamHandler.emit
+
+    def emit_if_possible(handler: RosStreamHandler, record: logging.LogRecord) -> None:
+        with contextlib.suppress(OSError, ValueError):
+            emit(handler, record)
+
+    RosStreamHandler.emit = emit_if_possible
+
+
 def _settle_parameters() -> None:
     """Reads what rospy would ask the master for with each line of log, and with each subscription.
 
@@ -415,7 +432,8 @@ def _limit(seconds: float, code: int) -> None:
     """Ends the process after this time, whatever it waits for."""
 
     def end() -> None:
-        sys.stderr.write(f"{rospy.get_name()}: did not end within {seconds:g} s and is ended by force\n")
+        with contextlib.suppress(OSError, ValueError):
+            sys.stderr.write(f"{rospy.get_name()}: did not end within {seconds:g} s and is ended by force\n")
         _exit(code)
 
     timer = threading.Timer(seconds, end)
