@@ -307,14 +307,20 @@ def test_a_node_ends_without_a_search_for_garbage(master: Any) -> None:
 HANGS = """
 import atexit, threading
 from merlin_ros import node
-node.END_LIMIT = 1.0
+node.END_LIMIT = node.RETURN_LIMIT = 0.5
 atexit.register(threading.Event().wait)
+"""
+COMMAND = """
 node.init_node("somebody")
 node.end_node("done")
 """
+RUN = """
+node.run_node("somebody", lambda: lambda: None)
+"""
 
 
-def test_a_command_that_hangs_while_python_ends_is_ended_and_says_where(master: Any) -> None:
-    node = master.node(HANGS)
+@pytest.mark.parametrize("ending", [COMMAND, RUN], ids=["command", "node"])
+def test_what_hangs_while_python_ends_is_ended_and_says_where(master: Any, ending: str) -> None:
+    node = master.node(HANGS + ending)
     assert node.ended() == 1
     assert "Timeout" in node.output and "in wait" in node.output

@@ -206,12 +206,9 @@ def init_node(name: str, **options: Any) -> None:
 def end_node(reason: str) -> None:
     """Ends the node of a command whose process ends next: by force, with exit code 1, when that hangs.
 
-    By a timer of the interpreter and not by a thread: that would no longer run while the interpreter ends. It
-    prints where each thread is.
-
     :param reason: for the log.
     """
-    faulthandler.dump_traceback_later(END_LIMIT, exit=True)
+    _limit_end_of_python()
     rospy.signal_shutdown(reason)
 
 
@@ -238,7 +235,7 @@ def run_node(
         master that goes away meanwhile counts as that.
 
     Returns the exit code, for the script ``respawn`` of the package merlin: 0, 143 after a SIGTERM, or
-    :data:`CANNOT_BEGIN` or :data:`NOT_YET`.
+    :data:`CANNOT_BEGIN` or :data:`NOT_YET`. The process has to end with it, and is made to.
     """
     wrong: Tuple[Type[Exception], ...] = (ParameterError, *errors)
     init_node(name)
@@ -262,6 +259,8 @@ def run_node(
         if not is_shutdown_requested():
             raise
         rospy.logdebug(f"{rospy.get_name()}: interrupted by the end:\n{traceback.format_exc()}")
+    finally:
+        _limit_end_of_python()
     return _ending.code
 
 
@@ -426,6 +425,14 @@ def _exit(code: int) -> None:
         with contextlib.suppress(OSError, ValueError):
             stream.flush()
     os._exit(code)
+
+
+def _limit_end_of_python() -> None:
+    """Ends the process by force, with exit code 1, when it has not ended in time; prints its threads.
+
+    By a timer of the interpreter and not by a thread: that would no longer run while the interpreter ends.
+    """
+    faulthandler.dump_traceback_later(END_LIMIT + RETURN_LIMIT, exit=True)  # behind those that say why
 
 
 def _limit(seconds: float, code: int) -> None:
