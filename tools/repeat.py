@@ -73,6 +73,8 @@ class Run:
             self._process = None
         if self.interrupted:
             return set()
+        if code < 0:  # the rarest failure; the stacks of all threads are in the output
+            return {f"pytest itself, killed by {signal.Signals(-code).name}"}
         if code not in COMPLETE:
             last = output.read_text(encoding="utf-8")[-3000:]
             print(f"repeat: pytest ended with {code}:\n{last}", file=sys.stderr)

@@ -39,6 +39,15 @@ def test_the_share_of_failures_is_printed_and_the_outputs_are_kept(tmp_path: Pat
     assert "assert" in (tmp_path / "results" / "2.txt").read_text()
 
 
+def test_a_run_that_crashes_is_counted(tmp_path: Path) -> None:
+    crashing = FLAKY.replace("assert len(file.read_text()) % 2", "len(file.read_text()) > 1 or os.abort()")
+    with run(tmp_path, f"import os{crashing}", "--times", "2") as process:
+        out, err = process.communicate(timeout=LIMIT)
+    assert process.returncode == 1, err
+    assert " 50.0 %  1 of 2  pytest itself, killed by SIGABRT" in out
+    assert "test_it.py" in (tmp_path / "results" / "1.txt").read_text(), "where it crashed"
+
+
 def test_what_cannot_be_run_is_said_at_once(tmp_path: Path) -> None:
     with run(tmp_path, "import nothing_of_this_name", "--times", "4") as process:
         _, err = process.communicate(timeout=LIMIT)

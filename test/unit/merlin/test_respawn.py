@@ -8,7 +8,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from typing import Callable, List
+from typing import Callable, List, Sequence
 
 import pytest
 
@@ -55,10 +55,11 @@ done
 class Run:
     """One run of the script, in a session of its own as roslaunch starts it."""
 
-    def __init__(self, folder: Path, *words: str) -> None:
+    def __init__(self, folder: Path, *words: str, node: Sequence[str] = ()) -> None:
         self.lives = folder / "lives"
+        command = [sys.executable, "-c", NODE, str(self.lives), *words, "__name:=wheel"]
         self.process = subprocess.Popen(
-            [str(RESPAWN), sys.executable, "-c", NODE, str(self.lives), *words, "__name:=wheel"],
+            [str(RESPAWN), *(node or command)],
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
@@ -114,6 +115,13 @@ def test_a_node_that_could_not_begin_is_not_started_again(run: Callable[..., Run
     node = run(str(code))
     assert node.end() == []
     assert node.process.returncode == code and len(node.pids()) == 1
+
+
+def test_a_node_that_does_not_handle_signals_yet_is_ended_by_ctrl_c(tmp_path: Path) -> None:
+    one = Run(tmp_path, node=["sh", "-c", "echo ready; exec sleep 1000"])
+    assert one.process.stdout is not None and one.process.stdout.readline() == "ready\n"
+    one.process.send_signal(signal.SIGINT)
+    assert one.end() == [] and one.process.returncode == 128 + signal.SIGINT
 
 
 @pytest.mark.everywhere

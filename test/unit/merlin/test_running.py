@@ -65,10 +65,20 @@ def test_the_master_of_the_environment_is_asked_too(masters: dict) -> None:
         assert running.choose(find, "hosts")[0] == "http://env:1"
 
 
-def test_of_two_systems_none_is_guessed(masters: dict) -> None:
-    masters["http://env:1"] = masters["http://run:2"] = Graph("/merlin_fsm_host/reload_actions")
-    with run("http://run:2"), pytest.raises(LaunchError, match=r"choose one: ROS_MASTER_URI=http://env:1"):
-        running.choose(find, "hosts")
+def test_of_two_runs_none_is_guessed_and_the_one_that_the_environment_names_is_meant(
+    masters: dict, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    masters["http://run:2"] = masters["http://run:3"] = Graph("/merlin_fsm_host/reload_actions")
+    with run("http://run:2"):
+        note = running.folder() / f"{os.getpid()}.json"
+        (running.folder() / "other.json").write_text(note.read_text().replace("run:2", "run:3"))
+        with pytest.raises(LaunchError, match=r"choose one: .*ROS_MASTER_URI=http://run:3 \(my.launch\)"):
+            running.choose(find, "hosts")
+        monkeypatch.setenv("ROS_MASTER_URI", "http://run:3")
+        assert running.choose(find, "hosts")[0] == "http://run:3"
+        masters["http://env:1"] = masters["http://run:2"]
+        monkeypatch.setenv("ROS_MASTER_URI", "http://env:1")
+        assert running.choose(find, "hosts")[0] == "http://env:1", "that of the environment need not be a run"
 
 
 def test_a_master_with_two_names_is_one_system(masters: dict, monkeypatch: pytest.MonkeyPatch) -> None:

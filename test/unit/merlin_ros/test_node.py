@@ -58,6 +58,19 @@ sys.exit(run_node("somebody", start))
 """
 
 
+LOGS = """
+import sys, rospy
+from merlin_ros.node import run_node
+sys.stdout.reconfigure(line_buffering=True)
+def start():
+    rospy.loginfo("not taken")
+    rospy.logerr("nor is this")
+    open(sys.argv[1], "w").write("went on")
+    return lambda: None
+sys.exit(run_node("somebody", start))
+"""
+
+
 RESPAWN = Path(__file__).parents[3] / "src" / "merlin" / "scripts" / "respawn"
 
 # In its first life it spoils its parameter and is killed.
@@ -132,6 +145,17 @@ def test_a_node_that_waits_for_its_master_ends_when_told_to(master: Any, number:
 
 
 @pytest.mark.everywhere
+@pytest.mark.parametrize("output", [">/dev/full 2>&1", "2>&1 | true"])
+def test_a_line_of_log_that_cannot_be_written_keeps_no_node_from_going_on(
+    master: Any, tmp_path: Path, output: str
+) -> None:
+    went_on = tmp_path / "went_on"
+    words = (sys.executable, "-c", LOGS, str(went_on))
+    node = master.spawn("bash", "-c", f'"$@" {output}', "bash", *words)
+    node.ended()
+    assert went_on.read_text() == "went on"
+
+
 def test_a_node_waits_for_its_master(master: Any) -> None:
     master.kill()
     node = master.node(NODE)
@@ -283,14 +307,20 @@ def test_a_node_ends_without_a_search_for_garbage(master: Any) -> None:
 HANGS = """
 import atexit, threading
 from merlin_ros import node
-node.END_LIMIT = 1.0
+node.END_LIMIT = node.RETURN_LIMIT = 0.5
 atexit.register(threading.Event().wait)
+"""
+COMMAND = """
 node.init_node("somebody")
 node.end_node("done")
 """
+RUN = """
+node.run_node("somebody", lambda: lambda: None)
+"""
 
 
-def test_a_command_that_hangs_while_python_ends_is_ended_and_says_where(master: Any) -> None:
-    node = master.node(HANGS)
+@pytest.mark.parametrize("ending", [COMMAND, RUN], ids=["command", "node"])
+def test_what_hangs_while_python_ends_is_ended_and_says_where(master: Any, ending: str) -> None:
+    node = master.node(HANGS + ending)
     assert node.ended() == 1
     assert "Timeout" in node.output and "in wait" in node.output

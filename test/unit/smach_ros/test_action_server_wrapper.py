@@ -51,6 +51,11 @@ class Goal:
         self._end("preempted", result, text)
 
 
+class Unsayable(BaseException):
+    def __str__(self) -> str:
+        raise AttributeError("users' code, too")
+
+
 class Hear(smach.State):
     """Sets the result as the goal says."""
 
@@ -60,6 +65,8 @@ class Hear(smach.State):
     def execute(self, ud: Any) -> str:
         if ud.what == "exit":
             raise SystemExit(3)
+        if ud.what == "unsayable":
+            raise Unsayable
         ud.heard = 5 if ud.what == "number" else ud.what
         return "done"
 
@@ -93,7 +100,10 @@ def make_wrapper(monkeypatch: pytest.MonkeyPatch, machine: Any, succeeded: Any) 
     return made
 
 
-@pytest.mark.parametrize(("what", "why"), [("number", "field text must be"), ("exit", "SystemExit: 3")])
+@pytest.mark.parametrize(
+    ("what", "why"),
+    [("number", "field text must be"), ("exit", "SystemExit: 3"), ("unsayable", "Unsayable: ")],
+)
 def test_a_goal_whose_end_cannot_be_sent_is_aborted_and_keeps_no_next_one(
     wrapper: ActionServerWrapper, what: str, why: str
 ) -> None:

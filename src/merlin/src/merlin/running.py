@@ -11,7 +11,7 @@ import os
 import socket
 import sys
 from pathlib import Path
-from typing import Any, Callable, Dict, Iterator, List, NamedTuple, Optional, Tuple, Type
+from typing import Any, Callable, Iterator, List, NamedTuple, Optional, Tuple, Type
 
 import rosgraph
 import rospkg
@@ -75,37 +75,37 @@ def living() -> List[RunningLaunch]:
 
 
 def choose(find: Callable[[List[str], List[str]], List[str]], wanted: str) -> Tuple[str, List[str]]:
-    """The master that a command means: that of ROS_MASTER_URI or of a run, whichever has what is wanted.
+    """The master that a command means: that of ROS_MASTER_URI if it has what is wanted, else a run's.
 
     :param find: from the nodes and the services of a master to the names that are wanted.
     :param wanted: the same in words.
     :return: the master's address, and the names.
     :raises NothingRuns: when no master has it.
-    :raises LaunchError: when several have it.
+    :raises LaunchError: when that of ROS_MASTER_URI has not, and several runs have it.
     """
     # It imports rospy, which a run that is only announced does without.
     from merlin_ros.master.master_link import ERRORS, MASTER_TIMEOUT, bounded_proxy
 
-    use_loopback()
-    masters = {rosgraph.get_master_uri(): "ROS_MASTER_URI"}
-    places = set(map(_place, masters))
-    for run in living():
-        if _place(run.uri) not in places:  # one of another name is asked once
-            masters[run.uri] = Path(run.launch_file).name
-    found: Dict[str, List[str]] = {}
-    for uri in masters:
+    def found_at(uri: str) -> List[str]:
         try:
-            names = find(*_graph(bounded_proxy(uri, MASTER_TIMEOUT)))
+            return find(*_graph(bounded_proxy(uri, MASTER_TIMEOUT)))
         except ERRORS:
-            continue
-        if names:
-            found[uri] = names
+            return []
+
+    use_loopback()
+    own = rosgraph.get_master_uri()
+    names = found_at(own)
+    if names:  # whatever else runs, as for each command of ROS
+        return own, names
+    # A master of another name is asked once.
+    runs = {run.uri: Path(run.launch_file).name for run in living() if _place(run.uri) != _place(own)}
+    found = {uri: names for uri, names in zip(runs, map(found_at, runs)) if names}
     if len(found) == 1:
         return next(iter(found.items()))
     if found:
-        choice = ", ".join(f"ROS_MASTER_URI={uri} ({masters[uri]})" for uri in found)
+        choice = ", ".join(f"ROS_MASTER_URI={uri} ({runs[uri]})" for uri in found)
         raise LaunchError(f"several systems have {wanted}; choose one: {choice}")
-    asked = ", ".join(f"{uri} ({name})" for uri, name in masters.items())
+    asked = ", ".join(f"{uri} ({name})" for uri, name in {own: "ROS_MASTER_URI", **runs}.items())
     raise NothingRuns(f"no running system has {wanted}; asked: {asked}")
 
 

@@ -7,7 +7,6 @@ always exactly one final answer.
 """
 
 import threading
-import traceback
 from functools import partial
 from typing import Any, Dict, List, Optional, Union
 
@@ -43,7 +42,7 @@ from merlin_ros.master.master_link import MasterSilent, get_param
 from merlin_ros.node import master_is_lost
 from merlin_ros.publishing import OnSubscriber, publish
 from merlin_ros.service_proxy import ServiceError, when_back
-from merlin_ros.work.threads import start_thread
+from merlin_ros.work.threads import log_failure, start_thread
 from merlin_ros.work.work_book import Decision, Policy, Step, WorkBook
 
 ANNOUNCE_PERIOD = 1.0  # s of wall time between two announcements on pddl_action_parameters
@@ -282,9 +281,8 @@ class ActionInterface:
         ending = Ending(False, "its action interface has failed")
         try:
             ending = self._run_with_effects(execution)
-        except BaseException as error:  # whatever it is, the dispatcher gets its answer
-            rospy.logerr(f"{execution.text}: {traceback.format_exc()}")
-            ending = Ending(False, f"{type(error).__name__}: {error}")
+        except BaseException:  # whatever it is, the dispatcher gets its answer
+            ending = Ending(False, log_failure(execution.text))
         finally:
             self._end(execution, ending)
 
@@ -349,9 +347,8 @@ class ActionInterface:
             return Ending(False, execution.cancel_reason, begun=False)
         try:
             return self.run(execution)
-        except BaseException as error:  # user code may raise anything; the dispatcher still gets its answer
-            rospy.logerr(f"{execution.text}: {traceback.format_exc()}")
-            return Ending(False, f"{type(error).__name__}: {error}")
+        except BaseException:  # user code may raise anything; the dispatcher still gets its answer
+            return Ending(False, log_failure(execution.text))
         finally:
             execution.interruptible(None)
 

@@ -2,7 +2,6 @@
 """Serves a state machine as the action ``actions/<name>``."""
 
 import threading
-import traceback
 from functools import partial
 from typing import Any, Dict, Iterator, List, Tuple
 
@@ -18,7 +17,7 @@ from merlin_ros.actions.action_server import ActionServer, ServerGoal
 from merlin_ros.alarms import wait_ticks
 from merlin_ros.deadline import call_when_passed, limit
 from merlin_ros.health import ERROR, OK, WARN, Health
-from merlin_ros.work.threads import start_thread
+from merlin_ros.work.threads import log_failure, start_thread
 from merlin_ros.work.work_book import Decision, Policy, Step, WorkBook
 from merlin_sm.autonomy import label_text
 from merlin_sm.holding.node_holds import node_holds
@@ -202,9 +201,8 @@ class MerlinActionServer:
                     self._threads[goal.id] = thread
             else:  # it was answered meanwhile: nothing may run for it
                 self._end(goal, MachineEnd(ABORTED, "it was answered before it began"), "")
-        except BaseException as error:  # no further thread, or users' code
-            rospy.logerr(f"{self.operator}: {traceback.format_exc()}")
-            crash = f"{type(error).__name__}: {error}"
+        except BaseException:  # no further thread, or users' code
+            crash = log_failure(self.operator)
             self._end(goal, MachineEnd(ABORTED, f"{self.operator} cannot begin: {crash}"), crash)
 
     def _forget(self, goal: ServerGoal) -> None:
@@ -222,8 +220,8 @@ class MerlinActionServer:
     def _preempt(self, machine: MerlinActionSM) -> None:
         try:
             machine.cancel()
-        except BaseException as error:  # users' code; the limit deals with a machine that continues
-            rospy.logerr(f"{self.operator}: its preempt raised {type(error).__name__}: {error}")
+        except BaseException:  # users' code; the limit deals with a machine that continues
+            log_failure(f"the preempt of {self.operator}")
 
     def _limit(self, goal: ServerGoal) -> None:
         with self._changed:
@@ -267,18 +265,17 @@ class MerlinActionServer:
         crash = ""
         try:
             outcome, reason = self._run_machine(goal, machine)
-        except BaseException as error:  # users' code may raise anything; the bridge still gets its answer
-            rospy.logerr(f"{self.operator}: {traceback.format_exc()}")
-            crash = f"{type(error).__name__}: {error}"
-            outcome, reason = ABORTED, crash
+        except BaseException:  # users' code may raise anything; the bridge still gets its answer
+            outcome, crash = ABORTED, log_failure(self.operator)
+            reason = crash
         about = unstopped = ""
         try:
             if outcome == ABORTED and given_up(machine):
                 outcome, about = given_up(machine), given_up_about(machine)
             unstopped = ", ".join(str(state.unstopped) for state in merlin_states(machine) if state.unstopped)
-        except Exception as error:  # what users' states say of themselves may be anything, too
-            rospy.logerr(f"{self.operator}: {traceback.format_exc()}")
-            crash = crash or f"{type(error).__name__}: {error}"
+        except Exception:  # what users' states say of themselves may be anything, too
+            failed = log_failure(self.operator)
+            crash = crash or failed
         self._end(goal, MachineEnd(outcome, reason, unstopped, about), crash)
 
     def _end(self, goal: ServerGoal, end: MachineEnd, crash: str) -> None:

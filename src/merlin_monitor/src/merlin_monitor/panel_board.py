@@ -24,7 +24,7 @@ from merlin_ros.class_path import load_class
 from merlin_ros.deadline import SIM_STATUS_TOPIC
 from merlin_ros.master.master_link import ERRORS, bounded_master
 from merlin_ros.parameters import ParameterError
-from merlin_ros.work.threads import start_thread
+from merlin_ros.work.threads import failure_text, start_thread
 
 #: Below this parameter each launch file that is started beside the monitor's may name a panel.
 OFFERED = "merlin/panels"
@@ -99,7 +99,7 @@ class PanelBoard:
                 call()
             except Exception as error:  # the master may be gone; a page without these threads is grey forever
                 if not rospy.is_shutdown():
-                    rospy.logwarn_throttle(30.0, f"monitor: {type(error).__name__}: {error}")
+                    rospy.logwarn_throttle(30.0, f"monitor: {failure_text(error)}")
             self._stopped.wait(period)
 
     def requests(self) -> Dict[str, Request]:
@@ -109,7 +109,7 @@ class PanelBoard:
             try:
                 found = {**panel.requests(), **found}
             except Exception as error:  # of a foreign panel
-                rospy.logerr_throttle(30.0, f"panel {panel.name}: {type(error).__name__}: {error}")
+                rospy.logerr_throttle(30.0, f"panel {panel.name}: {failure_text(error)}")
         return found
 
     def look(self) -> None:

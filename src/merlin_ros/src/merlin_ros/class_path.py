@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, Callable
 
 from merlin_ros.lean_start import importing
+from merlin_ros.work.threads import failure_text
 
 
 def load_class(path: str) -> type:
@@ -41,7 +42,7 @@ def cannot_be_made(path: str, error: Exception) -> str:
     module = f"{path.partition(':')[0].replace('.', '/')}.py"
     own = [frame for frame in frames if frame.name == "build" or frame.filename.endswith(module)]
     place = f" ({Path(own[-1].filename).name}, line {own[-1].lineno})" if own else ""
-    said = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
+    said = str(error) if isinstance(error, ValueError) else failure_text(error)
     return f"{path} cannot be made: {said}{place}"
 
 
@@ -57,7 +58,7 @@ def _load(path: str) -> Any:
     except Exception as error:  # of users' code, at its import
         frame = traceback.extract_tb(error.__traceback__)[-1]
         place = f"{Path(frame.filename).name}, line {frame.lineno}"
-        raise ValueError(f"{path!r}: {type(error).__name__}: {error} ({place})") from error
+        raise ValueError(f"{path!r}: {failure_text(error)} ({place})") from error
     found = getattr(module, name, None)
     if found is None:
         raise ValueError(f"{path!r}: module {module_name} has no {name}")

@@ -14,7 +14,7 @@ import rospy
 from diagnostic_msgs.msg import DiagnosticStatus
 from rospy.core import is_shutdown_requested
 
-from merlin_ros.work.threads import start_thread
+from merlin_ros.work.threads import failure_text, start_thread
 
 PERIOD = 1.0  # s of wall time
 #: Message of each part when its node ends in order; the level is `STALE`.
@@ -87,7 +87,7 @@ def _task(check: Callable[[], Health]) -> Callable[[Any], Any]:
         try:
             health = check()
         except Exception as error:  # a part that raises is ill, and the others are still asked
-            health = Health(ERROR, f"no report: {type(error).__name__}: {error}")
+            health = Health(ERROR, f"no report: {failure_text(error)}")
         status.summary(health.level, _writable(health.message))
         for key, value in health.values.items():
             status.add(key, _writable(value))

@@ -3,6 +3,7 @@
 
 import contextlib
 import faulthandler
+import logging
 import os
 import signal
 import sys
@@ -15,6 +16,7 @@ import rosgraph
 import rospy
 from rosgraph.names import load_mappings, resolve_name
 from rosgraph.network import parse_http_host_and_port
+from rosgraph.roslogging import RosStreamHandler
 from rospy.core import is_shutdown_requested
 from rospy.impl import tcpros_base
 from rospy.impl.paramserver import get_param_server_cache
@@ -181,6 +183,7 @@ def init_node(name: str, **options: Any) -> None:
     _wait_for_master(name)
     if not options.get("anonymous"):
         _refuse_second(name)
+    _log_without_failing()
     _ending.enter_rospy()
     try:
         with log_configured(), announced_together():
@@ -203,12 +206,9 @@ def init_node(name: str, **options: Any) -> None:
 def end_node(reason: str) -> None:
     """Ends the node of a command whose process ends next: by force, with exit code 1, when that hangs.
 
-    By a timer of the interpreter and not by a thread: that would no longer run while the interpreter ends. It
-    prints where each thread is.
-
     :param reason: for the log.
     """
-    faulthandler.dump_traceback_later(END_LIMIT, exit=True)
+    _limit_end_of_python()
     rospy.signal_shutdown(reason)
 
 
@@ -235,7 +235,7 @@ def run_node(
         master that goes away meanwhile counts as that.
 
     Returns the exit code, for the script ``respawn`` of the package merlin: 0, 143 after a SIGTERM, or
-    :data:`CANNOT_BEGIN` or :data:`NOT_YET`.
+    :data:`CANNOT_BEGIN` or :data:`NOT_YET`. The process has to end with it, and is made to.
     """
     wrong: Tuple[Type[Exception], ...] = (ParameterError, *errors)
     init_node(name)
@@ -259,6 +259,8 @@ def run_node(
         if not is_shutdown_requested():
             raise
         rospy.logdebug(f"{rospy.get_name()}: interrupted by the end:\n{traceback.format_exc()}")
+    finally:
+        _limit_end_of_python()
     return _ending.code
 
 
@@ -363,6 +365,20 @@ def _refuse_second(name: str) -> None:
         _refuse(own, namesake.refusal())
 
 
+def _log_without_failing() -> None:
+    """What a full disk or a closed pipe does not take of the log is lost there, and nothing fails of it.
+
+    rospy's handler lets the line of code that logs have the error.
+    """
+    emit = RosStreamHandler.emit
+
+    def emit_if_possible(handler: RosStreamHandler, record: logging.LogRecord) -> None:
+        with contextlib.suppress(OSError, ValueError):
+            emit(handler, record)
+
+    RosStreamHandler.emit = emit_if_possible
+
+
 def _settle_parameters() -> None:
     """Reads what rospy would ask the master for with each line of log, and with each subscription.
 
@@ -411,11 +427,20 @@ def _exit(code: int) -> None:
     os._exit(code)
 
 
+def _limit_end_of_python() -> None:
+    """Ends the process by force, with exit code 1, when it has not ended in time; prints its threads.
+
+    By a timer of the interpreter and not by a thread: that would no longer run while the interpreter ends.
+    """
+    faulthandler.dump_traceback_later(END_LIMIT + RETURN_LIMIT, exit=True)  # behind those that say why
+
+
 def _limit(seconds: float, code: int) -> None:
     """Ends the process after this time, whatever it waits for."""
 
     def end() -> None:
-        sys.stderr.write(f"{rospy.get_name()}: did not end within {seconds:g} s and is ended by force\n")
+        with contextlib.suppress(OSError, ValueError):
+            sys.stderr.write(f"{rospy.get_name()}: did not end within {seconds:g} s and is ended by force\n")
         _exit(code)
 
     timer = threading.Timer(seconds, end)

@@ -2,12 +2,11 @@
 """An alarm at a ROS time: woken by the clock that ROS uses, wall or simulated, also when it jumps back."""
 
 import threading
-import traceback
 from typing import Callable, Optional
 
 import rospy
 
-from merlin_ros.work.threads import start_thread
+from merlin_ros.work.threads import log_failure, start_thread
 
 LONGEST = 60.0  # s that the alarm sleeps at once: a wall clock that is set forward is seen by then
 
@@ -78,7 +77,7 @@ class RosAlarm:
                 try:
                     self._callback()
                 except Exception:  # the alarm is set again, by whatever else happens
-                    rospy.logerr("%s: %s", self._name, traceback.format_exc())
+                    log_failure(self._name)
             elif not rospy.rostime.is_wallclock():
                 condition = rospy.rostime.get_rostime_cond()
                 with condition:

@@ -322,7 +322,7 @@ def _wake(transport: TCPROSTransport) -> None:
 def _reason(text: str) -> str:
     """The server's own words in rospy's report of them, which shows them as the bytes that came."""
     said = text.split("responded with an error:", 1)[-1].strip()
-    with contextlib.suppress(ValueError, SyntaxError):
+    with contextlib.suppress(Exception):  # a foreign server's words may be too deep for Python's parser
         value = ast.literal_eval(said)
         said = value.decode(errors="replace") if isinstance(value, bytes) else said
     for opening in ("service cannot process request:", "error processing request:"):

@@ -61,7 +61,7 @@ class Work(Stages[Wish]):
             cancelled = self._cancelled.wait(self._random.uniform(0.0, 0.004))
             kind = self._random.random()
             if kind < 0.1:
-                raise SystemExit("the test's")
+                raise SystemExit("the test's") if kind < 0.05 else Unsayable()
             if cancelled:
                 late = kind < 0.3
                 return Verdict(Outcome.CANCEL_TIMEOUT if late else Outcome.CANCELLED, "stopped")
@@ -72,6 +72,11 @@ class Work(Stages[Wish]):
     def clean_up(self) -> None:
         self.cleaned += 1
         raise OSError("and cleaning up fails too")
+
+
+class Unsayable(Exception):
+    def __str__(self) -> str:
+        raise AttributeError("users' code, too")
 
 
 class Steady(Stages[Wish]):

@@ -17,6 +17,11 @@ from merlin_ros.actions.serial_action_server import SerialActionServer
 LONG = 60.0
 
 
+class Unsayable(Exception):
+    def __str__(self) -> str:
+        raise AttributeError("users' code, too")
+
+
 class Server:
     """Executes goals until they are cancelled."""
 
@@ -49,6 +54,8 @@ class Server:
     def _execute(self, goal: ServerGoal) -> None:
         self.executed.append(goal)
         self.begun.release()
+        if goal.id == "unsayable":
+            raise Unsayable
         assert goal.cancel_event.wait(LONG) and self.goes_on.wait(LONG)
         goal.cancelled(text="stopped")
         self.ended.release()
@@ -94,6 +101,19 @@ def test_a_cancel_that_failed_is_tried_with_the_next_one(server: Server) -> None
     server.goes_on.set()
     assert server.begun.acquire(timeout=LONG)
     assert server.executed[1].status == GoalStatus.ACTIVE
+
+
+def test_a_failure_that_cannot_say_what_it_is_is_answered_and_costs_the_next_goal_nothing(
+    server: Server,
+) -> None:
+    server.send("unsayable")
+    assert server.begun.acquire(timeout=LONG)
+    server.send("next")
+    assert server.begun.acquire(timeout=LONG), "the server executes nothing any more"
+    assert server.executed[0].status == GoalStatus.ABORTED
+    assert server.text("unsayable") == "Unsayable: (its text raised AttributeError)"
+    server.cancel("next")
+    assert server.ended.acquire(timeout=LONG)
 
 
 def test_a_goal_that_was_answered_before_its_turn_is_not_executed(server: Server) -> None:

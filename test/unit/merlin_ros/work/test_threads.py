@@ -8,13 +8,18 @@ from typing import Any, List
 import pytest
 
 from merlin_ros.work import threads
-from merlin_ros.work.threads import CallQueue, start_thread
+from merlin_ros.work.threads import CallQueue, failure_text, log_failure, start_thread
 
 LONG = 60.0
 
 
 def no_thread(thread: threading.Thread) -> None:
     raise RuntimeError("can't start new thread")
+
+
+class Unsayable(Exception):
+    def __str__(self) -> str:
+        return f"of {self.part}"  # type: ignore[attr-defined]
 
 
 def names() -> List[str]:
@@ -45,6 +50,17 @@ def test_calls_come_one_after_the_other_whatever_one_raises(caplog: pytest.LogCa
     goes_on.set()
     assert [made.get(timeout=LONG) for _ in range(19)] == [number for number in range(20) if number != 3]
     assert "owners /drive" in caplog.text and "ZeroDivisionError" in caplog.text
+
+
+def test_an_exception_that_cannot_say_its_text_is_answered_and_logged_all_the_same(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    try:
+        raise Unsayable
+    except Unsayable:
+        assert log_failure("the mission") == "Unsayable: (its text raised AttributeError)"
+    assert "the mission: Traceback" in caplog.text and "raise Unsayable" in caplog.text
+    assert failure_text(ValueError("no such place")) == "ValueError: no such place"
 
 
 def test_there_is_a_thread_only_while_there_are_calls() -> None:

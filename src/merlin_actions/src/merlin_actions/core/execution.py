@@ -2,16 +2,15 @@
 """One dispatched action, from its dispatch to its answer."""
 
 import itertools
-import logging
 import threading
 from typing import Callable, Dict, NamedTuple, Optional, Protocol, Sequence, Tuple, Union
 
 from merlin_pddl.formula import call_text
+from merlin_ros.work.threads import log_failure
 
 #: Plan id and action id.
 Key = Tuple[int, int]
 
-_log = logging.getLogger(__name__)
 _numbers = itertools.count(1)
 
 
@@ -137,7 +136,7 @@ class Execution:
         try:
             interrupt()
         except Exception:
-            _log.exception("the cancel of %s", self.text)
+            log_failure(f"the cancel of {self.text}")
 
     def interruptible(self, interrupt: Optional[Callable[[], None]]) -> None:
         """Announces what stops it from now on; a cancel that came before is passed on at once."""

@@ -6,7 +6,6 @@ the reason. What fails while something is published, answered or tidied up is lo
 its answer, and the worker continues.
 """
 
-import logging
 import threading
 from functools import partial
 from typing import Any, Callable, Dict, Generic, List, Optional, Sequence, Tuple, TypeVar, cast
@@ -17,12 +16,10 @@ from merlin_executor.core.ticket import Ticket
 from merlin_executor.core.time_window import Outlook
 from merlin_pddl.breakpoints import Breakpoints
 from merlin_ros.alarms import wait_ticks
-from merlin_ros.work.threads import start_thread
+from merlin_ros.work.threads import log_failure, start_thread
 
 TIDY_PERIOD = 1.0  # s between two attempts to remove what a run has left
 _AGAIN = Stop(StopKind.ANOTHER)
-
-_log = logging.getLogger(__name__)
 
 
 class Job(Ticket):
@@ -288,7 +285,7 @@ class Engine(Generic[J]):
         try:
             self._stages.clean_up()
         except Exception:  # the worker continues, and tries again
-            _log.exception("what a request has left could not be removed")
+            log_failure("what a request has left could not be removed")
 
     def _run(self, requests: Sequence[J]) -> Tuple[Verdict, Optional[BaseException]]:
         try:
@@ -344,4 +341,4 @@ class Engine(Generic[J]):
         try:
             callback()
         except BaseException:  # SMACH's states and users' code may raise anything
-            _log.exception("the executor continues")
+            log_failure("the executor continues")

@@ -4,6 +4,8 @@
 from enum import Enum, IntEnum
 from typing import NamedTuple
 
+from merlin_ros.work.threads import failure_text
+
 
 class Outcome(IntEnum):
     """The outcomes of merlin_msgs/Execute."""
@@ -85,4 +87,4 @@ def outcome_name(outcome: int) -> str:
 
 def crashed(error: BaseException) -> Verdict:
     """The verdict on a request whose run raised an unexpected exception."""
-    return Verdict(Outcome.INTERNAL, f"the executor failed: {type(error).__name__}: {str(error)[:500]}")
+    return Verdict(Outcome.INTERNAL, f"the executor failed: {failure_text(error)[:500]}")

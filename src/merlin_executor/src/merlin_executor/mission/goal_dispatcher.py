@@ -35,6 +35,7 @@ from merlin_executor.request_times import with_ros_times
 from merlin_executor.resending import RESEND
 from merlin_planning.knowledge_client import KnowledgeError
 from merlin_ros.ros_alarm import call_after
+from merlin_ros.work.threads import failure_text
 from merlin_sm.holding.node_holds import node_holds
 from merlin_sm.holding.state_hook import hook_states
 from merlin_sm.introspection import start_introspection
@@ -119,7 +120,7 @@ class GoalDispatcher(MissionNode):
             rospy.logerr(f"mission {self.name}: {error}")
             return False
         except Exception as error:  # of the mission's own code: published before the node ends
-            self.reporter.report(MissionStatus.FAILED, f"{type(error).__name__}: {error}")
+            self.reporter.report(MissionStatus.FAILED, failure_text(error))
             raise
         self.reporter.report(MissionStatus.SUCCEEDED, "done")
         return True
@@ -241,7 +242,7 @@ class MissionSM(MissionNode, MerlinSM):
             with self._pause:
                 outcome = str(self.execute())
         except Exception as error:  # of a state's own code
-            self.reporter.report(MissionStatus.FAILED, f"{type(error).__name__}: {error}")
+            self.reporter.report(MissionStatus.FAILED, failure_text(error))
             raise
         finally:
             server.stop()

@@ -60,7 +60,7 @@ from merlin_ros.master.master_link import ERRORS, bounded_master
 from merlin_ros.publishing import publish
 from merlin_ros.ros_alarm import RosAlarm
 from merlin_ros.service_proxy import ServiceError
-from merlin_ros.work.threads import CallQueue
+from merlin_ros.work.threads import CallQueue, log_failure
 from merlin_sm.introspection import start_introspection
 from merlin_sm.states.planning import CALL_GRACE
 
@@ -263,7 +263,7 @@ class Executor:
         except OSError as error:
             self._refuse(goal, f"the request could not be noted for the next life of the executor: {error}")
         except BaseException as error:  # the client gets its answer, whatever it sent
-            rospy.logerr(f"executor: {traceback.format_exc(limit=20)}")
+            log_failure("executor")
             self._refuse(goal, f"the request could not be read: {crashed(error).reason}")
         else:
             self._engine.decide(lambda agenda: agenda.receive(request, goal.cancel_requested, again))

@@ -20,7 +20,7 @@ from merlin_planning.knowledge_text import action_text, to_pddl
 from merlin_planning.planning_client import Planned, StageError
 from merlin_ros.alarms import call_later
 from merlin_ros.call_scope import CallScope
-from merlin_ros.work.threads import CallQueue
+from merlin_ros.work.threads import CallQueue, failure_text
 from merlin_sm.states.merlin_state import SUCCEEDED
 from merlin_sm.states.planning import CALL_GRACE, PlanningState
 
@@ -100,7 +100,7 @@ class PlanRevision(PlanningState):
                     done = self.execute(None) == SUCCEEDED or self._closed
                 except Exception as error:  # the one that leaves waits for what runs to be stopped
                     done = False
-                    self.give_up(f"{type(error).__name__}: {error}")
+                    self.give_up(failure_text(error))
                 if not done and (tries == TRIES or self.given_up):
                     rospy.loginfo(f"the plan is not exchanged: {self.reason}")
                     self._requests.revised(self._wanted, False)

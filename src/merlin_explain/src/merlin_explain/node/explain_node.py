@@ -22,6 +22,7 @@ from merlin_ros.parameters import ParameterError, graph_name
 from merlin_ros.ports.service_server import while_wanted
 from merlin_ros.processes.process_priority import lower_priority
 from merlin_ros.service_proxy import ServiceError
+from merlin_ros.work.threads import log_failure
 
 #: Nice value: below the robot's own nodes.
 NICENESS = 10
@@ -64,10 +65,9 @@ class Explainer:
                 found = self._answer(request)
         except REFUSALS as error:
             return ExplainResponse(ok=False, sentence=str(error))
-        except Exception as error:
-            # What one question meets must not keep the node from answering others.
-            rospy.logerr("explain: %s: %s: %s", request.question, type(error).__name__, error)
-            return ExplainResponse(ok=False, sentence=f"not found out: {type(error).__name__}: {error}")
+        except Exception:  # what one question meets must not keep the node from answering others
+            said = log_failure(f"explain: {request.question}")
+            return ExplainResponse(ok=False, sentence=f"not found out: {said}")
         finally:
             self._one.release()
         return as_response(found)

@@ -6,7 +6,7 @@ import subprocess
 from collections import Counter
 from typing import Any, Callable, Dict, List, NamedTuple, Optional, Tuple
 
-from merlin_ros.work.threads import CallQueue
+from merlin_ros.work.threads import CallQueue, failure_text
 
 SMALL, LARGE = 7.0, 8.2  # px of a character of an edge's and a node's text
 CROWD = 25  # states with an arrow to the same outcome, beyond which these arrows are left out
@@ -340,7 +340,7 @@ class LayoutThread:
         try:
             picture, reason = self._draw(name, make)
         except Exception as error:  # one strange machine does not end all pictures
-            picture, reason = None, f"{type(error).__name__}: {error}"
+            picture, reason = None, failure_text(error)
         self._done(name, picture, reason)
 
     def _draw(

@@ -8,6 +8,8 @@ import time
 import traceback
 from typing import Any, Callable, Optional, Tuple
 
+from merlin_ros.work.threads import failure_text
+
 WAITING = 2000  # messages; a callback that brings more waits, and rospy drops the oldest of its topic
 
 
@@ -55,7 +57,7 @@ class Inbox:
                 self._complained = time.monotonic()
                 where = traceback.extract_tb(error.__traceback__)[-1]
                 self._complain(
-                    f"a message could not be shown: {type(error).__name__}: {error} "
+                    f"a message could not be shown: {failure_text(error)} "
                     f"({where.filename.rsplit('/', 1)[-1]}:{where.lineno})"
                 )
 

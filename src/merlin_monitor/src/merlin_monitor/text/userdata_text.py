@@ -11,6 +11,8 @@ import io
 import pickle
 from typing import Any, Callable, ClassVar, Dict, List, Tuple
 
+from merlin_ros.work.threads import failure_text
+
 LONGEST = 256 * 1024  # bytes of pickle that are read
 LONGEST_VALUE = 600  # characters shown of one value
 _SETS = ("builtins.set", "builtins.frozenset")
@@ -62,7 +64,7 @@ def userdata_rows(text: str) -> List[Tuple[str, str]]:
     try:
         values = _Reader(io.BytesIO(data), encoding="latin-1").load()
     except Exception as error:  # hostile bytes find every way to fail
-        raise UserDataTextError(f"userdata is not a pickle: {type(error).__name__}: {error}") from error
+        raise UserDataTextError(f"userdata is not a pickle: {failure_text(error)}") from error
     if not isinstance(values, dict):
         raise UserDataTextError("userdata is not a dict")
     return sorted((_show(key, 80).strip("'"), _show(value, LONGEST_VALUE)) for key, value in values.items())

@@ -11,7 +11,6 @@ import itertools
 import math
 import threading
 import time
-import traceback
 from collections import OrderedDict
 from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
 
@@ -25,6 +24,7 @@ from merlin_ros.actions.ownership import ownership
 from merlin_ros.actions.sending_order import SendingOrder
 from merlin_ros.alarms import Alarm, every
 from merlin_ros.publishing import publish
+from merlin_ros.work.threads import log_failure
 
 STATUS_PERIOD = 0.2  # s of wall time, actionlib's usual 5 Hz
 KEEP_ENDED = 5.0  # s for which an ended goal stays in the status list
@@ -348,9 +348,8 @@ class ActionServer:
         """Hands a goal to the server's owner; whatever that raises, the client gets an answer."""
         try:
             self._on_goal(goal)
-        except BaseException as error:
-            rospy.logerr(f"{self.name}: {traceback.format_exc()}")
-            goal.abort(text=f"{type(error).__name__}: {error}")
+        except BaseException:
+            goal.abort(text=log_failure(self.name))
 
     def cancel(self, goal: ServerGoal, reason: str = "cancelled") -> bool:
         """Has a goal stopped; what raises has not stopped it, and is tried again with the next cancel.
@@ -363,10 +362,9 @@ class ActionServer:
         if fresh or again:
             try:
                 self._on_cancel(goal)
-            except BaseException as error:
-                rospy.logerr(f"{self.name}: {goal.id} is not stopped: {traceback.format_exc()}")
+            except BaseException:
                 goal.unstopped = True
-                goal.tell(f"it is not stopped: {type(error).__name__}: {error}")
+                goal.tell(f"it is not stopped: {log_failure(f'{self.name}: {goal.id} is not stopped')}")
         return fresh
 
     def _receive_cancel(self, cancel: GoalID) -> None:

@@ -2,14 +2,13 @@
 """A goal as the process that sent it sees it."""
 
 import threading
-import traceback
 from typing import Any, Callable, Iterator, Optional
 
-import rospy
 from actionlib_msgs.msg import GoalID, GoalStatus
 
 from merlin_ros.actions.lease import LASTING
 from merlin_ros.deadline import Deadline
+from merlin_ros.work.threads import log_failure
 
 TERMINAL = frozenset(
     (
@@ -125,4 +124,4 @@ class ClientGoal:
         try:
             self._on_done(self)
         except Exception:  # the thread of the client watches over its other goals
-            rospy.logerr(f"the end of {self.id}: {traceback.format_exc()}")
+            log_failure(f"the end of {self.id}")

@@ -2,13 +2,12 @@
 """An action server that runs one goal at a time: a newer goal preempts the older one."""
 
 import threading
-import traceback
 from typing import Callable, Dict, List, Optional
 
 import rospy
 
 from merlin_ros.actions.action_server import ActionServer, ServerGoal
-from merlin_ros.work.threads import start_thread
+from merlin_ros.work.threads import failure_text, log_failure, start_thread
 from merlin_ros.work.work_book import Decision, Policy, Step, WorkBook
 
 NOT_BEGUN = "cancelled before it began"
@@ -116,7 +115,7 @@ class SerialActionServer:
                 self._execute(goal)
             except BaseException as error:  # whatever a server's code does, the client gets an answer
                 if not rospy.is_shutdown():
-                    rospy.logerr(f"action {self.name}: {traceback.format_exc()}")
-                goal.abort(text=f"{type(error).__name__}: {error}")
+                    log_failure(f"action {self.name}")
+                goal.abort(text=failure_text(error))
             if goal.abort(text="the server ended without a result"):
                 rospy.logerr(f"action {self.name}: execution returned without a result")

@@ -8,20 +8,23 @@ node), the value of the group counts, so it is set as well, unless others share 
 
 import contextlib
 import os
+import time
 from pathlib import Path
 
 _AUTOGROUP = Path("/proc/self/autogroup")
+#: Linux lets ordinary users change the value of one group in each 0.1 s, all of them together; s.
+_NEXT_CHANGE, _LAST_TRY = 0.1, 1.0
 
 
 def lower_priority(niceness: int) -> None:
     """Lets other processes go first.
 
-    :param niceness: nice value, 0 to 19; a process of a higher one is left alone.
+    :param niceness: nice value, 0 to 19; a process of a higher one keeps it, for its session too.
     """
     with contextlib.suppress(OSError):
         if os.getpriority(os.PRIO_PROCESS, 0) < niceness:
             os.setpriority(os.PRIO_PROCESS, 0, niceness)
-            _set_group(niceness)
+        inherit_priority()
 
 
 def raise_priority(niceness: int) -> bool:
@@ -40,11 +43,22 @@ def raise_priority(niceness: int) -> bool:
 
 
 def inherit_priority() -> None:
-    """Gives a session that a process has just begun the nice value that the process has from its parent."""
+    """Gives a session that a process has just begun, which has 0, the nice value of the process."""
+    niceness = os.getpriority(os.PRIO_PROCESS, 0)
     with contextlib.suppress(OSError):
-        _set_group(os.getpriority(os.PRIO_PROCESS, 0))
+        if niceness:
+            _set_group(niceness)
 
 
 def _set_group(niceness: int) -> None:
-    if os.getsid(0) == os.getpid():
-        _AUTOGROUP.write_text(str(niceness))
+    if os.getsid(0) != os.getpid():
+        return
+    end = time.monotonic() + _LAST_TRY
+    while True:
+        try:
+            _AUTOGROUP.write_text(str(niceness))
+            return
+        except BlockingIOError:
+            if time.monotonic() > end:
+                raise
+            time.sleep(_NEXT_CHANGE)

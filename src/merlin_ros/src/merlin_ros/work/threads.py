@@ -7,12 +7,15 @@ A node in which a thread cannot be started ends soon, and is started again (`mer
 """
 
 import logging
+import sys
 import threading
+import traceback
 from collections import deque
 from functools import partial
 from typing import Any, Callable, Deque
 
 _log = logging.getLogger("rosout")  # that of `rospy.logerr`
+_FRAMES = -30  # the innermost ones: of what recurses there are a thousand
 
 
 def start_thread(name: str, work: Callable[..., object], *args: Any) -> threading.Thread:
@@ -25,9 +28,27 @@ def start_thread(name: str, work: Callable[..., object], *args: Any) -> threadin
     return thread
 
 
-def log_failure() -> None:
-    """Logs the exception that is being handled, with the name of this thread, which continues."""
-    _log.exception("the thread '%s' continues after an error", threading.current_thread().name)
+def log_failure(what: str = "") -> str:
+    """Logs the exception that is being handled, with its traceback.
+
+    :param what: failed; "": this thread, which continues.
+    :return: :func:`failure_text` of the exception.
+    """
+    error = sys.exc_info()[1]
+    _log.error(
+        "%s: %s",
+        what or f"the thread '{threading.current_thread().name}' continues after an error",
+        traceback.format_exc(limit=_FRAMES),
+    )
+    return "" if error is None else failure_text(error)
+
+
+def failure_text(error: BaseException) -> str:
+    """Kind and text of an exception, for an answer; the kind alone where making its text raises."""
+    try:
+        return f"{type(error).__name__}: {error}"
+    except Exception as fault:
+        return f"{type(error).__name__}: (its text raised {type(fault).__name__})"
 
 
 class CallQueue:

@@ -6,7 +6,6 @@ and no decision is made with a lock held. All events in the queue are handled be
 """
 
 import contextlib
-import logging
 import math
 import queue
 import threading
@@ -14,6 +13,7 @@ from collections import deque
 from typing import Any, Deque, Dict, FrozenSet, List, Optional, Set, Union
 
 from merlin_pddl.breakpoints import Breakpoints
+from merlin_ros.work.threads import log_failure
 from merlin_rosplan.dispatch.coming_conditions import ComingConditions
 from merlin_rosplan.dispatch.dispatch_environment import (
     CancelRequest,
@@ -36,7 +36,6 @@ from merlin_rosplan.dispatch.dispatch_running import Running, broken_over_all
 from merlin_rosplan.dispatch.dispatch_schedule import PlannedAction, Schedule
 from merlin_rosplan.dispatch.operator_model import Conditions
 
-_log = logging.getLogger(__name__)
 _NOTHING: FrozenSet[str] = frozenset()
 _Queue = Union["queue.SimpleQueue[Event]", "queue.Queue[Event]"]
 
@@ -126,9 +125,8 @@ class PlanDispatch:
             self._loop()
         except DispatchError as error:
             self._fail(str(error))
-        except Exception as error:  # whatever it was, what runs is stopped and the caller gets an answer
-            _log.exception("dispatch %d", self.plan_id)
-            self._fail(f"{type(error).__name__}: {error}")
+        except Exception:  # whatever it was, what runs is stopped and the caller gets an answer
+            self._fail(log_failure(f"dispatch {self.plan_id}"))
         try:
             if self._failure is not None:
                 self._stop_running()

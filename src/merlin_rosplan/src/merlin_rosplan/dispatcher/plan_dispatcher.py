@@ -4,7 +4,6 @@
 import dataclasses
 import functools
 import threading
-import traceback
 from typing import TYPE_CHECKING, Any, Callable, FrozenSet, Optional, Tuple, Type
 
 import rospy
@@ -30,7 +29,7 @@ from merlin_ros.alarms import wait_ticks
 from merlin_ros.deadline import Deadline, limit
 from merlin_ros.health import OK, WARN, Health
 from merlin_ros.ports.service_server import after_answer
-from merlin_ros.work.threads import start_thread
+from merlin_ros.work.threads import log_failure, start_thread
 from merlin_rosplan.dispatch.dispatch_environment import (
     DispatchLimits,
     DispatchReport,
@@ -239,9 +238,8 @@ class PlanDispatcher(Component):
                 goal.reject(NonBlockingDispatchResult(), refusal)
             else:
                 self._dispatch_goal(goal)
-        except Exception as error:  # the client gets its answer all the same
-            rospy.logerr("%s: %s", self.scope, traceback.format_exc())
-            goal.abort(NonBlockingDispatchResult(), f"{type(error).__name__}: {error}")
+        except Exception:  # the client gets its answer all the same
+            goal.abort(NonBlockingDispatchResult(), log_failure(self.scope))
 
     def _dispatch_goal(self, goal: ServerGoal) -> None:
         report = self._run(lambda: self._begin_goal(goal))
@@ -319,9 +317,8 @@ class PlanDispatcher(Component):
                 report = self._run_plan()
             except PlanError as error:
                 report = DispatchReport(DispatchState.FAILED, str(error))
-            except Exception as error:  # the caller gets its answer, and the dispatcher continues
-                rospy.logerr("%s: %s", self.scope, traceback.format_exc())
-                report = DispatchReport(DispatchState.FAILED, f"{type(error).__name__}: {error}")
+            except Exception:  # the caller gets its answer, and the dispatcher continues
+                report = DispatchReport(DispatchState.FAILED, log_failure(self.scope))
             judged = self._judged(report)
             with self._state:
                 self._ending = True
@@ -388,9 +385,8 @@ class PlanDispatcher(Component):
             reason = f"these goals do not hold: {', '.join(unmet)}" if unmet else ""
         except PlanKnowledgeError as error:
             unmet, reason = (), f"whether the goals hold is not known: {error}"
-        except Exception as error:  # a goal of another knowledge base may be what no text can say
-            rospy.logerr("%s: %s", self.scope, traceback.format_exc())
-            unmet, reason = (), f"whether the goals hold is not known: {type(error).__name__}: {error}"
+        except Exception:  # a goal of another knowledge base may be what no text can say
+            unmet, reason = (), f"whether the goals hold is not known: {log_failure(self.scope)}"
         return dataclasses.replace(
             report,
             reason=reason if report.success else report.reason,

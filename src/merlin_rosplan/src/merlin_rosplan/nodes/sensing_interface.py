@@ -18,6 +18,7 @@ from rosplan_knowledge_msgs.srv import SetNamedBool
 from merlin_planning.knowledge_client import knowledge_client
 from merlin_ros.ros_alarm import RosAlarm
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
+from merlin_ros.work.threads import failure_text
 from merlin_rosplan.knowledge.sensed_facts import facts_of, is_wildcard, parameter_choices
 from merlin_rosplan.transport.component import Component, ComponentError
 from merlin_rosplan.transport.sensed_updater import LOG_PERIOD, SensedUpdater
@@ -120,7 +121,7 @@ class SensingInterface(Component):
         except ComponentError:
             raise
         except Exception as error:  # user code; whatever it raises, the node has to say which file it was
-            raise ComponentError(f"{path} cannot be loaded: {type(error).__name__}: {error}") from error
+            raise ComponentError(f"{path} cannot be loaded: {failure_text(error)}") from error
 
     def _mark_sensed(self) -> None:
         mark = ServiceProxy(f"{self.knowledge_base}/update_sensed_predicates", SetNamedBool, timeout=5.0)
@@ -210,7 +211,7 @@ class SensingInterface(Component):
             try:
                 self._sense(sensor, proxy(request()), proxy.name)
             except Exception as error:  # the request is user code too; the service is asked again
-                reason = str(error) if isinstance(error, ServiceError) else f"{type(error).__name__}: {error}"
+                reason = str(error) if isinstance(error, ServiceError) else failure_text(error)
                 rospy.logwarn_throttle(LOG_PERIOD, f"{self.scope}: '{predicate}': {reason}")
             if not self.closed:
                 alarm.set(rospy.get_time() + max(period, 0.001))
@@ -242,7 +243,7 @@ class SensingInterface(Component):
             facts = facts_of(sensor.predicate, sensor.evaluate(message, choices, source), choices)
         except Exception as error:  # user code may raise anything; the other sensors continue
             rospy.logerr_throttle_identical(
-                LOG_PERIOD, f"{self.scope}: sensing '{sensor.predicate}': {type(error).__name__}: {error}"
+                LOG_PERIOD, f"{self.scope}: sensing '{sensor.predicate}': {failure_text(error)}"
             )
             return
         self._updater.sense(facts)

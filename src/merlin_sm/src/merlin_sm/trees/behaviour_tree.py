@@ -11,6 +11,7 @@ from py_trees.common import Status
 import smach
 from merlin_ros.deadline import Deadline
 from merlin_ros.ros_alarm import call_after
+from merlin_ros.work.threads import log_failure
 from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, SUCCEEDED, merlin_states
 from merlin_sm.trees.state_behaviour import StateBehaviour
 from merlin_sm.trees.state_run import StateRun
@@ -182,8 +183,8 @@ class BehaviourTree(Branch):
             if node.status == Status.RUNNING:
                 try:
                     node.stop(Status.INVALID)
-                except Exception as error:  # users' code; the others have to be stopped too
-                    rospy.logerr(f"behaviour {node.name} raised {type(error).__name__} at its end: {error}")
+                except Exception:  # users' code; the others have to be stopped too
+                    log_failure(f"the end of behaviour {node.name}")
                     node.status = Status.INVALID
         with self._changed:
             runs = list(self._runs)

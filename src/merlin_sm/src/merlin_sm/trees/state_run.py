@@ -4,9 +4,7 @@
 import threading
 from typing import Callable, Optional
 
-import rospy
-
-from merlin_ros.work.threads import start_thread
+from merlin_ros.work.threads import log_failure, start_thread
 from merlin_sm.autonomy import label_text
 from merlin_sm.merlin_sm import MerlinSM
 
@@ -65,5 +63,5 @@ class StateRun:
             self._interrupted = True
         try:
             self.machine.cancel()
-        except BaseException as error:  # users' code; what else runs in the tree still has to be interrupted
-            rospy.logerr(f"the preempt of a behaviour raised {type(error).__name__}: {error}")
+        except BaseException:  # users' code; what else runs in the tree still has to be interrupted
+            log_failure("the preempt of a behaviour")

@@ -174,7 +174,8 @@ class ActionServerWrapper:
             rospy.logerr(f"Action {self._server_name}: the goal failed\n{traceback.format_exc()}")
             result = self._result_type()
             # Of an error of a state, the lines after the first are its traceback.
-            kind, text = "aborted", f"{type(error).__name__}: {error}".partition("\n")[0]
+            said = traceback.format_exception_only(type(error), error)  # also of one that cannot say its text
+            kind, text = "aborted", said[0].partition("\n")[0]
         finally:
             run_context.leave(outer)
             self.userdata._end_run()
