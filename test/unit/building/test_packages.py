@@ -77,7 +77,7 @@ def test_a_user_with_sudo_keeps_the_proxy(tmp_path: Path) -> None:
 
 
 NOT_ON_A_ROBOT = (
-    r"pybullet|panda3d|etcd|grpc|chromium|playwright|pytest|hypothesis|ruff|mypy|matplotlib|lint|fonts"
+    r"pybullet|panda3d|etcd|grpc|chromium|playwright|pytest|hypothesis|ruff|mypy|matplotlib|scipy|lint|fonts"
 )
 LISTS = ("apt.txt", "requirements.txt", "requirements-nodeps.txt")
 

@@ -25,5 +25,15 @@ def test_they_are_exact(size):
     assert np.array_equal(distance_field(free.astype(bool)), distance_field(free))
 
 
+@pytest.mark.parametrize("size", [(60, 90, 40), (90, 60, 4), (1, 50, 3), (50, 1, 2)])
+def test_up_to_a_given_one_they_are_exact_and_beyond_it_longer(size):
+    free = grid(*size)
+    exact, most = distance_field(free), 6
+    near = exact <= most
+    found = distance_field(free, most)
+    assert near.any() and not near.all()
+    assert np.array_equal(found[near], exact[near]) and (found[~near] > most).all()
+
+
 def test_nothing_occupied_is_farther_than_the_grid_is_large():
     assert (distance_field(np.ones((4, 6))) >= 10).all()

@@ -15,7 +15,7 @@ from merlin_reactive.navigation.path_follower import Cruise, PathFollower
 from merlin_reactive.navigation.path_follower import Path as Way
 from merlin_reactive.navigation.path_planner import PathPlanner
 from merlin_reactive.navigation.scan_guard import ScanGuard
-from merlin_reactive.occupancy_grid import OccupancyGrid
+from merlin_reactive.occupancy_grid import OCCUPIED, OccupancyGrid
 from merlin_reactive.pose import Pose
 from merlin_sim.world.survey import map_of
 from merlin_sim.world.world_file import load_world
@@ -174,6 +174,20 @@ def test_every_point_of_interest_can_be_reached_with_everybody_in_their_place(na
     for other in others:
         assert len(planner.plan(first.point, other.point, seen)) >= 2
         assert len(planner.plan(other.point, first.point, seen)) >= 2
+
+
+def test_what_is_seen_besides_is_in_the_way_as_if_it_were_on_the_map(apartment):
+    points, grid = apartment.points_of_interest, map_of(apartment)
+    start, goal = points["kitchen"].point, points["bathroom"].point
+    planner = PathPlanner(grid, 0.25, 0.05)
+    direct = planner.plan(start, goal)
+    middle = np.array(direct[len(direct) // 2])
+    seen = middle + np.array([(0.1 * x, 0.1 * y) for x in (-1, 0, 1) for y in (-1, 0, 1)])
+    rows, columns, _ = grid.rows_and_columns(seen)
+    cells = grid.cells.copy()
+    cells[rows, columns] = OCCUPIED
+    drawn = PathPlanner(OccupancyGrid(cells, grid.resolution, grid.origin), 0.25, 0.05)
+    assert planner.plan(start, goal, seen) == drawn.plan(start, goal) != direct
 
 
 def test_it_serves_a_table_of_the_restaurant_facing_it():

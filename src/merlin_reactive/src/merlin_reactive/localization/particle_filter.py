@@ -16,6 +16,7 @@ from merlin_reactive.occupancy_grid import FREE, OCCUPIED, OccupancyGrid
 from merlin_reactive.pose import Pose, wrap
 from merlin_reactive.seeded_random import draw
 
+VAGUE = 10  # times sigma, from which on a hit is an outlier, however far it is
 SEARCH = 5  # times as many guesses when nothing is known
 
 
@@ -51,7 +52,8 @@ class ParticleFilter:
         self.grid = grid
         self._settings = settings
         self._seed, self._name = seed, name + "/particles"
-        self._distance = distance_field(grid.cells != OCCUPIED) * np.float32(grid.resolution)
+        seen = math.ceil(VAGUE * settings.sigma / grid.resolution)
+        self._distance = distance_field(grid.cells != OCCUPIED, seen) * np.float32(grid.resolution)
         self._free = np.argwhere(grid.cells == FREE)
         if not len(self._free):
             raise ValueError("no cell of the map is free: there is nowhere a robot could be")

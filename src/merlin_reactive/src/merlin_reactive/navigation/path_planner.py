@@ -42,8 +42,7 @@ class PathPlanner:
         self.grid = grid
         self.radius = radius
         self.clearance = clearance
-        self._free = (grid.cells == FREE).astype(np.uint8)
-        self.distance = self._distances(self._free)
+        self.distance = self._distances(grid.cells == FREE)
 
     def room(self, point: Point) -> float:
         """Distance to the nearest obstacle of the map, m; 0 outside the map."""
@@ -102,15 +101,15 @@ class PathPlanner:
         if start_cell is None:
             raise NoPath(f"the robot is at ({start[0]:.2f}, {start[1]:.2f}), outside the map")
         assert goal_cell is not None
+        safe = self.radius + (self.clearance if clearance is None else clearance)
         distance = self.distance
         if obstacles is not None and len(obstacles):
-            free = self._free.copy()
+            free = np.ones(self.grid.cells.shape, bool)
             rows, columns, inside = self.grid.rows_and_columns(obstacles)
-            free[rows[inside], columns[inside]] = 0
-            distance = self._distances(free)
+            free[rows[inside], columns[inside]] = False
+            distance = np.minimum(distance, self._distances(free, safe + COMFORT))
             if distance[goal_cell] < self.radius:
                 raise NoPath(f"something stands at the goal ({goal[0]:.2f}, {goal[1]:.2f})")
-        safe = self.radius + (self.clearance if clearance is None else clearance)
         costs = self._costs(distance, safe, start_cell, goal_cell)
         cells = pyastar2d.astar_path(costs, start_cell, goal_cell, allow_diagonal=True)
         # A* may pass cells of infinite cost when nothing else is left.
@@ -120,10 +119,12 @@ class PathPlanner:
         points = [self.grid.point(row, column) for row, column in cells]
         return self._straightened([start, *points[1:-1], goal], costs)
 
-    def _distances(self, free: np.ndarray) -> np.ndarray:
-        exact = distance_field(free)
+    def _distances(self, free: np.ndarray, most: float = math.inf) -> np.ndarray:
+        """Of each cell, m; exact up to `most`."""
+        resolution = self.grid.resolution
+        cells = None if math.isinf(most) else math.ceil(most / resolution + 0.5)
         # From centre to centre; the obstacle begins half a cell earlier.
-        return np.maximum(exact * self.grid.resolution - self.grid.resolution / 2, 0.0)
+        return np.maximum(distance_field(free, cells) * resolution - resolution / 2, 0.0)
 
     def _costs(
         self, distance: np.ndarray, safe: float, start: Tuple[int, int], goal: Tuple[int, int]
