@@ -9,7 +9,7 @@ import threading
 import traceback
 from contextlib import contextmanager
 from functools import partial
-from typing import Callable, Dict, Iterator, List, Optional, Set
+from typing import Callable, Dict, Iterator, List, Optional, Set, Tuple
 
 import rospy
 from actionlib_msgs.msg import GoalStatus
@@ -164,8 +164,9 @@ class Executor:
         self._lock = threading.Lock()  # guards the fields below down to _loading
         self._unread: Set[str] = set()  # goals that are not requests yet
         self._checks: Dict[str, CallScope] = {}  # goal -> the calls that check it
-        self._aside: List[ServerGoal] = []  # of an earlier life, to be checked again
-        self._unchecked = False  # whether the knowledge base did not answer when such a goal was checked
+        self._aside: Dict[str, Tuple[Request, str]] = {}  # of an earlier life, to be checked again, and why
+        self._unchecked = ""  # why the knowledge base did not say anything when such a request was checked
+        self._comes_again = False  # whether those are about to be checked again
         self._loading = Deadline(LOAD_WAIT)
         self._again = CallQueue("requests of an earlier life")
         self._order = itertools.count()
@@ -222,65 +223,80 @@ class Executor:
 
     # --- events, in threads of the action server ----------------------------------------------------------
 
-    def _receive(self, goal: ServerGoal) -> None:
-        noted = self._survivors.knows(goal.id)
+    def _receive(self, goal: ServerGoal, known: Optional[Request] = None) -> None:
         with self._lock:
             self._unread.add(goal.id)
-            waits = noted and self._unchecked
         try:
-            if waits:
-                self._set_aside(goal)
-            else:
-                self._read(goal, noted)
+            self._read(known or Request(goal, next(self._order), self._new_course(), self._survivors.drop))
+        except (PDDLSyntaxError, RequestTooLarge) as error:
+            self._refuse(goal, str(error))
+        except OSError as error:
+            self._refuse(goal, f"the request could not be noted for the next life of the executor: {error}")
+        except BaseException as error:  # the client gets its answer, whatever it sent
+            rospy.logerr(f"executor: {traceback.format_exc(limit=20)}")
+            self._refuse(goal, f"the request could not be read: {crashed(error).reason}")
         finally:
             with self._lock:
                 self._unread.discard(goal.id)
 
-    def _read(self, goal: ServerGoal, noted: bool) -> None:
+    def _read(self, request: Request) -> None:
+        goal = request.goal
+        noted = self._survivors.knows(goal.id)
+        with self._lock:
+            why = self._unchecked if noted and not goal.cancel_requested else ""
+        if why:
+            self._set_aside(request, why)
+            return
         try:
-            request = Request(goal, next(self._order), self._new_course(), self._survivors.drop)
             if goal.goal.survives and not request.items:
                 raise GoalError(StopKind.SHUTDOWN.value if noted else NO_REQUEST)
             with self._checking(goal):
                 check_goals(request.items, self._knowledge)
             request.texts = [to_pddl(item) for item in request.items]  # the arguments are in order now
             again = goal.goal.survives and self._survivors.keep(goal)
-        except (PDDLSyntaxError, RequestTooLarge) as error:
-            self._refuse(goal, str(error))
         except (GoalError, ServiceError) as error:
             unchecked = isinstance(error, ServiceError)
             why = f"the goals could not be checked: {KNOWLEDGE_BASE}: {error}" if unchecked else str(error)
             with self._lock:
-                self._unchecked = self._unchecked or noted and unchecked
                 if unchecked:
                     self._loading = Deadline(LOAD_WAIT)
+                    self._unchecked = why if noted else self._unchecked
                 over = self._loading.expired or goal.cancel_requested
             if over or not noted or not request.items:
                 self._refuse(goal, why)
             else:
                 rospy.logwarn_throttle_identical(LOAD_WAIT, f"a request of an earlier executor waits: {why}")
-                self._set_aside(goal)
-        except OSError as error:
-            self._refuse(goal, f"the request could not be noted for the next life of the executor: {error}")
-        except BaseException as error:  # the client gets its answer, whatever it sent
-            rospy.logerr(f"executor: {traceback.format_exc(limit=20)}")
-            self._refuse(goal, f"the request could not be read: {crashed(error).reason}")
+                self._set_aside(request, why)
         else:
+            with self._lock:
+                self._aside.pop(goal.id, None)
             self._engine.decide(lambda agenda: agenda.receive(request, goal.cancel_requested, again))
 
-    def _set_aside(self, goal: ServerGoal) -> None:
+    def _set_aside(self, request: Request, why: str) -> None:
         """A request of an earlier life is checked again later: what it is about may still be loaded."""
         with self._lock:
-            self._aside.append(goal)
-            if len(self._aside) == 1:
-                call_later(CHECK_AGAIN, lambda: self._again.put(self._check_again))
+            before = self._aside.get(request.goal.id)
+            self._aside[request.goal.id] = request, why
+            self._come_again()
+        if before != (request, why):
+            self._publish_queue()
+
+    def _come_again(self) -> None:
+        """Called with the lock held."""
+        if self._aside and not self._comes_again:
+            self._comes_again = True
+            call_later(CHECK_AGAIN, lambda: self._again.put(self._check_again))
 
     def _check_again(self) -> None:
         """As long as the knowledge base does not answer, only the first one is checked."""
         with self._lock:
-            goals, self._aside, self._unchecked = self._aside, [], False
-        for goal in goals:
-            self._receive(goal)
+            aside, self._unchecked = list(self._aside.items()), ""
+        for goal_id, (request, _) in aside:
+            if goal_id in self._aside:  # it was not taken back meanwhile
+                self._receive(request.goal, request)
+        with self._lock:
+            self._comes_again = False
+            self._come_again()
 
     @contextmanager
     def _checking(self, goal: ServerGoal) -> Iterator[None]:
@@ -299,9 +315,7 @@ class Executor:
     def _cancel(self, goal: ServerGoal) -> None:
         with self._lock:
             calls = self._checks.get(goal.id)
-            aside = goal in self._aside
-            if aside:
-                self._aside.remove(goal)
+            aside = goal.id in self._aside
         if aside:
             self._refuse(goal, "its goals could not be checked yet")
         if calls is not None:
@@ -329,6 +343,10 @@ class Executor:
         named = bool(goal.goal.goals or goal.goal.items)
         if named:  # without goals its client looks for the noted one
             self._survivors.drop(goal.id)
+            with self._lock:
+                aside = self._aside.pop(goal.id, None)
+            if aside is not None:
+                self._publish_queue()
         # A client may send names without end; the log, and all that listen to it, need not have them.
         verdict = unreadable(shortened(reason, LONGEST_REASON), named and goal.cancel_requested)
         rospy.logwarn(f"{verdict.outcome.name}: {verdict.reason}")
@@ -408,6 +426,8 @@ class Executor:
             outlooks = self._engine.outlooks()
             for request, outlook in outlooks:
                 request.tell(outlook)
+            with self._lock:
+                outlooks += [(request, Outlook(waits=why)) for request, why in self._aside.values()]
             message = GoalQueue(requests=[request.queued_goal(outlook) for request, outlook in outlooks])
             message.header.stamp = rospy.Time.now()
             publish(self._queue_publisher, message)
