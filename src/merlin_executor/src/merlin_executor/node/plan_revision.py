@@ -14,6 +14,7 @@ from diagnostic_msgs.msg import KeyValue
 from merlin_msgs.msg import PlannerStatus, RunningAction
 
 from merlin_executor.core.engine import Engine
+from merlin_executor.core.standstill import MOVES
 from merlin_executor.node.own_goals import OwnGoals
 from merlin_executor.node.request import Request, goals_of
 from merlin_planning.knowledge_text import action_text, to_pddl
@@ -129,9 +130,9 @@ class PlanRevision(PlanningState):
         if dropped and self._closed:
             return self.fail("the dispatch has ended")
         hangs = [text for text in map(_text, dropped) if text in self._dispatcher.unstopped]
-        if hangs:
+        if hangs or (dropped and not self._system.guard.wait_left()):
             self.given_up = True
-            return self.fail(f"{', '.join(hangs)} did not stop")
+            return self.fail(f"{', '.join(hangs)} did not stop" if hangs else MOVES)
         self._run.go_on(lambda: self._requests.revised(wanted, True))
         return SUCCEEDED
 
@@ -193,6 +194,7 @@ class PlanRevision(PlanningState):
                 goals=[text for request in wanted for text in request.texts],
                 without=self._run.course.without,
                 facts=[literal for action in running for literal in self._undone(action)],
+                urgent=True,
             )
             self.interruptible(None)
         if answer.status.state not in (PlannerStatus.SOLVED, PlannerStatus.UNSOLVABLE):
