@@ -9,7 +9,7 @@ import threading
 import traceback
 from contextlib import contextmanager
 from functools import partial
-from typing import Callable, Dict, Iterator, List, Optional, Set, Tuple
+from typing import Dict, Iterator, List, Optional, Sequence, Set, Tuple
 
 import rospy
 from actionlib_msgs.msg import GoalStatus
@@ -19,8 +19,8 @@ from merlin_msgs.msg import (
     ExecuteResult,
     ExecutorStatus,
     GoalQueue,
+    QueuedGoal,
 )
-from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
 
 from merlin_executor.core.activity import LONGEST_REASON, Activity, end_words
 from merlin_executor.core.agenda import OVERTAKE_LIMIT, TOGETHER, Agenda, Decision
@@ -40,6 +40,7 @@ from merlin_executor.node.forecast import Forecasts
 from merlin_executor.node.guard_client import GuardClient
 from merlin_executor.node.joint_run import PlanningSystem
 from merlin_executor.node.own_goals import OwnGoals
+from merlin_executor.node.pause_services import PauseServices
 from merlin_executor.node.recovery import Recovery
 from merlin_executor.node.request import Request
 from merlin_executor.node.survivors import Survivors
@@ -56,7 +57,6 @@ from merlin_ros.alarms import call_later
 from merlin_ros.call_scope import CallScope
 from merlin_ros.deadline import Deadline
 from merlin_ros.health import OK, WARN, Health
-from merlin_ros.master.master_link import ERRORS, bounded_master
 from merlin_ros.publishing import publish
 from merlin_ros.ros_alarm import RosAlarm
 from merlin_ros.service_proxy import ServiceError
@@ -64,7 +64,6 @@ from merlin_ros.work.threads import CallQueue
 from merlin_sm.introspection import start_introspection
 from merlin_sm.states.planning import CALL_GRACE
 
-PAUSED_PARAM = "~paused"
 STATUS_WAIT = 1.0  # s of running time at start for the dispatcher's status; ROSPlan's own publish none
 CHECK_LIMIT = 5.0  # s of wall time to check the goals of a request; others wait behind it
 START_REST = 6.0  # s of running time at start for a plan to stop that is cancelled without a limit
@@ -170,8 +169,10 @@ class Executor:
         self._loading = Deadline(LOAD_WAIT)
         self._again = CallQueue("requests of an earlier life")
         self._order = itertools.count()
-        self._publishing = threading.Lock()  # keeps published statuses and queues in order; guards the field
+        self._publishing = threading.Lock()  # keeps statuses and queues in order; guards the fields below
         self._expected_end: Optional[float] = None  # of the running request, as the queue was told last
+        self._urgent_waits = ""  # of the last status
+        self._queued: Optional[List[QueuedGoal]] = None  # as they were published last
 
     def start(self) -> None:
         """Puts right what a killed Executor left and begins to serve."""
@@ -361,13 +362,13 @@ class Executor:
             self._forecasts.forget(verdict.outcome.achieved)
         self._activity.ended(request.texts, verdict)
 
-    def _log(self, request: Request, verdict: Verdict, error: Optional[BaseException]) -> None:
-        """Behind the answer: a line of a log costs half a millisecond."""
+    def _log(self, requests: Sequence[Request], verdict: Verdict, error: Optional[BaseException]) -> None:
+        """Behind the answers: a line of a log costs half a millisecond."""
         if error is not None:
             rospy.logerr(
                 "executor: " + "".join(traceback.format_exception(type(error), error, error.__traceback__))
             )
-        rospy.loginfo(end_words(request.texts, verdict))
+        rospy.loginfo(end_words([text for request in requests for text in request.texts], verdict))
 
     def _publish_status(self) -> None:
         with self._publishing:
@@ -413,7 +414,8 @@ class Executor:
                     reason="; ".join(filter(None, (status.reason, status.late))),
                 )
                 for each in together:
-                    each.goal.feedback(feedback)
+                    each.tell_running(feedback)
+            self._urgent_waits = status.urgent_waits
             publish(self._status_publisher, status)
             shifted = request is not None and request.expected_end != self._expected_end
         if (freed or shifted) and self._engine.waiting:
@@ -424,13 +426,19 @@ class Executor:
             running = self._engine.running
             self._expected_end = running.expected_end if running is not None else None
             outlooks = self._engine.outlooks()
+            waits = next((outlook.waits for _, outlook in outlooks if outlook.waits), "")
             for request, outlook in outlooks:
                 request.tell(outlook)
             with self._lock:
                 outlooks += [(request, Outlook(waits=why)) for request, why in self._aside.values()]
-            message = GoalQueue(requests=[request.queued_goal(outlook) for request, outlook in outlooks])
-            message.header.stamp = rospy.Time.now()
-            publish(self._queue_publisher, message)
+            queued = [request.queued_goal(outlook) for request, outlook in outlooks]
+            if queued != self._queued:
+                self._queued = queued
+                message = GoalQueue(requests=queued)
+                message.header.stamp = rospy.Time.now()
+                publish(self._queue_publisher, message)
+        if running is not None and waits != self._urgent_waits:
+            self._publish_status()
         if self._forecasts is not None:
             self._forecasts.look()
 
@@ -455,37 +463,3 @@ def _ended_by_server(status: GoalStatus) -> ExecuteResult:
     cancelled = status.status in (GoalStatus.RECALLED, GoalStatus.PREEMPTED)
     outcome = Outcome.CANCELLED if cancelled else Outcome.INTERNAL
     return ExecuteResult(outcome=int(outcome), reason=status.text)
-
-
-class PauseServices:
-    """The services ``merlin/pause`` and ``merlin/resume``; a pause outlives its process.
-
-    :param switch: called with whether no further request begins; at once when the last process was paused.
-    """
-
-    def __init__(self, switch: Callable[[bool], None]) -> None:
-        self._switch = switch
-        self._lock = threading.Lock()  # orders the changes
-        if rospy.get_param(PAUSED_PARAM, False) is True:
-            switch(True)
-            rospy.logwarn("the executor is paused, as it was before; call merlin/resume")
-        self._services = [
-            rospy.Service("merlin/pause", Trigger, self._pause),
-            rospy.Service("merlin/resume", Trigger, self._resume),
-        ]
-
-    def _pause(self, _: TriggerRequest) -> TriggerResponse:
-        return self._set(True, "Paused: no further request begins; the running one continues.")
-
-    def _resume(self, _: TriggerRequest) -> TriggerResponse:
-        return self._set(False, "The next request may begin.")
-
-    def _set(self, paused: bool, words: str) -> TriggerResponse:
-        with self._lock:
-            self._switch(paused)
-            try:
-                # It is in effect already; when the master hangs, only the parameter is missing.
-                bounded_master().setParam(rospy.resolve_name(PAUSED_PARAM), paused)
-            except ERRORS as error:
-                rospy.logerr(f"executor: the master does not keep the pause for a restart: {error}")
-        return TriggerResponse(True, words)
