@@ -71,14 +71,14 @@ class Robot:
         status = self.status
         return [status.request, *(each.request for each in status.together)] if status.running else []
 
-    def wait(self, what: str, holds: Callable[[], bool], begin: float = 0.0) -> float:
+    def wait(self, what: str, holds: Callable[[], bool], begin: float = 0.0, limit: float = LIMIT) -> float:
         """Waits; returns the ms since `begin`, monotonic s.
 
-        :raises RuntimeError: after LIMIT.
+        :raises RuntimeError: after `limit`, s.
         """
         with self.changed:
-            if not self.changed.wait_for(holds, LIMIT):
-                raise RuntimeError(f"waited {LIMIT:g} s for {what}; last status:\n{self.status}")
+            if not self.changed.wait_for(holds, limit):
+                raise RuntimeError(f"waited {limit:g} s for {what}; last status:\n{self.status}")
             return (time.monotonic() - begin) * 1e3
 
     def _note_end(self, request: ExecutorRequest) -> None:

@@ -357,7 +357,7 @@ def test_in_a_simulation_intervals_count_from_zero_and_times_of_the_day_are_refu
         ("- 3", "an entry needs goals"),
         ("- [at, goals]", "an entry needs goals"),
         ("- at: [", "is not YAML"),
-        ("goals: (a)", "has to be a list of 1 to 100 entries"),
+        ("goals: (a)", "has to be a list of 1 to 200 entries"),
         ("", "has to be a list"),
         ("- !!python/object:os.system x", "an entry needs goals"),
     ],
