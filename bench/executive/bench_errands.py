@@ -2,7 +2,7 @@
 """Lists of errands at once: one after the other, together, and the shortest tour, as the domain counts time.
 
 The drives of the action servers take 20 ms: what is counted is what the actions that were dispatched take by
-the domain. ANYTIME as for `bench_together`.
+the domain. ANYTIME as for `bench_together`. ERRANDS: one list of so many; from 21 on without the shortest tour.
 """
 
 import os
@@ -25,6 +25,7 @@ from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 
 POINTS = 24
 LISTS = {6: 10, 10: 10, 20: 5}  # errands → lists
+EXACT = 20  # errands of a list whose shortest tour is found
 TRIES = 5
 HOW = ("alone", "together")
 
@@ -41,24 +42,24 @@ class Lists:
         if not self._knowledge.knowledge.wait(LIMIT):
             raise RuntimeError(f"no knowledge base after {LIMIT:g} s")
 
-    def carry_out(self, stops: List[str], alone: bool) -> Tuple[float, float]:
-        """Sends errands at once; returns the metres of all drives, and the ms until the first one.
+    def carry_out(self, stops: List[str], alone: bool) -> Tuple[float, float, float]:
+        """Sends errands at once; returns metres of all drives, ms until the first, s until all have ended.
 
         A plan that is replaced leaves a drive whose metres are not known: then the list is done again.
 
         :raises RuntimeError: an errand did not succeed, or the plan was replaced each time.
         """
         for _ in range(TRIES):
-            first = self._once(stops, alone)
+            first, ended = self._once(stops, alone)
             with self._robot.changed:
                 actions = [(action.name, action.parameters[-1].value) for action in self._robot.dispatched]
             if len(actions) == 2 * len(stops):
                 drives = [point for name, point in actions if name == "navigate"]
-                return self._floor.tour([self._start, *drives]), first
+                return self._floor.tour([self._start, *drives]), first, ended
         raise RuntimeError(f"for {stops}: {actions}")
 
-    def _once(self, stops: List[str], alone: bool) -> float:
-        """Carries out a list; returns the ms until the first drive."""
+    def _once(self, stops: List[str], alone: bool) -> Tuple[float, float]:
+        """Carries out a list; returns the ms until the first drive, and the s until all have ended."""
         robot, knowledge = self._robot, self._knowledge
         knowledge.remove_facts([*knowledge.facts("checked"), *knowledge.facts("robot_at")])
         knowledge.add_facts(f"(robot_at {self._start})")
@@ -70,25 +71,28 @@ class Lists:
         begin = time.monotonic()
         self._resume()
         first = robot.wait("the first drive", lambda: bool(robot.dispatched), begin)
-        robot.wait("all errands", lambda: robot.ended(*requests) and robot.idle())
+        limit = LIMIT + 10.0 * len(stops)
+        ended = robot.wait("all errands", lambda: robot.ended(*requests) and robot.idle(), begin, limit)
         for request in requests:
             result = request.result
             if result is None or result.outcome != ExecuteResult.SUCCEEDED:
                 raise RuntimeError(f"an errand did not succeed: {result}")
         self.replaced += max(request.result.replans for request in requests if request.result)
         robot.wait("the last action", lambda: len(robot.dispatched) >= 2 * len(stops))
-        return first
+        return first, ended / 1e3
 
 
 def measure() -> Dict[str, Any]:
     """Time and metres of each way, and by how many percent both are above the shortest tour."""
-    floor = Floor(POINTS)
+    wanted = int(os.environ.get("ERRANDS", 0))
+    lists_of = {wanted: 1} if wanted else LISTS
+    floor = Floor(max(POINTS, wanted + 4))
     tasks = [
         (size, random.Random(f"{size}/{number}").sample(floor.points[1:], size))
-        for size, lists in LISTS.items()
+        for size, lists in lists_of.items()
         for number in range(lists)
     ]
-    done: Dict[str, List[Tuple[float, float]]] = {how: [] for how in HOW}
+    done: Dict[str, List[Tuple[float, float, float]]] = {how: [] for how in HOW}
     with tempfile.TemporaryDirectory(prefix="merlin_bench_") as folder, RosMaster() as master:
         floor.write(Path(folder))
         anytime = os.environ.get("ANYTIME", "0.2")
@@ -101,11 +105,13 @@ def measure() -> Dict[str, Any]:
                 done[how].append(lists.carry_out(stops, how == "alone"))
             print(size, [f"{done[how][-1][0]:.1f} m" for how in HOW], flush=True)
         rospy.signal_shutdown("done")
-    metres = {how: [length for length, _ in done[how]] for how in HOW}
-    metres["shortest"] = [floor.shortest(floor.points[0], stops) for _, stops in tasks]
-    figures: Dict[str, Any] = {"metres": {}, "s": {}, "percent_above_shortest": {}, "first_drive_ms": {}}
+    metres = {how: [length for length, _, _ in done[how]] for how in HOW}
+    if wanted <= EXACT:
+        metres["shortest"] = [floor.shortest(floor.points[0], stops) for _, stops in tasks]
+    names = ("metres", "s", "percent_above_shortest", "first_drive_ms", "until_all_ended_s")
+    figures: Dict[str, Any] = {name: {} for name in names}
     figures["replaced_plans"] = lists.replaced
-    for size in LISTS:
+    for size in lists_of:
         mine = [number for number, (each, _) in enumerate(tasks) if each == size]
         for how, lengths in metres.items():
             name = f"{size} {how}"
@@ -113,8 +119,10 @@ def measure() -> Dict[str, Any]:
             times = [seconds(lengths[each], size) for each in mine]
             figures["s"][name] = figure(times)
             if how in HOW:
+                figures["first_drive_ms"][name] = figure([done[how][each][1] for each in mine])
+                figures["until_all_ended_s"][name] = figure([done[how][each][2] for each in mine])
+            if how in HOW and "shortest" in metres:
                 least = [seconds(metres["shortest"][each], size) for each in mine]
                 above = [(time / best - 1.0) * 100.0 for time, best in zip(times, least)]
                 figures["percent_above_shortest"][name] = figure(above)
-                figures["first_drive_ms"][name] = figure([done[how][each][1] for each in mine])
     return {"errands": figures}

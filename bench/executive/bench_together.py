@@ -71,14 +71,14 @@ class Robot:
         status = self.status
         return [status.request, *(each.request for each in status.together)] if status.running else []
 
-    def wait(self, what: str, holds: Callable[[], bool], begin: float = 0.0) -> float:
+    def wait(self, what: str, holds: Callable[[], bool], begin: float = 0.0, limit: float = LIMIT) -> float:
         """Waits; returns the ms since `begin`, monotonic s.
 
-        :raises RuntimeError: after LIMIT.
+        :raises RuntimeError: after `limit`, s.
         """
         with self.changed:
-            if not self.changed.wait_for(holds, LIMIT):
-                raise RuntimeError(f"waited {LIMIT:g} s for {what}; last status:\n{self.status}")
+            if not self.changed.wait_for(holds, limit):
+                raise RuntimeError(f"waited {limit:g} s for {what}; last status:\n{self.status}")
             return (time.monotonic() - begin) * 1e3
 
     def _note_end(self, request: ExecutorRequest) -> None:
@@ -113,12 +113,16 @@ class Rounds:
     def __init__(self, robot: Robot, points: List[str]) -> None:
         self._robot, self._points = robot, points
         self._random = random.Random(1)
-        names = ("join_20th_ms", "leave_ms", "preempt_to_urgent_ms", "cancel_to_stop_ms", "cancel_to_idle_ms")
+        alike = ("preempt_to_urgent_ms", "cancel_to_stop_ms", "cancel_to_idle_ms")
+        names = ("join_20th_ms", "leave_ms", *alike, *(f"alone_{name}" for name in alike))
         self.times: Dict[str, List[float]] = {name: [] for name in names}
         self.cancelled_drives = {"join": 0, "leave": 0}
 
     def round(self, number: int) -> None:
-        """19 run, one joins, one leaves, and joins again; at times one interrupts; all are cancelled."""
+        """19 run, one joins, one leaves, and joins again; at times one interrupts; all are cancelled.
+
+        Then the same with one that is alone, on the same floor.
+        """
         robot = self._robot
         *points, urgent_point = self._random.sample(self._points, JOINED + 1)
         requests = {point: robot.send(point) for point in points[1:]}
@@ -133,13 +137,21 @@ class Rounds:
         self._wait_running(requests)
         self.cancelled_drives["leave"] += robot.cancels - cancels
         requests[leaver] = self._join(leaver, requests)
-        if number % 2:
-            self._interrupt(urgent_point)
+        self._stop(requests, urgent_point if number % 2 else "", "")
+        alone = {points[0]: robot.send(points[0])}
+        self._wait_running(alone)
+        self._stop(alone, urgent_point if number % 2 else "", "alone_")
+
+    def _stop(self, requests: Dict[str, ExecutorRequest], urgent_point: str, how: str) -> None:
+        """Interrupts these, and cancels all."""
+        robot = self._robot
+        if urgent_point:
+            self._interrupt(urgent_point, how)
             self._wait_running(requests)
         begin = time.monotonic()
         robot.client.cancel_all()
-        self.times["cancel_to_stop_ms"].append(robot.wait("zero", lambda: robot.halted, begin))
-        self.times["cancel_to_idle_ms"].append(robot.wait("an idle Executor", robot.idle, begin))
+        self.times[f"{how}cancel_to_stop_ms"].append(robot.wait("zero", lambda: robot.halted, begin))
+        self.times[f"{how}cancel_to_idle_ms"].append(robot.wait("an idle Executor", robot.idle, begin))
         robot.wait("the end of all", lambda: robot.ended(*requests.values()))
 
     def _wait_running(self, requests: Dict[str, ExecutorRequest]) -> None:
@@ -159,13 +171,13 @@ class Rounds:
         self.cancelled_drives["join"] += robot.cancels - cancels
         return newcomer
 
-    def _interrupt(self, point: str) -> None:
+    def _interrupt(self, point: str, how: str) -> None:
         robot = self._robot
         with robot.changed:
             robot.dispatched.clear()
         begin = time.monotonic()
         urgent = robot.send(point, priority=1)
-        self.times["preempt_to_urgent_ms"].append(
+        self.times[f"{how}preempt_to_urgent_ms"].append(
             robot.wait("the urgent one", lambda: bool(robot.dispatched), begin)
         )
         urgent.cancel()

@@ -7,7 +7,14 @@ from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
 import pytest
 import rospy
 from actionlib_msgs.msg import GoalStatus
-from merlin_msgs.msg import ExecuteResult, ExecutorStatus, KnowledgeChanges, MissionStatus, RobotWay
+from merlin_msgs.msg import (
+    ExecuteResult,
+    ExecutorStatus,
+    GoalQueue,
+    KnowledgeChanges,
+    MissionStatus,
+    RobotWay,
+)
 
 from merlin_actions import robot_places
 from merlin_executor.mission import goal_dispatcher, mission_node
@@ -106,6 +113,7 @@ class FakeRobot:
         self.on_change: List[Callable[[Any], None]] = []
         self.on_way: List[Callable[[Any], None]] = []
         self.on_status: List[Callable[[Any], None]] = []
+        self.on_queue: List[Callable[[Any], None]] = []
         self._lock = threading.Lock()  # keeps a change whole: branches of a mission change facts at once
 
     # --- the knowledge ----------------------------------------------------------------------------------
@@ -213,6 +221,8 @@ def put_in_place(robot: FakeRobot, monkeypatch: pytest.MonkeyPatch) -> None:
     def subscribe(topic: str, kind: type, callback: Callable[[Any], None], *_: Any, **__: Any) -> Any:
         if kind is ExecutorStatus:
             robot.on_status.append(callback)
+        if kind is GoalQueue:
+            robot.on_queue.append(callback)
         if kind is KnowledgeChanges:
             robot.on_change.append(callback)
         if kind is RobotWay:

@@ -2,8 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Another plan takes the place of the rest of one that runs, and the robot drives on."""
 
+import contextlib
+import os
+import tempfile
 import threading
 import unittest
+from pathlib import Path
 
 import rospy
 from actionlib_msgs.msg import GoalID
@@ -17,7 +21,8 @@ import rostest
 from merlin_executor.executor_client import MerlinExecutorClient, outcome_name
 from merlin_planning.dispatch_client import DispatchClient
 from merlin_planning.planning_client import Planned, PlanningClient
-from merlin_ros.service_proxy import ServiceProxy
+from merlin_ros.call_scope import CallScope
+from merlin_ros.service_proxy import ServiceError, ServiceProxy
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 from merlin_test.held_drives import HeldDrives
 from merlin_test.topic_links import wait_for_publishers
@@ -209,6 +214,31 @@ class Exchange(unittest.TestCase):
         second.cancel()
         self.assertOutcome(second, "CANCELLED")
         self.assertNotIn(GOALS[1], self.knowledge.goals())
+        self.held.end()
+        self.assertOutcome(first, "SUCCEEDED")
+        self.assertEqual((len(self.drives.messages), self.cancels.messages), (1, []))
+
+    def test_a_plan_that_is_only_shown_costs_one_that_leaves_nothing(self):
+        first, second = self.joined()
+        folder = tempfile.TemporaryDirectory()
+        self.addCleanup(folder.cleanup)
+        begun, scope = Path(folder.name, "begun"), CallScope()
+        os.mkfifo(begun)
+
+        def show():
+            with scope, contextlib.suppress(ServiceError):
+                self.planning.preview(goals=GOALS)
+
+        rospy.set_param(PLANNER, f"sh -c 'echo > {begun}; exec sleep 1000' DOMAIN PROBLEM")
+        self.addCleanup(rospy.set_param, PLANNER, "")
+        shown = threading.Thread(target=show, daemon=True)
+        shown.start()
+        self.addCleanup(shown.join, LONG)
+        self.addCleanup(scope.end)
+        begun.read_text()
+        rospy.set_param(PLANNER, "")
+        second.cancel()
+        self.assertOutcome(second, "CANCELLED")
         self.held.end()
         self.assertOutcome(first, "SUCCEEDED")
         self.assertEqual((len(self.drives.messages), self.cancels.messages), (1, []))

@@ -18,13 +18,14 @@ import rospy
 from actionlib_msgs.msg import GoalStatus
 from merlin_msgs.msg import DispatchStatus, ExecuteActionResult, ExecutorStatus, GoalQueue, KnowledgeChanges
 from move_base_msgs.msg import MoveBaseActionGoal
-from std_srvs.srv import Trigger
+from std_srvs.srv import SetBool, Trigger
 
 import rostest
 from merlin_executor.executor_client import DROP, MerlinExecutorClient, outcome_name
 from merlin_executor.goal_check import GoalError
 from merlin_executor.mission.goal_state import ACHIEVED
 from merlin_planning.knowledge_client import KnowledgeError
+from merlin_ros.service_proxy import ServiceProxy
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 from merlin_test.held_drives import HeldDrives
 from merlin_test.topic_links import wait_for_publishers
@@ -215,6 +216,29 @@ class Executor(unittest.TestCase):
             self.assertTrue(request.wait(LONG))
             self.assertOutcome(request.result, "SUCCEEDED")
         self.assertLess(self.ended(urgent), self.ended(first))
+
+    def test_a_more_urgent_request_waits_for_an_action_that_may_not_be_interrupted(self):
+        self.execute_at("kitchen")
+        hold = ServiceProxy("speech/hold", SetBool)
+        hold(True)
+        self.addCleanup(hold, False)
+        first = self.client.send(["(checked kitchen)", "(checked bathroom)"])
+        asks = self.status.wait(
+            lambda each: each.request == first.id and any(action.uninterruptible for action in each.running)
+        )
+        (ask,) = asks.running
+        urgent = self.client.send("(checked main_door)", priority=5)
+        waits = f"waits until (ask {ask.parameters[0].value}) can be interrupted"
+        self.queue.wait(lambda each: [(e.request, e.waits) for e in each.requests] == [(urgent.id, waits)])
+        self.status.wait_last(lambda status: status.urgent_waits == waits)
+        self.assertEqual((first.state, urgent.state), (GoalStatus.ACTIVE, GoalStatus.PENDING))
+        hold(False)
+        for request in (urgent, first):
+            self.assertTrue(request.wait(LONG))
+            self.assertOutcome(request.result, "SUCCEEDED")
+        self.assertLess(self.ended(urgent), self.ended(first))
+        fresh = [each for each in self.changes.messages if each.header.stamp >= self.begun]
+        self.assertEqual([poi for each in fresh for poi in checked(each.added)][:2][-1], "main_door")
 
     def test_an_interrupted_request_may_be_dropped(self):
         self.client.execute("(checked kitchen)", LONG)

@@ -57,6 +57,7 @@ class Robot:
         self.cancelled: List[str] = []
         self.owners: List[Optional[str]] = []
         self.active = self.interrupted = self.slow_to_stop = False
+        self.moves_on = False  # for what was cancelled
         self.slow_to_begin = self.awaited = False
         self.steps_done = 0
         self.hanging = ""  # the call that does not answer
@@ -145,7 +146,8 @@ class Robot:
         self.plans.append(self.steps(goals, driven[-1] if driven else self.place(sorted(self.facts))))
         return PlanningResult(Planned.SOLVED)
 
-    def preview(self, goals: List[str], without: Any, facts: List[str]) -> Any:
+    def preview(self, goals: List[str], without: Any, facts: List[str], urgent: bool) -> Any:
+        assert urgent, "it is refused beside one that is only shown"
         self.call("preview")
         if self.unknown:
             return PreviewPlanResponse(status=PlannerStatus(state=self.unknown.pop(), reason="not known"))
@@ -268,7 +270,8 @@ class Bench:
         self.robot = robot
         own = OwnGoals(robot, path)  # type: ignore[arg-type]
         guard = SimpleNamespace(
-            wait_standing=lambda: True,
+            wait_standing=lambda: not robot.moves_on,
+            wait_left=lambda: not robot.moves_on,
             halt=lambda: Halt(guard=True, halted=True),
             brake=lambda reason: None,
             wait_released=lambda stopped: None,

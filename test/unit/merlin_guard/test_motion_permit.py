@@ -44,6 +44,15 @@ def test_a_foreign_goal_passes_and_its_end_stops_the_base():
     assert world.state is GuardState.IDLE and not world.permit.view.moving
 
 
+def test_of_the_goals_it_says_which_ones_were_cancelled():
+    world = World()
+    world.status(("a", ACTIVE), ("b", ACTIVE))
+    world.cancel("a")
+    assert (world.permit.view.goals, world.permit.view.cancelled) == (("a", "b"), ("a",))
+    world.status(("a", SUCCEEDED), ("b", ACTIVE))
+    assert (world.permit.view.goals, world.permit.view.cancelled) == (("b",), ())
+
+
 def test_a_foreign_goal_is_refused_where_a_lease_is_required():
     world = World(require_lease=True)
     world.status(("rviz", ACTIVE))

@@ -283,6 +283,7 @@ class GuardNode:
             since=self._since,
             moving=view.moving,
             goals=list(view.goals),
+            cancelled=list(view.cancelled),
             servers=list(self._cancels),
             heard=list(view.heard),
             limited=self._commands.limited,

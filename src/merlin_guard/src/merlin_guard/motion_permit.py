@@ -64,6 +64,7 @@ class View(NamedTuple):
     reason: str
     moving: bool
     goals: Tuple[str, ...]
+    cancelled: Tuple[str, ...]
     heard: Tuple[str, ...]
     """The motion servers whose status is heard."""
 
@@ -95,12 +96,14 @@ class MotionPermit:
     @property
     def view(self) -> View:
         """The state after the last event."""
-        goals = tuple(goal.id for server in self._servers.values() for goal in server.active_goals())
+        active = [goal for server in self._servers.values() for goal in server.active_goals()]
+        goals = tuple(goal.id for goal in active)
+        cancelled = tuple(goal.id for goal in active if goal.cancelled_at is not None)
         state, reason = self._verdict
         if state is GuardState.PASSING and self._commanded_at is None:
             reason = "a motion goal may move the base, but no command comes"
         heard = tuple(name for name, server in self._servers.items() if not server.why_not_heard())
-        return View(state, reason, self._moving, goals, heard)
+        return View(state, reason, self._moving, goals, cancelled, heard)
 
     @property
     def drivers(self) -> Tuple[str, ...]:

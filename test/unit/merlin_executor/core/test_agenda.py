@@ -422,7 +422,7 @@ def test_a_client_without_measure_is_refused_and_the_others_are_not(agenda: "Age
     late = Ticket(MAX_OF_CLIENT, priority=9, sender="/flood")
     verdict = answers(agenda.receive(late))[late]
     assert verdict.outcome is Outcome.REFUSED
-    assert verdict.reason == "100 requests of /flood wait already; no more may"
+    assert verdict.reason == "200 requests of /flood wait already; no more may"
     assert agenda.receive(Ticket(order + 2, sender="/client")) == []
     agenda.begin()  # one that runs does not wait
     assert agenda.receive(Ticket(order + 3, sender="/flood")) == []

@@ -9,7 +9,7 @@ from typing import Any, Callable, Dict, List
 import pytest
 import rospy
 from fake_robot import FakeRobot
-from merlin_msgs.msg import ExecuteResult
+from merlin_msgs.msg import ExecuteResult, GoalQueue, QueuedGoal
 
 from merlin_executor.executor_client import NEVER, lasting_id
 from merlin_executor.goal_check import GoalError
@@ -74,7 +74,9 @@ class Sent(Day):
             self.clock.now = max(self.clock.now, options["not_before"].to_sec())
         outcome = self.outcome if early is None else early
         result = ExecuteResult(outcome=outcome, reason="why")
-        on_done(SimpleNamespace(result=result, taken_back=outcome == ExecuteResult.CANCELLED))
+        taken_back = outcome == ExecuteResult.CANCELLED
+        known = lasting_id(options["name"]) if options.get("survives") else "another"
+        on_done(SimpleNamespace(id=known, result=result, taken_back=taken_back))
 
     def follow(self, request: str, on_done: Callable[[Any], None]) -> None:
         self.followed.append(request)
@@ -206,15 +208,47 @@ def test_what_ends_before_it_is_due_is_sent_again_for_the_same_time(
     assert clock.pauses == [2.0, 4.0, 8.0]
 
 
-def test_one_that_is_refused_until_it_is_due_is_a_failure_once(
-    robot: FakeRobot, day: Callable[[str], Path], clock: SimpleNamespace
+@pytest.mark.parametrize("entry", ["deadline: 1h", "priority: 0"])
+def test_one_that_is_not_begun_in_its_time_is_a_failure_once(
+    robot: FakeRobot, day: Callable[[str], Path], clock: SimpleNamespace, entry: str
 ) -> None:
-    mission = Sent(day("- at: 1h\n  goals: (a)\n"), 99, clock)
+    mission = Sent(day(f"- at: 1h\n  goals: (a)\n  {entry}\n"), 99, clock)
     mission.early = [ExecuteResult.REFUSED] * 99
     with pytest.raises(MissionFailed, match=r"1 not done, the first: .*day.yaml:1: refused: why"):
         mission.run()
-    assert set(mission.due) == {60.0} and clock.now == EIGHT + HOUR
-    assert max(clock.pauses) == 300.0 and len(clock.pauses) < 25
+    assert set(mission.due) == {60.0} and EIGHT + 2 * HOUR - 5.0 < clock.now < EIGHT + 2 * HOUR
+    assert max(clock.pauses) == 300.0 and len(clock.pauses) < 45
+
+
+def test_an_executor_that_comes_back_when_an_errand_was_due_gets_it_in_time(
+    robot: FakeRobot, day: Callable[[str], Path], clock: SimpleNamespace
+) -> None:
+    mission = Sent(day("- at: 1s\n  goals: (a)\n  deadline: 1min\n"), 99, clock)
+    mission.early = [ExecuteResult.INTERNAL, ServiceError("no answer"), ExecuteResult.REFUSED]
+    mission.run()
+    assert len(mission.sent) == 4 and clock.pauses == [1.0, 4.0, 8.0]
+    assert {each["deadline"].to_sec() for each in mission.sent} == {EIGHT + 61.0}
+
+
+@pytest.mark.parametrize("outcome", [ExecuteResult.ACTION_FAILED, ExecuteResult.LATE])
+def test_one_that_was_begun_and_failed_is_not_begun_again(
+    robot: FakeRobot, day: Callable[[str], Path], clock: SimpleNamespace, outcome: int
+) -> None:
+    mission = Sent(day("- at: 1min\n  goals: (a)\n  deadline: 1h\n"), 99, clock)
+    mission.outcome = outcome
+    with pytest.raises(MissionFailed, match="1 not done"):
+        mission.run()
+    assert len(mission.sent) == 1
+
+
+def test_what_is_not_begun_until_its_next_time_is_sent_for_that(
+    robot: FakeRobot, day: Callable[[str], Path], clock: SimpleNamespace
+) -> None:
+    mission = Sent(day("- every: 20min\n  goals: (a)\n"), 99, clock)
+    mission.early = [ExecuteResult.REFUSED] * 30
+    with pytest.raises(MissionFailed, match="cancelled"):
+        mission.run()
+    assert list(dict.fromkeys(mission.due))[:3] == [20.0, 40.0, 60.0]
 
 
 def test_what_an_operator_takes_back_is_not_sent_again(
@@ -225,6 +259,39 @@ def test_what_an_operator_takes_back_is_not_sent_again(
     with pytest.raises(MissionFailed, match="cancelled"):
         mission.run()
     assert mission.due == [20.0, 40.0] and not clock.pauses
+
+
+@pytest.mark.parametrize(
+    ("queued", "due"),
+    [
+        ([0.0], [20.0, 20.0, 40.0]),  # that of an earlier time waits when the mission begins
+        ([], [20.0, 20.0, 40.0]),  # or runs
+        ([0.0, 20.0], [20.0, 40.0, 60.0]),
+    ],
+)
+def test_an_earlier_one_that_is_taken_back_costs_no_later_one(
+    robot: FakeRobot,
+    day: Callable[[str], Path],
+    clock: SimpleNamespace,
+    queued: List[float],
+    due: List[float],
+) -> None:
+    file = day("- every: 20min\n  goals: (a)\n  survives: true\n")
+    mission = Sent(file, 3, clock)
+    mission.early = [ExecuteResult.CANCELLED]
+    known = lasting_id(f"Sent:{read_day(file)[0].name}")
+
+    def hear(goals: Any, **options: Any) -> Any:
+        for minutes in queued if not mission.sent else []:
+            not_before = rospy.Time.from_sec(EIGHT + minutes * MINUTE)
+            for callback in robot.on_queue:
+                callback(GoalQueue(requests=[QueuedGoal(request=known, not_before=not_before)]))
+        return Sent.send(mission, goals, **options)
+
+    mission.send = hear  # type: ignore[method-assign]
+    with pytest.raises(MissionFailed, match="cancelled"):
+        mission.run()
+    assert mission.due == due
 
 
 def test_a_cancel_ends_a_day_that_waits_to_send_again(
@@ -290,7 +357,7 @@ def test_in_a_simulation_intervals_count_from_zero_and_times_of_the_day_are_refu
         ("- 3", "an entry needs goals"),
         ("- [at, goals]", "an entry needs goals"),
         ("- at: [", "is not YAML"),
-        ("goals: (a)", "has to be a list of 1 to 100 entries"),
+        ("goals: (a)", "has to be a list of 1 to 200 entries"),
         ("", "has to be a list"),
         ("- !!python/object:os.system x", "an entry needs goals"),
     ],

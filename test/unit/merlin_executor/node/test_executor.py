@@ -45,7 +45,6 @@ def test_an_urgent_request_waits_until_the_machine_leaves_its_state(bench: Bench
     urgent = bench.send(Goal("(checked hall)", priority=1))
     assert [request.waits for request in bench.queue()] == ["waits until (deliver) can be interrupted"]
     assert urgent.told == [bench.queue()[0].waits]
-    bench.dispatch(RunningAction(name="deliver", uninterruptible=True))
     assert bench.status().urgent_waits == urgent.told[0]
     bench.dispatch(RunningAction(name="deliver"))
     assert bench.machine.begun.acquire(timeout=LONG)  # the urgent one

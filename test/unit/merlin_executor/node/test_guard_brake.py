@@ -18,7 +18,7 @@ LONG = 60.0
 class Guards:
     """Guards of robots that say what the test lets them say."""
 
-    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, stand_wait: float = LONG) -> None:
         self.callbacks: Dict[str, Callable[[Any], None]] = {}
         self.braked: List[str] = []
         self.all_braked = threading.Event()
@@ -28,7 +28,7 @@ class Guards:
         monkeypatch.setattr(module, "publish", self._publish)
         monkeypatch.setattr(module, "ServiceProxy", lambda *_, **__: SimpleNamespace())
         monkeypatch.setattr(module, "BRAKE_WAIT", LONG)
-        self.client = GuardClient("/kb")
+        self.client = GuardClient("/kb", stand_wait)
 
     def _subscribe(self, topic: str, _: type, callback: Callable[[Any], None], **__: Any) -> None:
         self.callbacks[topic] = callback
@@ -48,9 +48,14 @@ class Guards:
         self.callbacks[topic](status)
 
     def say(
-        self, robot: str, moving: bool, state: int = GuardStatus.PASSING, goals: Sequence[str] = ()
+        self,
+        robot: str,
+        moving: bool,
+        state: int = GuardStatus.PASSING,
+        goals: Sequence[str] = (),
+        cancelled: Sequence[str] = (),
     ) -> None:
-        status = GuardStatus(moving=moving, state=state, goals=list(goals))
+        status = GuardStatus(moving=moving, state=state, goals=list(goals), cancelled=list(cancelled))
         self.callbacks[f"/{robot}/merlin/guard"](status)
 
 
@@ -181,3 +186,26 @@ def test_the_wait_for_a_release_can_be_ended(monkeypatch: pytest.MonkeyPatch) ->
     guards.client.wake()
     waiting.join(LONG)
     assert not waiting.is_alive() and guards.client.hold
+
+
+def test_a_base_may_move_for_what_was_not_cancelled(monkeypatch: pytest.MonkeyPatch) -> None:
+    guards = Guards(monkeypatch)
+    guards.meet("ann", "bob")
+    guards.say("ann", True, goals=["a"], cancelled=["a"])
+    guards.say("bob", True, goals=["b"])
+    said: List[bool] = []
+    waiting = threading.Thread(target=lambda: said.append(guards.client.wait_left()), daemon=True)
+    waiting.start()
+    guards.say("ann", True, goals=["c"])
+    waiting.join(LONG)
+    assert said == [True]
+
+
+@pytest.mark.parametrize("stands", [False, True])
+def test_a_goal_that_was_cancelled_must_not_move_its_base(
+    monkeypatch: pytest.MonkeyPatch, stands: bool
+) -> None:
+    guards = Guards(monkeypatch, stand_wait=0.0)
+    guards.meet("ann")
+    guards.say("ann", not stands, goals=["a"], cancelled=["a"])
+    assert guards.client.wait_left() is stands

@@ -284,6 +284,28 @@ def test_who_leaves_is_not_cancelled_when_what_ran_for_it_does_not_stop(bench: B
     assert end(first)[1] == "SUCCEEDED"
 
 
+@pytest.mark.parametrize("moves_on", [False, True])
+def test_one_that_leaves_is_cancelled_when_the_base_does_not_move_for_it(
+    bench: Bench, robot: Robot, moves_on: bool
+) -> None:
+    first = bench.driving("(checked kitchen)")
+    second = bench.send("(checked bath)")
+    bench.members(first, second)
+    with robot.changed:  # a second robot works for the other one
+        robot.under_way.append(
+            RunningAction(action_id=1000, name="check", parameters=[KeyValue("room", "bath")])
+        )
+    robot.moves_on = moves_on
+    bench.cancel(second)
+    outcome, reason = end(second)[1:]
+    assert outcome == ("CANCEL_TIMEOUT" if moves_on else "CANCELLED")
+    assert ("the base still moves" in reason) is moves_on
+    assert ("(drive hall kitchen)" in robot.cancelled) is moves_on
+    robot.moves_on = False
+    bench.carry_on(first)
+    assert end(first)[1] == "SUCCEEDED"
+
+
 def test_the_plan_that_ends_while_a_newcomer_is_planned_is_a_success(bench: Bench, robot: Robot) -> None:
     first = bench.driving("(checked kitchen)")
     robot.hanging = "plan"

@@ -216,8 +216,12 @@ def test_the_objects_of_a_request_may_be_added_after_the_start(lives: Any, file:
     world.objects = []
     goal = second.send(lasting("(checked kitchen)"))
     assert not goal.ends and left(file) == ["(checked kitchen)"]
+    (shown,) = second.queue()
+    assert shown.waits == "(checked kitchen): there is no object 'kitchen'"
     world.objects = ["kitchen"]
     assert second.machine.begun.acquire(timeout=LONG)
+    second.machine.end(Verdict(Outcome.SUCCEEDED, "done"))
+    assert goal.end()[1] == "SUCCEEDED" and second.queue() == []
 
 
 def test_objects_that_never_come_are_named(
@@ -233,13 +237,22 @@ def test_objects_that_never_come_are_named(
 
 
 def test_one_that_waits_for_the_knowledge_base_can_be_cancelled(lives: Any, file: Path, world: Any) -> None:
-    lives().run(lasting("(checked kitchen)"))
+    first = lives()
+    first.run(lasting("(checked kitchen)"))
+    first.send(lasting("(checked hall)"))
     second = lives()
     world.error = ServiceUnavailable("it hangs")
     executor_module.CHECK_AGAIN = LONG
-    goal = second.send(lasting("(checked kitchen)"))
-    second.cancel(goal)
-    assert goal.end()[1] == "CANCELLED" and left(file) == []
+    goals = [second.send(lasting("(checked kitchen)")), second.send(lasting("(checked hall)"))]
+    assert [(each.request, each.goals, each.survives) for each in second.queue()] == [
+        (goal.id, goal.goal.goals, True) for goal in goals
+    ]
+    assert {each.waits for each in second.queue()} == {
+        "the goals could not be checked: the planning system's knowledge base: it hangs"
+    }
+    second.cancel(goals[0])
+    assert goals[0].end()[1] == "CANCELLED" and left(file) == ["(checked hall)"]
+    assert [each.request for each in second.queue()] == [goals[1].id]
 
 
 def test_who_follows_one_while_the_executor_goes_down_costs_it_nothing(lives: Any, file: Path) -> None:

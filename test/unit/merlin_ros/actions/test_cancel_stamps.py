@@ -1,16 +1,29 @@
 # SPDX-License-Identifier: Apache-2.0
 """Cancels before their goals, or of all up to a stamp while the clock jumps back; floods; equal ids."""
 
+from types import SimpleNamespace
 from typing import Any, Callable, Dict, Iterator, List
 
 import pytest
 import rospy
-from actionlib_msgs.msg import GoalID
+from actionlib_msgs.msg import GoalID, GoalStatus
 from fakes.topics import Topics
 from merlin_msgs.msg import ListenAction, ListenActionGoal
 
-from merlin_ros.actions.action_server import EARLY_CANCELS, ENDED, ActionServer, ServerGoal
+from merlin_ros.actions import action_server
+from merlin_ros.actions.action_server import (
+    BURST,
+    BURST_TIME,
+    EARLY_CANCELS,
+    ENDED,
+    ActionServer,
+    ServerGoal,
+)
 from merlin_ros.actions.lease import LASTING
+from merlin_ros.alarms import Alarm
+
+
+LONG = 60.0
 
 
 class Served:
@@ -37,10 +50,17 @@ class Served:
         """The ids of its goals."""
         return [goal.id for goal in self.goals]
 
+    def lists(self) -> List[List[int]]:
+        """The present states of the goals in each status list since the last look."""
+        statuses, found = self._topics.published("/listen/status"), []
+        while not statuses.empty():
+            found.append([status.status for status in statuses.get_nowait().status_list])
+        return found
+
     def status(self) -> Dict[str, str]:
         """The text of each goal in the last status list."""
         statuses = self._topics.published("/listen/status")
-        last = statuses.get_nowait()
+        last = statuses.get(timeout=LONG)
         while not statuses.empty():
             last = statuses.get_nowait()
         return {status.goal_id.id: status.text for status in last.status_list}
@@ -60,6 +80,31 @@ def test_who_looks_for_a_goal_and_cancels_it_hears_from_its_owner(served: Served
     (goal,) = served.goals
     assert goal.cancel_requested and not goal.done
     assert goal.reject(text="nothing of this id runs")
+
+
+def test_many_changes_at_once_are_few_status_lists(served: Served, monkeypatch: pytest.MonkeyPatch) -> None:
+    alarms: List[Alarm] = []
+
+    def call_later(seconds: float, call: Callable[[], None]) -> Alarm:
+        assert 0.0 < seconds <= BURST_TIME
+        alarms.append(Alarm(call))
+        return alarms[-1]
+
+    now = SimpleNamespace(monotonic=lambda: 1e9)
+    monkeypatch.setattr(action_server, "time", now)
+    monkeypatch.setattr(action_server, "call_later", call_later)
+    served.send("first", 1)
+    served.goals[0].accept()
+    assert [len(each) for each in served.lists()] == [1, 1]
+    for number in range(50):
+        served.send(str(number), 2)
+    assert len(served.lists()) == BURST - 2
+    (alarm,) = alarms
+    alarm.ring()
+    assert served.lists() == [[GoalStatus.ACTIVE, *[GoalStatus.PENDING] * 50]]
+    now.monotonic = lambda: 1e9 + 1.0
+    served.goals[0].succeed()
+    assert served.lists() == [[GoalStatus.SUCCEEDED, *[GoalStatus.PENDING] * 50]]
 
 
 def test_goals_up_to_the_stamp_are_cancelled(served: Served) -> None:
@@ -122,6 +167,8 @@ def test_the_status_list_of_a_flood_of_goals_names_the_last_ones(served: Served)
         if number != 3:
             served.goals[-1].reject()
     named = served.status()
+    while str(ENDED + 19) not in named:  # the last ones come behind the burst
+        named = served.status()
     assert len(named) == ENDED + 1
     assert "3" in named and "19" not in named and "20" in named
 

@@ -1,12 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""An action server of any type that behaves as its parameters say."""
+"""An action server of any type that behaves as its parameters say.
+
+``~hold`` (std_srvs/SetBool): whether the next goal lasts until it is cancelled. One that is held now ends.
+"""
 
 import os
 import threading
-from typing import Any, Callable, Mapping, Optional, Tuple
+from typing import Any, Callable, List, Mapping, Optional, Tuple
 
 import rospy
 from roslib.message import get_message_class
+from std_srvs.srv import SetBool, SetBoolRequest, SetBoolResponse
 
 from merlin_actions.testing.behaviour import Act, Behaviour
 from merlin_actions.testing.result_script import ScriptedResults
@@ -177,8 +181,17 @@ def _start() -> None:
         key: of_robot(key, rospy.get_param(f"~{key}", None), robot, robots)
         for key in ("results", "answers", "sees")
     }
+    servers: List[SimulatedActionServer] = []
+
+    def hold(request: SetBoolRequest) -> SetBoolResponse:
+        for server in servers:
+            server.hold(request.data)
+        return SetBoolResponse(success=True)
+
     for name in names:
         behaviour = behaviour_from_params(name if len(names) > 1 else "")
         server = SimulatedActionServer(name, action_spec, behaviour, script=script, body=body)
         rospy.on_shutdown(server.shutdown)
+        servers.append(server)
         server.start()
+    rospy.Service("~hold", SetBool, hold)

@@ -87,8 +87,8 @@ class Engine(Generic[J]):
     :param on_status: called when what runs has changed, without a lock.
     :param on_queue: called when what waits has changed, without a lock.
     :param on_end: called with the verdict on each request whose run has ended, before it is published.
-    :param on_answered: called likewise behind the answer: with the request, the verdict, and, for the first
-        one of a run that crashed, the error.
+    :param on_answered: called likewise behind the answers: with the requests of one verdict, that verdict,
+        and, for the first ones of a run that crashed, the error.
     :param agenda: decides; None: one without a clock.
     :param wake_at: called with the ROS time, s, at which :meth:`look` has to be called; None: not at all.
     """
@@ -99,7 +99,7 @@ class Engine(Generic[J]):
         on_status: Callable[[], None],
         on_queue: Callable[[], None],
         on_end: Callable[[J, Verdict], None],
-        on_answered: Callable[[J, Verdict, Optional[BaseException]], None],
+        on_answered: Callable[[Sequence[J], Verdict, Optional[BaseException]], None],
         agenda: Optional[Agenda[J]] = None,
         wake_at: Callable[[Optional[float]], None] = lambda when: None,
     ) -> None:
@@ -329,8 +329,11 @@ class Engine(Generic[J]):
         self._tell(self._on_queue)
         for request, verdict in final.items():
             self._answer(request, verdict)
-        for number, (request, verdict) in enumerate(shown.items()):
-            self._tell(partial(self._on_answered, request, verdict, None if number else error))
+        alike: Dict[Verdict, List[J]] = {}
+        for request, verdict in shown.items():
+            alike.setdefault(verdict, []).append(request)
+        for number, (verdict, requests) in enumerate(alike.items()):
+            self._tell(partial(self._on_answered, requests, verdict, None if number else error))
 
     def _answer(self, request: J, verdict: Verdict) -> None:
         self._tell(lambda: request.end(verdict))

@@ -9,7 +9,7 @@ from typing import Sequence
 MAX_GOALS = 1000  #: Goals of a request, texts and items.
 MAX_TEXT = 65536  #: Characters of all goal texts of a request together.
 MAX_TOKENS = 1000  #: Tokens of an expression in a knowledge item.
-MAX_OF_CLIENT = 100  #: Requests of one client that wait.
+MAX_OF_CLIENT = 200  #: Requests of one client that wait.
 MAX_WAITING = 1000  #: Requests of all clients that wait.
 MAX_PRIORITY = 2**31 - 1  #: That of an int32.
 LEAST_VALUE, LARGEST_VALUE = 2.0**-100, 2.0**100  #: Exact in a float32, with room beyond.

@@ -54,7 +54,7 @@ class Outlook(NamedTuple):
     late: str = ""
     """Why it can no longer be on time, as a sentence; empty: it may be."""
     waits: str = ""
-    """Why it does not interrupt what is less urgent, as a sentence; empty: it does, or need not."""
+    """Why it does not interrupt what is less urgent, or is not checked yet, as a sentence; empty: neither."""
 
 
 def outlook_running(window: TimeWindow, end: Optional[float]) -> Outlook:

@@ -11,7 +11,7 @@ from typing import Any, Callable, Dict, List, NamedTuple, Optional, Union
 
 import rospy
 import yaml
-from merlin_msgs.msg import ExecuteResult
+from merlin_msgs.msg import ExecuteResult, GoalQueue
 
 from merlin_executor.core.base_hold import CALENDAR
 from merlin_executor.core.request_limits import MAX_OF_CLIENT, check_priority, check_value
@@ -26,8 +26,11 @@ from merlin_planning.knowledge_text import parse_goal
 from merlin_ros.ros_alarm import RosAlarm, call_after
 from merlin_ros.service_proxy import ServiceError
 
-PAUSE = 2.0  # s of ROS time before an errand that ended before it was due is sent again; doubles each time
+PAUSE = 2.0  # s of ROS time before an errand that was not begun is sent again; doubles each time
 LONGEST_PAUSE = 300.0
+LATEST = 3600.0  # s after it was due at which one without a deadline is sent for the last time
+#: How one ends that the Executor has not taken, or that is lost with it.
+_NOT_BEGUN = (ExecuteResult.REFUSED, ExecuteResult.INTERNAL)
 
 
 class DayError(ValueError):
@@ -176,6 +179,10 @@ class Day(GoalDispatcher):
         super().__init__()
         self._events: queue.Queue[Callable[[], None]] = queue.Queue()
         self._alarms: Dict[int, RosAlarm] = {}
+        #: Id of what survives → not before when, as `merlin/queue` said last; None: it was not in it.
+        self._queued: Dict[str, Optional[rospy.Time]] = {
+            lasting_id(self._name(errand)): None for errand in self._errands if errand.survives
+        }
         self._begun = 0.0
         self._open = len(self._errands)
         self._failed = 0
@@ -208,6 +215,7 @@ class Day(GoalDispatcher):
     def run(self) -> None:
         """Sends what is due next of each errand, and the next one when that has ended."""
         self._begun = rospy.get_time()
+        heard = rospy.Subscriber("merlin/queue", GoalQueue, self._hear_queue, tcp_nodelay=True)
         try:
             for errand in self._errands:
                 self._begin(errand)
@@ -216,6 +224,7 @@ class Day(GoalDispatcher):
                 self._refuse_cancelled(["what is due next"])
                 event()
         finally:
+            heard.unregister()
             for alarm in self._alarms.values():
                 alarm.shutdown()
         if self._failed:
@@ -225,6 +234,11 @@ class Day(GoalDispatcher):
         """As of :class:`.GoalDispatcher`."""
         super().cancel()
         self._events.put(lambda: None)  # nothing may have been sent that ends now
+
+    def _hear_queue(self, queue: GoalQueue) -> None:
+        self._queued.update(
+            (each.request, each.not_before) for each in queue.requests if each.request in self._queued
+        )
 
     def _begin(self, errand: Errand) -> None:
         if errand.due(self._begun, self._begun) is not None:
@@ -269,13 +283,18 @@ class Day(GoalDispatcher):
         def ended(result: Optional[ExecuteResult], taken_back: bool = False) -> None:
             self._events.put(lambda: self._ended(errand, due, pause, result, taken_back))
 
-        times = {"not_before": rospy.Time.from_sec(due)}
+        def taken_back(request: ExecutorRequest) -> bool:
+            # It may be that of an earlier time, which was found under the same name.
+            return request.taken_back and self._queued.get(request.id, not_before) == not_before
+
+        not_before = rospy.Time.from_sec(due)
+        times = {"not_before": not_before}
         if errand.deadline < math.inf:
             times["deadline"] = rospy.Time.from_sec(due + errand.deadline)
         try:
             self.send(
                 errand.goals,
-                on_done=lambda request: ended(request.result, request.taken_back),
+                on_done=lambda request: ended(request.result, taken_back(request)),
                 name=self._name(errand),
                 **times,
                 **errand.options,
@@ -290,11 +309,18 @@ class Day(GoalDispatcher):
         if result is not None and result.outcome not in ACHIEVED:
             why = f"{errand.where}: {outcome_text(result)}: {result.reason}"
             rospy.logwarn(why)
-        # One that survives and was achieved before it was due was that of an earlier time.
-        if now < due and not taken_back and (why or errand.survives):
+        missed = result is not None and result.outcome in _NOT_BEGUN
+        left = due + min(errand.deadline, errand.every or LATEST) - now
+        if taken_back:
+            wait = 0.0
+        elif now < due:  # one that survives and was achieved was that of an earlier time
+            wait = min(pause, due - now) if why or errand.survives else 0.0
+        else:
+            wait = min(pause, left / 2.0) if missed and left > PAUSE else 0.0
+        if wait:
             longer = min(2.0 * pause, LONGEST_PAUSE)
             again = functools.partial(self._events.put, lambda: self._send(errand, due, longer))
-            self._alarms[id(errand)] = call_after(min(pause, due - now), again, f"again {errand.where}")
+            self._alarms[id(errand)] = call_after(wait, again, f"again {errand.where}")
             return
         self._failed += bool(why)
         self._first = self._first or why

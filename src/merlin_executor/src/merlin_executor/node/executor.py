@@ -9,7 +9,7 @@ import threading
 import traceback
 from contextlib import contextmanager
 from functools import partial
-from typing import Callable, Dict, Iterator, List, Optional, Set
+from typing import Dict, Iterator, List, Optional, Sequence, Set, Tuple
 
 import rospy
 from actionlib_msgs.msg import GoalStatus
@@ -19,8 +19,8 @@ from merlin_msgs.msg import (
     ExecuteResult,
     ExecutorStatus,
     GoalQueue,
+    QueuedGoal,
 )
-from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
 
 from merlin_executor.core.activity import LONGEST_REASON, Activity, end_words
 from merlin_executor.core.agenda import OVERTAKE_LIMIT, TOGETHER, Agenda, Decision
@@ -40,6 +40,7 @@ from merlin_executor.node.forecast import Forecasts
 from merlin_executor.node.guard_client import GuardClient
 from merlin_executor.node.joint_run import PlanningSystem
 from merlin_executor.node.own_goals import OwnGoals
+from merlin_executor.node.pause_services import PauseServices
 from merlin_executor.node.recovery import Recovery
 from merlin_executor.node.request import Request
 from merlin_executor.node.survivors import Survivors
@@ -56,7 +57,6 @@ from merlin_ros.alarms import call_later
 from merlin_ros.call_scope import CallScope
 from merlin_ros.deadline import Deadline
 from merlin_ros.health import OK, WARN, Health
-from merlin_ros.master.master_link import ERRORS, bounded_master
 from merlin_ros.publishing import publish
 from merlin_ros.ros_alarm import RosAlarm
 from merlin_ros.service_proxy import ServiceError
@@ -64,7 +64,6 @@ from merlin_ros.work.threads import CallQueue, log_failure
 from merlin_sm.introspection import start_introspection
 from merlin_sm.states.planning import CALL_GRACE
 
-PAUSED_PARAM = "~paused"
 STATUS_WAIT = 1.0  # s of running time at start for the dispatcher's status; ROSPlan's own publish none
 CHECK_LIMIT = 5.0  # s of wall time to check the goals of a request; others wait behind it
 START_REST = 6.0  # s of running time at start for a plan to stop that is cancelled without a limit
@@ -164,13 +163,16 @@ class Executor:
         self._lock = threading.Lock()  # guards the fields below down to _loading
         self._unread: Set[str] = set()  # goals that are not requests yet
         self._checks: Dict[str, CallScope] = {}  # goal -> the calls that check it
-        self._aside: List[ServerGoal] = []  # of an earlier life, to be checked again
-        self._unchecked = False  # whether the knowledge base did not answer when such a goal was checked
+        self._aside: Dict[str, Tuple[Request, str]] = {}  # of an earlier life, to be checked again, and why
+        self._unchecked = ""  # why the knowledge base did not say anything when such a request was checked
+        self._comes_again = False  # whether those are about to be checked again
         self._loading = Deadline(LOAD_WAIT)
         self._again = CallQueue("requests of an earlier life")
         self._order = itertools.count()
-        self._publishing = threading.Lock()  # keeps published statuses and queues in order; guards the field
+        self._publishing = threading.Lock()  # keeps statuses and queues in order; guards the fields below
         self._expected_end: Optional[float] = None  # of the running request, as the queue was told last
+        self._urgent_waits = ""  # of the last status
+        self._queued: Optional[List[QueuedGoal]] = None  # as they were published last
 
     def start(self) -> None:
         """Puts right what a killed Executor left and begins to serve."""
@@ -222,65 +224,80 @@ class Executor:
 
     # --- events, in threads of the action server ----------------------------------------------------------
 
-    def _receive(self, goal: ServerGoal) -> None:
-        noted = self._survivors.knows(goal.id)
+    def _receive(self, goal: ServerGoal, known: Optional[Request] = None) -> None:
         with self._lock:
             self._unread.add(goal.id)
-            waits = noted and self._unchecked
         try:
-            if waits:
-                self._set_aside(goal)
-            else:
-                self._read(goal, noted)
+            self._read(known or Request(goal, next(self._order), self._new_course(), self._survivors.drop))
+        except (PDDLSyntaxError, RequestTooLarge) as error:
+            self._refuse(goal, str(error))
+        except OSError as error:
+            self._refuse(goal, f"the request could not be noted for the next life of the executor: {error}")
+        except BaseException as error:  # the client gets its answer, whatever it sent
+            log_failure("executor")
+            self._refuse(goal, f"the request could not be read: {crashed(error).reason}")
         finally:
             with self._lock:
                 self._unread.discard(goal.id)
 
-    def _read(self, goal: ServerGoal, noted: bool) -> None:
+    def _read(self, request: Request) -> None:
+        goal = request.goal
+        noted = self._survivors.knows(goal.id)
+        with self._lock:
+            why = self._unchecked if noted and not goal.cancel_requested else ""
+        if why:
+            self._set_aside(request, why)
+            return
         try:
-            request = Request(goal, next(self._order), self._new_course(), self._survivors.drop)
             if goal.goal.survives and not request.items:
                 raise GoalError(StopKind.SHUTDOWN.value if noted else NO_REQUEST)
             with self._checking(goal):
                 check_goals(request.items, self._knowledge)
             request.texts = [to_pddl(item) for item in request.items]  # the arguments are in order now
             again = goal.goal.survives and self._survivors.keep(goal)
-        except (PDDLSyntaxError, RequestTooLarge) as error:
-            self._refuse(goal, str(error))
         except (GoalError, ServiceError) as error:
             unchecked = isinstance(error, ServiceError)
             why = f"the goals could not be checked: {KNOWLEDGE_BASE}: {error}" if unchecked else str(error)
             with self._lock:
-                self._unchecked = self._unchecked or noted and unchecked
                 if unchecked:
                     self._loading = Deadline(LOAD_WAIT)
+                    self._unchecked = why if noted else self._unchecked
                 over = self._loading.expired or goal.cancel_requested
             if over or not noted or not request.items:
                 self._refuse(goal, why)
             else:
                 rospy.logwarn_throttle_identical(LOAD_WAIT, f"a request of an earlier executor waits: {why}")
-                self._set_aside(goal)
-        except OSError as error:
-            self._refuse(goal, f"the request could not be noted for the next life of the executor: {error}")
-        except BaseException as error:  # the client gets its answer, whatever it sent
-            log_failure("executor")
-            self._refuse(goal, f"the request could not be read: {crashed(error).reason}")
+                self._set_aside(request, why)
         else:
+            with self._lock:
+                self._aside.pop(goal.id, None)
             self._engine.decide(lambda agenda: agenda.receive(request, goal.cancel_requested, again))
 
-    def _set_aside(self, goal: ServerGoal) -> None:
+    def _set_aside(self, request: Request, why: str) -> None:
         """A request of an earlier life is checked again later: what it is about may still be loaded."""
         with self._lock:
-            self._aside.append(goal)
-            if len(self._aside) == 1:
-                call_later(CHECK_AGAIN, lambda: self._again.put(self._check_again))
+            before = self._aside.get(request.goal.id)
+            self._aside[request.goal.id] = request, why
+            self._come_again()
+        if before != (request, why):
+            self._publish_queue()
+
+    def _come_again(self) -> None:
+        """Called with the lock held."""
+        if self._aside and not self._comes_again:
+            self._comes_again = True
+            call_later(CHECK_AGAIN, lambda: self._again.put(self._check_again))
 
     def _check_again(self) -> None:
         """As long as the knowledge base does not answer, only the first one is checked."""
         with self._lock:
-            goals, self._aside, self._unchecked = self._aside, [], False
-        for goal in goals:
-            self._receive(goal)
+            aside, self._unchecked = list(self._aside.items()), ""
+        for goal_id, (request, _) in aside:
+            if goal_id in self._aside:  # it was not taken back meanwhile
+                self._receive(request.goal, request)
+        with self._lock:
+            self._comes_again = False
+            self._come_again()
 
     @contextmanager
     def _checking(self, goal: ServerGoal) -> Iterator[None]:
@@ -299,9 +316,7 @@ class Executor:
     def _cancel(self, goal: ServerGoal) -> None:
         with self._lock:
             calls = self._checks.get(goal.id)
-            aside = goal in self._aside
-            if aside:
-                self._aside.remove(goal)
+            aside = goal.id in self._aside
         if aside:
             self._refuse(goal, "its goals could not be checked yet")
         if calls is not None:
@@ -329,6 +344,10 @@ class Executor:
         named = bool(goal.goal.goals or goal.goal.items)
         if named:  # without goals its client looks for the noted one
             self._survivors.drop(goal.id)
+            with self._lock:
+                aside = self._aside.pop(goal.id, None)
+            if aside is not None:
+                self._publish_queue()
         # A client may send names without end; the log, and all that listen to it, need not have them.
         verdict = unreadable(shortened(reason, LONGEST_REASON), named and goal.cancel_requested)
         rospy.logwarn(f"{verdict.outcome.name}: {verdict.reason}")
@@ -343,13 +362,13 @@ class Executor:
             self._forecasts.forget(verdict.outcome.achieved)
         self._activity.ended(request.texts, verdict)
 
-    def _log(self, request: Request, verdict: Verdict, error: Optional[BaseException]) -> None:
-        """Behind the answer: a line of a log costs half a millisecond."""
+    def _log(self, requests: Sequence[Request], verdict: Verdict, error: Optional[BaseException]) -> None:
+        """Behind the answers: a line of a log costs half a millisecond."""
         if error is not None:
             rospy.logerr(
                 "executor: " + "".join(traceback.format_exception(type(error), error, error.__traceback__))
             )
-        rospy.loginfo(end_words(request.texts, verdict))
+        rospy.loginfo(end_words([text for request in requests for text in request.texts], verdict))
 
     def _publish_status(self) -> None:
         with self._publishing:
@@ -395,7 +414,8 @@ class Executor:
                     reason="; ".join(filter(None, (status.reason, status.late))),
                 )
                 for each in together:
-                    each.goal.feedback(feedback)
+                    each.tell_running(feedback)
+            self._urgent_waits = status.urgent_waits
             publish(self._status_publisher, status)
             shifted = request is not None and request.expected_end != self._expected_end
         if (freed or shifted) and self._engine.waiting:
@@ -406,11 +426,19 @@ class Executor:
             running = self._engine.running
             self._expected_end = running.expected_end if running is not None else None
             outlooks = self._engine.outlooks()
+            waits = next((outlook.waits for _, outlook in outlooks if outlook.waits), "")
             for request, outlook in outlooks:
                 request.tell(outlook)
-            message = GoalQueue(requests=[request.queued_goal(outlook) for request, outlook in outlooks])
-            message.header.stamp = rospy.Time.now()
-            publish(self._queue_publisher, message)
+            with self._lock:
+                outlooks += [(request, Outlook(waits=why)) for request, why in self._aside.values()]
+            queued = [request.queued_goal(outlook) for request, outlook in outlooks]
+            if queued != self._queued:
+                self._queued = queued
+                message = GoalQueue(requests=queued)
+                message.header.stamp = rospy.Time.now()
+                publish(self._queue_publisher, message)
+        if running is not None and waits != self._urgent_waits:
+            self._publish_status()
         if self._forecasts is not None:
             self._forecasts.look()
 
@@ -435,37 +463,3 @@ def _ended_by_server(status: GoalStatus) -> ExecuteResult:
     cancelled = status.status in (GoalStatus.RECALLED, GoalStatus.PREEMPTED)
     outcome = Outcome.CANCELLED if cancelled else Outcome.INTERNAL
     return ExecuteResult(outcome=int(outcome), reason=status.text)
-
-
-class PauseServices:
-    """The services ``merlin/pause`` and ``merlin/resume``; a pause outlives its process.
-
-    :param switch: called with whether no further request begins; at once when the last process was paused.
-    """
-
-    def __init__(self, switch: Callable[[bool], None]) -> None:
-        self._switch = switch
-        self._lock = threading.Lock()  # orders the changes
-        if rospy.get_param(PAUSED_PARAM, False) is True:
-            switch(True)
-            rospy.logwarn("the executor is paused, as it was before; call merlin/resume")
-        self._services = [
-            rospy.Service("merlin/pause", Trigger, self._pause),
-            rospy.Service("merlin/resume", Trigger, self._resume),
-        ]
-
-    def _pause(self, _: TriggerRequest) -> TriggerResponse:
-        return self._set(True, "Paused: no further request begins; the running one continues.")
-
-    def _resume(self, _: TriggerRequest) -> TriggerResponse:
-        return self._set(False, "The next request may begin.")
-
-    def _set(self, paused: bool, words: str) -> TriggerResponse:
-        with self._lock:
-            self._switch(paused)
-            try:
-                # It is in effect already; when the master hangs, only the parameter is missing.
-                bounded_master().setParam(rospy.resolve_name(PAUSED_PARAM), paused)
-            except ERRORS as error:
-                rospy.logerr(f"executor: the master does not keep the pause for a restart: {error}")
-        return TriggerResponse(True, words)

@@ -61,6 +61,16 @@ class GuardClient:
                 )
             return stands
 
+    def wait_left(self) -> bool:
+        """Waits until no base moves for a goal that was cancelled; it may move for others.
+
+        :return: False when one still does; True also without a guard.
+        """
+        with self._changed:
+            return Deadline(self._stand_wait).wait(
+                self._changed, lambda: not any(guard.moves_on() for guard in self._guards.values())
+            )
+
     def brake(self, reason: str) -> None:
         """Asks the guards to hold their bases until a cancel has reached the motion goals.
 
@@ -178,6 +188,10 @@ class _Guard:
         if self._status is None or (self._robot and self._silent(FRESH)):
             return False
         return bool(self._status.moving)
+
+    def moves_on(self) -> bool:
+        """Whether the base moves while a goal that was cancelled has not ended."""
+        return self.moves() and self._status is not None and bool(self._status.cancelled)
 
     def hold(self) -> str:
         """Who holds the base, as a sentence; empty: it is free, or the robot is gone."""

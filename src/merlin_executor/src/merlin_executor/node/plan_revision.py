@@ -14,6 +14,8 @@ from diagnostic_msgs.msg import KeyValue
 from merlin_msgs.msg import PlannerStatus, RunningAction
 
 from merlin_executor.core.engine import Engine
+from merlin_executor.core.standstill import MOVES
+from merlin_executor.core.ticket import Client
 from merlin_executor.node.own_goals import OwnGoals
 from merlin_executor.node.request import Request, goals_of
 from merlin_planning.knowledge_text import action_text, to_pddl
@@ -29,6 +31,7 @@ if TYPE_CHECKING:
 
 JOIN_LIMIT = 10.0  # s of wall time for a plan with newcomers; then they wait
 TRIES = 2
+GATHER = 0.02  # s of wall time for others to leave, too: where all do, nothing is to be planned
 
 
 class PlanRevision(PlanningState):
@@ -65,9 +68,13 @@ class PlanRevision(PlanningState):
         left = [request for request in self._run.requests if request.stop is None]
         if self._closed or not left or not self._dispatcher.can_exchange:
             return False
-        # Nothing moves for the first one of before when that leaves because its client is gone.
-        self._dispatcher.hand_over(left[0].goal.id)
-        self._calls_put(self._work)
+        first = self._run.request
+        if first.client is not Client.ALIVE:  # nothing would move meanwhile
+            self._dispatcher.hand_over(left[0].goal.id)
+        if len(left) < len(self._run.requests):
+            call_later(GATHER, partial(self._calls_put, self._work))
+        else:
+            self._calls_put(self._work)
         return True
 
     def close(self) -> None:
@@ -129,9 +136,10 @@ class PlanRevision(PlanningState):
         if dropped and self._closed:
             return self.fail("the dispatch has ended")
         hangs = [text for text in map(_text, dropped) if text in self._dispatcher.unstopped]
-        if hangs:
+        if hangs or (dropped and not self._system.guard.wait_left()):
             self.given_up = True
-            return self.fail(f"{', '.join(hangs)} did not stop")
+            return self.fail(f"{', '.join(hangs)} did not stop" if hangs else MOVES)
+        self._dispatcher.hand_over(wanted[0].goal.id)
         self._run.go_on(lambda: self._requests.revised(wanted, True))
         return SUCCEEDED
 
@@ -193,6 +201,7 @@ class PlanRevision(PlanningState):
                 goals=[text for request in wanted for text in request.texts],
                 without=self._run.course.without,
                 facts=[literal for action in running for literal in self._undone(action)],
+                urgent=True,
             )
             self.interruptible(None)
         if answer.status.state not in (PlannerStatus.SOLVED, PlannerStatus.UNSOLVABLE):

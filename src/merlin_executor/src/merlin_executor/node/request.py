@@ -74,6 +74,7 @@ class Request(Job):
         self._times = PlanTimes()
         self._kept = ""  # actions under way at a state at which they are not interrupted
         self._told = ""  # why it is late or waits, as its client was told last
+        self._fed: Optional[ExecuteFeedback] = None  # what its client was told last while it runs
 
     @property
     def expected_end(self) -> Optional[float]:
@@ -187,8 +188,14 @@ class Request(Job):
         """Tells its client, while it waits, that it can no longer be on time, or waits for a safe point."""
         reason = "; ".join(filter(None, (outlook.waits, outlook.late)))
         if reason != self._told:
-            self._told = reason
+            self._told, self._fed = reason, None
             self.goal.feedback(ExecuteFeedback(reason=reason))
+
+    def tell_running(self, feedback: ExecuteFeedback) -> None:
+        """Tells its client, while it runs, how far that is; not twice the same message."""
+        if feedback != self._fed:
+            self._fed = feedback
+            self.goal.feedback(feedback)
 
     def queued_goal(self, outlook: Outlook) -> QueuedGoal:
         """Its state in the queue."""

@@ -11,8 +11,8 @@ import itertools
 import math
 import threading
 import time
-from collections import OrderedDict
-from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
+from collections import OrderedDict, deque
+from typing import Any, Callable, Deque, Dict, List, Optional, Sequence, Tuple
 
 import rospy
 from actionlib_msgs.msg import GoalID, GoalStatus, GoalStatusArray
@@ -22,11 +22,13 @@ from merlin_ros.actions.lease import LASTING, LOSE_AFTER, LeaseChange, LeaseStat
 from merlin_ros.actions.lease_watch import LeaseWatch
 from merlin_ros.actions.ownership import ownership
 from merlin_ros.actions.sending_order import SendingOrder
-from merlin_ros.alarms import Alarm, every
+from merlin_ros.alarms import Alarm, call_later, every
 from merlin_ros.publishing import publish
 from merlin_ros.work.threads import log_failure
 
 STATUS_PERIOD = 0.2  # s of wall time, actionlib's usual 5 Hz
+BURST = 6  # changes in BURST_TIME of which each is published; further ones are, as one, behind that
+BURST_TIME = 0.02  # s of wall time
 KEEP_ENDED = 5.0  # s for which an ended goal stays in the status list
 ENDED = 200  # of them at most, which each status list names: a flood of goals must not starve the others
 RESULTS = 1000  # that wait for a connection: a cancel of all may end as many; rospy drops the oldest
@@ -190,6 +192,8 @@ class ActionServer:
         self._order = SendingOrder()
         self._cancel_before = -math.inf  # goals sent until then are cancelled; in that order
         self._stopped = False
+        self._published: Deque[float] = deque(maxlen=BURST)  # when statuses were, monotonic s
+        self._postponed: Optional[Alarm] = None
         self._heartbeat: Optional[Alarm] = None
         self._subscribers: List[rospy.Subscriber] = []
         self._publishers: List[rospy.Publisher] = []
@@ -232,6 +236,8 @@ class ActionServer:
             goal.abort(text="the action server shuts down")
         with self.lock:
             self._stopped = True
+            if self._postponed is not None:
+                self.publish_status()
             if self._heartbeat is not None:
                 self._heartbeat.cancel()
             for publisher in self._publishers:
@@ -254,8 +260,18 @@ class ActionServer:
             self._leases.tell(goal.id)
 
     def publish_status(self) -> None:
-        """Publishes the status list; called with the lock held."""
+        """Publishes the status list, in a burst of changes a little later; called with the lock held."""
         now = time.monotonic()
+        postponed = self._postponed
+        burst = len(self._published) == BURST and now - self._published[0] < BURST_TIME
+        if burst and not self._stopped and (postponed is None or postponed.waits):
+            if postponed is None:
+                self._postponed = call_later(self._published[0] + BURST_TIME - now, self._beat)
+            return
+        self._published.append(now)
+        if postponed is not None:
+            postponed.cancel()
+            self._postponed = None
         ended = sorted((goal.ended_at, goal.id) for goal in self._goals.values() if goal.ended_at is not None)
         for number, (ended_at, goal_id) in enumerate(ended, ENDED - len(ended)):
             if number < 0 or now - ended_at > KEEP_ENDED:

@@ -47,6 +47,7 @@ class PreviewService:
         self._settings = settings
         self._previews: Previews = component.own(Previews(niceness=NICENESS, while_wanted=while_wanted))
         self._forecasts: Previews = component.own(Previews(niceness=NICENESS, while_wanted=while_wanted))
+        self._urgent: Previews = component.own(Previews(while_wanted=while_wanted))
 
     def answer(self, request: PreviewPlanRequest) -> PreviewPlanResponse:
         """The plan for some goals, or why there is none."""
@@ -63,8 +64,9 @@ class PreviewService:
             settings = dataclasses.replace(
                 self._settings, command=wanted.planner_command, dues=dues_of(request.deadlines)
             )
-            # What looks ahead by itself keeps no reader of a plan waiting.
+            # What looks ahead by itself keeps no reader of a plan waiting, and neither keeps the robot waiting.
             previews = self._forecasts if request.deadlines else self._previews
+            previews = self._urgent if request.urgent else previews
             outcome, text = previews.plan(
                 (domain, problem),
                 wanted.domain_path,
