@@ -118,7 +118,6 @@ def test_a_class_is_read_while_another_thread_formats_a_traceback() -> None:
     assert gc.isenabled()
 
 
-
 def problem(init: str) -> Any:
     text = (
         f"(define (problem p) (:domain d) (:objects hall attic - room) (:init {init}) (:goal (clean attic)))"

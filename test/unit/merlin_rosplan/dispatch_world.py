@@ -161,7 +161,8 @@ class Run:
 
 
 def parallel(names, durations=()):
-    planned = [replace(each, duration=s) for each, s in zip_longest(actions(*names), durations, fillvalue=1.0)]
+    timed = zip_longest(actions(*names), durations, fillvalue=1.0)
+    planned = [replace(action, duration=seconds) for action, seconds in timed]
     steps = [PlanStep(0.0, name, (f"o{i}",), 1.0) for i, name in enumerate(names)]
     return GraphSchedule(
         build_graph(steps, [WORK.ground({"x": f"o{i}"}) for i, _ in enumerate(names)]), planned
