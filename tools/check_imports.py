@@ -54,7 +54,14 @@ MAY_IMPORT: Dict[str, Tuple[str, ...]] = {
         "merlin_sm",
         "merlin_executor",
     ),
-    "merlin_explain": ("merlin_msgs", "merlin_pddl", "merlin_ros", "merlin_planning", "merlin_monitor"),
+    "merlin_explain": (
+        "merlin_msgs",
+        "merlin_pddl",
+        "merlin_ros",
+        "merlin_planning",
+        "merlin_rosplan",
+        "merlin_monitor",
+    ),
     "merlin_home": ("merlin_msgs", "merlin_ros", "merlin_sm", "merlin_actions", "merlin_executor"),
     "merlin_restaurant": (
         "merlin_msgs",

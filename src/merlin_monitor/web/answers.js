@@ -7,10 +7,16 @@ export function reasonOf(answer, text) {
   return own || t("{address} answers {status}", { address: location.host, status: `${answer.status} ${answer.statusText}` });
 }
 
+export const PATIENCE = 15000; // ms for an answer
+
 export async function askFor(address) {
-  const answer = await fetch(address);
-  if (!answer.ok) throw new Error(reasonOf(answer, await answer.text()));
-  return answer.json();
+  try {
+    const answer = await fetch(address, { signal: AbortSignal.timeout(PATIENCE) });
+    if (!answer.ok) throw new Error(reasonOf(answer, await answer.text()));
+    return await answer.json();
+  } catch (error) {
+    throw error.name === "TimeoutError" ? new Error(t("The monitor does not answer."), { cause: error }) : error;
+  }
 }
 
 // Why there is no WebSocket, which browsers do not say: a POST names the page's site, too. Empty: no answer.

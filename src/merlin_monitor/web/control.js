@@ -1,13 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // Asks the robot to do something, for operators: each request carries the token of one.
-import { reasonOf } from "./answers.js";
+import { PATIENCE, reasonOf } from "./answers.js";
 import { byId, secondsText, setHidden, setText } from "./dom.js";
 import { t } from "./texts.js";
 
 const LOOK = `merlin-look-${location.port}`; // cookie of the right to look, and no other
 const TOKEN = `merlin-token ${new URL(".", document.baseURI).pathname}`; // one address may have several robots below it
-const PATIENCE = 15000; // ms for an answer; that of a stop comes within 3 s
-const STOP_PATIENCE = 3000; // then the press is sent again
+const STOP_PATIENCE = 3000; // ms; then the press is sent again
 const STOP_AGAIN = 500; // ms
 const READ = 12000; // ms that what was done stays in sight; what was not done stays
 

@@ -79,6 +79,11 @@ class Explained(unittest.TestCase):
         self.assertEqual([each.kind for each in link.evidence], ["step", "step", "fact"])
         self.assertIn("priority 2", answer.sentence)
 
+    def test_why_what_runs(self):
+        """A question that names nothing is about the step that runs."""
+        whole = self.answer(ExplainRequest.WHY, about=self.running)
+        self.assertEqual(self.answer(ExplainRequest.WHY).sentence, whole.sentence)
+
     def test_why_a_goal(self):
         answer = self.answer(ExplainRequest.WHY, about=GOALS[0])
         self.assertIn("A client of the Executor asked for", answer.sentence)
@@ -110,7 +115,6 @@ class Explained(unittest.TestCase):
     def test_a_wrong_question_is_refused(self):
         for fields in (
             {"question": "whither"},
-            {"question": ExplainRequest.WHY},
             {"question": ExplainRequest.WHY, "about": "(navigate"},
             {"question": ExplainRequest.WHY, "about": "(fly kitchen)"},
             {"question": ExplainRequest.WHY, "about": "(ask main_door)"},

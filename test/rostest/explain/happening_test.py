@@ -75,6 +75,15 @@ class Happening(unittest.TestCase):
         past = self.ask(ExplainRequest.WAITING, "(checked bathroom)", then)
         self.assertTrue(past.ok, past.sentence)
         self.assertIn("has to end first", past.sentence)
+        goal = self.ask(ExplainRequest.WHY, "(checked kitchen)", then)
+        self.assertTrue(goal.ok, goal.sentence)
+        self.assertEqual(self.kinds(goal), ["request", "achieved"])
+        other = self.explain(
+            ExplainRequest(
+                question=ExplainRequest.WHAT_IF, goals=["(checked bathroom)"], at=rospy.Time.from_sec(then)
+            )
+        )
+        self.assertTrue(other.ok and "the plan would have 2 steps" in other.sentence, other.sentence)
 
     def test_why_a_fact_is_so(self):
         self.assertIn(self.client.execute("(checked kitchen)", LONG).outcome, ACHIEVED)

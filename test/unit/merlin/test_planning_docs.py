@@ -13,8 +13,8 @@ from merlin_msgs.msg import DispatchStatus, RunningAction
 
 from merlin_pddl.checks import installed_planners, validate
 from merlin_pddl.checks.installed_planners import expand, is_preset
-from merlin_planning.action_messages import dispatched_action
 from merlin_planning.dispatch_client import DispatchClient
+from merlin_planning.knowledge_text import action_text
 from merlin_planning.planning_client import PlanningClient
 from merlin_rosplan.nodes.planner_interface import PlannerInterface
 from merlin_rosplan.planning.planner_command import parse_command
@@ -133,12 +133,11 @@ def test_the_suite_has_as_many_cases_as_the_page_says(monkeypatch):
     assert set(few["cases"]) <= {case.name for case in CASES}
 
 
-def test_the_exchange_of_the_page_is_that_of_the_clients(monkeypatch):
-    monkeypatch.setattr("rospy.Time.now", lambda: None)
+def test_the_exchange_of_the_page_is_that_of_the_clients():
     (block,) = re.findall(r"```python\n(.*?)```", DISPATCH, re.DOTALL)
     dispatcher, planning = (create_autospec(kind, instance=True) for kind in (DispatchClient, PlanningClient))
     dispatcher.running, planning.parse_plan.return_value = [RunningAction(name="sing")], ["a step"]
-    known = {"dispatcher": dispatcher, "planning": planning, "dispatched_action": dispatched_action}
+    known = {"dispatcher": dispatcher, "planning": planning, "action_text": action_text}
     exec(block, {**known, "interruptible": print})
     planning.plan.assert_called_with(print, after=["(sing)"])
     dispatcher.exchange.assert_called_with(["a step"], keep=dispatcher.running)

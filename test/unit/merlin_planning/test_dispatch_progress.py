@@ -308,3 +308,8 @@ def test_the_steps_count_anew_with_another_plan_unless_it_is_refused() -> None:
     take_back()
     progress.answered(2, 7, DispatchAnswer.FAILED, {"reason": "stuck"})
     assert (progress.steps_done, progress.failed) == (1, "(wave)")
+
+
+def test_actions_under_way_are_in_the_order_in_which_they_are_to_end() -> None:
+    progress = book(NAVIGATE._replace(ends=130.0), WAVE._replace(ends=103.0))
+    assert [action.name for action in progress.under_way] == ["wave", "navigate"]

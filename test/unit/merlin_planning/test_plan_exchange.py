@@ -92,6 +92,14 @@ def test_the_dispatch_goes_on_with_the_new_plan(dispatcher: Any, driven: Driven)
     assert result.goal_achieved and driven.client.steps_done == 1
 
 
+def test_what_runs_is_in_the_order_in_which_it_is_to_end(dispatcher: Any, driven: Driven) -> None:
+    for number, name, duration in ((2, "wave", 90.0), (3, "nod", 3.0)):
+        dispatcher.heard["/dispatcher/action_dispatch"](
+            ActionDispatch(action_id=number, plan_id=7, name=name, duration=duration)
+        )
+    assert [action.name for action in driven.client.running] == ["drive", "sing", "nod", "wave"]
+
+
 def test_a_dispatch_has_begun_when_the_dispatcher_says_so(dispatcher: Any, driven: Driven) -> None:
     assert not driven.client.begun, "its status is of before"
     dispatcher.status(DispatchStatus.RUNNING)

@@ -3,6 +3,8 @@
 
 import threading
 import time
+from dataclasses import replace
+from itertools import zip_longest
 
 from merlin_pddl.plan_text import PlanStep
 from merlin_rosplan.dispatch.dispatch import PlanDispatch
@@ -158,8 +160,10 @@ class Run:
         return self._report
 
 
-def parallel(names):
+def parallel(names, durations=()):
+    timed = zip_longest(actions(*names), durations, fillvalue=1.0)
+    planned = [replace(action, duration=seconds) for action, seconds in timed]
     steps = [PlanStep(0.0, name, (f"o{i}",), 1.0) for i, name in enumerate(names)]
     return GraphSchedule(
-        build_graph(steps, [WORK.ground({"x": f"o{i}"}) for i, _ in enumerate(names)]), actions(*names)
+        build_graph(steps, [WORK.ground({"x": f"o{i}"}) for i, _ in enumerate(names)]), planned
     )

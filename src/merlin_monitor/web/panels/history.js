@@ -80,8 +80,9 @@ export function show(section, { store }) {
       tell(byId("history-trouble"));
     } catch (error) {
       if (error instanceof TypeError) return; // no connection: the next scroll asks again
-      exhausted = true;
       tell(byId("history-trouble"), t("The history does not answer: {reason}", { reason: error.message }));
+      if (error.cause) return; // it hangs: likewise
+      exhausted = true;
     } finally {
       loading = false;
     }

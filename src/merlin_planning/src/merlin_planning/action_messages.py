@@ -36,15 +36,17 @@ def ground_action(dispatch: ActionDispatch) -> Ground:
 
 def dispatched_action(dispatch: ActionDispatch) -> Action:
     """An action that is dispatched now."""
+    now = rospy.Time.now()
     message = RunningAction(
         action_id=dispatch.action_id,
         plan_id=dispatch.plan_id,
         name=dispatch.name,
         parameters=dispatch.parameters,
-        dispatched=rospy.Time.now(),
+        dispatched=now,
     )
     arguments = tuple(entry.value for entry in dispatch.parameters)
-    return Action(dispatch.action_id, dispatch.plan_id, dispatch.name, arguments, message)
+    ends = now.to_sec() + dispatch.duration
+    return Action(dispatch.action_id, dispatch.plan_id, dispatch.name, arguments, message, ends)
 
 
 def cancel_of(action: Action) -> ActionDispatch:

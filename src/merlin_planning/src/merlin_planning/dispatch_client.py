@@ -105,9 +105,9 @@ class DispatchClient:
 
     @property
     def running(self) -> List[RunningAction]:
-        """The actions under way."""
+        """The actions under way, in the order in which they are to end."""
         with self._changed:
-            actions = self._progress.running.values() if self._active else ()
+            actions = self._progress.under_way if self._active else ()
             for action in actions:
                 action.message.uninterruptible = action.id in self._progress.kept
             return [action.message for action in actions]

@@ -75,6 +75,8 @@ class Action(NamedTuple):
     arguments: Tuple[str, ...]
     message: Any = None
     """What the owner of the book wants back for it."""
+    ends: float = 0.0
+    """ROS time at which it is to end as planned, s."""
 
     @property
     def ground(self) -> Ground:
@@ -128,6 +130,11 @@ class DispatchProgress:
     def steps_done(self) -> int:
         """How many actions have succeeded, since the present plan began."""
         return len(self.succeeded)
+
+    @property
+    def under_way(self) -> List[Action]:
+        """The actions that run, in the order in which they are to end."""
+        return sorted(self.running.values(), key=lambda action: action.ends)
 
     @property
     def begun(self) -> bool:

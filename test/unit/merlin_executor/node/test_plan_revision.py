@@ -90,18 +90,16 @@ def test_a_cancel_before_the_dispatcher_has_the_plan_has_an_end(
     assert end(both[1 - leaves])[1] == "SUCCEEDED"
 
 
-def test_the_new_plan_begins_behind_what_runs_in_the_order_of_its_ends(bench: Bench, robot: Robot) -> None:
+def test_the_new_plan_begins_behind_all_that_runs(bench: Bench, robot: Robot) -> None:
     first = bench.driving("(checked kitchen)")  # 5 s from now
-    with robot.changed:  # a second robot has begun before, and takes longer
-        wave = ActionDispatch(action_id=1000, name="wave", duration=90.0)
-        first.plan.append(wave)
-        robot.under_way.insert(0, RunningAction(action_id=1000, name="wave"))
-        robot.under_way[1].dispatched = rospy.Time(1)
+    with robot.changed:  # of a second robot
+        first.plan.append(ActionDispatch(action_id=1000, name="wave", duration=90.0))
+        robot.under_way.append(RunningAction(action_id=1000, name="wave"))
     second = bench.send("(checked bath)")
     bench.members(first, second)
     assert robot.after == ["(drive hall kitchen)", "(wave)"]
     with robot.changed:
-        del robot.under_way[0]
+        del robot.under_way[1]
     bench.carry_on(first, second)
 
 

@@ -61,7 +61,8 @@ def folder(tmp_path: Path) -> Path:
 
 def ask(folder: Path, question: str, about: str = "", seconds: float = 0.0, **options: Any) -> Any:
     at = genpy.Time.from_sec(BEGIN + seconds)
-    request = ExplainRequest(question=question, about=about)
+    fields = {name: options.pop(name) for name in ("facts", "goals", "include", "without") if name in options}
+    request = ExplainRequest(question=question, about=about, **fields)
     return ask_recording(folder, request, (lambda end: at) if seconds else None, **options)
 
 
@@ -97,7 +98,7 @@ def test_the_command_needs_no_robot(folder: Path) -> None:
     ("words", "said"),
     [
         (["--failed", "--recording", "nowhere"], "there is no history"),
-        (["(tidy kitchen)"], "is answered by a robot that runs only"),
+        (["(mop kitchen)", "--at", "62s"], "the recorded plan does not fit the facts"),
         (["--failed", "--run", "7"], "there is no run 7; there are: 1"),
         (["--failed", "--domain", "nowhere.pddl"], "nowhere.pddl"),
         (["--failed", "--at", "2h"], "the recording is of"),
@@ -107,6 +108,70 @@ def test_the_command_needs_no_robot(folder: Path) -> None:
 def test_what_cannot_be_answered_says_why(folder: Path, words: List[str], said: str) -> None:
     told = why("--recording", str(folder), *words)
     assert told.returncode == 2 and said in told.stderr and "Traceback" not in told.stderr
+
+
+@pytest.fixture
+def planned(tmp_path: Path) -> Path:
+    """With a run in which the robot drives at 2 s and mops at 12 s; before, its battery was low."""
+    story = RobotStory(tmp_path)
+    story.model.tree.set("why", "domain", DOMAIN.splitlines())
+    story.changes("/charger", battery=4.0)
+    story.wait(1.0)
+    story.changes("/charger", battery=20.0)
+    story.wait(1.0)
+    story.runs("/m-1", [GOAL], priority=3)
+    drive = "(drive d1 hall kitchen)"
+    story.plans((drive, 0.0, 10.0), ("(mop kitchen)", 10.001, 4.0), edges=[(0, 1)])
+    story.begins(0)
+    story.changes(BRIDGES, remove=["(at hall)"])
+    story.wait(10.0)
+    story.changes(BRIDGES, add=["(at kitchen)"], battery=19.0)
+    story.succeeds(0)
+    story.begins(1)
+    story.wait(4.0)
+    story.changes(BRIDGES, add=[GOAL, "(wet kitchen)"])
+    story.succeeds(1)
+    story.model.settle()
+    story.close()
+    return tmp_path
+
+
+def test_why_a_step_of_a_recorded_plan(planned: Path) -> None:
+    """It is judged by the facts of when the plan was made, also when the step has changed them since."""
+    step = ask(planned, "why", DRIVE, 5.0)
+    assert "Step 1, “driving d1 to kitchen”, is there for “kitchen tidy”" in step.sentence
+    assert {claim.kind for claim in step.claims} >= {"step", "link", "request"}
+    assert "runs now" in step.claims[0].text and "with priority 3" in step.sentence
+    running = ask(planned, "why", "", 5.0)  # what runs is meant where nothing is named
+    assert running.sentence == step.sentence
+    goal = ask(planned, "why", GOAL, 12.5)
+    assert "Steps 1 and 2 bring “kitchen tidy” about" in goal.sentence
+    with pytest.raises(QuestionError, match="there was no plan at"):
+        ask(planned, "why", DRIVE, 1.5)
+
+
+def test_other_plans_of_a_recorded_moment(planned: Path) -> None:
+    never = ask(planned, "why_not", without=["(drive d1 * *)"], goals=[GOAL], seconds=1.5)
+    assert never.ok and "There is no plan without" in never.sentence
+    usual = ask(planned, "what_if", goals=[GOAL], seconds=1.5)
+    assert "the plan would have 2 steps" in usual.sentence
+    later = ask(planned, "what_if", goals=[GOAL], seconds=5.0)  # behind the drive, which runs
+    assert "the plan would have 1 step " in later.sentence
+    there = ask(planned, "what_if", facts=["(at kitchen)"], goals=[GOAL], seconds=1.5)
+    assert "1 step and 4.0 s instead of 2 steps" in there.sentence
+
+
+def test_what_was_missing_at_a_recorded_moment(planned: Path) -> None:
+    empty = ask(planned, "no_plan", goals=[GOAL], seconds=0.5)
+    assert "There is no plan" in empty.sentence and "battery" in empty.sentence
+    assert [claim.kind for claim in empty.claims] == ["impossible", "enough"]
+
+
+def test_the_command_plans_without_a_robot(planned: Path) -> None:
+    told = why("--recording", str(planned), "--at", "13s", "--what-if", "(wet attic)", "--goal", "(at attic)")
+    assert told.returncode == 0 and "the plan would have 1 step and 10.0 s" in told.stdout, told
+    wrong = why("--recording", str(planned), "--what-if", "(wett attic)", "--goal", "(at attic)")
+    assert wrong.returncode == 2 and "wett" in wrong.stderr and "Traceback" not in wrong.stderr
 
 
 def test_run_and_domain_are_of_a_recording() -> None:

@@ -196,6 +196,28 @@ def test_a_moment_that_is_asked_for_again_is_shown(shown: Served, browser: Any) 
     visit.close()
 
 
+def test_a_monitor_that_hangs_is_named_after_a_limit(shown: Served, browser: Any) -> None:
+    for number in range(4):
+        does(shown, number)
+    visit = Visit(browser, shown.url)
+    visit.page.route("**/answers.js", soon)
+    for asked in ("past/segment", "history"):
+        visit.page.route(f"**/{asked}?*", lambda route: None)  # is never answered
+    visit.page.reload()
+    visit.wait_text("#history-trouble", "The monitor does not answer.")
+    visit.wait_text("#connection", "live")
+    visit.page.locator(".event", has_text="event 2").dispatch_event("click")
+    visit.wait_text("#time-said", "The monitor does not answer.")
+    visit.close()
+
+
+def soon(route: Any) -> None:
+    """Serves a script of the page with a limit that a test need not wait for."""
+    script = route.fetch().text()
+    assert "PATIENCE = 15000" in script
+    route.fulfill(body=script.replace("PATIENCE = 15000", "PATIENCE = 500"), content_type="text/javascript")
+
+
 def test_an_address_counts_although_a_moment_that_arrives_writes_it_over(shown: Served, browser: Any) -> None:
     for number in range(4):
         does(shown, number)

@@ -303,6 +303,16 @@ def test_actions_are_sent_before_the_report_that_names_them(world):
     assert run.report().state == DispatchState.CANCELLED
 
 
+def test_a_report_names_first_what_is_to_end_first(world):
+    run = Run(world, parallel(["work", "work"], durations=[900.0, 4.0]))
+    with world.changed_event:
+        assert world.changed_event.wait_for(lambda: world.reports, LONG)
+    assert [each.id for each in world.reports[0].running] == [1, 0]
+    for action_id in (0, 1):
+        run.feedback(action_id, FeedbackStatus.SUCCEEDED)
+    assert run.report().success
+
+
 def test_a_knowledge_base_that_does_not_answer_ends_the_dispatch(world):
     world.broken = True
     report = Run(world, SequentialSchedule(actions("guarded"))).report()

@@ -178,7 +178,7 @@ class Forecasts:
             free = free if other.forecast is not None and other.forecast.late else outlook.end
         begin = max(rospy.get_time(), request.window.not_before, free or 0.0)
         running = self._engine.running
-        actions = running.by_ends(self._actions()) if running is not None else []
+        actions = self._actions() if running is not None else []
         begun = self._succeeded() | {action.action_id for action in actions}
         plan = running.plan if running is not None else []
         coming = [action_text(s.name, s.parameters) for s in plan if s.action_id not in begun]

@@ -159,7 +159,7 @@ class PlanRevision(PlanningState):
         run, running = self._run, self._dispatcher.running
         if not self._dispatcher.begun:
             raise StageError("the dispatch has not begun, or has ended")
-        kept = run.request.by_ends(self._needed(running, wanted) if parts else running)
+        kept = self._needed(running, wanted) if parts else running
         if running and not kept:
             self.given_up = True
             raise StageError("what runs is not needed by the others")

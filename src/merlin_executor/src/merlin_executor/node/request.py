@@ -129,11 +129,6 @@ class Request(Job):
             now,
         )
 
-    def by_ends(self, actions: Iterable[RunningAction]) -> List[RunningAction]:
-        """Actions of its plan that are under way, in the order in which they are to end."""
-        durations = {step.action_id: step.duration for step in self.plan}
-        return sorted(actions, key=lambda each: each.dispatched.to_sec() + durations.get(each.action_id, 0.0))
-
     def deadlines(self, plan: str) -> List[GoalDeadline]:
         """Its goals with its deadline, for the planner; none where a plan is in time, or has no times.
 

@@ -12,6 +12,7 @@ from merlin_pddl.domain import Domain
 
 KINDS = ("goal", "action", "plan")
 NEAR = 0.5  # s between messages about one thing
+LOOKS = (0.0, LATER, 4 * LATER, 16 * LATER)  # s behind an end at which its machine's states are looked for
 _SERVER = re.compile(
     r"(?P<part>/[\w/]+) (?P<how>aborted|refused the goal|recalled the goal|was lost|was preempted by another"
     r" client|did not stop within [\d.]+ s|has been silent for [\d.]+ s|within [\d.]+ s)"
@@ -142,13 +143,12 @@ class _Chain:
         """The states of the action's machine that ended with something else than success, the inner first."""
         detail = action["detail"]
         name = str(detail.get("label") or "").strip("()").split()[0]
-        left = list(_left_states(self._past.after(action), name, detail))
-        if (
-            not left
-        ):  # heard later, on a topic of its own; by then another run may have begun, which does not count
-            late = {**action, "wall": action["wall"] + LATER}
-            detail = {**detail, "ended": detail.get("ended", 0.0) - NEAR}
-            left = list(_left_states(self._past.after(late), name, detail))
+        left: List[Tuple[str, float]] = []
+        # Heard later, on a topic of its own; by then another run may have begun, which does not count.
+        for late in LOOKS:
+            then = self._past.after({**action, "wall": action["wall"] + late})
+            ended = detail.get("ended", 0.0) - (NEAR if late else 0.0)
+            left = left or list(_left_states(then, name, {**detail, "ended": ended}))
         return [Claim("state", text, (Evidence(EVENT, text, time=at),)) for text, at in left]
 
     def _replans(self) -> List[Claim]:

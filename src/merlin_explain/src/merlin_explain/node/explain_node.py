@@ -35,10 +35,12 @@ REFUSALS = (QuestionError, PddlError, ServiceError, KnowledgeError, MasterSilent
 Answering = Callable[[ExplainRequest, RobotSystem], Answer]
 _PLANS = (ExplainRequest.WHY, ExplainRequest.WHY_NOT, ExplainRequest.NO_PLAN, ExplainRequest.WHAT_IF)
 _HAPPENING = (ExplainRequest.WAITING, ExplainRequest.FAILED, ExplainRequest.SO, ExplainRequest.DOING)
+#: The function of questions about what happens, and about plans of a past moment.
+OF_MOMENTS = "merlin_explain.node.happening_questions:happening"
 #: Question → its function, which raises QuestionError where the question is wrong; imported when it is asked.
 QUESTIONS: Dict[str, str] = {
-    **{name: f"merlin_explain.node.plan_questions:{name}" for name in _PLANS},
-    **dict.fromkeys(_HAPPENING, "merlin_explain.node.happening_questions:happening"),
+    **dict.fromkeys(_PLANS, "merlin_explain.node.plan_questions:of_plans"),
+    **dict.fromkeys(_HAPPENING, OF_MOMENTS),
 }
 
 
@@ -81,7 +83,7 @@ class Explainer:
         path = QUESTIONS.get(question.question)
         if path is None:
             raise QuestionError(f"there is no question '{question.question}', only {', '.join(QUESTIONS)}")
-        answering: Answering = load_function(path)
+        answering: Answering = load_function(OF_MOMENTS if question.at else path)
         return answering(question, self._system)
 
 

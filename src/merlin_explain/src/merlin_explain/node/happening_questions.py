@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Answers to questions about what happens, from the one recording that there is: the monitor's history."""
+"""Answers about moments, from the one recording that there is: the monitor's history."""
 
 import contextlib
 import sqlite3
@@ -32,13 +32,19 @@ NO_HISTORY = "none"
 
 
 def tell(
-    question: ExplainRequest, moment: Moment, past: RecordedPast, words: Words, interfaces: Collection[str]
+    question: ExplainRequest,
+    moment: Moment,
+    past: RecordedPast,
+    domain: str,
+    words: Words,
+    interfaces: Collection[str],
 ) -> Answer:
-    """Answers a question about what happens.
+    """Answers a question about a moment.
 
     :param past: of before the moment.
+    :param domain: as PDDL text.
     :param interfaces: the nodes that apply the effects of actions, where they are known.
-    :raises QuestionError: it is another question, or wrong.
+    :raises QuestionError: it is wrong.
     """
     if question.question == ExplainRequest.WAITING:
         return waiting(moment, question.about, words)
@@ -48,11 +54,15 @@ def tell(
         return provenance(moment, past, question.about, words, interfaces)
     if question.question == ExplainRequest.DOING:
         return doing(moment, question.about, words)
-    raise QuestionError(f"'{question.question}' is answered by a robot that runs only, not of a recording")
+    from merlin_explain.node.plan_questions import of_plans  # with what judges plans
+    from merlin_explain.node.recorded_system import RecordedSystem
+
+    with contextlib.closing(RecordedSystem(past, moment, domain, words)) as recorded:
+        return of_plans(question, recorded)
 
 
 def happening(question: ExplainRequest, system: RobotSystem) -> Answer:
-    """Answers it of a robot that runs."""
+    """Answers it of a robot that runs, questions about plans of a past moment."""
     with usable_history(), contextlib.closing(
         RecordedPast(_history(), system.domain(), question.at.to_sec(), session=_session())
     ) as past:
@@ -67,7 +77,7 @@ def happening(question: ExplainRequest, system: RobotSystem) -> Answer:
                 )
             moment.timed = _timed(system)
         interfaces = _interfaces(system.names.dispatcher) if question.question == ExplainRequest.SO else ()
-        return tell(question, moment, past, system.words(), interfaces)
+        return tell(question, moment, past, system.domain_text(), system.words(), interfaces)
 
 
 @contextlib.contextmanager

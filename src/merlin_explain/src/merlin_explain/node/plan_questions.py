@@ -1,14 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Questions about plans: what the running system says goes in, an answer comes out."""
+"""Questions about plans: what a running or a recorded system says goes in, an answer comes out."""
 
 import functools
-from typing import List, Optional, Sequence, Tuple
+from typing import Any, List, Optional, Protocol, Sequence, Tuple
 
-from merlin_msgs.msg import DispatchStatus, ExecutorStatus, GoalQueue, PlannerStatus
-from merlin_msgs.srv import ExplainRequest
-from std_msgs.msg import String
+from merlin_msgs.msg import PlannerStatus
+from merlin_msgs.srv import ExplainRequest, PreviewPlanResponse
 
-from merlin_explain.claims import Answer, QuestionError
+from merlin_explain.claims import Answer, QuestionError, Words
 from merlin_explain.core import no_plan as missing_facts
 from merlin_explain.core import other_plan
 from merlin_explain.core import why as reasons
@@ -16,11 +15,9 @@ from merlin_explain.core.causes import Causes
 from merlin_explain.core.judge import Judge
 from merlin_explain.core.other_plan import Found, Wish
 from merlin_explain.core.wording import and_list
-from merlin_explain.node.robot_system import RobotSystem
-from merlin_pddl.formula import call_text, to_pddl
+from merlin_pddl.formula import to_pddl
 from merlin_pddl.plan_text import NO_DURATION, PlanStep, parse_line, parse_plan
 from merlin_pddl.text_reader import PddlError
-from merlin_planning.knowledge_text import to_pddl as item_to_pddl
 
 #: What a planner says when it looked and found nothing; else it did not look.
 _NONE = (PlannerStatus.UNSOLVABLE, PlannerStatus.NO_PLAN, PlannerStatus.TIMEOUT)
@@ -28,22 +25,61 @@ _NONE = (PlannerStatus.UNSOLVABLE, PlannerStatus.NO_PLAN, PlannerStatus.TIMEOUT)
 BETWEEN = 0.001
 
 
-def why(question: ExplainRequest, system: RobotSystem) -> Answer:
+class System(Protocol):
+    """What questions about plans ask of a robot that runs, or of one at a recorded moment."""
+
+    def domain_text(self) -> str:
+        """Its domain as PDDL."""
+
+    def words(self) -> Words:
+        """What its steps and facts are called."""
+
+    def planned(self) -> Tuple[str, str]:
+        """The last plan: the problem that it was made for, and its text.
+
+        :raises QuestionError: there is none.
+        """
+
+    def doing(self) -> reasons.Doing:
+        """What becomes of it."""
+
+    def goals(self) -> List[str]:
+        """The goals of the knowledge base as PDDL text."""
+
+    def preview(self, **request: Any) -> PreviewPlanResponse:
+        """A plan that is not carried out.
+
+        :param request: fields of ``merlin_msgs/PreviewPlan``.
+        """
+
+
+def of_plans(question: ExplainRequest, system: System) -> Answer:
+    """Answers a question about plans.
+
+    :raises QuestionError: it is wrong, or cannot be answered of this system.
+    """
+    answering = {
+        ExplainRequest.WHY: why,
+        ExplainRequest.WHY_NOT: why_not,
+        ExplainRequest.NO_PLAN: no_plan,
+        ExplainRequest.WHAT_IF: what_if,
+    }
+    return answering[question.question](question, system)
+
+
+def why(question: ExplainRequest, system: System) -> Answer:
     """What a step or a goal of the last plan is there for."""
-    _now(question)
-    if not question.about:
-        raise QuestionError('nothing is asked about; name a step or a goal, "(checked kitchen)"')
-    problem = system.latest(f"{system.names.problem}/problem_instance", String)
-    plan = system.latest(f"{system.names.planner}/planner_output", String)
-    if problem is None or plan is None:
-        raise QuestionError("no plan was made yet, so no step of one can be asked about")
-    causes = _causes(system.domain_text(), problem.data, plan.data)
-    return reasons.why(question.about, causes, _doing(system, causes), system.words())
+    doing = system.doing()
+    about = question.about or next(iter(doing.running), "")
+    if not about:
+        raise QuestionError('nothing runs now; name a step or a goal, "(checked kitchen)"')
+    causes = _causes(system.domain_text(), *system.planned())
+    asked = [each._replace(goals=_single(each.goals, causes.judge)) for each in doing.requests]
+    return reasons.why(about, causes, doing._replace(requests=asked), system.words())
 
 
-def why_not(question: ExplainRequest, system: RobotSystem) -> Answer:
+def why_not(question: ExplainRequest, system: System) -> Answer:
     """Why the plan is not another one: it is looked for, and compared."""
-    _now(question)
     wish = Wish(question.include, question.without, question.first)
     if not any(wish):
         raise QuestionError("nothing is wished of the other plan; name actions or goals")
@@ -55,9 +91,8 @@ def why_not(question: ExplainRequest, system: RobotSystem) -> Answer:
     return other_plan.why_not(wish, judge, usual, other, system.words())
 
 
-def no_plan(question: ExplainRequest, system: RobotSystem) -> Answer:
+def no_plan(question: ExplainRequest, system: System) -> Answer:
     """What is missing for goals."""
-    _now(question)
     look = _Look(system, _goals(question, system))
     found = look.plan()
     judge = Judge(system.domain_text(), found.problem)
@@ -67,9 +102,8 @@ def no_plan(question: ExplainRequest, system: RobotSystem) -> Answer:
     return missing_facts.no_plan(judge, found, lacking, then, judge_then, system.words())
 
 
-def what_if(question: ExplainRequest, system: RobotSystem) -> Answer:
+def what_if(question: ExplainRequest, system: System) -> Answer:
     """The plan, were facts and goals others."""
-    _now(question)
     words = system.words()
     look = _Look(system, _goals(question, system))
     other = look.plan(facts=question.facts)
@@ -84,10 +118,10 @@ def what_if(question: ExplainRequest, system: RobotSystem) -> Answer:
 class _Look:
     """Has the planner interface look for plans, from where the actions that run will have ended."""
 
-    def __init__(self, system: RobotSystem, goals: Sequence[str]) -> None:
+    def __init__(self, system: System, goals: Sequence[str]) -> None:
         self._goals = list(goals)
         self._system = system
-        self._after = _running(system)
+        self._after = list(system.doing().running)
 
     def plan(
         self,
@@ -139,52 +173,17 @@ def _later(step: PlanStep, seconds: float) -> PlanStep:
     return PlanStep(step.time + seconds, step.name, step.arguments, step.duration, step.line)
 
 
-def _now(question: ExplainRequest) -> None:
-    if question.at:
-        raise QuestionError(
-            "plans can be asked about as they are now, without --at; of the past, --failed and --so answer"
-        )
-
-
 @functools.lru_cache(maxsize=1)
 def _causes(domain: str, problem: str, plan: str) -> Causes:
     return Causes(Judge(domain, problem), parse_plan(plan))
 
 
-def _goals(question: ExplainRequest, system: RobotSystem) -> List[str]:
+def _goals(question: ExplainRequest, system: System) -> List[str]:
     """Those that are asked about, else those of the knowledge base."""
-    goals = list(question.goals) or [item_to_pddl(item) for item in system.knowledge.goals()]
+    goals = list(question.goals) or system.goals()
     if not goals:
-        raise QuestionError("there are no goals now; name some, --goal")
+        raise QuestionError("there are no goals at that moment; name some, --goal")
     return goals
-
-
-def _running(system: RobotSystem) -> List[str]:
-    """The actions that run, as PDDL text."""
-    status = system.latest(f"{system.names.dispatcher}/dispatch_status", DispatchStatus)
-    return [
-        call_text(action.name, tuple(entry.value for entry in action.parameters))
-        for action in (status.running if status is not None else ())
-    ]
-
-
-def _doing(system: RobotSystem, causes: Causes) -> reasons.Doing:
-    status = system.latest(f"{system.names.dispatcher}/dispatch_status", DispatchStatus)
-    executor = system.latest(f"{system.names.executor}/status", ExecutorStatus)
-    queue = system.latest(f"{system.names.executor}/queue", GoalQueue)
-    asked: List[Tuple[str, Sequence[str], str, int]] = []
-    if executor is not None and executor.request:
-        asked.append((executor.request, executor.goals, executor.by, executor.priority))
-    if queue is not None:
-        asked += [(each.request, each.goals, each.by, each.priority) for each in queue.requests]
-    return reasons.Doing(
-        status is not None and status.state != DispatchStatus.IDLE,
-        _running(system),
-        [
-            reasons.Request(request, _single(goals, causes.judge), by, priority)
-            for request, goals, by, priority in asked
-        ],
-    )
 
 
 def _single(goals: Sequence[str], judge: Judge) -> List[str]:

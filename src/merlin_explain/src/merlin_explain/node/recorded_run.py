@@ -16,7 +16,8 @@ from merlin_explain.node.happening_questions import tell, usable_history
 from merlin_monitor.text.sentences import Sentences, SentencesError, read_sentences
 from merlin_monitor.web.open_command import BagError, as_bag, history_of
 from merlin_pddl.domain import Domain
-from merlin_pddl.domain_reader import parse_domain, read_domain
+from merlin_pddl.domain_reader import parse_domain
+from merlin_pddl.text_reader import text_of
 
 
 def ask_recording(
@@ -26,7 +27,7 @@ def ask_recording(
     run: int = 0,
     domain: Optional[Path] = None,
 ) -> ExplainResponse:
-    """Answers a question about what happened.
+    """Answers a question.
 
     :param path: of a history, of a bag, or of the folder that has one; a history comes first.
     :param moment: takes the ROS time at which the run ends, s; returns the one that is meant. None: the end.
@@ -44,7 +45,8 @@ def ask_recording(
             end, told = past.span()[1], past.moment().section(PANEL)
         if domain is None and not told.get("domain"):
             raise QuestionError(f"{path} does not have the domain of its robot; name its file, --domain")
-        known = parse_domain("\n".join(told["domain"])) if domain is None else read_domain(str(domain))
+        domain_text = "\n".join(told["domain"]) if domain is None else text_of(str(domain))
+        known = parse_domain(domain_text, str(domain or path))
         text = "\n".join(told.get("sentences") or ())
         try:
             words = ApplicationWords(known, read_sentences(path, text) if text else Sentences())
@@ -53,4 +55,4 @@ def ask_recording(
         at = moment(end).to_sec() if moment else 0.0
         with contextlib.closing(RecordedPast(file, known, at, run=run)) as past:
             interfaces = told.get("interfaces") or ()
-            return as_response(tell(request, past.moment(), past, words, interfaces))
+            return as_response(tell(request, past.moment(), past, domain_text, words, interfaces))

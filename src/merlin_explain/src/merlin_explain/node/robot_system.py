@@ -2,16 +2,20 @@
 """What a question may ask of the running system. Nothing is connected before a question needs it."""
 
 import threading
-from typing import Any, Dict, NamedTuple, Optional, Tuple
+from typing import Any, Dict, List, NamedTuple, Optional, Tuple
 
 import rospy
+from merlin_msgs.msg import DispatchStatus, ExecutorStatus, GoalQueue
 from merlin_msgs.srv import PreviewPlan, PreviewPlanResponse
+from std_msgs.msg import String
 
-from merlin_explain.claims import Words
+from merlin_explain.claims import QuestionError, Words
+from merlin_explain.core.why import Doing, Request
 from merlin_pddl.domain import Domain
 from merlin_pddl.domain_reader import parse_domain
 from merlin_pddl.text_reader import text_of
 from merlin_planning.knowledge_client import KnowledgeClient, knowledge_client
+from merlin_planning.knowledge_text import action_text, to_pddl
 from merlin_planning.planning_client import TopicWatch
 from merlin_ros.master.master_link import get_param
 from merlin_ros.service_proxy import ServiceProxy
@@ -54,7 +58,7 @@ class RobotSystem:
         """The client of the knowledge base."""
         return knowledge_client(self.names.knowledge)
 
-    def latest(self, topic: str, kind: type) -> Any:
+    def _latest(self, topic: str, kind: type) -> Any:
         """The last message of a latched topic; None: nothing was ever published.
 
         :raises MasterSilent: when the master does not answer.
@@ -63,6 +67,34 @@ class RobotSystem:
             known = self._topics.get(topic)
             watch = self._topics[topic] = known or TopicWatch(topic, kind)
         return watch.message if known else watch.wait_newer(0, LATCHED)
+
+    def planned(self) -> Tuple[str, str]:
+        """The problem of the last plan, and its text.
+
+        :raises QuestionError: no plan was made.
+        """
+        problem = self._latest(f"{self.names.problem}/problem_instance", String)
+        plan = self._latest(f"{self.names.planner}/planner_output", String)
+        if problem is None or plan is None:
+            raise QuestionError("no plan was made yet, so no step of one can be asked about")
+        return problem.data, plan.data
+
+    def doing(self) -> Doing:
+        """What becomes of the plan."""
+        status = self._latest(f"{self.names.dispatcher}/dispatch_status", DispatchStatus)
+        executor = self._latest(f"{self.names.executor}/status", ExecutorStatus)
+        queue = self._latest(f"{self.names.executor}/queue", GoalQueue)
+        asked = [executor, *executor.together] if executor is not None and executor.request else []
+        asked += queue.requests if queue is not None else []
+        return Doing(
+            status is not None and status.state != DispatchStatus.IDLE,
+            [action_text(each.name, each.parameters) for each in (status.running if status else ())],
+            [Request(each.request, each.goals, each.by, each.priority) for each in asked],
+        )
+
+    def goals(self) -> List[str]:
+        """The goals of the knowledge base as PDDL text."""
+        return [to_pddl(item) for item in self.knowledge.goals()]
 
     def domain_text(self) -> str:
         """The PDDL file of the planning system's domain.

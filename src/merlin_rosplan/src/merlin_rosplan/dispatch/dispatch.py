@@ -489,7 +489,7 @@ class PlanDispatch:
 
     def _report(self, state: Optional[DispatchState] = None) -> DispatchReport:
         self._unpublished = False
-        running = [record.action for record in self._running.values()]
+        running = [each.action for each in sorted(self._running.values(), key=lambda each: each.ends)]
         report = DispatchReport.of(
             state, self._failure, self._schedule, running, self._done, self._unanswered
         )

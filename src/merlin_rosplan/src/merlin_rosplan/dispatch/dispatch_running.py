@@ -29,6 +29,7 @@ class Running:
     :param watched: over-all conditions that hold and have to stay true.
     :param pending: over-all conditions that the start effects bring about; watched once seen true.
     :param names: what the over-all conditions depend on.
+    :param ends: ROS time at which it is to end as planned, s.
     """
 
     action: PlannedAction
@@ -39,6 +40,7 @@ class Running:
     watched: Conditions
     pending: Conditions
     names: FrozenSet[str]
+    ends: float
     taken: bool = False
     alive: Optional[Any] = None  # until then its interface is alive, having taken the action
     applied: Optional[Any] = (
@@ -72,6 +74,7 @@ class Running:
             first,
             operator.over_all - first,
             operator.over_all.names,
+            environment.now() + action.duration,
             unheard=set(effects.names) if operator.durative else set(),
         )
 

@@ -3,15 +3,17 @@
 
 import dataclasses
 import threading
-from typing import Callable
+from typing import Callable, Tuple
 
 import rospy
 from merlin_msgs.msg import PlannerStatus
 from merlin_msgs.srv import PreviewPlanRequest, PreviewPlanResponse
 from rosplan_dispatch_msgs.srv import PlanningServiceRequest
 
+from merlin_pddl.domain import Domain
 from merlin_pddl.domain_reader import read_domain
 from merlin_pddl.plan_text import PlanTextError
+from merlin_pddl.problem import Problem
 from merlin_pddl.text_reader import PddlError
 from merlin_ros.ports.service_server import while_wanted
 from merlin_rosplan.knowledge.foreseen import after_actions, with_facts
@@ -52,43 +54,64 @@ class PreviewService:
     def answer(self, request: PreviewPlanRequest) -> PreviewPlanResponse:
         """The plan for some goals, or why there is none."""
         wanted = self._parameters()
-        text = ""
         try:
             with self._reading:
-                domain, problem = self._world.snapshot()
-            if request.after or request.then:
-                if not domain.operators:  # as it is read over ROS
-                    domain = read_domain(wanted.domain_path)
-                problem = after_actions(domain, problem, request.after, request.then)
-            with_facts(domain, problem, request.facts)
-            settings = dataclasses.replace(
-                self._settings, command=wanted.planner_command, dues=dues_of(request.deadlines)
-            )
+                world = self._world.snapshot()
+        except KnowledgeBaseError as error:
+            answer = _answered(PlanningOutcome(PlannerState.INVALID, str(error)))
+        else:
+            settings = dataclasses.replace(self._settings, command=wanted.planner_command)
             # What looks ahead by itself keeps no reader of a plan waiting, and neither keeps the robot waiting.
             previews = self._forecasts if request.deadlines else self._previews
             previews = self._urgent if request.urgent else previews
-            outcome, text = previews.plan(
-                (domain, problem),
-                wanted.domain_path,
-                Wanted(request.goals, request.without, request.include),
-                settings,
-            )
-            steps = steps_of(outcome.plan)
-        except (KnowledgeBaseError, PlanTextError, PddlError, UpdateRefused) as error:
-            outcome, steps = PlanningOutcome(PlannerState.INVALID, str(error)), []
-        status = PlannerStatus(
-            state=int(outcome.state), reason=outcome.reason, planner=outcome.planner, seconds=outcome.seconds
+            answer = look_for_plan(request, world, wanted.domain_path, settings, previews)
+        answer.status.header.stamp = rospy.Time.now()
+        return answer
+
+
+def look_for_plan(
+    request: PreviewPlanRequest,
+    world: Tuple[Domain, Problem],
+    domain_path: str,
+    settings: PlannerSettings,
+    previews: Previews,
+) -> PreviewPlanResponse:
+    """The plan for some goals, or why there is none; its status has no stamp.
+
+    :param world: domain and state.
+    :param domain_path: PDDL file of the domain.
+    """
+    domain, problem = world
+    text = ""
+    try:
+        if request.after or request.then:
+            if not domain.operators:  # as it is read over ROS
+                domain = read_domain(domain_path)
+            problem = after_actions(domain, problem, request.after, request.then)
+        with_facts(domain, problem, request.facts)
+        outcome, text = previews.plan(
+            (domain, problem),
+            domain_path,
+            Wanted(request.goals, request.without, request.include),
+            dataclasses.replace(settings, dues=dues_of(request.deadlines)),
         )
-        status.header.stamp = rospy.Time.now()
-        return PreviewPlanResponse(
-            status,
-            [str(step) for step in steps],
-            [step.time for step in steps],
-            [step.duration for step in steps],
-            list(outcome.reached),
-            [
-                max(0.0, time - deadline.within) if time != NOT_KNOWN else NOT_KNOWN
-                for time, deadline in zip(outcome.reached, request.deadlines)
-            ],
-            text,
-        )
+        steps = steps_of(outcome.plan)
+    except (PlanTextError, PddlError, UpdateRefused) as error:
+        return _answered(PlanningOutcome(PlannerState.INVALID, str(error)), text)
+    answer = _answered(outcome, text)
+    answer.actions = [str(step) for step in steps]
+    answer.starts = [step.time for step in steps]
+    answer.durations = [step.duration for step in steps]
+    answer.reached = list(outcome.reached)
+    answer.late = [
+        max(0.0, time - deadline.within) if time != NOT_KNOWN else NOT_KNOWN
+        for time, deadline in zip(outcome.reached, request.deadlines)
+    ]
+    return answer
+
+
+def _answered(outcome: PlanningOutcome, problem: str = "") -> PreviewPlanResponse:
+    status = PlannerStatus(
+        state=int(outcome.state), reason=outcome.reason, planner=outcome.planner, seconds=outcome.seconds
+    )
+    return PreviewPlanResponse(status=status, problem=problem)

@@ -1,0 +1,162 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a question about plans may ask of a moment of a recording. What plans is started when it is needed."""
+
+import contextlib
+import functools
+import tempfile
+from pathlib import Path
+from typing import Any, Iterator, List, Tuple
+
+from merlin_msgs.srv import PreviewPlanRequest, PreviewPlanResponse
+
+from merlin_explain.claims import QuestionError, Words
+from merlin_explain.core.why import Doing, Request
+from merlin_explain.happening.moment import RUNNING, Moment, clock, key_of
+from merlin_explain.happening.recorded_past import RecordedPast
+from merlin_pddl.analysis.plan_run import plan_fault
+from merlin_pddl.knowledge import Fact, FunctionValue
+from merlin_pddl.plan_text import NO_DURATION, PlanStep, format_plan
+from merlin_pddl.problem import Problem
+from merlin_pddl.problem_reader import parse_condition
+from merlin_pddl.problem_writer import write_problem
+from merlin_ros.ports.service_server import while_wanted
+
+#: Nice value of what plans: the robot's own planning goes first.
+NICENESS = 10
+#: s of ROS time around a plan in which frames are looked at, and from one look to the next.
+AROUND, BETWEEN = 1.0, 0.1
+
+
+class RecordedSystem:
+    """A robot at a moment; see :class:`.plan_questions.System`. To be closed.
+
+    :param past: of before the moment.
+    :param domain: as PDDL text.
+    """
+
+    def __init__(self, past: RecordedPast, moment: Moment, domain: str, words: Words) -> None:
+        self._past, self._moment, self._domain, self._words = past, moment, domain, words
+        self._ends = contextlib.ExitStack()
+
+    def close(self) -> None:
+        """Ends what plans."""
+        self._ends.close()
+
+    def domain_text(self) -> str:
+        """Its domain as PDDL."""
+        return self._domain
+
+    def words(self) -> Words:
+        """What its steps and facts are called."""
+        return self._words
+
+    def planned(self) -> Tuple[str, str]:
+        """The last plan of the moment: the problem that it was made for, and its text.
+
+        :raises QuestionError: there is none, or it does not fit what is recorded of when it was made.
+        """
+        steps = sorted(
+            (
+                PlanStep(
+                    round(step.start, 3),
+                    step.name,
+                    step.objects,
+                    max(round(step.duration, 3), NO_DURATION),
+                )
+                for step in self._moment.steps
+            ),
+            key=lambda step: step.time,
+        )
+        if not steps:
+            raise QuestionError(
+                f"there was no plan at {clock(self._moment.at)}, so no step can be asked about"
+            )
+        for problem in self._problems():
+            if not plan_fault(self._moment.domain, problem, steps):
+                return write_problem(problem, self._moment.domain), format_plan(steps)
+        raise QuestionError(
+            "the recorded plan does not fit the facts that are recorded of when it was made: it was made for "
+            "a state that was still to come, or for facts that come true by themselves; `why --waiting` and "
+            "`why --failed` need no plan"
+        )
+
+    def doing(self) -> Doing:
+        """What becomes of the plan."""
+        executor = self._moment.executor
+        running = [step for step in self._moment.steps if step.state in RUNNING]
+        running.sort(key=lambda step: (step.began or 0.0) + step.duration)
+        asked = [executor, *executor.get("together", ())] if executor.get("request") else []
+        return Doing(
+            bool(running or asked),
+            [step.text for step in running],
+            [
+                Request(each["request"], each["goals"], each.get("by") or "", each["priority"])
+                for each in (*asked, *self._moment.queue)
+            ],
+        )
+
+    def goals(self) -> List[str]:
+        """The goals of the knowledge base as PDDL text."""
+        return list(self._moment.section("knowledge").get("goals") or ())
+
+    def preview(self, **request: Any) -> PreviewPlanResponse:
+        """A plan from the moment on.
+
+        :param request: fields of ``merlin_msgs/PreviewPlan``.
+        """
+        return self._look(PreviewPlanRequest(**request))
+
+    @functools.cached_property
+    def _look(self) -> Any:
+        """Looks for plans, in a process of its own."""
+        from merlin_rosplan.nodes.preview_service import look_for_plan
+        from merlin_rosplan.planning.planner_settings import PlannerSettings
+        from merlin_rosplan.supervision.plan_preview import Previews
+
+        path = (
+            Path(self._ends.enter_context(tempfile.TemporaryDirectory(prefix="merlin_why_"))) / "domain.pddl"
+        )
+        path.write_text(self._domain, encoding="utf-8")
+        previews = Previews(niceness=NICENESS, while_wanted=while_wanted)
+        self._ends.callback(previews.shutdown)
+
+        def look(request: PreviewPlanRequest) -> PreviewPlanResponse:
+            world = self._moment.domain, problem_of(self._moment, self._moment)
+            return look_for_plan(request, world, str(path), PlannerSettings(), previews)
+
+        return look
+
+    def _problems(self) -> Iterator[Problem]:
+        """What the plan may have been made for: what was known before it was heard, the latest first."""
+        plan = self._moment.section("plan")
+        shown = self._moment
+        before: List[Moment] = []
+        for look in range(round(2 * AROUND / BETWEEN)):
+            then = self._past.at(float(plan.get("at") or 0.0) - AROUND + look * BETWEEN)
+            if then is not None and then.section("plan").get("number") == plan.get("number"):
+                shown = then  # its goals are there before it, often in the same frame
+                break
+            before += [] if then is None or then.state in [each.state for each in before] else [then]
+        for each in (*reversed(before), shown):
+            yield problem_of(each, shown)
+
+
+def problem_of(moment: Moment, wanted: Moment) -> Problem:
+    """The knowledge of a moment as a problem.
+
+    :param wanted: the moment whose goals it has.
+    :raises PddlError: a goal is not one of the domain.
+    """
+    domain, knowledge = moment.domain, moment.section("knowledge")
+    problem = Problem("recorded", domain.name)
+    for name, entry in (knowledge.get("objects") or {}).items():
+        if name.lower() not in domain.constants:
+            problem.objects[name] = (str(entry.get("type", "")),)
+    problem.facts = [Fact(name, tuple(args)) for name, *args in map(key_of, knowledge.get("facts") or ())]
+    for text, entry in (knowledge.get("values") or {}).items():
+        name, *args = key_of(text)
+        problem.values.append(FunctionValue(name, tuple(args), float(entry["value"])))
+    known = moment.typed()
+    goals = wanted.section("knowledge").get("goals") or wanted.executor.get("goals") or ()
+    problem.goals = [parse_condition(text, domain, known, "a goal of the recording") for text in goals]
+    return problem
