@@ -24,7 +24,7 @@ from std_msgs.msg import String
 from merlin_monitor.bag.bag_import import RecordedModel
 from merlin_monitor.state.history_events import Event
 from merlin_monitor.state.knowledge_section import Contents
-from merlin_monitor.state.plan_section import ShownStep
+from merlin_monitor.state.plan_steps import ShownStep
 from merlin_planning.knowledge_client import fact
 from merlin_ros.service_proxy import ServiceProxy
 

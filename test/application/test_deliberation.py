@@ -48,6 +48,7 @@ def test_the_battery_is_charged_in_time_while_actions_fail(seed: int, tmp_path: 
     [
         ("world:=nowhere.yaml", "there is no world nowhere.yaml"),
         ("goals:=(is_near mug table)", "none that can be compared with the simulation"),
+        ("goals:=(is_at cup table)", "names cup, which is not in this world"),
     ],
 )
 def test_a_mistake_ends_with_one_sentence(word: str, said: str, tmp_path: Path) -> None:

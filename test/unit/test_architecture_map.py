@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The map of docs/architecture.md names every package and sub-package, in the order of check_imports."""
+"""docs/architecture.md names each package and sub-package, in the order of check_imports, and each thread."""
 
+import ast
 import importlib
 import importlib.util
 import re
 from pathlib import Path
 from types import ModuleType
-from typing import Any, Dict, List
+from typing import Any, Dict, List, Set
 
 import pytest
 
@@ -110,3 +111,33 @@ def test_the_class_diagrams_say_who_inherits_from_whom() -> None:
     pairs = re.findall(r"^  (\w+) <\|-- (\w+)$", PAPER, re.M)
     assert len(pairs) == 9
     assert [pair for pair in pairs if not issubclass(found[pair[1]], found[pair[0]])] == []
+
+
+def text_of(name: ast.expr) -> str:
+    """A thread's name as the page writes it; empty: it is given by the caller."""
+    if isinstance(name, ast.Constant):
+        return str(name.value)
+    parts = name.values if isinstance(name, ast.JoinedStr) else []
+    return "".join(str(part.value) if isinstance(part, ast.Constant) else "…" for part in parts)
+
+
+def threads_of(source: str) -> Set[str]:
+    """The names of the threads that a module starts."""
+    found = set()
+    for call in ast.walk(ast.parse(source)):
+        if isinstance(call, ast.Call):
+            starter = getattr(call.func, "id", getattr(call.func, "attr", ""))
+            names = [word.value for word in call.keywords if starter == "Thread" and word.arg == "name"]
+            names += call.args[:1] if starter in ("start_thread", "CallQueue", "Alarms") else []
+            found |= {text_of(name) for name in names}
+    return found - {""}
+
+
+def test_every_thread_of_a_node_is_in_the_table() -> None:
+    section = PAGE.split("\n## Threads", 1)[1].split("\n## ", 1)[0]
+    told = set(re.findall(r"`([^`]+)`", section))
+    # Of tests, and of guests, each of which has a thread of its name.
+    others = {"testing", "merlin_test", "merlin_guests"}
+    for path in sorted((ROOT / "src").glob("merlin_*/src/**/*.py")):
+        if not others & set(path.parts):
+            assert threads_of(path.read_text(encoding="utf-8")) <= told, path

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Packages: those of a profile, without those of another ROS 1; apt-get reaches the network."""
 
+import importlib.metadata
+import importlib.util
 import os
 import re
 import shutil
@@ -136,6 +138,14 @@ def test_the_largest_profile_is_taken(tmp_path: Path) -> None:
     assert ask(tmp_path, "--largest", "robot", "simulation", "robot") == ["simulation"]
     assert ask(tmp_path, "--largest", "all", "robot+fleet") == ["all"]
     assert ask(tmp_path, "--largest", "robot+fleet", "simulation") == ["simulation+fleet"]
+
+
+@pytest.mark.skipif(importlib.util.find_spec("pyrobosim") is None, reason="pyrobosim is not installed")
+def test_what_pyrobosim_imports_is_installed_with_it(tmp_path: Path) -> None:
+    needs = {re.split(r"[^\w-]", each)[0].lower() for each in importlib.metadata.requires("pyrobosim") or ()}
+    given = {word.split("==")[0] for word in profile("robot+deliberation", tmp_path)}
+    # Its page is not started, and Debian has the others.
+    assert needs - given == {"dash", "numpy", "pillow", "pyyaml", "scipy"}
 
 
 def test_pyrobosim_is_added_when_asked_for_only(tmp_path: Path) -> None:

@@ -20,6 +20,14 @@ def test_what_was_never_seen_may_be_at_every_spot() -> None:
     assert not places(belief, "is_at", "mug")
 
 
+def test_what_is_known_at_first_is_not_looked_for_until_it_is_gone_from_there() -> None:
+    belief = Belief(HOUSE, ["mug", "soap"], {"mug": "desk"})
+    assert (places(belief, "is_at", "mug"), places(belief, "maybe_at", "mug")) == ({"desk"}, set())
+    assert places(belief, "maybe_at", "soap") == SPOTS
+    belief.looked("desk", [])
+    assert (places(belief, "is_at", "mug"), places(belief, "maybe_at", "mug")) == (set(), SPOTS - {"desk"})
+
+
 def test_a_place_that_was_looked_at_and_is_empty_is_known_so() -> None:
     belief = Belief(HOUSE, ["mug", "soap"])
     belief.looked("table", [])

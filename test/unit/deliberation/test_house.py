@@ -6,7 +6,7 @@ import json
 import pytest
 from small_house import HOUSE, state
 
-from deliberation.house import accessible, as_data, from_data, holds, words
+from deliberation.house import accessible, as_data, from_data, holds, mistake_in, words
 
 
 def test_a_closed_door_bars_the_way_and_an_open_one_does_not() -> None:
@@ -37,6 +37,20 @@ def test_a_text_that_is_not_a_list_of_goals_is_refused(text: str) -> None:
 def test_a_goal_that_the_simulation_cannot_judge_is_refused() -> None:
     with pytest.raises(ValueError, match="robot_at desk"):
         holds(("robot_at", "desk"), state())
+
+
+@pytest.mark.parametrize(
+    ("goals", "said"),
+    [
+        ("(is_at mug desk) (not (is_open cabinet)) (is_open door)", ""),
+        ("(is_at mug desk) (is_at cup desk)", "names cup, which is not in this world; there are mug, soap"),
+        ("(is_at mug shelf)", "names shelf, which is not in this world; there are cabinet, desk,"),
+        ("(not (is_open fridge))", "'not is_open fridge' names fridge, which"),
+    ],
+)
+def test_a_goal_that_names_what_is_not_there_is_named(goals: str, said: str) -> None:
+    mistake = mistake_in(words(goals), HOUSE, state())
+    assert said in mistake and bool(said) == bool(mistake) and "\n" not in mistake
 
 
 def test_house_and_state_come_through_json() -> None:

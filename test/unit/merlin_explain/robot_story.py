@@ -24,7 +24,7 @@ from merlin_explain.happening.moment import Moment
 from merlin_explain.happening.recorded_past import RecordedPast
 from merlin_monitor.bag.bag_import import RecordedModel
 from merlin_monitor.state.knowledge_section import Contents
-from merlin_monitor.state.plan_section import ShownStep
+from merlin_monitor.state.plan_steps import ShownStep
 from merlin_pddl.domain_reader import parse_domain
 
 BEGIN = 1_700_000_000.0

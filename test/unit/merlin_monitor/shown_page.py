@@ -28,7 +28,7 @@ from merlin_monitor.panel_board import own_panels, script_of
 from merlin_monitor.panels.said import SaidSection
 from merlin_monitor.state.knowledge_section import Contents
 from merlin_monitor.state.monitor_model import MonitorModel
-from merlin_monitor.state.plan_section import sequential_steps
+from merlin_monitor.state.plan_steps import sequential_steps
 from merlin_test.chromium import Visit, chromium  # noqa: F401  (for the tests)
 
 # To be put in by the browser's own means (bypass_csp), past the policy of the page.

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a robot knows of its house, as facts and values of the domain. Without ROS."""
 
-from typing import Collection, Dict, FrozenSet, Iterator, List, Set, Tuple
+from typing import Collection, Dict, FrozenSet, Iterator, List, Mapping, Optional, Set, Tuple
 
 from deliberation.house import ANYWHERE, House, State, accessible
 
@@ -22,13 +22,16 @@ class Belief:
 
     :param house: its sites, which the robot knows.
     :param things: that there are, somewhere.
+    :param at: thing → the spot where it is known to be.
     """
 
-    def __init__(self, house: House, things: Collection[str]) -> None:
+    def __init__(self, house: House, things: Collection[str], at: Optional[Mapping[str, str]] = None) -> None:
         self._house = house
         spots = house.of_kind("spot")
-        self._maybe: Dict[str, Set[str]] = {thing: set(spots) for thing in sorted(things)}
-        self._at: Dict[str, str] = {}
+        self._at: Dict[str, str] = dict(at or {})
+        self._maybe: Dict[str, Set[str]] = {
+            thing: set() if thing in self._at else set(spots) for thing in sorted(things)
+        }
         self._held = ""
 
     def looked(self, spot: str, found: Collection[str]) -> None:

@@ -39,7 +39,7 @@ from merlin_ros.actions.action_server import ServerGoal
 from merlin_ros.actions.serial_action_server import SerialActionServer
 from merlin_ros.master.master_link import set_param
 from merlin_ros.node import run_node
-from merlin_ros.parameters import number, whole
+from merlin_ros.parameters import flag, number, whole
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
 from merlin_ros.work.threads import start_thread
 from merlin_sm.states.navigation import POINTS_PARAM
@@ -115,11 +115,13 @@ class Bridge:
 
     :param simulation: what it serves; one action at a time.
     :param knowledge: where it keeps what is sensed.
+    :param known: whether the robot knows at first where the things are.
     """
 
-    def __init__(self, simulation: Simulation, knowledge: KnowledgeClient) -> None:
+    def __init__(self, simulation: Simulation, knowledge: KnowledgeClient, known: bool = False) -> None:
         self._simulation = simulation
-        self._belief = Belief(simulation.house, simulation.state().things)
+        things = simulation.state().things
+        self._belief = Belief(simulation.house, things, things if known else None)
         self._senses = Senses(self._belief, simulation, knowledge)
         self._robot = threading.Lock()  # guards the robot, which does one action at a time, and the counts
         self._begun = self._failed = 0
@@ -228,7 +230,8 @@ def _start() -> None:
     if not world:
         raise WorldError("parameter ~world is missing; give a world file of pyrobosim, _world:=FILE")
     simulation = Simulation(Path(world), whole("~seed", 1, 0), number("~rtf", 1.0, 0.01))
-    bridge, shown = Bridge(simulation, knowledge_client()), Shown(simulation)
+    bridge = Bridge(simulation, knowledge_client(), flag("~known", False))
+    shown = Shown(simulation)
     rospy.on_shutdown(shown.shutdown)
     rospy.on_shutdown(bridge.shutdown)
     wait_for_knowledge_base("rosplan_knowledge_base", KNOWLEDGE_WAIT)
@@ -238,5 +241,5 @@ def _start() -> None:
 
 
 def main() -> int:
-    """Runs the node: `~world` (file), `~seed` (1), `~rtf` (1.0, simulated seconds per second)."""
+    """Runs the node: `~world` (file), `~seed` (1), `~rtf` (1.0, simulated seconds per second), `~known` (false)."""
     return run_node("pyrobosim", _start, WorldError, missing=(KnowledgeError, ServiceError))

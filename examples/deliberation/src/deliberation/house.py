@@ -2,7 +2,7 @@
 """The house of a simulation: what stands where, what is open, what a drive costs. Without ROS."""
 
 import math
-from typing import Any, Dict, FrozenSet, List, Mapping, NamedTuple, Set, Tuple
+from typing import Any, Dict, FrozenSet, Iterable, List, Mapping, NamedTuple, Set, Tuple
 
 #: What a pyrobosim robot can do.
 ACTIONS = ("navigate", "pick", "place", "open", "close", "detect")
@@ -132,6 +132,24 @@ def words(goals: str) -> List[Tuple[str, ...]]:
     for each in found:
         holds(each, NOWHERE)
     return found
+
+
+def mistake_in(goals: Iterable[Tuple[str, ...]], house: House, state: State) -> str:
+    """Which goal names what is not in a house, as a sentence; empty: each can be reached or not.
+
+    :param goals: as of :func:`words`.
+    """
+    places = sorted(house.sites)
+    for goal in goals:
+        predicate, *names = goal[1:] if goal[0] == "not" else goal
+        there = [sorted(state.things), places] if predicate == "is_at" else [places]
+        for name, known in zip(names, there):
+            if name not in known:
+                return (
+                    f"the goal {' '.join(goal)!r} names {name}, which is not in this world; "
+                    f"there are {', '.join(known)}"
+                )
+    return ""
 
 
 def as_data(house: House, state: State) -> Dict[str, Any]:

@@ -13,7 +13,7 @@ from merlin_msgs.msg import ExecuteResult
 from std_msgs.msg import String
 
 from deliberation.belief import SENSED
-from deliberation.house import ANYWHERE, House, State, from_data, holds, words
+from deliberation.house import ANYWHERE, House, State, from_data, holds, mistake_in, words
 from deliberation.oracle import expected_actions
 from deliberation.problems import Run, problem_of
 from merlin_executor.executor_request import ExecutorRequest
@@ -32,7 +32,7 @@ class Deliberation(GoalDispatcher):
     :param seed: of the moments of cancels.
     :param cancels: how often the goals are cancelled and sent again.
     :param goals: instead of those of the problem; `none`: those.
-    :param urgent: instead of its urgent goals; `none`: those.
+    :param urgent: instead of its urgent goals; `none`: those, and with other goals nothing.
     :param attempts: how often goals are sent whose plans have failed too often.
     :param results: folder.
     :raises ValueError: for text that is not a list of goals.
@@ -57,7 +57,9 @@ class Deliberation(GoalDispatcher):
         asked = problem_of(self.number)
         self._seed, self._cancels, self._attempts = seed, cancels, attempts
         self._goals = words(asked.goals if goals == "none" else goals)
-        self._urgent = words(asked.urgent if urgent == "none" else urgent) if cancels else []
+        if urgent == "none":
+            urgent = asked.urgent if goals == "none" else ""
+        self._urgent = words(urgent) if cancels and urgent else []
         self._results = results_folder(results)
         self._changed = threading.Condition()  # guards _data
         self._data: Optional[Dict[str, Any]] = None
@@ -70,8 +72,12 @@ class Deliberation(GoalDispatcher):
         """Sends the goals until they hold.
 
         :raises MissionFailed: when they do not, or a cancel has left something wrong.
+        :raises MissionError: when one names what is not in the world.
         """
         self._first, self._began = self._truth(), time.monotonic()
+        mistake = mistake_in([*self._goals, *self._urgent], *self._first)
+        if mistake:
+            raise MissionError(mistake)
         draw = random.Random(self._seed)
         for _ in range(self._cancels):
             request = self.send(texts(self._goals))

@@ -39,10 +39,11 @@ class Simulation:
     def __init__(self, file: Path, seed: int, rtf: float) -> None:
         check_pyrobosim()
         data = seeded(read_world(file), seed, rtf)
-        # Only here: all else, and what says that it is missing, runs without it.
-        import numpy
-        from pyrobosim.core import WorldYamlLoader
-
+        try:  # only here: all else, and what says that it is missing, runs without it
+            import numpy
+            from pyrobosim.core import WorldYamlLoader
+        except ImportError as error:
+            raise WorldError(f"pyrobosim cannot be imported: {error}; {HOW}") from error
         numpy.random.seed(seed)
         try:
             self._world: Any = WorldYamlLoader().from_yaml(data, file.resolve().parent)

@@ -28,6 +28,8 @@ def _arguments(words: Optional[List[str]]) -> argparse.Namespace:
     parser.add_argument("--rtf", type=float, default=5.0, help="simulated seconds per second (5)")
     parser.add_argument("--world", help="another world file, such as one of the workshop")
     parser.add_argument("--goals", help="instead of those of the problem: '(is_at mug table)'")
+    parser.add_argument("--urgent", help="likewise, of the urgent request")
+    parser.add_argument("--known", action="store_true", help="the robot knows where the things are at first")
     parser.add_argument("--results", type=Path, default=Path("results/deliberation"), help="folder")
     return parser.parse_args(words)
 
@@ -67,9 +69,9 @@ def _run(asked: argparse.Namespace, number: int, seed: int, runs: List[Run]) -> 
     file = folder / "run.json"
     file.unlink(missing_ok=True)
     named = [f"problem:={number}", f"seed:={seed}", f"cancels:={asked.cancels}", f"rtf:={asked.rtf}"]
-    named += [f"results:={folder}", "monitor_port:=0"]
+    named += [f"results:={folder}", "monitor_port:=0", f"known:={str(asked.known).lower()}"]
     named += [f"world:={Path(asked.world).resolve()}"] if asked.world else []
-    named += [f"goals:={asked.goals}"] if asked.goals else []
+    named += [f"{name}:={value}" for name in ("goals", "urgent") if (value := getattr(asked, name))]
     command = ["rosrun", "merlin", "run", "deliberation", "deliberation.launch", *named]
     code = subprocess.run(command, check=False).returncode
     if not file.is_file():

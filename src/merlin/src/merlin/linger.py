@@ -80,8 +80,8 @@ def keep(page: Page, key: bool) -> None:
     """
     # A web server is much to import for a run that does not linger.
     from merlin_monitor.history.history_file import HistoryError
+    from merlin_monitor.web.connections import ServerError
     from merlin_monitor.web.open_command import opened, wait_for_end
-    from merlin_monitor.web.web_server import ServerError
 
     try:
         with opened(page.history, page.host, page.port) as server:

@@ -5,9 +5,9 @@ import { askFor } from "../answers.js";
 import { say, t, told } from "../texts.js";
 import { momentLink } from "../past.js";
 
-const KINDS = ["mission", "goal", "plan", "action", "speech", "sight", "machine", "knowledge", "health", "guard", "control", "monitor"];
+const GLYPHS = { mission: "◆", goal: "◎", plan: "≡", action: "▶", speech: "❝", sight: "◉", machine: "⬡", knowledge: "+", health: "♥", guard: "·", control: "✎", monitor: "·" };
+const KINDS = Object.keys(GLYPHS);
 const QUIET = new Set(["machine", "knowledge"]); // not shown until asked for
-const GLYPHS = { mission: "◆", goal: "◎", plan: "≡", action: "▶", speech: "❝", sight: "◉", machine: "⬡", knowledge: "+", health: "♥", control: "✎" };
 const WORDS = new Set(["knowledge", "speech", "sight"]); // words of others: they report no fault
 const BAD = /\b(failed|error|unsolvable|no plan|refused|timeout|crashed|invalid|internal|silent)\b/;
 const PAGE = 200; // events asked for at once
@@ -40,12 +40,14 @@ export function show(section, { store }) {
         forgetOlder(); // they are of the kinds shown until now
         draw();
       },
-    }, `${GLYPHS[kind] || "·"} ${t(kind)}`));
+    }, `${GLYPHS[kind]} ${t(kind)}`));
   }
   const list = byId("history-list");
   list.addEventListener("scroll", () => {
     if (list.scrollTop + list.clientHeight > list.scrollHeight - 300) loadOlder();
   }, { passive: true });
+  let above = 0; // px of news above what the pointer is at, which stays there
+  list.addEventListener("pointerleave", () => { if (list.scrollTop <= above) list.scrollTop = 0; });
 
   store.watch("history", (change) => {
     if (change === null) forgetOlder(); // another run may have begun, or another file
@@ -100,7 +102,12 @@ export function show(section, { store }) {
       run = event.run;
       rows.push({ event });
     }
+    const first = list.firstChild;
     keyed(list, rows, (row) => (row.heading !== undefined ? `run ${row.heading}` : row.event.id), create, () => {});
+    if (first && (list.scrollTop || list.matches(":hover"))) {
+      above += first.offsetTop;
+      list.scrollTop += first.offsetTop;
+    } else above = 0;
     if (rows.length < FEW) loadOlder();
   }
 
@@ -117,20 +124,20 @@ export function show(section, { store }) {
   const lanes = svg("svg", {});
   byId("timeline").append(lanes);
   function drawTimeline(all) {
-    const current = (store.state.meta || {}).run;
-    const now = (store.state.meta || {}).time || 0; // after the simulator began anew, bars of before are of no time
-    const bars = all.filter((event) => event.run === current && event.detail && event.detail.ended !== undefined && event.detail.began <= now + LATE);
+    const { run: current, time: now = 0 } = store.state.meta || {}; // after the simulator began anew, bars of before are of no time
+    const ours = all.filter((event) => event.run === current);
+    const bars = ours.map(({ detail }) => detail).filter((each) => each && each.ended !== undefined && each.began <= now + LATE);
     const running = Object.values((store.state.plan || {}).steps || {}).filter((step) => step.state === "running" && step.began);
-    const end = Math.max(now, ...bars.map((event) => Math.min(event.detail.ended, now + LATE)));
+    const end = Math.max(now, ...bars.map(({ ended }) => Math.min(ended, now + LATE)));
     const width = byId("timeline").clientWidth || 500;
     const left = 46;
-    const begin = Math.max(end - SPAN, Math.min(end - SHORTEST, ...all.filter((event) => event.run === current && event.at).map((event) => event.at)));
+    const begin = Math.max(end - SPAN, Math.min(end - SHORTEST, ...ours.filter((event) => event.at).map((event) => event.at)));
     const x = (at) => left + ((width - left - 4) * (Math.max(at, begin) - begin)) / (end - begin);
     const items = [];
     Object.keys(LANES).forEach((lane, index) => {
       const y = 8 + index * 30;
       items.push(svg("text", { class: "lane", x: 0, y: y + 16 }, LANES[lane]), svg("line", { class: "track", x1: left, x2: width, y1: y + 26, y2: y + 26 }));
-      for (const { detail } of bars.filter((event) => event.detail.lane === lane && event.detail.ended > begin)) items.push(...bar(detail, lane, x, y));
+      for (const each of bars) if (each.lane === lane && each.ended > begin) items.push(...bar(each, lane, x, y));
     });
     for (const step of running) items.push(...bar({ began: step.began, ended: end, outcome: "running", label: step.text, words: step.words }, "action", x, 38));
     for (let at = Math.ceil(begin / 30) * 30; at <= end; at += 30) {

@@ -17,7 +17,7 @@ from merlin_monitor.panels.plan import PlanPanel
 from merlin_monitor.state.history_events import Event
 from merlin_monitor.state.inbox import Inbox
 from merlin_monitor.state.monitor_model import MonitorModel
-from merlin_monitor.state.plan_section import ShownStep
+from merlin_monitor.state.plan_steps import ShownStep
 
 LIMIT = 60.0  # s
 REQUEST = "/mission-1-1.0"

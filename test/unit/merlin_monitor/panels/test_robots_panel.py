@@ -14,7 +14,7 @@ from sound_play.msg import SoundRequest
 from merlin_monitor.history.pictures import Pictures
 from merlin_monitor.panels.robots import SILENT, RobotsSection
 from merlin_monitor.panels.said import SaidSection
-from merlin_monitor.state.plan_section import sequential_steps
+from merlin_monitor.state.plan_steps import sequential_steps
 from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.terminal.terminal_view import lines
 

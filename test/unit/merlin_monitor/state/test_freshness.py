@@ -12,7 +12,7 @@ from merlin_monitor.state.freshness import Source
 from merlin_monitor.state.health_section import LONGEST_PERIOD, SILENT_AFTER
 from merlin_monitor.state.inbox import Inbox
 from merlin_monitor.state.monitor_model import MonitorModel
-from merlin_monitor.state.plan_section import sequential_steps
+from merlin_monitor.state.plan_steps import sequential_steps
 from merlin_monitor.text.phrase import in_english
 from merlin_ros.health import ENDED, STALE
 

@@ -26,7 +26,8 @@ from merlin_monitor.state.guard_section import GuardSection
 from merlin_monitor.state.health_section import HealthSection
 from merlin_monitor.state.machine_section import HELD_SILENT_AFTER, MachineSection
 from merlin_monitor.state.now_section import NowSection
-from merlin_monitor.state.plan_section import PlanSection, sequential_steps
+from merlin_monitor.state.plan_section import PlanSection
+from merlin_monitor.state.plan_steps import sequential_steps
 from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.text.phrase import action_in_words, gerund, in_english, listed
 from merlin_monitor.text.wording import Wording

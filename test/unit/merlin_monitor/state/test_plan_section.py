@@ -9,7 +9,8 @@ from merlin_msgs.msg import DispatchStatus, PlannerStatus
 from messages import Told, dispatch, feedback, running
 from rosplan_dispatch_msgs.msg import CompletePlan, EsterelPlan, EsterelPlanEdge, EsterelPlanNode
 
-from merlin_monitor.state.plan_section import PlanSection, graph_steps, sequential_steps
+from merlin_monitor.state.plan_section import PlanSection
+from merlin_monitor.state.plan_steps import graph_steps, sequential_steps
 from merlin_monitor.state.state_tree import StateTree
 
 PLAN = CompletePlan(

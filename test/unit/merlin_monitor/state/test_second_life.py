@@ -21,7 +21,7 @@ from rosplan_dispatch_msgs.msg import CompletePlan
 from merlin_monitor.state.history_store import HistoryStore
 from merlin_monitor.state.inbox import DirectInbox
 from merlin_monitor.state.monitor_model import MonitorModel
-from merlin_monitor.state.plan_section import sequential_steps
+from merlin_monitor.state.plan_steps import sequential_steps
 
 PLAN = CompletePlan([dispatch(number, "ask", ("p", place)) for number, place in enumerate("abcd")])
 REQUEST = "/mission-1-12.5"

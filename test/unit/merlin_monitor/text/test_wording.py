@@ -20,7 +20,7 @@ from rosplan_dispatch_msgs.msg import CompletePlan
 from merlin_monitor.panels.robots import RobotsSection
 from merlin_monitor.state.inbox import Inbox
 from merlin_monitor.state.monitor_model import MonitorModel
-from merlin_monitor.state.plan_section import sequential_steps
+from merlin_monitor.state.plan_steps import sequential_steps
 from merlin_monitor.terminal.terminal_view import lines
 from merlin_monitor.text.phrase import Phrase, in_english
 from merlin_monitor.text.sentences import Sentences, read_sentences

@@ -13,6 +13,7 @@ import pytest
 from served import TOKEN, WEB, Served
 
 from merlin_monitor.access.web_access import TOKEN_HEADER
+from merlin_monitor.web import connections as limits
 from merlin_monitor.web import live_feed, web_server
 
 pytestmark = pytest.mark.processes
@@ -25,8 +26,9 @@ LARGEST = 208_000  # bytes of the page, with all languages and a line for the li
 @pytest.fixture
 def hasty(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Served]:
     """A server whose limits are short, but that for a first request: a test may be slow, too."""
-    for name, limit in (("NEXT_REQUEST", 1), ("BODY", 0.5), ("LOOK", 0.1)):
-        monkeypatch.setattr(web_server, name, limit)
+    monkeypatch.setattr(web_server, "NEXT_REQUEST", 1)
+    monkeypatch.setattr(limits, "BODY", 0.5)
+    monkeypatch.setattr(limits, "LOOK", 0.1)
     served = Served(tmp_path, TOKEN)
     yield served
     served.stop()
@@ -64,7 +66,7 @@ def established(served: Served) -> int:
 def test_many_connections_without_a_request_are_closed(
     hasty: Served, monkeypatch: pytest.MonkeyPatch, said: bytes
 ) -> None:
-    monkeypatch.setattr(web_server, "FIRST_REQUEST", 0.6)
+    monkeypatch.setattr(limits, "FIRST_REQUEST", 0.6)
     connections = [connect(hasty, said) for _ in range(MANY)]
     for connection in connections:
         assert b"200 OK" not in all_of(connection)
@@ -85,7 +87,7 @@ def test_a_request_without_its_end_is_answered_and_closed(hasty: Served) -> None
 def test_a_page_is_not_closed(hasty: Served, monkeypatch: pytest.MonkeyPatch) -> None:
     async def follow() -> int:
         async with aiohttp.ClientSession() as session, session.ws_connect(f"{hasty.url}live") as page:
-            monkeypatch.setattr(web_server, "FIRST_REQUEST", 0.6)
+            monkeypatch.setattr(limits, "FIRST_REQUEST", 0.6)
             others = [connect(hasty) for _ in range(3)]  # closed while the page is not
             for other in others:
                 await asyncio.get_running_loop().run_in_executor(None, all_of, other)

@@ -146,6 +146,36 @@ def test_keys_lead_from_event_to_event_and_back_to_the_present(shown: Served, br
     visit.close()
 
 
+def test_what_happens_before_a_press_does_not_move_the_event_under_the_pointer(
+    shown: Served, browser: Any
+) -> None:
+    for number in range(40):
+        does(shown, number)
+    visit = Visit(browser, shown.url)
+    visit.wait_text("#connection", "live")
+    events = visit.page.locator("#history-list")
+    events.locator(".event", has_text="event 37").hover()
+    for number in (40, 41):
+        does(shown, number)
+        visit.wait_text("#history-list .said", f"event {number}")
+    visit.page.mouse.down()
+    visit.page.mouse.up()
+    past(visit, "doing 37")
+    visit.page.keyboard.press("l")
+    visit.page.mouse.move(1, 1)  # away: what is new is in sight again, and stays so
+    visit.wait("() => document.getElementById('history-list').scrollTop === 0")
+    # A reader who has gone down the list stays there.
+    events.hover()
+    visit.page.mouse.wheel(0, 300)
+    visit.wait("() => document.getElementById('history-list').scrollTop === 300")
+    first = visit.page.evaluate("() => document.querySelector('#history-list .event').offsetHeight")
+    does(shown, 42)
+    visit.wait_text("#history-list .said", "event 42")
+    visit.page.mouse.move(1, 1)
+    visit.wait("(top) => document.getElementById('history-list').scrollTop === top", 300 + first)
+    visit.close()
+
+
 def test_a_moment_that_comes_late_is_not_shown_any_more(shown: Served, browser: Any) -> None:
     for number in range(4):
         does(shown, number, "failure" if number == 1 else "")

@@ -15,8 +15,8 @@ from served import WEB, Served, ask
 
 from merlin_monitor.state.history_events import Event
 from merlin_monitor.state.state_tree import apply_changes
-from merlin_monitor.web import live_feed, web_server
-from merlin_monitor.web.web_server import ServerError, listen
+from merlin_monitor.web import connections, live_feed, web_server
+from merlin_monitor.web.connections import ServerError, listen
 
 LIMIT = 60.0  # s for anything that a test waits for
 LONG = 300.0  # s for much that is sent
@@ -190,7 +190,7 @@ def test_without_ipv6_localhost_is_served_on_ipv4(monkeypatch: pytest.MonkeyPatc
         (socket.AF_INET6, stream, 6, "", nowhere),
         (socket.AF_INET, stream, 6, "", ("127.0.0.1", 0)),
     ]
-    monkeypatch.setattr(web_server.socket, "getaddrinfo", lambda *_, **__: found)
+    monkeypatch.setattr(connections.socket, "getaddrinfo", lambda *_, **__: found)
     with listen("localhost", 0) as served:
         assert served.getsockname()[0] == "127.0.0.1"
 

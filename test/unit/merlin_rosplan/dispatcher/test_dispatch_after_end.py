@@ -1,142 +1,143 @@
 # SPDX-License-Identifier: Apache-2.0
 """Between two plans: a client that gets the end of one can start the next at once, and cancel it."""
 
+import contextlib
 import threading
 from types import SimpleNamespace
-from typing import Any, List, Optional
+from typing import Any, Callable, Dict, Iterator, List
 
 import pytest
-from diagnostic_msgs.msg import KeyValue
-from rosplan_dispatch_msgs.msg import ActionFeedback
+import rospy
+from fakes.topics import Topics
+from merlin_msgs.msg import DispatchStatus
+from rosplan_dispatch_msgs.msg import CompletePlan
+from rosplan_dispatch_msgs.srv import DispatchServiceRequest, DispatchServiceResponse
+from std_srvs.srv import EmptyRequest
 
+from merlin_ros.deadline import Deadline
 from merlin_rosplan.dispatch.dispatch import DispatchReport, DispatchState
+from merlin_rosplan.dispatch.dispatch_schedule import Schedule
 from merlin_rosplan.dispatcher import plan_dispatcher
-from merlin_rosplan.dispatcher.plan_dispatcher import PlanDispatcher
+from merlin_rosplan.dispatcher.dispatcher_kinds import SimplePlanDispatcher
+from merlin_rosplan.transport import component
+from merlin_rosplan.transport.handover import Handover
 
 LONG = 60.0
-
-
-class State(threading.Condition):
-    """Sets an event when a thread waits."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.looked = threading.Event()
-
-    def wait(self, timeout: Optional[float] = None) -> bool:
-        self.looked.set()
-        return super().wait(timeout)
-
-
-class Dispatcher(PlanDispatcher):
-    """Dispatches nothing; calls `on_told` when it publishes the end."""
-
-    def __init__(self) -> None:
-        self.scope, self._state = "/dispatcher", State()
-        self._busy, self._ending = True, False
-        self._limits = SimpleNamespace(cancel=LONG)
-        self._owner = SimpleNamespace(end=lambda: None)
-        self._topics = SimpleNamespace(report_status=lambda report: self.on_told())
-
-    closed = False
-
-    def _run_plan(self) -> DispatchReport:
-        return DispatchReport(DispatchState.SUCCEEDED, "")
-
-    def _judged(self, report: DispatchReport) -> DispatchReport:
-        return report
-
-    def on_told(self) -> None:
-        """To be replaced."""
-
-
-def test_one_that_has_told_its_end_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(plan_dispatcher.rospy, "loginfo", lambda *text: None)
-    dispatcher = Dispatcher()
-    taken: List[bool] = []
-
-    def dispatch() -> None:
-        taken.append(dispatcher._occupy(None))
-        dispatcher._state.looked.set()
-
-    caller = threading.Thread(target=dispatch, daemon=True)
-
-    def told() -> None:
-        caller.start()
-        assert dispatcher._state.looked.wait(LONG)
-
-    dispatcher.on_told = told  # type: ignore[method-assign]
-    dispatcher._run()
-    caller.join(LONG)
-    assert taken == [True]
+NAME = "/dispatcher"
 
 
 class Dispatch:
-    """One run of a plan."""
+    """One run of a plan: at its end at once."""
 
     plan_id = 1
 
     def __init__(self, *_: Any, **__: Any) -> None:
-        self.reason = ""
+        self._state, self._reason = DispatchState.SUCCEEDED, ""
+        self.ended = threading.Event()
 
     def cancel(self, reason: str) -> None:
-        self.reason = reason
+        self._state, self._reason = DispatchState.CANCELLED, reason
+
+    def suspend(self, suspended: bool) -> None: ...
 
     def run(self) -> DispatchReport:
-        return DispatchReport(
-            DispatchState.CANCELLED if self.reason else DispatchState.SUCCEEDED, self.reason
-        )
+        self.ended.set()
+        return DispatchReport(self._state, self._reason)
 
 
-class Beginning(Dispatcher):
-    """Is told to cancel while it takes the plan."""
+class Dispatcher(SimplePlanDispatcher):
+    """Calls `on_schedule` when it has taken a plan, and carries out nothing yet."""
 
-    _run_plan = PlanDispatcher._run_plan  # type: ignore[assignment]
+    on_schedule: Callable[[], object] = staticmethod(lambda: None)
 
-    def __init__(self) -> None:
-        super().__init__()
-        self._busy, self._unwanted, self._dispatch, self._goal = False, False, None, None
-        self._breakpoints = self._plan = None  # type: ignore[assignment]
-        self._missed, self._watches_rest = frozenset(), False
-        self._owner = SimpleNamespace(end=lambda: None, attach=lambda dispatch, key: None)
-        self._settler = SimpleNamespace(settle=lambda plan_id, actions: None)
-        self._topics = SimpleNamespace(
-            report_status=lambda report: None, begin=lambda: 1, owner_key="", unanswered=lambda: []
-        )
-        self.cancels = 0
-
-    def _take_plan(self) -> Any:
-        if self.cancels:
-            self.cancels -= 1
-            self._serve_cancel(None)  # type: ignore[arg-type]
-        return None
-
-    def make_schedule(self, plan: Any) -> Any:
-        return None
+    def make_schedule(self, plan: CompletePlan, *_: Any) -> Schedule:
+        self.on_schedule()
+        return super().make_schedule(plan)
 
 
-def test_a_cancel_while_the_plan_is_taken_is_not_lost(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(plan_dispatcher.rospy, "loginfo", lambda *text: None)
-    monkeypatch.setattr("merlin_rosplan.dispatch.dispatch.PlanDispatch", Dispatch)
-    dispatcher = Beginning()
-    dispatcher._serve_cancel(None)  # type: ignore[arg-type]  # a stray one, with nothing to cancel
-    dispatcher.cancels = 1
-    assert dispatcher._occupy(None)
-    assert dispatcher._run().state is DispatchState.CANCELLED
-    assert dispatcher._occupy(None)
-    assert dispatcher._run().state is DispatchState.SUCCEEDED
+class Bench:
+    """A dispatcher, the client of its services, and what it publishes. Without a master."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.topics = Topics(monkeypatch)
+        self._services: Dict[str, Callable[[Any], Any]] = {}
+        knowledge = SimpleNamespace(unmet_goals=lambda: [])
+        for place, name, made in (
+            (component, "Service", self._service),
+            (component, "offer", lambda *_: None),
+            (component, "announced_together", contextlib.nullcontext),
+            (component, "keep_params", lambda scope: {"watch_rest": False}),
+            (rospy.Time, "now", lambda: rospy.Time(1)),
+            *((rospy, level, lambda *_: None) for level in ("loginfo", "logwarn", "logerr")),
+        ):
+            monkeypatch.setattr(place, name, made)
+        monkeypatch.setattr("merlin_rosplan.dispatch.dispatch.PlanDispatch", Dispatch)
+        monkeypatch.setattr("merlin_rosplan.dispatcher.plan_knowledge.PlanKnowledge", lambda name: knowledge)
+        self._parser = Handover.sender(f"{NAME}/complete_plan")
+        self.dispatcher = Dispatcher(NAME)
+
+    def _service(self, name: str, _: type, answer: Callable[[Any], Any]) -> Any:
+        self._services[name] = answer
+        return SimpleNamespace(shutdown=lambda: None)
+
+    def dispatch(self) -> DispatchServiceResponse:
+        """Gives it a plan, and has that carried out."""
+        self._parser.hand_over(CompletePlan())
+        request = DispatchServiceRequest()
+        request._connection_header = {"callerid": "/client"}
+        return self._services[f"{NAME}/dispatch_plan"](request)
+
+    def cancel(self) -> None:
+        self._services[f"{NAME}/cancel_dispatch"](EmptyRequest())
+
+    def close(self) -> None:
+        self.dispatcher.shutdown()
+        self._parser.shutdown()
 
 
-def test_one_that_runs_is_not(monkeypatch: pytest.MonkeyPatch) -> None:
-    dispatcher: Any = Dispatcher()
-    assert dispatcher._occupy(None) is False
+@pytest.fixture
+def bench(monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
+    made = Bench(monkeypatch)
+    yield made
+    made.close()
 
 
-def test_an_interface_that_says_that_its_action_did_not_stop_is_heard() -> None:
-    dispatcher, heard = Dispatcher(), []  # type: Any, List[Any]
-    dispatcher._dispatch, dispatcher._goal = SimpleNamespace(plan_id=1, put=heard.append), None
-    dispatcher._topics = SimpleNamespace(answered=lambda number: None)
-    for stopped in ("no", ""):
-        said = [KeyValue("reason", "why"), KeyValue("stopped", stopped)]
-        dispatcher._receive_feedback(ActionFeedback(3, 1, ActionFeedback.ACTION_FAILED, said))
-    assert [event.unstopped for event in heard] == [True, False]
+def test_one_that_has_told_its_end_is_waited_for(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    waits = threading.Event()
+    answers: List[Any] = []
+
+    class Watched(Deadline):
+        def wait(self, condition: threading.Condition, predicate: Callable[[], bool]) -> bool:
+            if threading.current_thread() is second and not predicate():
+                waits.set()
+            return super().wait(condition, predicate)
+
+    def call() -> None:
+        try:
+            answers.append(bench.dispatch().success)
+        except rospy.ServiceException as refused:
+            answers.append(str(refused))
+        waits.set()
+
+    def at_the_end(topic: str, message: Any) -> None:
+        if topic == f"{NAME}/dispatch_status" and second.ident is None:
+            second.start()
+            assert waits.wait(LONG)
+
+    second = threading.Thread(target=call, daemon=True)
+    monkeypatch.setattr(plan_dispatcher, "Deadline", Watched)
+    bench.topics.before = at_the_end
+    assert bench.dispatch().success
+    second.join(LONG)
+    assert answers == [True]
+
+
+def test_a_cancel_while_the_plan_is_taken_is_not_lost(bench: Bench) -> None:
+    bench.cancel()  # a stray one, with nothing to cancel
+    bench.dispatcher.on_schedule = bench.cancel  # type: ignore[method-assign]
+    assert not bench.dispatch().success
+    statuses = bench.topics.published(f"{NAME}/dispatch_status")
+    assert [status.reason for status in statuses.queue][-1] == "cancelled before it began"
+    assert statuses.queue[-1].state == DispatchStatus.IDLE
+    bench.dispatcher.on_schedule = lambda: None  # type: ignore[method-assign]
+    assert bench.dispatch().success

@@ -12,7 +12,7 @@ from merlin_monitor.listeners.panel import Panel
 from merlin_monitor.listeners.ros_system import RosSystem
 from merlin_monitor.state.freshness import Source
 from merlin_monitor.state.monitor_model import MonitorModel
-from merlin_monitor.state.plan_section import graph_steps, sequential_steps
+from merlin_monitor.state.plan_steps import graph_steps, sequential_steps
 from merlin_monitor.truth.worst_truth import BRIDGES, MACHINES
 
 STATUS = GoalStatusArray._type

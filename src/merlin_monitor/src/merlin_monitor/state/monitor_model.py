@@ -18,7 +18,8 @@ from merlin_monitor.state.knowledge_section import KnowledgeSection
 from merlin_monitor.state.machine_section import MachineSection
 from merlin_monitor.state.map_section import MapSection
 from merlin_monitor.state.now_section import NowSection
-from merlin_monitor.state.plan_section import Edges, PlanSection, ShownStep
+from merlin_monitor.state.plan_section import PlanSection
+from merlin_monitor.state.plan_steps import Edges, ShownStep
 from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.text.phrase import say
 from merlin_monitor.text.sentences import SentencesError

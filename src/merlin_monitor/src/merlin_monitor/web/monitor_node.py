@@ -19,8 +19,9 @@ from merlin_monitor.panels.control import (
 from merlin_monitor.state.history_store import HistoryError, HistoryStore
 from merlin_monitor.state.inbox import Inbox
 from merlin_monitor.state.monitor_model import MonitorModel
+from merlin_monitor.web.connections import ServerError
 from merlin_monitor.web.robot_control import RobotControl
-from merlin_monitor.web.web_server import ServerError, WebServer
+from merlin_monitor.web.web_server import WebServer
 from merlin_ros.health import OK, Health, HealthReporter
 from merlin_ros.node import on_master_replaced, run_node
 from merlin_ros.parameters import ParameterError, flag, whole

@@ -26,7 +26,8 @@ from merlin_monitor.panel_scripts import script_file
 from merlin_monitor.state.history_events import Event
 from merlin_monitor.state.history_store import NEWEST, HistorySection, last_state
 from merlin_monitor.state.state_tree import StateTree
-from merlin_monitor.web.web_server import ServerError, WebServer
+from merlin_monitor.web.connections import ServerError
+from merlin_monitor.web.web_server import WebServer
 
 _BEGIN = b"#ROSBAG V"
 _ENDINGS = (".bag", ".active")

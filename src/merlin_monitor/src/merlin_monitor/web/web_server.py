@@ -2,7 +2,6 @@
 """The web server: the page, its live feed, the map's picture, the history and the control of the robot."""
 
 import asyncio
-import errno
 import json
 import logging
 import math
@@ -11,7 +10,7 @@ import ssl
 import threading
 import time
 from pathlib import Path
-from typing import Any, Awaitable, Callable, Dict, List, Optional, Protocol, Tuple
+from typing import Any, Awaitable, Callable, Dict, Optional, Protocol, Tuple
 
 import rospkg
 from aiohttp import web
@@ -32,22 +31,18 @@ from merlin_monitor.state.history_events import Event, sentence
 from merlin_monitor.state.history_store import HistoryError
 from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.text.phrase import say
+from merlin_monitor.web.connections import ServerError, SilentConnections, body_of, listen
 from merlin_monitor.web.live_feed import LiveFeed
 from merlin_monitor.web.page_control import ControlError, Controls
 
-PORTS_TRIED = 20  # from the wanted one on
-DUAL = socket.has_dualstack_ipv6()  # :: is every address of IPv4, too
 FILES = (".html", ".css", ".js", ".json", ".svg")
 GOODBYE = 0.5  # s for a page to answer when it is closed
 PING = 20.0  # s between two signs of life of a page
 OLD_CHECK = 1.5  # s since the model's last check, after which it counts as hung
 LONGEST_REQUEST = 64 * 1024  # bytes
+NEXT_REQUEST = 15  # s between two requests of a connection
 COMPRESSED = 64 * 1024  # characters of an answer from when it is compressed, but for this machine
 LARGEST_NUMBER = 2**62
-FIRST_REQUEST = 15.0  # s from the connection to the end of its first request's head
-NEXT_REQUEST = 15  # s between two requests
-BODY = 15.0  # s from a request's head to the end of its body
-LOOK = 5.0  # s of wall time between two looks; aiohttp has no limit for the first request
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 
@@ -67,10 +62,6 @@ class Shown(Protocol):
 
     def report(self, event: Event) -> None:
         """Adds an event to the history."""
-
-
-class ServerError(RuntimeError):
-    """The page cannot be served; the text says why."""
 
 
 class WebServer:
@@ -355,47 +346,6 @@ class WebServer:
         self._state.report(event)
 
 
-class SilentConnections:
-    """Watches the connections of a server, in its loop.
-
-    A connection that has asked once is aiohttp's: it closes it `NEXT_REQUEST` after the last answer.
-    """
-
-    def __init__(self) -> None:
-        self._waiting: Dict[Any, float] = {}  # connection → s of the loop's time when it was seen first
-        self._asked: Dict[Any, None] = {}
-
-    def heard(self, request: web.Request) -> None:
-        """A connection has asked something."""
-        self._asked[request.protocol] = None
-
-    async def watch(self, runner: web.AppRunner) -> None:
-        """Looks again and again, until it is cancelled."""
-        loop = asyncio.get_running_loop()
-        while True:
-            await asyncio.sleep(LOOK)
-            server = runner.server
-            there = list(server.connections) if server is not None else []
-            self._asked = {each: None for each in there if each in self._asked}
-            now = loop.time()
-            silent = [each for each in there if each not in self._asked]
-            self._waiting = {each: self._waiting.get(each, now) for each in silent}
-            for connection, since in self._waiting.items():
-                if now - since >= FIRST_REQUEST - LOOK:
-                    connection.force_close()
-
-
-async def body_of(request: web.Request) -> str:
-    """The text of a request.
-
-    :raises web.HTTPRequestTimeout: it does not come.
-    """
-    try:
-        return await asyncio.wait_for(request.text(), BODY)
-    except asyncio.TimeoutError:
-        raise web.HTTPRequestTimeout(text="The request did not end.\n") from None
-
-
 def _number(request: web.Request, name: str, default: str = "") -> int:
     try:
         number = int(request.query.get(name, default))
@@ -418,32 +368,3 @@ def _seconds(request: web.Request, name: str) -> float:
 
 def _words(request: web.Request, name: str) -> Tuple[str, ...]:
     return tuple(word for word in request.query.get(name, "").split(",") if word)[:20]
-
-
-def listen(host: str, port: int) -> socket.socket:
-    """A listening socket on the port or, if others have it, the next free one.
-
-    :raises ServerError: when none is free.
-    """
-    last: Optional[OSError] = None
-    candidates: List[int] = [port] if port == 0 else list(range(port, min(port + PORTS_TRIED, 65536)))
-    for candidate in candidates:
-        try:
-            addresses = socket.getaddrinfo(
-                host or None, candidate, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
-            )
-        except (OSError, OverflowError) as error:
-            raise ServerError(f"the address {host!r} cannot be used: {error}; correct host:=…") from error
-        for family, _, _, _, address in addresses:
-            try:
-                return socket.create_server(
-                    address, family=family, backlog=64, dualstack_ipv6=family == socket.AF_INET6 and DUAL
-                )
-            except OSError as error:
-                last = error
-                if error.errno == errno.EADDRINUSE:
-                    break
-            # The next address: localhost is ::1 first, also on a machine without IPv6.
-        if isinstance(last, PermissionError):
-            break
-    raise ServerError(f"cannot listen on {host}:{port}: {last}; choose another port:=…")
