@@ -35,7 +35,7 @@ class Dispatcher(PlanDispatcher):
         self.scope, self._state = "/dispatcher", State()
         self._busy, self._ending = True, False
         self._limits = SimpleNamespace(cancel=LONG)
-        self._owner = SimpleNamespace(end=lambda: None)
+        self._begun = 0
         self._topics = SimpleNamespace(report_status=lambda report: self.on_told())
 
     closed = False
@@ -98,10 +98,9 @@ class Beginning(Dispatcher):
         self._busy, self._unwanted, self._dispatch, self._goal = False, False, None, None
         self._breakpoints = self._plan = None  # type: ignore[assignment]
         self._missed, self._watches_rest = frozenset(), False
-        self._owner = SimpleNamespace(end=lambda: None, attach=lambda dispatch, key: None)
         self._settler = SimpleNamespace(settle=lambda plan_id, actions: None)
         self._topics = SimpleNamespace(
-            report_status=lambda report: None, begin=lambda: 1, owner_key="", unanswered=lambda: []
+            report_status=lambda report: None, begin=lambda owner: 1, unanswered=lambda: []
         )
         self.cancels = 0
 
