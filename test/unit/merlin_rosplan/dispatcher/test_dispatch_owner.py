@@ -15,8 +15,7 @@ from merlin_ros.actions.lease import LeaseChange, LeaseState
 from merlin_ros.actions.lease_watch import LeaseWatch
 from merlin_ros.actions.ownership import ownership
 from merlin_rosplan.dispatch.dispatch import DispatchReport, DispatchState
-from merlin_rosplan.dispatcher import dispatch_owner
-from merlin_rosplan.dispatcher.dispatch_owner import DispatchOwner
+from merlin_rosplan.dispatcher import plan_dispatcher
 from merlin_rosplan.dispatcher.plan_dispatcher import PlanDispatcher
 
 LONG = 60.0
@@ -72,10 +71,16 @@ class Dispatch:
 
     plan_id = 1
 
-    def __init__(self, *_: Any, **__: Any) -> None:
+    def __init__(self, schedule: Any, topics: Any, *_: Any, **__: Any) -> None:
+        self._topics = topics
         self.suspended = False
         self.reasons: List[str] = []
         self.ended = threading.Event()
+
+    def run(self) -> DispatchReport:
+        self._topics.begun.release()
+        assert self.ended.wait(LONG)
+        return DispatchReport(DispatchState.SUCCEEDED, "")
 
     def suspend(self, suspended: bool) -> None:
         self.suspended = suspended
@@ -87,6 +92,7 @@ class Dispatch:
 
 @pytest.fixture(autouse=True)
 def quiet(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    monkeypatch.setattr("merlin_rosplan.dispatch.dispatch.PlanDispatch", Dispatch)
     for level in ("loginfo", "logwarn", "logerr"):
         monkeypatch.setattr(rospy, level, lambda *_: None)
     monkeypatch.setattr(rospy.Time, "now", lambda: rospy.Time(1))
@@ -121,36 +127,6 @@ def test_an_owner_that_comes_back_while_its_goal_is_taken_is_not_taken_for_silen
     assert not ownership.suspended("goal")
 
 
-# --- a dispatcher whose client is asked for -------------------------------------------------------------
-
-
-def test_a_dispatch_that_began_while_the_client_of_the_last_was_looked_for_goes_on(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    owner, dispatch = DispatchOwner("/dispatcher"), Dispatch()
-
-    def dead(*_: Any) -> None:  # it takes 2 s to find that out
-        owner.end()
-        owner.begin("/second")
-        owner.attach(dispatch, "key")  # type: ignore[arg-type]
-
-    monkeypatch.setattr(dispatch_owner, "living_namesake", dead)
-    monkeypatch.setattr(dispatch_owner.master_link, "bounded_master", lambda: None)
-    owner.begin("/first")
-    assert owner.abandoned() == "for /second"
-    assert dispatch.reasons == []
-
-
-def test_one_whose_client_is_dead_is_cancelled(monkeypatch: pytest.MonkeyPatch) -> None:
-    owner, dispatch = DispatchOwner("/dispatcher"), Dispatch()
-    monkeypatch.setattr(dispatch_owner, "living_namesake", lambda *_: None)
-    monkeypatch.setattr(dispatch_owner.master_link, "bounded_master", lambda: None)
-    owner.begin("/first")
-    owner.attach(dispatch, "key")  # type: ignore[arg-type]
-    assert owner.abandoned() == ""
-    assert dispatch.reasons == ["its owner /first is gone"]
-
-
 # --- a dispatcher ---------------------------------------------------------------------------------------
 
 
@@ -163,34 +139,57 @@ class Dispatcher(PlanDispatcher):
         self.scope, self._state = "/dispatcher", threading.Condition()
         self._dispatch = self._goal = None
         self._busy = self._ending = self._unwanted = False
+        self._client, self._begun = "", 0
         self._limits = SimpleNamespace(cancel=LONG)
-        self._owner = DispatchOwner(self.scope)
-        self._topics = SimpleNamespace(report_status=lambda report: None)
+        self._topics = SimpleNamespace(
+            report_status=lambda report: None,
+            begin=lambda owner: 1,
+            unanswered=lambda: [],
+            begun=threading.Semaphore(0),
+        )
+        self._settler = SimpleNamespace(settle=lambda plan_id, actions: None)
+        self._breakpoints = self._plan = None  # type: ignore[assignment]
+        self._missed, self._watches_rest = frozenset(), False
         self._knowledge = SimpleNamespace(unmet_goals=lambda: [])
         self._server, self.leases = server_of(self._accept, self._goal_owner_changed)
-        self.begun: threading.Semaphore = threading.Semaphore(0)
+        self.begun = self._topics.begun
 
-    def _run_plan(self) -> DispatchReport:
-        dispatch: Any = Dispatch()
-        self._dispatch = dispatch
-        self._owner.attach(dispatch, "key")
-        self.begun.release()
-        assert dispatch.ended.wait(LONG)
-        return DispatchReport(DispatchState.SUCCEEDED, "")
+    def _take_plan(self) -> Any:
+        return None
+
+    def make_schedule(self, plan: Any) -> Any:
+        return None
 
 
-def test_a_client_that_hung_while_its_goal_waited_suspends_its_dispatch() -> None:
-    dispatcher = Dispatcher()
-    first = threading.Thread(target=lambda: dispatcher._serve(SimpleNamespace(_connection_header={})))
-    first.start()
+def called(dispatcher: Dispatcher, client: str) -> threading.Thread:
+    """A client calls the service; its plan runs when this returns."""
+    request = SimpleNamespace(_connection_header={"callerid": client})
+    thread = threading.Thread(target=lambda: dispatcher._serve(request))
+    thread.start()
     assert dispatcher.begun.acquire(timeout=LONG)
-    dispatcher._owner.abandoned = lambda: ""  # type: ignore[method-assign]  # the client of the first is dead
+    return thread
+
+
+def test_a_client_that_hung_while_its_goal_waited_suspends_its_dispatch(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    dispatcher = Dispatcher()
+    first = called(dispatcher, "/first")
+    asked = threading.Event()
+
+    def dead(*_: Any) -> None:
+        assert asked.wait(LONG)
+
+    monkeypatch.setattr(plan_dispatcher, "living_namesake", dead)
+    monkeypatch.setattr(plan_dispatcher, "bounded_master", lambda: None)
     send(dispatcher._server)
     dispatcher.leases.now = SUSPENDED  # its client is stopped: SIGSTOP
     dispatcher._server._owner_changed(LeaseChange("goal", SUSPENDED, "/client is silent"))
-    assert dispatcher._dispatch is not None
-    dispatcher._dispatch.cancel("test")
+    before: Any = dispatcher._dispatch
+    assert not before.suspended  # that goal is not the one that runs
+    asked.set()  # the client of the first one is dead
     first.join(LONG)
+    assert before.reasons == ["its owner /first is gone"]
     assert dispatcher.begun.acquire(timeout=LONG)
     second: Any = dispatcher._dispatch
     assert second.suspended
@@ -199,13 +198,35 @@ def test_a_client_that_hung_while_its_goal_waited_suspends_its_dispatch() -> Non
     second.cancel("test")
 
 
+def test_a_dispatch_that_began_while_the_client_of_the_last_was_looked_for_goes_on(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    dispatcher = Dispatcher()
+    first, others = called(dispatcher, "/first"), []
+
+    def dead(*_: Any) -> None:  # it takes 2 s to find that out
+        running: Any = dispatcher._dispatch
+        running.cancel("it ends")
+        first.join(LONG)
+        others.append(called(dispatcher, "/second"))
+
+    monkeypatch.setattr(plan_dispatcher, "living_namesake", dead)
+    monkeypatch.setattr(plan_dispatcher, "bounded_master", lambda: None)
+    with pytest.raises(rospy.ServiceException, match="already, for /second"):
+        dispatcher._serve(SimpleNamespace(_connection_header={"callerid": "/third"}))
+    second: Any = dispatcher._dispatch
+    assert second.reasons == []
+    second.cancel("test")
+    others[0].join(LONG)
+
+
 @pytest.mark.parametrize("part", ["unmet_goals", "report_status", "_take_over", "tell_owner"])
 def test_a_client_gets_its_answer_whatever_fails(monkeypatch: pytest.MonkeyPatch, part: str) -> None:
     def broken(*_: Any) -> None:
         raise IndexError("a goal that is not text")
 
     dispatcher = Dispatcher()
-    dispatcher._run_plan = lambda: DispatchReport(DispatchState.SUCCEEDED, "")  # type: ignore[method-assign]
+    monkeypatch.setattr(Dispatch, "run", lambda _: DispatchReport(DispatchState.SUCCEEDED, ""))
     place: Any = {"unmet_goals": dispatcher._knowledge, "report_status": dispatcher._topics}
     place["tell_owner"] = dispatcher._server
     monkeypatch.setattr(place.get(part, dispatcher), part, broken)

@@ -94,6 +94,7 @@ class DispatchTopics(DispatchEnvironment):
         self._interfaces = InterfaceWatch(running_time)
         self._lease = component.own(LeaseHolder(component.resolve("lease")))
         self._leased: Set[str] = set()
+        self._owner = ""
         self._open_lock = threading.Lock()  # guards _open
         self._open: Dict[int, PlannedAction] = {}
         self._alarm = component.own(RosAlarm(on_tick, f"alarm of {component.scope}"))
@@ -116,8 +117,11 @@ class DispatchTopics(DispatchEnvironment):
         self._robots = RobotRoster()  # of which a host was heard
         component.subscriber(f"{component.knowledge_base}/robots", RobotHost, self._meet)
 
-    def begin(self) -> int:
-        """Another dispatch begins; returns its plan id."""
+    def begin(self, owner: str = "") -> int:
+        """Another dispatch begins; returns its plan id.
+
+        :param owner: id of its goal: while the owner of that one is silent, its actions are suspended.
+        """
         self._operators.clear()
         self._dispatched.clear()
         with self._telling:
@@ -125,12 +129,8 @@ class DispatchTopics(DispatchEnvironment):
         with self._open_lock:
             self._open.clear()
         self.plan_id += 1
+        self._owner = owner or f"{self._component.scope} {self.plan_id}"  # not the goals of others
         return self.plan_id
-
-    @property
-    def owner_key(self) -> str:
-        """Names this dispatch in :mod:`merlin_ros.actions.ownership`, which suspends its actions."""
-        return f"{self._component.scope} {self.plan_id}"
 
     def answered(self, action_id: int) -> None:
         """An interface has given its final answer; from any thread."""
@@ -264,7 +264,7 @@ class DispatchTopics(DispatchEnvironment):
         if report.state in (DispatchState.RUNNING, DispatchState.CANCELLING):
             running.add(f"{self.plan_id}/plan")  # between two actions the client must see its life, too
         if running != self._leased:
-            self._lease.exchange(running - self._leased, self._leased - running, self.owner_key)
+            self._lease.exchange(running - self._leased, self._leased - running, self._owner)
             self._leased = running
         if report.state in (DispatchState.RUNNING, DispatchState.CANCELLING):
             self.report_status(report)

@@ -24,10 +24,12 @@ from merlin_planning.action_messages import OWN_MARK
 from merlin_planning.breakpoint_service import BreakpointService
 from merlin_planning.dispatch_progress import NO, STOPPED
 from merlin_ros.actions.action_server import ActionServer, ServerGoal
-from merlin_ros.actions.lease import LOSE_AFTER, SUSPEND_AFTER, LeaseState
+from merlin_ros.actions.lease import LEASED, LOSE_AFTER, SUSPEND_AFTER, LeaseState
 from merlin_ros.alarms import wait_ticks
 from merlin_ros.deadline import Deadline, limit
 from merlin_ros.health import OK, WARN, Health
+from merlin_ros.master.master_link import ERRORS, bounded_master
+from merlin_ros.master.namesake import living_namesake
 from merlin_ros.ports.service_server import after_answer
 from merlin_ros.work.threads import log_failure, start_thread
 from merlin_rosplan.dispatch.dispatch_environment import (
@@ -44,7 +46,6 @@ from merlin_rosplan.dispatch.dispatch_environment import (
     Tick,
 )
 from merlin_rosplan.dispatch.dispatch_schedule import Ongoing, PlanError, Schedule
-from merlin_rosplan.dispatcher.dispatch_owner import DispatchOwner
 from merlin_rosplan.dispatcher.dispatch_settler import DispatchSettler
 from merlin_rosplan.dispatcher.dispatch_topics import SHUTDOWN_DEADLINE, DispatchTopics
 from merlin_rosplan.dispatcher.knowledge_events import KnowledgeEvents
@@ -82,6 +83,8 @@ class PlanDispatcher(Component):
         self._busy = False
         self._ending = False  # the end of a dispatch is published shortly before it is no longer busy
         self._goal: Optional[ServerGoal] = None
+        self._client = ""  # the node whose dispatch it is; empty: not known
+        self._begun = 0  # dispatches
         self._unwanted = False  # cancelled before there was a dispatch to stop
         self._missed: FrozenSet[str] = frozenset()  # names that have changed since the last dispatch
         self._watches_rest = self.flag("watch_rest", True)
@@ -107,7 +110,6 @@ class PlanDispatcher(Component):
         self._settler = self.own(
             DispatchSettler(self.knowledge_base, self._topics.seconds_silent, self._limits.liveness)
         )
-        self._owner = DispatchOwner(self.scope)
         feedback_topic = str(self.param("action_feedback_topic", "action_feedback"))
         self.subscriber(feedback_topic, ActionFeedback, self._receive_feedback)  # no answer may be dropped
         KnowledgeEvents(self, self._put)
@@ -182,10 +184,11 @@ class PlanDispatcher(Component):
     # --- services and action ------------------------------------------------------------------------
 
     def _serve(self, request: DispatchServiceRequest) -> DispatchServiceResponse:
-        refusal = "" if self._occupy(None) else self._take_over(None)
+        client = caller(request)
+        refusal = "" if self._occupy(None, client) else self._take_over(None, client)
         if refusal:
             raise rospy.ServiceException(refusal)
-        report = self._run(lambda: self._owner.begin(caller(request)))
+        report = self._run()
         return DispatchServiceResponse(success=report.success, goal_achieved=report.goal_achieved)
 
     def _serve_cancel(self, _: EmptyRequest) -> EmptyResponse:
@@ -242,7 +245,7 @@ class PlanDispatcher(Component):
             goal.abort(NonBlockingDispatchResult(), log_failure(self.scope))
 
     def _dispatch_goal(self, goal: ServerGoal) -> None:
-        report = self._run(lambda: self._begin_goal(goal))
+        report = self._run(goal.accept)
         text = report.reason or "every action succeeded"
         result = NonBlockingDispatchResult(success=report.success, goal_achieved=report.goal_achieved)
         if report.success:
@@ -251,11 +254,6 @@ class PlanDispatcher(Component):
             goal.cancelled(result, text)
         else:
             goal.abort(result, text)
-
-    def _begin_goal(self, goal: ServerGoal) -> None:
-        self._owner.begin(goal.sender, goal.id)
-        self._server.tell_owner(goal)  # what changed while the dispatcher was another goal's
-        goal.accept()
 
     def _cancel_goal(self, goal: ServerGoal) -> None:
         with self._state:
@@ -269,28 +267,59 @@ class PlanDispatcher(Component):
             )
 
     def _goal_owner_changed(self, goal: ServerGoal, state: LeaseState, reason: str) -> None:
+        """No action starts while the owner is silent. What runs is suspended by the server, which also
+        cancels the goal of a lost owner."""
         with self._state:
-            mine = self._goal is goal
-        if mine and state is not LeaseState.LOST:  # the server cancels the goal of a lost owner
-            self._owner.changed(state, reason)
+            dispatch = self._dispatch if self._goal is goal else None
+        if dispatch is None or state is LeaseState.LOST:
+            return
+        dispatch.suspend(state is LeaseState.SUSPENDED)
+        if state is LeaseState.SUSPENDED:
+            rospy.logwarn("%s: no further action starts: %s", self.scope, reason)
 
     # --- one dispatch -------------------------------------------------------------------------------
 
-    def _take_over(self, goal: Optional[ServerGoal]) -> str:
+    def _take_over(self, goal: Optional[ServerGoal], client: str = "") -> str:
         """Makes a busy dispatcher the caller's when its dispatch is cancelled, or its owner is gone.
 
         Returns why not, as a sentence; empty when it is.
         """
-        with self._state:
-            ends = self._goal is not None and self._goal.cancel_requested
-        stays = "" if ends else self._owner.abandoned()
-        if not stays and self._occupy(goal, wait=True):
+        stays = self._why_it_stays()
+        if not stays and self._occupy(goal, client, wait=True):
             return ""
         return f"a plan is being dispatched already, {stays or 'and does not end'}"
 
-    def _occupy(self, goal: Optional[ServerGoal], wait: bool = False) -> bool:
+    def _why_it_stays(self) -> str:
+        """Cancels the present dispatch when its client is gone.
+
+        The action server watches a client that leases. Any other node is asked whether it lives, which takes
+        2 s at most; one that hangs is not gone.
+
+        Returns why the dispatch goes on, as part of a sentence; empty: it ends.
+        """
+        with self._state:
+            goal, client, number = self._goal, self._client, self._begun
+        if goal is not None and goal.cancel_requested:
+            return ""
+        if not client or (goal is not None and goal.id.endswith(LEASED)):
+            return _for(client)
+        try:
+            if living_namesake(client, bounded_master()) is not None:
+                return _for(client)
+        except ERRORS:
+            return _for(client)
+        with self._state:
+            if self._busy and self._begun != number:
+                return _for(self._client)
+            dispatch, self._unwanted = self._dispatch, self._busy and self._dispatch is None
+        if dispatch is not None:
+            dispatch.cancel(f"its owner {client} is gone")
+        return ""
+
+    def _occupy(self, goal: Optional[ServerGoal], client: str = "", wait: bool = False) -> bool:
         """Makes the dispatcher busy; False when it is.
 
+        :param client: the node that has called the service; a goal has its own.
         :param wait: for the end of a dispatch that is being cancelled. A published end is always
             waited for: a client that reads it may call at once.
         """
@@ -303,13 +332,15 @@ class PlanDispatcher(Component):
                 return False
             self._busy = True
             self._goal = goal
+            self._client = goal.sender if goal is not None else client
+            self._begun += 1
             self._unwanted = False
             return True
 
-    def _run(self, begin: Callable[[], None] = lambda: None) -> DispatchReport:
+    def _run(self, begin: Callable[[], object] = lambda: None) -> DispatchReport:
         """Dispatches the plan received last; the caller has occupied the dispatcher.
 
-        :param begin: says whose dispatch it is. What it raises does not keep the dispatcher busy.
+        :param begin: what it raises does not keep the dispatcher busy.
         """
         try:
             try:
@@ -325,7 +356,6 @@ class PlanDispatcher(Component):
             self._topics.report_status(judged)
             after_answer(lambda: self._log(report, judged))
         finally:
-            self._owner.end()
             with self._state:
                 self._dispatch = self._goal = None
                 self._busy = self._ending = False
@@ -346,22 +376,23 @@ class PlanDispatcher(Component):
         plan = self._take_plan()
         schedule = self.make_schedule(plan)
         with self._state:
+            goal = self._goal
             missed, self._missed = self._missed, frozenset()
         dispatch = PlanDispatch(
             schedule,
             self._topics,
             self._limits,
-            self._topics.begin(),
+            self._topics.begin(goal.id if goal is not None else ""),
             breakpoints=self._breakpoints,
             watch=PlanWatch(schedule, self._topics, missed) if self._watches_rest else None,
         )
         with self._state:
-            self._dispatch = dispatch
-            goal, unwanted = self._goal, self._unwanted
+            self._dispatch, unwanted = dispatch, self._unwanted
         # A cancel before this point found no dispatch to stop.
         if self.closed or unwanted or (goal is not None and goal.cancel_requested):
             dispatch.cancel("cancelled before it began")
-        self._owner.attach(dispatch, self._topics.owner_key)
+        if goal is not None:
+            self._server.tell_owner(goal)  # it may have fallen silent before
         try:
             return dispatch.run()
         finally:
@@ -439,3 +470,7 @@ class PlanDispatcher(Component):
                 self._missed |= event.names
         if dispatch is not None:
             dispatch.put(event)
+
+
+def _for(client: str) -> str:
+    return f"for {client or 'a client that is not known'}"
