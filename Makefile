@@ -16,6 +16,9 @@ HASTE ?= 1
 # Whether the page stays when the run has ended: true, false, auto: on a terminal, until a key.
 LINGER ?= auto
 
+# Else each pytest compiles what its plugins bring, again and again.
+unexport PYTHONDONTWRITEBYTECODE
+
 IN := tools/in_workspace.sh
 RUN := $(IN) rosrun merlin run
 

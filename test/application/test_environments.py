@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The part of the suite that depends most on a machine passes in the environments that users have.
 
-It is marked ``everywhere``. ``make test`` runs it in two environments, in each of which much is unusual;
-``make soak`` in those with one unusual thing, which says what a failure is due to.
+It is marked ``everywhere``. ``make test`` runs it where all is unusual at once, and what starts no process
+also with a home that can be written; ``make soak`` in environments with one unusual thing, which says what a
+failure is due to.
 """
 
 import contextlib
@@ -12,7 +13,7 @@ import socket
 import subprocess
 import tempfile
 from pathlib import Path
-from typing import Dict, Iterator, List, NamedTuple
+from typing import Dict, Iterator, List, NamedTuple, Tuple
 
 import pytest
 from chaos.under_test import processes
@@ -47,19 +48,25 @@ class Environment(NamedTuple):
 
 
 ORDINARY = "ip link set lo up"
-NO_HOME = "mkdir -p {home}/none && chmod 555 {home}/none"
+#: Takes ports in namespaces of their own, until what is marked is killed.
+HOLD = """exec 9< <(python3 -c '
+import signal, socket
+holders = [socket.create_server(("", port)) for port in {ports}]
+print(flush=True)
+signal.pause()
+' 2>/dev/null); read -r -u 9 _"""
 ONE_BY_ONE = {
     "terminal": Environment({"TERM": "dumb", "COLUMNS": "20", "LINES": "3", "NO_COLOR": "1"}),
     "time_zone": Environment({"TZ": "Pacific/Chatham"}),
     "locale": Environment({"LANG": "C", "LC_ALL": "C"}),
     "python": Environment({"PYTHONHASHSEED": "7", "PYTHONUNBUFFERED": "1", "PYTHONDONTWRITEBYTECODE": "1"}),
     "umask": Environment(shell="umask 077"),
-    "old_ros_folder": Environment(shell="cp -r {home}/old/. {home}"),
-    "user_packages": Environment(shell="cp -r {home}/local {home}/.local"),
+    "old_ros_folder": Environment(shell="cp -r {home}/old/. $HOME"),
+    "user_packages": Environment(shell="cp -r {home}/local $HOME/.local"),
     "other_workspace": Environment(OTHER_WORKSPACE),
     "busy_ports": Environment(busy=True),
     "ordinary_user": Environment(machine=ORDINARY),
-    "home_not_writable": Environment({"HOME": "{home}/none"}, NO_HOME, ORDINARY),
+    "home_not_writable": Environment({"HOME": "{home}/none"}, "chmod 555 {home}/none", ORDINARY),
     "no_ipv6": Environment(machine=f"{ORDINARY}; echo 1 >/proc/sys/net/ipv6/conf/all/disable_ipv6"),
     "names_without_addresses": Environment(
         machine=f"{ORDINARY}; hostname of-no-address; mount --bind {{home}}/hosts /etc/hosts; "
@@ -93,7 +100,9 @@ def home() -> Iterator[Path]:
     packages = folder / "local" / "lib" / python_folder() / "site-packages"
     packages.mkdir(parents=True)
     (packages / "numpy.py").write_text(OLD_PACKAGE, encoding="utf-8")
+    (folder / "none").mkdir()
     yield folder
+    (folder / "none").chmod(0o755)
     shutil.rmtree(str(folder))
 
 
@@ -119,7 +128,7 @@ def namespaces() -> List[str]:
 
 
 @contextlib.contextmanager
-def taken(ports: List[int]) -> Iterator[None]:
+def taken(ports: Tuple[int, ...]) -> Iterator[None]:
     """Takes ports, also those that another process holds already."""
     with contextlib.ExitStack() as stack:
         for port in ports:
@@ -130,18 +139,21 @@ def taken(ports: List[int]) -> Iterator[None]:
         yield
 
 
-def passes(environment: Environment, home: Path) -> None:
-    """Runs the tests that are marked, and fails with what they print."""
+def passes(environment: Environment, home: Path, which: str = "everywhere and not long") -> None:
+    """Runs the tests whose marks fit, and fails with what they print."""
     files = [
         path for path in (ROOT / "test" / "unit").rglob("test_*.py") if "mark.everywhere" in path.read_text()
     ]
-    tests = ["-n", "0", "-vv", "-rs", "-o", f"timeout={ONE}", "-m", "everywhere and not long"]
+    tests = ["-n", "0", "-vv", "-rs", "-o", f"timeout={ONE}", "-m", which]
     tests += map(str, sorted(files))
     words = [str(ROOT / "tools" / "in_workspace.sh"), "python", "-m", "pytest", *tests]
     shell = ["bash", "-ec", environment.shell.format(home=home) + '; exec "$@"', "bash", *words]
     if environment.machine:
         # Root owns the workspace, and so does the user, who has no right beyond that.
-        machine = environment.machine.format(home=home) + '; exec unshare --user --map-user=1000 "$@"'
+        machine = environment.machine.format(home=home)
+        if environment.busy:
+            machine += "; " + HOLD.format(ports=BUSY_PORTS)
+        machine += '; exec unshare --user --map-user=1000 "$@"'
         shell = [*namespaces(), machine, "bash", *shell]
     env = {"PATH": os.environ["PATH"], "LANG": "C.UTF-8", "HOME": "{home}", **environment.variables}
     env = {name: value.replace("{home}", str(home)) for name, value in env.items()}
@@ -169,21 +181,32 @@ def passes(environment: Environment, home: Path) -> None:
     print(done.stdout[-2000:])
 
 
+UNUSUAL = (
+    "terminal",
+    "time_zone",
+    "locale",
+    "umask",
+    "old_ros_folder",
+    "user_packages",
+    "other_workspace",
+    "busy_ports",
+)
+
+
 def test_with_unusual_variables(home: Path) -> None:
-    names = ("terminal", "time_zone", "locale", "umask", "old_ros_folder", "user_packages", "other_workspace")
-    with taken(list(BUSY_PORTS)):
-        passes(joined(*names, "busy_ports"), home)
+    with taken(BUSY_PORTS):
+        passes(joined(*UNUSUAL), home, "everywhere and not long and not processes")
 
 
-def test_an_ordinary_user_without_a_home_on_a_machine_without_a_name(home: Path) -> None:
-    passes(joined("home_not_writable", "no_ipv6", "names_without_addresses"), home)
+def test_an_ordinary_user_where_all_is_unusual(home: Path) -> None:
+    passes(joined(*UNUSUAL, "home_not_writable", "no_ipv6", "names_without_addresses"), home)
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", ONE_BY_ONE)
 def test_in_each_environment(name: str, home: Path) -> None:
     environment = ONE_BY_ONE[name]
-    with taken(list(BUSY_PORTS) if environment.busy else []):
+    with taken(BUSY_PORTS if environment.busy else ()):
         passes(environment, home)
 
 

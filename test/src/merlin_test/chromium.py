@@ -54,6 +54,8 @@ class Visit:
     def __init__(
         self, browser: Browser, address: str, beside: Optional["Visit"] = None, **options: Any
     ) -> None:
+        # Each fact that changes would be drawn sixty times a second while its light fades.
+        options = {"reduced_motion": "reduce", **options}
         self.context: BrowserContext = beside.context if beside else browser.new_context(**options)
         self.page: Page = self.context.new_page()
         self.page.set_default_timeout(1000 * LONG)

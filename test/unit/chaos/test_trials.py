@@ -25,14 +25,19 @@ from chaos.result import Result
 from chaos.trials import Trial, draw, known_failures
 
 
+@pytest.fixture(scope="module")
+def drawn() -> List[Trial]:
+    """So many that everything which can be drawn is among them."""
+    return list(islice(draw(1), 5000))
+
+
 @pytest.mark.parametrize("seeds", [(0, 1, 1000), pytest.param(range(100), marks=pytest.mark.long)])
 def test_equal_seeds_draw_equal_trials(seeds: Iterable[int]) -> None:
     for seed in seeds:
         assert list(islice(draw(seed), 30)) == list(islice(draw(seed), 30))
 
 
-def test_every_node_meets_every_signal_at_every_moment_respawning_and_alone() -> None:
-    drawn = list(islice(draw(1), 5000))
+def test_every_node_meets_every_signal_at_every_moment_respawning_and_alone(drawn: List[Trial]) -> None:
     seen = {(trial.fault.name, trial.moment, not trial.alone) for trial in drawn}
     for node in NODES:
         for signal in ("kill", "stop10", "stop", "term"):
@@ -77,8 +82,8 @@ def test_a_pattern_that_fits_nothing_is_refused() -> None:
         next(draw(1, ["warp_drive:kill"]))
 
 
-def test_a_cut_link_needs_a_network_and_a_dead_guard_a_base_that_stops() -> None:
-    for trial in islice(draw(1), 3000):
+def test_a_cut_link_needs_a_network_and_a_dead_guard_a_base_that_stops(drawn: List[Trial]) -> None:
+    for trial in drawn:
         assert trial.variant.network == (trial.fault.kind == LINK) or trial.name in known_failures()
         if trial.fault.targets == (GUARD,):
             assert trial.variant.base_timeout is not None
@@ -92,8 +97,8 @@ def test_names_of_faults_are_unique() -> None:
     assert not set(all_faults()) & set(known_failures())
 
 
-def test_every_fault_is_drawn() -> None:
-    assert {trial.fault.name for trial in islice(draw(1), 5000)} == set(all_faults())
+def test_every_fault_is_drawn(drawn: List[Trial]) -> None:
+    assert {trial.fault.name for trial in drawn} == set(all_faults())
 
 
 def test_what_is_about_a_drive_strikes_only_a_drive() -> None:
@@ -122,8 +127,8 @@ def test_the_peer_of_a_node_whose_sockets_are_taken_is_another_one() -> None:
         assert fault.on not in fault.targets or fault.kind == AGAIN
 
 
-def test_a_base_that_never_stops_by_itself_has_a_guard_that_lives() -> None:
-    for trial in islice(draw(1), 5000):
+def test_a_base_that_never_stops_by_itself_has_a_guard_that_lives(drawn: List[Trial]) -> None:
+    for trial in drawn:
         if trial.fault.kind in (DESCRIPTORS, THREADS) and trial.fault.on == GUARD:
             assert trial.variant.base_timeout is not None
 
