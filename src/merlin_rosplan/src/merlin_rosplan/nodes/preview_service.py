@@ -64,7 +64,7 @@ class PreviewService:
             settings = dataclasses.replace(
                 self._settings, command=wanted.planner_command, dues=dues_of(request.deadlines)
             )
-            # What looks ahead by itself keeps no reader of a plan waiting, and neither keeps the robot waiting.
+            # What looks ahead by itself keeps no reader of a plan waiting, and neither keeps the robot.
             previews = self._forecasts if request.deadlines else self._previews
             previews = self._urgent if request.urgent else previews
             outcome, text = previews.plan(
