@@ -2,7 +2,7 @@
 """Lists of errands at once: one after the other, together, and the shortest tour, as the domain counts time.
 
 The drives of the action servers take 20 ms: what is counted is what the actions that were dispatched take by
-the domain. ANYTIME as for `bench_together`. ERRANDS: one list of so many; from 21 on without the shortest tour.
+the domain. ANYTIME as for `bench_together`. ERRANDS: one list of so many, from 21 on without a shortest tour.
 """
 
 import os

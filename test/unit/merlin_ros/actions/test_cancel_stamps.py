@@ -22,7 +22,6 @@ from merlin_ros.actions.action_server import (
 from merlin_ros.actions.lease import LASTING
 from merlin_ros.alarms import Alarm
 
-
 LONG = 60.0
 
 

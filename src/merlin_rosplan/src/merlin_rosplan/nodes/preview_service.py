@@ -61,7 +61,7 @@ class PreviewService:
             answer = _answered(PlanningOutcome(PlannerState.INVALID, str(error)))
         else:
             settings = dataclasses.replace(self._settings, command=wanted.planner_command)
-            # What looks ahead by itself keeps no reader of a plan waiting, and neither keeps the robot waiting.
+            # What looks ahead by itself keeps no reader of a plan waiting, and neither keeps the robot.
             previews = self._forecasts if request.deadlines else self._previews
             previews = self._urgent if request.urgent else previews
             answer = look_for_plan(request, world, wanted.domain_path, settings, previews)
