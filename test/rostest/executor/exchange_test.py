@@ -11,7 +11,7 @@ from pathlib import Path
 
 import rospy
 from actionlib_msgs.msg import GoalID
-from merlin_msgs.msg import DispatchStatus, ExecutorStatus, PlannerStatus
+from merlin_msgs.msg import DispatchStatus, ExecutorStatus, GoalQueue, PlannerStatus
 from merlin_msgs.srv import ExchangePlan
 from move_base_msgs.msg import MoveBaseActionGoal
 from rosplan_dispatch_msgs.msg import ActionDispatch
@@ -74,6 +74,7 @@ class Exchange(unittest.TestCase):
         cls.status = Heard("rosplan_plan_dispatcher/dispatch_status", DispatchStatus)
         cls.graph = Heard("rosplan_plan_dispatcher/plan_graph", String)
         cls.executor = Heard("merlin/status", ExecutorStatus)
+        cls.queue = Heard("merlin/queue", GoalQueue)
         cls.planned = Heard("rosplan_planner_interface/planner_status", PlannerStatus)
         cls.clients = [MerlinExecutorClient(), MerlinExecutorClient()]
         assert all(client.wait_for_executor(LONG) for client in cls.clients)
@@ -91,6 +92,7 @@ class Exchange(unittest.TestCase):
         for heard in (self.drives, self.cancels, self.dispatched, self.status, self.graph, self.executor):
             heard.messages.clear()
         self.planned.messages.clear()
+        self.queue.messages.clear()
         self.interrupt = lambda: None
         self.results = []
 
@@ -189,9 +191,9 @@ class Exchange(unittest.TestCase):
         self.executor.wait(lambda status: [each.request for each in status.together] == [second.id])
         return first, second
 
-    def driving_for_one(self):
+    def driving_for_one(self, **times):
         self.held.hold()
-        request = self.clients[0].send(GOALS[0])
+        request = self.clients[0].send(GOALS[0], **times)
         self.held.wait_driving()
         return request
 
@@ -208,6 +210,28 @@ class Exchange(unittest.TestCase):
         self.assertEqual((len(self.drives.messages), self.cancels.messages), (2, []))
         self.assertEqual(requests[1].result.replans, 0)
         self.assertEqual(set(self.knowledge.goals()) & set(GOALS), set())
+
+    def test_requests_with_deadlines_join_in_mid_drive(self):
+        first = self.driving_for_one(deadline=10 * LONG)
+        second = self.clients[1].send(GOALS[1], deadline=20 * LONG)
+        status = self.executor.wait(lambda each: [other.request for other in each.together] == [second.id])
+        ends = [status.expected_end, status.together[0].expected_end]
+        self.assertTrue(rospy.Time() < ends[0] < ends[1] < status.together[0].deadline, status)
+        self.held.end()
+        for request in (first, second):
+            self.assertOutcome(request, "SUCCEEDED")
+        self.assertEqual((len(self.drives.messages), self.cancels.messages), (2, []))
+
+    def test_one_that_would_be_late_waits_and_says_why(self):
+        first = self.driving_for_one()
+        second = self.clients[1].send(GOALS[1], deadline=45.0)  # s; both drives take 56
+        why = "does not join (checked kitchen): cannot be in time: (checked bathroom) needs"
+        self.queue.wait(lambda queue: [each.waits[: len(why)] for each in queue.requests] == [why])
+        second.cancel()
+        self.assertOutcome(second, "CANCELLED")
+        self.held.end()
+        self.assertOutcome(first, "SUCCEEDED")
+        self.assertEqual((len(self.drives.messages), self.cancels.messages), (1, []))
 
     def test_the_cancel_of_one_keeps_the_drive_of_the_other(self):
         first, second = self.joined()

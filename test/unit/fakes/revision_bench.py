@@ -2,13 +2,15 @@
 """Executor's engine and machine over a robot of the test's, whose plan can be exchanged."""
 
 import itertools
+import math
 import threading
 from types import SimpleNamespace
 from typing import Any, Callable, List, Optional, Sequence, Set
 
+import rospy
 from diagnostic_msgs.msg import KeyValue
 from fakes.executor_bench import Goal
-from merlin_msgs.msg import PlannerStatus, RunningAction
+from merlin_msgs.msg import GoalDeadline, PlannerStatus, RunningAction
 from merlin_msgs.srv import PreviewPlanResponse
 from rosplan_dispatch_msgs.msg import ActionDispatch
 
@@ -67,6 +69,8 @@ class Robot:
         self.after: List[str] = []  # of the last one
         self.on_exchange: Callable[[], str] = lambda: ""
         self.impossible = ""
+        self.deadlines: List[GoalDeadline] = []  # of the last plan
+        self.late = Planned.LATE  # what the planner says where not all are in time
         self.unknown: List[int] = []  # states of the planner for previews without an answer
         self.numbers = itertools.count()
         self.plans: List[List[ActionDispatch]] = []
@@ -122,16 +126,22 @@ class Robot:
             made.append(("check", [KeyValue("room", room)]))
             place = room
         return [
-            ActionDispatch(action_id=next(self.numbers), name=name, parameters=parameters, duration=5.0)
-            for name, parameters in made
+            ActionDispatch(next(self.numbers), 0, name, parameters, 5.0, 5.0 * number)
+            for number, (name, parameters) in enumerate(made)
         ]
 
     def place(self, facts: Sequence[str]) -> str:
         return next((each.strip("()").split()[1] for each in facts if each.startswith("(robot_at")), "")
 
-    def plan(self, interruptible: Any, without: Any, after: Optional[Sequence[str]] = None) -> PlanningResult:
+    def plan(
+        self,
+        interruptible: Any,
+        without: Any,
+        after: Optional[Sequence[str]] = None,
+        deadlines: Sequence[GoalDeadline] = (),
+    ) -> PlanningResult:
         self.asked += 1
-        self.after = list(after or ())
+        self.after, self.deadlines = list(after or ()), list(deadlines)
         if self.hanging == "plan":
             interrupted = threading.Event()
             interruptible(interrupted.set)
@@ -142,9 +152,21 @@ class Robot:
             return PlanningResult(Planned.UNSOLVABLE, "the problem has no plan")
         driven = [each.strip("()").split()[-1] for each in after or () if each.startswith("(drive")]
         checked = [each.replace("check", "checked") for each in after or () if each.startswith("(check ")]
+        within = {goal: due.within for due in deadlines for goal in due.goals}
         goals = [goal for goal in self.stored if goal not in checked]
-        self.plans.append(self.steps(goals, driven[-1] if driven else self.place(sorted(self.facts))))
-        return PlanningResult(Planned.SOLVED)
+        goals.sort(key=lambda goal: within.get(goal, math.inf))
+        plan = self.steps(goals, driven[-1] if driven else self.place(sorted(self.facts)))
+        ends = itertools.accumulate(step.duration for step in plan)
+        done = {
+            f"(checked {step.parameters[0].value})": end
+            for step, end in zip(plan, ends)
+            if step.name == "check"
+        }
+        reached = tuple(max(done.get(goal, 0.0) for goal in due.goals) for due in deadlines)
+        if any(end > due.within for end, due in zip(reached, deadlines)):
+            return PlanningResult(self.late, "cannot all be in time")
+        self.plans.append(plan)
+        return PlanningResult(Planned.SOLVED, reached=reached)
 
     def preview(self, goals: List[str], without: Any, facts: List[str], urgent: bool) -> Any:
         assert urgent, "it is refused beside one that is only shown"
@@ -206,7 +228,12 @@ class Robot:
             step = self.plan_of_run.pop(0)
             self.began.append(text(step))
             self.under_way.append(
-                RunningAction(action_id=step.action_id, name=step.name, parameters=step.parameters)
+                RunningAction(
+                    action_id=step.action_id,
+                    name=step.name,
+                    parameters=step.parameters,
+                    dispatched=rospy.Time.now(),
+                )
             )
             if step.name == "drive":
                 self.facts.discard(f"(robot_at {step.parameters[0].value})")
@@ -318,8 +345,8 @@ class Bench:
         """Waits until these run together."""
         self.robot.wait(lambda: self.engine.together == list(requests))
 
-    def driving(self, goal: str) -> Request:
-        request = self.send(goal)
+    def driving(self, goal: str, **fields: Any) -> Request:
+        request = self.send(goal, **fields)
         self.robot.wait(lambda: self.robot.began)
         return request
 

@@ -9,7 +9,7 @@ import contextlib
 import threading
 import time
 from enum import Enum
-from typing import Any, Callable, List, NamedTuple, Optional, Sequence
+from typing import Any, Callable, List, NamedTuple, Optional, Sequence, Tuple
 
 import rospy
 from actionlib_msgs.msg import GoalStatus
@@ -58,6 +58,8 @@ class PlanningResult(NamedTuple):
     reason: str = ""
     gone: bool = False
     """The planner interface is not there, or does not answer."""
+    reached: Tuple[float, ...] = ()
+    """s from the begin of the plan until each of the goals with deadlines holds."""
 
 
 class StageError(RuntimeError):
@@ -278,7 +280,7 @@ class PlanningClient:
             sent.wait(HAND_OVER)
             return PlanningResult(Planned.CANCELLED, "cancelled while planning")
         if sent.status == GoalStatus.SUCCEEDED and self._output.wait_newer(count, HAND_OVER) is not None:
-            return PlanningResult(Planned.SOLVED)
+            return PlanningResult(Planned.SOLVED, reached=tuple(sent.result.reached) if deadlines else ())
         failure = self._failure(sent.text, sent.status)
         if deadlines and failure.verdict is Planned.UNSOLVABLE and sent.result.reached:
             return failure._replace(verdict=Planned.LATE)

@@ -6,9 +6,19 @@ from typing import Dict, List
 import pytest
 from fakes.errands import CANCELLED, DONE, LIMIT, MOST, UNSOLVABLE, Clock, Errand, go
 
-from merlin_executor.core.agenda import APART, GATHER, Agenda, AgendaAnswer, Decision, ReviseRun, StopRun
+from merlin_executor.core.agenda import (
+    APART,
+    GATHER,
+    Agenda,
+    AgendaAnswer,
+    Decision,
+    Refusal,
+    ReviseRun,
+    StopRun,
+)
 from merlin_executor.core.outcome import Outcome, Verdict
 from merlin_executor.core.ticket import Client, Ticket
+from merlin_executor.core.time_window import Outlook
 
 
 def answers(decisions: List[Decision]) -> Dict[Ticket, Verdict]:
@@ -371,6 +381,10 @@ def test_who_waits_is_told_for_how_many(agenda: "Agenda[Errand]") -> None:
     held(agenda, *errands[:2])
     begun(agenda)
     go(agenda)
-    receive(agenda, errands[2])
-    errands[0].ends = 180.0
-    assert agenda.outlook(errands[2]).late.startswith("(checked room_0) and 1 more is expected to run")
+    errands[0].ends, errands[1].ends = 170.0, 180.0
+    assert revises(agenda.receive(errands[2])) == [2]
+    assert agenda.outlook(errands[2]) == Outlook(), "it may still join"
+    assert agenda.not_revised(agenda.revision, Refusal("no time")) == []
+    outlook = agenda.outlook(errands[2])
+    assert outlook.late.startswith("(checked room_0) and 1 more is expected to run until 180.0 s")
+    assert outlook.waits == "does not join (checked room_0): no time"

@@ -4,7 +4,7 @@
 import contextlib
 import threading
 from types import SimpleNamespace
-from typing import Any, Callable, List, Sequence
+from typing import Any, Callable, List, Optional, Sequence
 
 import pytest
 import rospy
@@ -13,6 +13,7 @@ from rosplan_dispatch_msgs.msg import ActionDispatch
 
 from merlin_executor.core.course import Course
 from merlin_executor.core.outcome import Outcome, Stop, StopKind, Verdict
+from merlin_executor.core.time_window import ALWAYS, TimeWindow
 from merlin_executor.node import executor_stages
 from merlin_executor.node.executor_sm import ExecutorSM
 from merlin_executor.node.executor_stages import GOALS_GONE
@@ -26,6 +27,12 @@ from merlin_sm.state_factory import MerlinStateFactory
 
 LONG = 60.0
 KITCHEN = parse_goal("(checked kitchen)")
+
+
+class Wanted(SimpleNamespace):
+    """A request."""
+
+    __hash__ = object.__hash__  # type: ignore[assignment]
 
 
 class Knowledge:
@@ -97,8 +104,8 @@ class Bench:
         self.results: List[DispatchResult] = []  # of the next dispatches; then they succeed
         self.without: List[List[str]] = []  # of each planning
         self.unsolvable = False  # when something is left out
-        self.deadlines: List[GoalDeadline] = []  # that the first plan does not keep
-        self.in_time = PlanningResult(Planned.SOLVED)  # when it is planned with these
+        self.deadlines: List[GoalDeadline] = []  # with which it was planned
+        self.in_time = PlanningResult(Planned.SOLVED)  # then
         self.held = False
         self.plan: List[ActionDispatch] = []
         self.waited_standing = False
@@ -112,7 +119,7 @@ class Bench:
             read_ahead=lambda: None,
             generate_problem=lambda: None,
             plan=self._plan,
-            plan_text="",
+            plan_text="0.000: (check kitchen) [95.000]",
             parse_plan=lambda: self.plan,
             wait_back=self._wait_back,
         )
@@ -139,15 +146,14 @@ class Bench:
         self.requests: List[Any] = [self.request]
 
     def make_request(self, items: List[Any], course: Course) -> Any:
-        request = SimpleNamespace(
-            course=course,
-            items=items,
-            plan=[],
-            stop=None,
-            goal=SimpleNamespace(id="goal"),
-            deadlines=lambda plan: self.deadlines,
-        )
-        request.take_plan = lambda actions: setattr(request, "plan", list(actions))
+        goal = SimpleNamespace(id="goal")
+        request = Wanted(course=course, items=items, plan=[], stop=None, goal=goal, window=ALWAYS)
+        request.due = lambda begin: GoalDeadline(list(map(to_pddl, items)), request.window.deadline - begin)
+
+        def take_plan(actions: Any, reached: Optional[float]) -> None:
+            request.plan, request.reached = list(actions), reached
+
+        request.take_plan = take_plan
         return request
 
     def joined_by(self, *goals: str) -> None:
@@ -205,7 +211,7 @@ class Bench:
 
     def _plan(self, _: Any, without: Sequence[str], deadlines: Sequence[Any] = ()) -> PlanningResult:
         if deadlines:
-            assert deadlines == self.deadlines
+            self.deadlines = list(deadlines)
             return self.in_time
         self.without.append(list(without))
         self.planned_for.append(list(map(to_pddl, self.knowledge.stored)))
@@ -469,11 +475,26 @@ def test_others_join_a_run_before_it_is_planned_again(bench: Bench) -> None:
     ],
 )
 def test_a_request_whose_plan_is_late_ends_when_none_is_in_time(
-    bench: Bench, verdict: Planned, outcome: Outcome
+    bench: Bench, verdict: Planned, outcome: Outcome, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    bench.deadlines = [GoalDeadline(["(checked kitchen)"], 60.0)]
+    monkeypatch.setattr(rospy, "get_time", lambda: 100.0)
+    bench.request.window = TimeWindow(deadline=160.0)
     bench.in_time = PlanningResult(verdict, "needs 95 s")
     found = bench.run()
     assert found.outcome is outcome and bench.dispatched == (outcome is Outcome.SUCCEEDED)
+    assert bench.deadlines == [GoalDeadline(["(checked kitchen)"], 60.0)]
     assert outcome is Outcome.SUCCEEDED or found.reason == "needs 95 s"
     assert not bench.knowledge.stored
+
+
+def test_several_are_planned_with_all_their_deadlines_when_a_plan_ends_after_one(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(rospy, "get_time", lambda: 100.0)
+    bench.joined_by("(checked hall)", "(checked attic)")
+    bench.request.window = TimeWindow(deadline=400.0)
+    bench.requests[2].window = TimeWindow(deadline=160.0)
+    bench.in_time = PlanningResult(Planned.SOLVED, reached=(90.0, 50.0))
+    assert bench.run().outcome is Outcome.SUCCEEDED
+    assert [due.within for due in bench.deadlines] == [300.0, 60.0]
+    assert [each.reached for each in bench.requests] == [90.0, None, 50.0]

@@ -8,6 +8,7 @@ from actionlib_msgs.msg import GoalStatus
 from fakes.executor_bench import Bench, Goal
 from merlin_msgs.msg import ExecutorStatus
 
+from merlin_executor.core.agenda import Refusal
 from merlin_executor.core.outcome import Outcome, Verdict
 
 LONG = 60.0
@@ -63,7 +64,7 @@ def test_the_status_says_cancelling_when_all_stops_and_not_when_one_leaves(
     bench.pause(False)  # any event
     assert bench.status().state == ExecutorStatus.RUNNING
     engine = bench.engine()
-    engine.revised(engine.revision(), exchanged)
+    engine.revised(engine.revision(), None if exchanged else Refusal())
     if not exchanged:
         assert bench.status().state == ExecutorStatus.CANCELLING
         bench.machine.end(Verdict(Outcome.CANCELLED, "cancelled"))

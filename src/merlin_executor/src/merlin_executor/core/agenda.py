@@ -5,17 +5,18 @@ Pure and not thread-safe. Every request that was received gets exactly one :clas
 priorities the one with the earliest deadline begins first, then the oldest; but one that could have begun for
 the overtake limit is not overtaken any more by those that could begin later.
 
-One run carries out one request, or several together that follow each other in this order. Whatever ends the
-run of several and is not an end of each of them puts the others back into their places.
+One run carries out one request, or several together that follow each other in this order. One with a deadline
+begins by itself; others join it, and it joins others, where a plan is found that keeps all of them in time.
+Whatever ends the run of several and is not an end of each of them puts the others back into their places.
 """
 
 import itertools
 import math
-from typing import Callable, Generic, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple, Union
+from typing import Callable, Dict, Generic, List, Mapping, NamedTuple, Optional, Sequence, Tuple, Union
 
 from merlin_executor.core.outcome import Outcome, Stop, StopKind, Verdict
 from merlin_executor.core.request_limits import why_full
-from merlin_executor.core.ticket import Client, T, Ticket, lines, outlooks
+from merlin_executor.core.ticket import OVERTAKE_LIMIT, Client, T, Ticket, WaitingLine, lines, outlooks
 from merlin_executor.core.time_window import Outlook
 from merlin_pddl.breakpoints import Breakpoints
 
@@ -23,8 +24,6 @@ CANCELLED = Stop(StopKind.CANCELLED)
 STOPPED = "cancelled"
 NOT_BEGUN = "cancelled before it began"
 NOT_RESUMED = "cancelled before it went on"
-#: s of ROS time for which requests of equal priority may overtake one that could begin.
-OVERTAKE_LIMIT = 600.0
 #: Requests in one plan: so many errands are planned in 0.3 s at most.
 TOGETHER = 20
 #: s of ROS time after its begin for which a run that is still being planned is planned again with a newcomer.
@@ -63,6 +62,16 @@ class ReviseRun(NamedTuple):
     ticket: Ticket
 
 
+class Refusal(NamedTuple):
+    """Why a request does not join the plan that is carried out."""
+
+    reason: str = ""
+    """As part of a sentence; empty: there is nothing to say."""
+    late: bool = False
+    """It is proven that not all would be in time: it comes too late behind that plan, too."""
+
+
+NOT_SAID = Refusal()
 Decision = Union[AgendaAnswer, StopRun, ReviseRun]
 
 
@@ -80,17 +89,13 @@ class Agenda(Generic[T]):
         overtake_limit: float = OVERTAKE_LIMIT,
         together: int = 1,
     ) -> None:
-        self._clock = clock
-        self._overtake_limit = overtake_limit
         self._together = together
         self._parties = itertools.count(1)
-        self._now = clock()
-        self._elapsed = 0.0  # s of ROS time, without what the clock was set back
-        self._waiting: List[T] = []
+        self._waiting: WaitingLine[T] = WaitingLine(clock, overtake_limit)
         self._running: Tuple[T, ...] = ()  # replaced as a whole: other threads read it
-        self._gathers_until = -math.inf  # by _elapsed
+        self._gathers_until = -math.inf  # by the elapsed time
         self._stopping = False  # all of the run
-        self._refused: Set[int] = set()  # newcomers that wait for the next plan
+        self._refused: Dict[int, Refusal] = {}  # newcomers that wait for the next plan
         self._surplus = False  # the plan is for one, too, that was taken back meanwhile
         self._closing = False
         self._paused = False
@@ -134,7 +139,7 @@ class Agenda(Generic[T]):
         """ROS time, s, at which :meth:`elapse` has to be called; None: time alone changes nothing."""
         windows = [ticket.window for ticket in self._waiting]
         times = [window.deadline for window in windows]
-        times += [window.not_before for window in windows if window.not_before > self._now]
+        times += [window.not_before for window in windows if window.not_before > self._waiting.now]
         times += [t.window.deadline for t in self._running if not (t.stop and t.stop.is_final)]
         first = min(times, default=math.inf)
         return first if first < math.inf else None
@@ -144,13 +149,22 @@ class Agenda(Generic[T]):
         return next(outlook for waiting, outlook in self.outlooks() if waiting is ticket)
 
     def outlooks(self) -> List[Tuple[T, Outlook]]:
-        """See :func:`.ticket.outlooks`."""
+        """See :func:`.ticket.outlooks`. Of those that may still join nothing is said."""
         kept = self._kept and f"waits until {self._kept}"
-        return outlooks(self._running, self._waiting, self._now, kept)
+        joining = self._newcomers() if self._under_way else []
+        found = []
+        for ticket, outlook in outlooks(self._running, self.waiting, self._waiting.now, kept):
+            refused = self._refused.get(ticket.order, NOT_SAID).reason if self._running else ""
+            if ticket in joining:
+                outlook = Outlook(waits=outlook.waits)
+            elif refused and not outlook.waits:
+                outlook = outlook._replace(waits=f"does not join {self._running[0].text}: {refused}")
+            found.append((ticket, outlook))
+        return found
 
     def lines(self) -> List[Tuple[T, Tuple[int, ...]]]:
         """See :func:`.ticket.lines`."""
-        return lines(self._running, self._waiting)
+        return lines(self._running, self.waiting)
 
     # --- events ---------------------------------------------------------------------------------------
 
@@ -165,12 +179,13 @@ class Agenda(Generic[T]):
         if cancelled:
             return [AgendaAnswer(ticket, Verdict(Outcome.CANCELLED, NOT_BEGUN))]
         full = why_full([other.sender for other in self._waiting], ticket.sender)
-        why = full or ticket.window.why_refused(self._clock())
+        self._waiting.look()
+        why = full or ticket.window.why_refused(self._waiting.now)
         if why and not again:
             return [AgendaAnswer(ticket, Verdict(Outcome.REFUSED, why))]
-        chosen = [t.rank + 1 for t in self._rivals(ticket) if t.rank or t.left_out]
+        chosen = [t.rank + 1 for t in self._waiting.rivals(ticket) if t.rank or t.left_out]
         ticket.rank = max(chosen, default=0)  # behind those that were chosen, until it is chosen anew
-        self._queue(ticket)
+        self._waiting.put(ticket)
         return self._interrupt()
 
     def cancel(self, ticket: T, stop: Stop = CANCELLED) -> List[Decision]:
@@ -179,8 +194,8 @@ class Agenda(Generic[T]):
             return self._part(ticket, stop)
         if ticket not in self._waiting:
             return []
-        self._waiting.remove(ticket)
-        self._choose_anew([ticket])
+        self._waiting.take(ticket)
+        self._waiting.choose_anew([ticket])
         not_run = NOT_RESUMED if ticket.interrupted else NOT_BEGUN
         reason = not_run if stop.kind is StopKind.CANCELLED else f"{not_run}: {stop.reason}"
         return [AgendaAnswer(ticket, Verdict(Outcome.CANCELLED, reason))]
@@ -199,15 +214,17 @@ class Agenda(Generic[T]):
 
     def elapse(self) -> List[Decision]:
         """Time has passed, or the clock was set: what is late ends, and what may begin now may interrupt."""
-        self._look()
-        late = [ticket for ticket in self._waiting if ticket.window.deadline <= self._now]
-        self._waiting = [ticket for ticket in self._waiting if ticket not in late]
-        self._choose_anew(late)
+        self._waiting.look()
+        now = self._waiting.now
+        late = [ticket for ticket in self._waiting if ticket.window.deadline <= now]
+        for ticket in late:
+            self._waiting.take(ticket)
+        self._waiting.choose_anew(late)
         decisions: List[Decision] = [
             AgendaAnswer(ticket, Verdict(Outcome.LATE, ticket.window.missed)) for ticket in late
         ]
         for ticket in self._running:
-            if ticket.window.deadline <= self._now:
+            if ticket.window.deadline <= now:
                 decisions += self._part(ticket, Stop(StopKind.LATE, ticket.window.missed))
         return [*decisions, *self._interrupt()]
 
@@ -216,9 +233,7 @@ class Agenda(Generic[T]):
 
         :param ranks: :attr:`Ticket.order` → :attr:`Ticket.rank` and :attr:`Ticket.left_out`.
         """
-        for ticket in self._waiting:
-            ticket.rank, ticket.left_out = ranks.get(ticket.order, (ticket.rank, ticket.left_out))
-        self._look()
+        self._waiting.arrange(ranks)
         return self._interrupt()
 
     def pause(self, paused: bool) -> List[Decision]:
@@ -233,7 +248,7 @@ class Agenda(Generic[T]):
 
     def begin(self) -> Optional[T]:
         """The next request, which runs from now on with those of :attr:`together`; None: none may run now."""
-        group = self._group(())
+        group = self._group()
         if self._running or self._closing or self._hold or not group:
             if self.breakpoints.held:
                 self.breakpoints.admit([])  # it was taken back
@@ -244,9 +259,9 @@ class Agenda(Generic[T]):
                 return None
             self.breakpoints.began(first.text)
         if not any(ticket.stop and ticket.stop.kind is StopKind.JOINED for ticket in group):
-            self._gathers_until = self._elapsed + GATHER
+            self._gathers_until = self._waiting.elapsed + GATHER
         for ticket in group:
-            self._waiting.remove(ticket)
+            self._waiting.take(ticket)
             ticket.stop = None
             ticket.begun, ticket.parts = True, False
         self._running = tuple(group)
@@ -256,18 +271,17 @@ class Agenda(Generic[T]):
 
     def planned_again(self) -> List[T]:
         """The run is to be planned again: for these, once it is :meth:`revised`."""
-        self._look()
         self._surplus = False
         self._refused.clear()
-        return self._joined() or list(self._running)
+        return self._joined(behind=False) or list(self._running)
 
     @property
     def revision(self) -> List[T]:
         """The requests for which the plan that is carried out should be; none: it is, or it is to end."""
-        if self._stopping or not all(ticket.under_way for ticket in self._running):
+        if self._stopping or not self._under_way:
             return []
         left = [ticket for ticket in self._running if ticket.stop is None]
-        return left if self._surplus or len(left) < len(self._running) else self._joined()
+        return left if self._surplus or len(left) < len(self._running) else self._joined(behind=True)
 
     def revised(self, wanted: Sequence[T]) -> List[Decision]:
         """The plan that is carried out is for these from now on: newcomers join, and others have left."""
@@ -276,18 +290,20 @@ class Agenda(Generic[T]):
         joined = [ticket for ticket in wanted if ticket in self._waiting]
         parted = [ticket for ticket in self._running if ticket.stop and ticket not in wanted]
         for ticket in joined:
-            self._waiting.remove(ticket)
+            self._waiting.take(ticket)
             ticket.begun = True
         self._running = tuple(t for t in (*self._running, *joined) if t not in parted)
         self._surplus = not all(ticket.begun for ticket in wanted)
+        if parted:  # a plan without them may have room
+            self._refused.clear()
         left = [self._leave(ticket, "") for ticket in parted]
         return [*itertools.chain(*left), *self._interrupt()]
 
-    def not_revised(self, wanted: Sequence[T]) -> List[Decision]:
+    def not_revised(self, wanted: Sequence[T], refusal: Refusal = NOT_SAID) -> List[Decision]:
         """No plan for these can take the place: newcomers wait, and one that leaves stops the run."""
         if self._stopping:
             return []
-        self._refused |= {ticket.order for ticket in wanted if ticket in self._waiting}
+        self._refused.update({ticket.order: refusal for ticket in wanted if ticket in self._waiting})
         parting = [ticket for ticket in self._running if ticket.stop]
         if self._surplus and not parting:
             return self._stop(self._running, Stop(StopKind.JOINED, StopKind.ANOTHER.value))
@@ -318,17 +334,20 @@ class Agenda(Generic[T]):
         members, self._running = self._running, ()
         assert members
         if not verdict.outcome.achieved:
-            self._choose_anew(members)
+            self._waiting.choose_anew(members)
         stopped = any(ticket.stop for ticket in members)
         divided = len(members) > 1 and verdict.outcome in APART
+        apart = divided or (
+            len(members) > 1 and verdict.outcome is Outcome.LATE
+        )  # one of them may be in time
         if divided:
             self._divide(members)
         decisions: List[Decision] = []
         for ticket in members:
             of_another = verdict.outcome is Outcome.CANCEL_TIMEOUT and stopped and ticket.stop is None
             left_it = ticket.parts and verdict.outcome.achieved  # its goals were not looked at
-            if divided or of_another or left_it or (verdict.outcome is Outcome.CANCELLED and stopped):
-                decisions += self._leave(ticket, "" if divided else verdict.trouble)
+            if apart or of_another or left_it or (verdict.outcome is Outcome.CANCELLED and stopped):
+                decisions += self._leave(ticket, "" if apart else verdict.trouble)
             else:
                 decisions.append(AgendaAnswer(ticket, verdict))
         return decisions
@@ -336,48 +355,13 @@ class Agenda(Generic[T]):
     def close(self) -> List[Decision]:
         """The Executor ends: no further request begins, and the running one stops."""
         self._closing = True
-        left, self._waiting = self._waiting, []
         reason = StopKind.SHUTDOWN.value
         decisions: List[Decision] = [
-            AgendaAnswer(ticket, Verdict(Outcome.CANCELLED, reason)) for ticket in left
+            AgendaAnswer(ticket, Verdict(Outcome.CANCELLED, reason)) for ticket in self._waiting.clear()
         ]
         return [*decisions, *self._stop(self._running, Stop(StopKind.SHUTDOWN))]
 
     # --- the rules ------------------------------------------------------------------------------------
-
-    def _queue(self, ticket: T) -> None:
-        self._waiting.append(ticket)
-        self._look()
-
-    def _rivals(self, ticket: T) -> List[T]:
-        """Those that wait, of the priority of one with a deadline."""
-        return [t for t in self._waiting if ticket.window.is_limited and t.priority == ticket.priority]
-
-    def _choose_anew(self, tickets: Sequence[T]) -> None:
-        """Takes back what :meth:`arrange` has decided: there may be time for others than these now."""
-        for rival in itertools.chain.from_iterable(map(self._rivals, tickets)):
-            rival.rank, rival.left_out = 0, ""
-        self._look()
-
-    def _look(self) -> None:
-        """Looks at the clock and puts what waits in the order in which it would run now."""
-        now = self._clock()
-        self._elapsed += max(0.0, now - self._now)
-        self._now = now
-        for ticket in self._waiting:
-            if ticket.ready_since is None and ticket.window.not_before <= now:
-                ticket.ready_since = self._elapsed
-        self._waiting.sort(key=self._place)
-
-    def _place(self, ticket: T) -> Tuple[float, ...]:
-        window, priority, order = ticket.window, -ticket.priority, ticket.order
-        if window.not_before > self._now:
-            return 1, window.not_before, priority, window.deadline, order
-        since = ticket.ready_since
-        if since is not None and self._elapsed - since >= self._overtake_limit:
-            return 0, priority, 0, since, order
-        group = 2 if ticket.left_out else 0 if window.is_limited else 1
-        return 0, priority, 1, group, ticket.rank, window.deadline, order
 
     @property
     def _kept(self) -> str:
@@ -389,31 +373,33 @@ class Agenda(Generic[T]):
     def _resting(self) -> bool:
         return self._paused or self._hold
 
-    def _next(self) -> Optional[T]:
-        self._look()
-        return next(iter(self._ready()), None)
-
     def _ready(self) -> List[T]:
-        ready = [t for t in self._waiting if t.may_run and t.window.is_open(self._now)]
-        return [t for t in ready if t.begun] if self._paused else ready
+        self._waiting.look()
+        return self._waiting.ready(begun_only=self._paused)
 
-    def _group(self, running: Sequence[T]) -> List[T]:
-        """Those that would begin together now if these that run waited: the first, and who follows it.
+    @property
+    def _under_way(self) -> bool:
+        return all(ticket.under_way for ticket in self._running)
+
+    def _group(self) -> List[T]:
+        """Those that would begin together now: the first, and what follows it."""
+        ready = self._ready()
+        return _without_deadlines(self._following(ready[:1], ready)) or ready[:1]
+
+    def _following(self, run: Sequence[T], ready: Sequence[T]) -> List[T]:
+        """Those that may be in one plan with a run, as far as there is room for them.
 
         None is left out between two: that one would be overtaken.
         """
-        self._look()
-        ready = sorted([*running, *self._ready()], key=self._place)
-        first = ready[0] if ready else None
-        if first is None or not first.joins or self.breakpoints.armed:
-            return ready[:1]
-        kind = (first.priority, first.party)
-        following = itertools.takewhile(lambda t: t.joins and (t.priority, t.party) == kind, ready)
+        if not run or run[0].alone or self.breakpoints.armed:
+            return []
+        kind = (run[0].priority, run[0].party)
+        following = itertools.takewhile(lambda t: not t.alone and (t.priority, t.party) == kind, ready)
         return list(itertools.islice(following, self._together))
 
     def _interrupt(self) -> List[Decision]:
         """Stops what runs when something more urgent may run, or when others can join it."""
-        ticket, running = self._next(), self.running
+        ticket, running = next(iter(self._ready()), None), self.running
         if self._resting or ticket is None or running is None:
             return []
         if ticket.priority > running.priority:
@@ -422,31 +408,45 @@ class Agenda(Generic[T]):
 
     def _join(self) -> List[Decision]:
         """Has a run go on with those that have come meanwhile, or begin again where its plan is not made."""
-        group = self._joined()
-        if group and all(ticket.under_way for ticket in self._running):
-            return [ReviseRun(group[-1])]
-        if group and self._elapsed <= self._gathers_until and not self._kept:
+        if self._under_way:
+            return [ReviseRun(ticket) for ticket in self._joined(behind=True)[-1:]]
+        if self._waiting.elapsed <= self._gathers_until and not self._kept and self._joined(behind=False):
             return self._stop(self._running, Stop(StopKind.JOINED))
         return []
 
-    def _joined(self) -> List[T]:
-        """Those that run and those that may join them; none: no other may."""
+    def _joined(self, behind: bool) -> List[T]:
+        """Those that run and those that may join them next; none: no other may.
+
+        :param behind: whether a plan behind what runs shows that all are in time; otherwise none with a
+            deadline joins, nor is joined. One at a time does: it is found out which one is late.
+        """
+        running, newcomers = self._running, self._newcomers()
+        joining = _without_deadlines(newcomers)
+        if behind:
+            joining = joining or newcomers[:1]
+        elif any(ticket.window.is_limited for ticket in running):
+            joining = []
+        return [*running, *joining] if joining else []
+
+    def _newcomers(self) -> List[T]:
+        """Those that wait and may join what runs, in order."""
         running = self._running
-        if self._together < 2 or self._resting or not running[0].joins:
+        if not running or self._resting or any(ticket.stop for ticket in running):
             return []
+        ready, overdue = self._ready(), self._waiting.is_overdue
         # A run that goes on and on with newcomers would overtake those of its own that come last.
-        first = min(ticket.ready_since or 0.0 for ticket in running)
-        if any(ticket.stop for ticket in running) or self._elapsed - first >= self._overtake_limit:
+        if any(map(overdue, running)):
             return []
-        group = list(itertools.takewhile(lambda t: t.order not in self._refused, self._group(running)))
-        return group if len(group) > len(running) and all(t in group for t in running) else []
+        ready = [t for t in ready if overdue(t) or not self._refused.get(t.order, NOT_SAID).late]
+        following = self._following(running, ready)[: max(0, self._together - len(running))]
+        return list(itertools.takewhile(lambda t: t.order not in self._refused, following))
 
     def _part(self, ticket: T, stop: Stop) -> List[Decision]:
         """Takes one out of a run: the others go on where their plan can be exchanged."""
         stopping = self._stopping
         decisions = self._stop([ticket], stop)
         goes_on = any(each.stop is None for each in self._running)
-        if not decisions or stopping or not goes_on or not all(each.under_way for each in self._running):
+        if not decisions or stopping or not goes_on or not self._under_way:
             return decisions
         self._stopping, ticket.parts = False, True
         return [ReviseRun(ticket)]
@@ -473,7 +473,7 @@ class Agenda(Generic[T]):
             ticket.interrupted, ticket.begun = True, False
         if self._closing:
             return [AgendaAnswer(ticket, Verdict(Outcome.CANCELLED, StopKind.SHUTDOWN.value))]
-        self._queue(ticket)
+        self._waiting.put(ticket)
         return []
 
     def _stop(self, tickets: Sequence[T], stop: Stop) -> List[Decision]:
@@ -485,3 +485,8 @@ class Agenda(Generic[T]):
                 decisions.append(StopRun(ticket))
         self._stopping = self._stopping or bool(decisions)
         return decisions
+
+
+def _without_deadlines(tickets: Sequence[T]) -> List[T]:
+    """The first of them, up to one with a deadline."""
+    return list(itertools.takewhile(lambda ticket: not ticket.window.is_limited, tickets))

@@ -10,7 +10,7 @@ import threading
 from functools import partial
 from typing import Any, Callable, Dict, Generic, List, Optional, Sequence, Tuple, TypeVar, cast
 
-from merlin_executor.core.agenda import Agenda, AgendaAnswer, Decision, ReviseRun, StopRun
+from merlin_executor.core.agenda import Agenda, AgendaAnswer, Decision, Refusal, ReviseRun, StopRun
 from merlin_executor.core.outcome import Outcome, Stop, StopKind, Verdict, crashed
 from merlin_executor.core.ticket import Ticket
 from merlin_executor.core.time_window import Outlook
@@ -202,21 +202,23 @@ class Engine(Generic[J]):
         """
         with self._changed:
             wanted = self._agenda.planned_again()
-        return self.revised(wanted, True)
+        return self.revised(wanted)
 
     def revision(self) -> List[J]:
         """The requests for which the plan that is carried out should be, see :attr:`.Agenda.revision`."""
         with self._changed:
             return self._agenda.revision
 
-    def revised(self, wanted: Sequence[J], exchanged: bool) -> List[J]:
+    def revised(self, wanted: Sequence[J], refusal: Optional[Refusal] = None) -> List[J]:
         """The plan that is carried out is for these requests from now on, or cannot be.
 
+        :param refusal: why it cannot be; None: it is.
         :return: all that run now.
         """
         with self._changed:
             before, agenda = self._agenda.together, self._agenda
-            answers = self._carry_out(agenda.revised(wanted) if exchanged else agenda.not_revised(wanted))
+            decided = agenda.not_revised(wanted, refusal) if refusal else agenda.revised(wanted)
+            answers = self._carry_out(decided)
             members = agenda.together
             joined = [request for request in members if request not in before]
             for request in joined:  # before another event: it is under way from now on

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A request as the agenda sees it, and what can be expected of those that wait in line."""
+"""A request as the agenda sees it, the line in which requests wait, and what can be expected of these."""
 
-import math
 from enum import Enum
-from typing import List, Optional, Sequence, Tuple, TypeVar
+from typing import Callable, Generic, Iterator, List, Mapping, Optional, Sequence, Tuple, TypeVar
 
 from merlin_executor.core.outcome import Stop
 from merlin_executor.core.time_window import (
@@ -14,6 +13,9 @@ from merlin_executor.core.time_window import (
     outlook_foreseen,
     outlook_waiting,
 )
+
+#: s of ROS time for which requests of equal priority may overtake one that could begin.
+OVERTAKE_LIMIT = 600.0
 
 
 class Client(Enum):
@@ -97,17 +99,97 @@ class Ticket:
         return self.goes_on or self.client is Client.ALIVE
 
     @property
-    def joins(self) -> bool:
-        """Whether it may run together with others; a planner that does not know its deadline may miss it."""
-        return not self.alone and self.window.deadline == math.inf
-
-    @property
     def under_way(self) -> bool:
         """Whether its plan is carried out: another one would stop its actions, or be exchanged for it."""
         return False
 
 
 T = TypeVar("T", bound=Ticket)
+
+
+class WaitingLine(Generic[T]):
+    """The requests that wait, the more urgent first; of equal ones the earliest deadline, then the oldest.
+
+    :param clock: ROS time, s; may be set back and forward.
+    :param overtake_limit: s for which requests of equal priority may overtake one that could begin.
+    :ivar now: by the clock, as it was looked at last.
+    :ivar elapsed: how much of that has passed, without what the clock was set back.
+    """
+
+    def __init__(self, clock: Callable[[], float], overtake_limit: float) -> None:
+        self._clock = clock
+        self._overtake_limit = overtake_limit
+        self._tickets: List[T] = []
+        self.now = clock()
+        self.elapsed = 0.0
+
+    def __iter__(self) -> Iterator[T]:
+        return iter(list(self._tickets))
+
+    def put(self, ticket: T) -> None:
+        """A request waits, from now on or again."""
+        self._tickets.append(ticket)
+        self.look()
+
+    def take(self, ticket: T) -> None:
+        """A request no longer waits."""
+        self._tickets.remove(ticket)
+
+    def clear(self) -> List[T]:
+        """None waits any more; returns those that did."""
+        left, self._tickets = self._tickets, []
+        return left
+
+    def look(self) -> None:
+        """Looks at the clock and puts what waits in the order in which it would run now."""
+        now = self._clock()
+        self.elapsed += max(0.0, now - self.now)
+        self.now = now
+        for ticket in self._tickets:
+            if ticket.ready_since is None and ticket.window.not_before <= now:
+                ticket.ready_since = self.elapsed
+        self._tickets.sort(key=self._place)
+
+    def is_overdue(self, ticket: T) -> bool:
+        """Whether it could have begun for so long that no other one overtakes it any more."""
+        since = ticket.ready_since
+        return since is not None and self.elapsed - since >= self._overtake_limit
+
+    def ready(self, begun_only: bool = False) -> List[T]:
+        """Those that may run now.
+
+        :param begun_only: only those that have begun already.
+        """
+        ready = [t for t in self._tickets if t.may_run and t.window.is_open(self.now)]
+        return [t for t in ready if t.begun] if begun_only else ready
+
+    # --- where not all can be in time ---------------------------------------------------------------------
+
+    def rivals(self, ticket: T) -> List[T]:
+        """Those that wait, of the priority of one with a deadline."""
+        return [t for t in self._tickets if ticket.window.is_limited and t.priority == ticket.priority]
+
+    def choose_anew(self, tickets: Sequence[T]) -> None:
+        """Takes back what :meth:`arrange` has decided: there may be time for others than these now."""
+        for ticket in tickets:
+            for rival in self.rivals(ticket):
+                rival.rank, rival.left_out = 0, ""
+        self.look()
+
+    def arrange(self, ranks: Mapping[int, Tuple[int, str]]) -> None:
+        """See :meth:`.Agenda.arrange`."""
+        for ticket in self._tickets:
+            ticket.rank, ticket.left_out = ranks.get(ticket.order, (ticket.rank, ticket.left_out))
+        self.look()
+
+    def _place(self, ticket: T) -> Tuple[float, ...]:
+        window, priority, order = ticket.window, -ticket.priority, ticket.order
+        if window.not_before > self.now:
+            return 1, window.not_before, priority, window.deadline, order
+        if self.is_overdue(ticket):
+            return 0, priority, 0, ticket.ready_since or 0.0, order
+        group = 2 if ticket.left_out else 0 if window.is_limited else 1
+        return 0, priority, 1, group, ticket.rank, window.deadline, order
 
 
 def lines(running: Sequence[T], waiting: Sequence[T]) -> List[Tuple[T, Tuple[int, ...]]]:
@@ -135,13 +217,14 @@ def outlooks(
     :param kept: why a more urgent one does not interrupt these, as a sentence; empty: it does.
     """
     first = running[0] if running else None
-    free = first.expected_end if first is not None else None
+    ends = [ticket.expected_end for ticket in running]
+    free = end_of_run = None if not ends or None in ends else max(end for end in ends if end is not None)
     found = []
     for ticket, ahead in lines(running, waiting):
         before, end = "", None
         goes_first = first is None or first.priority < ticket.priority
         if first is not None and not goes_first:
-            before, end = first.text, first.expected_end
+            before, end = first.text, end_of_run
             before += f" and {len(running) - 1} more" if before and len(running) > 1 else ""
         outlook = outlook_waiting(ticket.window, ticket is waiting[0], before, end)
         forecast = ticket.forecast

@@ -54,7 +54,7 @@ class Outlook(NamedTuple):
     late: str = ""
     """Why it can no longer be on time, as a sentence; empty: it may be."""
     waits: str = ""
-    """Why it does not interrupt what is less urgent, or is not checked yet, as a sentence; empty: neither."""
+    """Why it neither interrupts what is less urgent nor joins its equals, or is not checked yet; empty: it may."""
 
 
 def outlook_running(window: TimeWindow, end: Optional[float]) -> Outlook:
@@ -140,14 +140,18 @@ class PlanTimes:
     def __init__(self) -> None:
         self._plan = _Timed({}, 0.0, 0.0)  # replaced as a whole: other threads read it
 
-    def begin(self, steps: Iterable[Tuple[int, float, float]], now: float) -> None:
+    def begin(
+        self, steps: Iterable[Tuple[int, float, float]], now: float, reached: Optional[float] = None
+    ) -> None:
         """A plan is carried out from now on; one without actions: there is none.
 
         :param steps: of each action its id, its start, s since the begin of the plan, and its duration, s.
+        :param reached: s since the begin of the plan at which the goals hold; None: at its end.
         """
         listed = list(steps)
         timed = any(duration > SHORTEST for _, _, duration in listed)
-        length = max(start + duration for _, start, duration in listed) if timed else 0.0
+        end = max((start + duration for _, start, duration in listed), default=0.0)
+        length = (end if reached is None else max(reached, SHORTEST)) if timed else 0.0
         self._plan = _Timed({number: start for number, start, _ in listed}, length, now)
 
     def dispatched(self, actions: Iterable[Tuple[int, float]]) -> None:

@@ -23,7 +23,7 @@ from merlin_msgs.msg import (
 )
 
 from merlin_executor.core.activity import LONGEST_REASON, Activity, end_words
-from merlin_executor.core.agenda import OVERTAKE_LIMIT, TOGETHER, Agenda, Decision
+from merlin_executor.core.agenda import TOGETHER, Agenda, Decision
 from merlin_executor.core.answering import unreadable
 from merlin_executor.core.course import Course
 from merlin_executor.core.engine import Engine
@@ -31,8 +31,7 @@ from merlin_executor.core.outcome import Outcome, StopKind, Verdict, crashed
 from merlin_executor.core.replanning import REPLAN_WAIT, SAME_FAILURES
 from merlin_executor.core.request_limits import RequestTooLarge
 from merlin_executor.core.standstill import STAND_WAIT
-from merlin_executor.core.ticket import Client
-from merlin_executor.core.time_window import Outlook
+from merlin_executor.core.ticket import OVERTAKE_LIMIT, Client
 from merlin_executor.goal_check import GoalError, check_goals
 from merlin_executor.node.executor_sm import ExecutorSM
 from merlin_executor.node.executor_stages import KNOWLEDGE_BASE
@@ -400,20 +399,21 @@ class Executor:
                 freed = any(changes)
                 if any(each.keeps for each in together):
                     outlooks = self._engine.outlooks()
-                    status.urgent_waits = next((each.waits for _, each in outlooks if each.waits), "")
+                    urgent = [each.waits for other, each in outlooks if other.priority > request.priority]
+                    status.urgent_waits = next(filter(None, urgent), "")
                 outlook = request.outlook
                 status.deadline = request.goal.goal.deadline
                 status.expected_end = rospy.Time.from_sec(outlook.end or 0.0)
                 status.late = outlook.late
-                status.together = [each.queued_goal(Outlook()) for each in together[1:]]
-                feedback = ExecuteFeedback(
-                    stage=status.stage,
-                    running=status.running,
-                    steps_done=status.steps_done,
-                    steps_total=status.steps_total,
-                    reason="; ".join(filter(None, (status.reason, status.late))),
-                )
-                for each in together:
+                status.together = [each.queued_goal(each.outlook) for each in together[1:]]
+                for each, late in zip(together, (outlook.late, *(each.late for each in status.together))):
+                    feedback = ExecuteFeedback(
+                        stage=status.stage,
+                        running=status.running,
+                        steps_done=status.steps_done,
+                        steps_total=status.steps_total,
+                        reason="; ".join(filter(None, (status.reason, late))),
+                    )
                     each.tell_running(feedback)
             self._urgent_waits = status.urgent_waits
             publish(self._status_publisher, status)

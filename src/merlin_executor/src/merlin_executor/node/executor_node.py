@@ -6,9 +6,10 @@ from typing import Any, Collection, Dict, List, Mapping
 
 import rospy
 
-from merlin_executor.core.agenda import OVERTAKE_LIMIT, TOGETHER
+from merlin_executor.core.agenda import TOGETHER
 from merlin_executor.core.replanning import REPLAN_WAIT, SAME_FAILURES
 from merlin_executor.core.standstill import STAND_WAIT
+from merlin_executor.core.ticket import OVERTAKE_LIMIT
 from merlin_executor.node.executor import Executor
 from merlin_planning.dispatch_client import STUCK_AFTER
 from merlin_planning.knowledge_client import DEFAULT_KNOWLEDGE_BASE, knowledge_client

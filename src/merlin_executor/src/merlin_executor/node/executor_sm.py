@@ -135,7 +135,7 @@ class ExecutorSM(MerlinSM, Stages[Request]):
 
     def _take_plan(self, actions: Sequence[ActionDispatch]) -> None:
         for request in self.run.requests:
-            request.take_plan(actions)
+            request.take_plan(actions, reached=self.run.reached.get(request))
 
     def take_result(self, result: DispatchResult) -> None:
         """Notes how a dispatch has ended."""

@@ -16,6 +16,7 @@ from merlin_executor.core.outcome import Outcome, Verdict
 from merlin_executor.node.joint_run import LOOK_LIMIT, JointRun, PlanningSystem
 from merlin_executor.node.own_goals import OwnGoals
 from merlin_executor.node.recovery import Recovery
+from merlin_executor.node.request import ends_by
 from merlin_planning.dispatch_client import PART as DISPATCHER
 from merlin_planning.dispatch_client import DispatchClient
 from merlin_planning.dispatch_progress import DispatchResult
@@ -114,7 +115,7 @@ class AddGoals(PlanningState):
 
 
 class PlanInTime(PlanState):
-    """Plans. Where that plan ends after the deadline, the planner has to find one in time, or proves that
+    """Plans. Where that plan ends after a deadline, the planner has to find one in time, or proves that
     there is none: late.
 
     :param proves: whether it is asked for a proof; otherwise the first plan is taken.
@@ -136,16 +137,23 @@ class PlanInTime(PlanState):
 
     def run(self, userdata: Any) -> str:
         """Plans, once or twice."""
+        run = self._run.run
+        run.reached = {}
         outcome = super().run(userdata)
-        deadlines = self._run.run.request.deadlines(self._planning.plan_text) if self._proves else []
-        if outcome != SUCCEEDED or not deadlines:
+        limited = [request for request in run.requests if request.window.is_limited and self._proves]
+        if outcome != SUCCEEDED or not limited:
             return outcome
+        if ends_by(self._planning.plan_text, min(request.window.deadline for request in limited)):
+            return outcome
+        now = rospy.get_time()
+        deadlines = [request.due(now) for request in limited]
         second = self._planning.plan(self.interruptible, self._left_out(), deadlines=deadlines)
         if self.preempt_requested():
             return PREEMPTED
         if second.verdict is Planned.LATE:
             self.reason = second.reason
             return LATE
+        run.reached = dict(zip(limited, second.reached))
         return SUCCEEDED  # where it found none, the first plan still is the last one
 
 

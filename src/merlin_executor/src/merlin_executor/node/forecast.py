@@ -110,7 +110,9 @@ class Forecasts:
     # --- one after the other ------------------------------------------------------------------------------
 
     def _next(self) -> Optional[Request]:
-        """The first request that has to be planned."""
+        """The first request that has to be planned; none while another plan is made for those that run."""
+        if self._engine.revision():
+            return None
         lines = self._engine.lines()[:MOST]
         timed = [number for number, (request, _) in enumerate(lines) if request.window.is_limited]
         running = self._engine.running
@@ -191,6 +193,8 @@ class Forecasts:
 
     def _rivals(self) -> List[Request]:
         """Requests of one priority of which one is late because of the others; none: there are none."""
+        if self._engine.revision():
+            return []
         known = [
             (request, outlook.late)
             for request, outlook in self._engine.outlooks()[:MOST]

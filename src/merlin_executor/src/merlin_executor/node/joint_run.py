@@ -71,6 +71,8 @@ class JointRun:
         self._own = own
         self._engine = engine
         self.revision = PlanRevision(self, system, own, engine)
+        self.reached: Dict[Request, float] = {}
+        """s from the begin of the plan that was made last until goals hold that do so before its end."""
         self._steps_done = 0
         self._looks = CallQueue("goals that hold")
         self._calls: Optional[CallScope] = None  # of a look under way

@@ -13,11 +13,14 @@ import rospy
 from diagnostic_msgs.msg import KeyValue
 from merlin_msgs.msg import PlannerStatus, RunningAction
 
+from merlin_executor.core.activity import LONGEST_REASON
+from merlin_executor.core.agenda import Refusal
 from merlin_executor.core.engine import Engine
 from merlin_executor.core.standstill import MOVES
 from merlin_executor.core.ticket import Client
 from merlin_executor.node.own_goals import OwnGoals
 from merlin_executor.node.request import Request, goals_of
+from merlin_pddl.text_reader import shortened
 from merlin_planning.knowledge_text import action_text, to_pddl
 from merlin_planning.planning_client import Planned, StageError
 from merlin_ros.alarms import call_later
@@ -30,6 +33,7 @@ if TYPE_CHECKING:
     from merlin_executor.node.joint_run import JointRun, PlanningSystem
 
 JOIN_LIMIT = 10.0  # s of wall time for a plan with newcomers; then they wait
+TOO_LONG = "no plan for all was found in time"
 TRIES = 2
 GATHER = 0.02  # s of wall time for others to leave, too: where all do, nothing is to be planned
 
@@ -52,8 +56,9 @@ class PlanRevision(PlanningState):
         self._requests = requests
         self._calls_put = CallQueue("another plan").put
         self._limits = CallQueue("limit of another plan")
-        self._working = threading.Lock()  # held by the thread that revises; guards the field below
+        self._working = threading.Lock()  # held by the thread that revises; guards the two fields below
         self._wanted: List[Request] = []
+        self._comes_late = False  # whether it is proven that not all that are wanted would be in time
         self._changed = threading.Condition()  # notified when an action has ended, or nothing is waited for
         self._closed = False
 
@@ -84,7 +89,7 @@ class PlanRevision(PlanningState):
         with self._working:
             wanted = self._requests.revision()
         if wanted:
-            self._requests.revised(wanted, False)
+            self._requests.revised(wanted, Refusal())
 
     def dispatch_changed(self) -> None:
         """An action has begun or ended; from any thread."""
@@ -110,11 +115,12 @@ class PlanRevision(PlanningState):
                     self.give_up(failure_text(error))
                 if not done and (tries == TRIES or self.given_up):
                     rospy.loginfo(f"the plan is not exchanged: {self.reason}")
-                    self._requests.revised(self._wanted, False)
+                    reason = shortened(self.reason, LONGEST_REASON)
+                    self._requests.revised(self._wanted, Refusal(reason, self._comes_late))
 
     def run(self, userdata: Any) -> str:
         """Exchanges the plan for one for the requests that are wanted."""
-        wanted = self._wanted
+        wanted, self._comes_late = self._wanted, False
         parts = all(request in self._run.requests for request in wanted)
         alarm = call_later(
             self._system.leave_limit if parts else JOIN_LIMIT, partial(self._limits.put, self._late, wanted)
@@ -140,7 +146,7 @@ class PlanRevision(PlanningState):
             self.given_up = True
             return self.fail(f"{', '.join(hangs)} did not stop" if hangs else MOVES)
         self._dispatcher.hand_over(wanted[0].goal.id)
-        self._run.go_on(lambda: self._requests.revised(wanted, True))
+        self._run.go_on(lambda: self._requests.revised(wanted))
         return SUCCEEDED
 
     def _wait_for(self, fits: Callable[[], bool]) -> None:
@@ -152,7 +158,7 @@ class PlanRevision(PlanningState):
 
     def _late(self, wanted: List[Request]) -> None:
         self.request_preempt()
-        self._requests.revised(wanted, False)
+        self._requests.revised(wanted, Refusal(TOO_LONG))
 
     def _exchange(self, wanted: List[Request], parts: bool) -> List[RunningAction]:
         """Returns the actions that are stopped; raises StageError and what its calls raise."""
@@ -170,8 +176,13 @@ class PlanRevision(PlanningState):
         there = {to_pddl(goal).lower() for goal in self._knowledge.goals()}
         self._own.add([item for item in items if to_pddl(item).lower() not in there])
         self._planning.generate_problem()
-        found = self._planning.plan(self.interruptible, run.course.without, list(map(_text, kept)))
+        limited = [r for r in wanted if r.window.is_limited and (r not in run.requests or not r.outlook.late)]
+        begin = max(rospy.get_time(), run.request.end_of(kept))
+        deadlines = [request.due(begin) for request in limited]
+        after = list(map(_text, kept))
+        found = self._planning.plan(self.interruptible, run.course.without, after, deadlines)
         if found.verdict is not Planned.SOLVED:
+            self.given_up = self._comes_late = found.verdict is Planned.LATE
             raise StageError(found.reason or found.verdict.value)
         plan = self._planning.parse_plan()
         ids = {action.action_id for action in running}
@@ -184,8 +195,9 @@ class PlanRevision(PlanningState):
             raise StageError(refused)
         kept_ids = {action.action_id for action in kept}
         before = [step for step in run.request.plan if step.action_id in kept_ids]
+        reached = dict(zip(limited, found.reached))
         for request in wanted:
-            request.take_plan([*before, *plan], kept)
+            request.take_plan([*before, *plan], kept, reached.get(request))
         return [action for action in running if action.action_id not in kept_ids]
 
     def _needed(self, running: Sequence[RunningAction], wanted: Sequence[Request]) -> List[RunningAction]:

@@ -111,38 +111,39 @@ class Request(Job):
         first.course.take_in(self.course)
         self.course = first.course
 
-    def take_plan(self, actions: Sequence[ActionDispatch], going_on: Sequence[RunningAction] = ()) -> None:
+    def take_plan(
+        self,
+        actions: Sequence[ActionDispatch],
+        going_on: Sequence[RunningAction] = (),
+        reached: Optional[float] = None,
+    ) -> None:
         """Its plan is carried out from now on; none: it has no plan.
 
         :param going_on: those of the actions that run already; the times of the others count from their ends.
+        :param reached: s from there until its own goals hold; None: at the end of the plan.
         """
         now = rospy.get_time()
         since = {action.action_id: action.dispatched.to_sec() - now for action in going_on}
-        ends = [since[each.action_id] + each.duration for each in actions if each.action_id in since]
-        behind = max([0.0, *ends])
         self.plan = list(actions)
+        behind = max(0.0, self.end_of(going_on) - now)
         self._times.begin(
             (
                 (each.action_id, since.get(each.action_id, behind + each.dispatch_time), each.duration)
                 for each in actions
             ),
             now,
+            None if reached is None else behind + reached,
         )
 
-    def deadlines(self, plan: str) -> List[GoalDeadline]:
-        """Its goals with its deadline, for the planner; none where a plan is in time, or has no times.
+    def end_of(self, actions: Iterable[RunningAction]) -> float:
+        """When the last of these actions of its plan is to end, s of ROS time; without any: zero."""
+        durations = {step.action_id: step.duration for step in self.plan}
+        ends = (each.dispatched.to_sec() + durations.get(each.action_id, 0.0) for each in actions)
+        return max(ends, default=0.0)
 
-        :param plan: its text.
-        """
-        if not self.window.is_limited:
-            return []
-        now = rospy.get_time()
-        times = PlanTimes()
-        with contextlib.suppress(PlanTextError):  # the parser tells of it
-            times.begin(((0, step.time, step.duration) for step in parse_plan(plan)), now)
-        if times.end is None or times.end <= self.window.deadline:
-            return []
-        return [GoalDeadline(self.texts, self.window.deadline - now)]
+    def due(self, begin: float) -> GoalDeadline:
+        """Its goals with its deadline, for a plan that begins then, s of ROS time."""
+        return GoalDeadline(self.texts, self.window.deadline - begin)
 
     @property
     def keeps(self) -> str:
@@ -226,6 +227,14 @@ class Request(Job):
                 for stage, seconds in course.stage_times.items()
             ],
         )
+
+
+def ends_by(plan: str, deadline: float) -> bool:
+    """Whether a plan that begins now, as text, ends by then, s of ROS time, or has no times."""
+    times = PlanTimes()
+    with contextlib.suppress(PlanTextError):  # the parser tells of it
+        times.begin(((0, step.time, step.duration) for step in parse_plan(plan)), rospy.get_time())
+    return times.end is None or times.end <= deadline
 
 
 def goals_of(requests: Iterable[Request]) -> List[KnowledgeItem]:

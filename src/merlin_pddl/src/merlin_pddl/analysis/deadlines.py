@@ -51,7 +51,7 @@ Term = Tuple[str, ...]
 
 
 class Due(NamedTuple):
-    """Goals that have to hold together at one moment, in time. Afterwards they need not hold any more."""
+    """Goals that have to hold together at one moment, in time. Afterwards those of the problem have to."""
 
     goals: Tuple[str, ...]
     """PDDL text."""
@@ -84,14 +84,14 @@ class _Mark(NamedTuple):
 class DeadlineTask:
     """Domain and problem as text in which some goals have to be reached in time.
 
-    A goal of the problem that has a deadline need not hold at the end; the others stay. Where no action has a
+    The goals of the problem have to hold at the end, also those that have a deadline. Where no action has a
     duration no time passes, and every goal that can be reached is in time.
 
     :param domain, problem: PDDL text.
     :param dues: the goals with deadlines.
     :param binding: whether the deadlines count; otherwise the goals are marked at any time.
     :raises PddlError: the text is not PDDL, or what has a deadline is not a goal of this domain.
-    :ivar plain: the problem with all these goals as ordinary ones.
+    :ivar plain: the problem with what has a deadline as further goals.
     """
 
     def __init__(self, domain: str, problem: str, dues: Sequence[Due], binding: bool = True) -> None:
@@ -102,8 +102,7 @@ class DeadlineTask:
         goals = [_goal(due, self._model, objects) for due in dues]
         self._marks = _named(goals, _words([node, read_expression(problem, "problem")]))
         self._timed = found.timed
-        own = {to_pddl(part) for goal in goals for part in conjuncts(goal)}
-        rest = [goal for goal in found.goals if to_pddl(goal) not in own]
+        rest = found.goals
         found.goals = [*rest, *goals]
         self.plain = write_problem(found, self._model)
         self._declare(node, found)

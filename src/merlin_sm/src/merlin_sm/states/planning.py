@@ -103,14 +103,15 @@ class PlanState(PlanningState):
 
     def run(self, userdata: Any) -> str:
         """Calls the planner; the outcome says what it found."""
-        verdict, self.reason, self.gone = self._client.plan(self.interruptible, self._without())
+        result = self._client.plan(self.interruptible, self._without())
+        self.reason, self.gone = result.reason, result.gone
         return {
             Planned.SOLVED: SUCCEEDED,
             Planned.UNSOLVABLE: UNSOLVABLE,
             Planned.NO_PLAN: NO_PLAN,
             Planned.TIMEOUT: TIMEOUT,
             Planned.CANCELLED: PREEMPTED if self.preempt_requested() else ABORTED,
-        }.get(verdict, ABORTED)
+        }.get(result.verdict, ABORTED)
 
 
 class ParsePlanState(PlanningState):
