@@ -8,9 +8,9 @@ import time
 from pathlib import Path
 from typing import Any, Dict, Iterator
 
-from executive.cancel_cycles import cancel_cycles
 from merlin_msgs.srv import Explain, ExplainRequest
 
+from executive.cancel_cycles import cancel_cycles
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
 
 CYCLES = 110
