@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Random cancels and interruptions on a launched robot, as figures."""
 
+import contextlib
 from pathlib import Path
-from typing import Any, Dict, List, Optional
+from typing import Any, Callable, ContextManager, Dict, List, Optional
 
 import rospy
 from measuring.figures import figure
@@ -15,10 +16,16 @@ GOALS = [f"(checked {poi})" for poi in ("kitchen", "bathroom", "dorm_room", "mai
 WARM_UP = 10  # cycles until every connection has been made once
 
 
-def cancel_cycles(launch: Path, cycles: int, longest: float) -> Dict[str, Any]:
+def cancel_cycles(
+    launch: Path,
+    cycles: int,
+    longest: float,
+    beside: Callable[[], ContextManager[None]] = contextlib.nullcontext,
+) -> Dict[str, Any]:
     """Runs cycles and returns their latencies, ms, and what the nodes' threads and memory grew by.
 
     :param longest: s between sending and cancelling at the most.
+    :param beside: what else is done meanwhile.
     """
     with RosMaster() as master:
         master.launch(launch)
@@ -26,7 +33,8 @@ def cancel_cycles(launch: Path, cycles: int, longest: float) -> Dict[str, Any]:
         stress = CancelStress(GOALS, seed=1, longest=longest)
         stress.run(WARM_UP)
         before = usage_of_nodes()
-        times = stress.run(cycles, lambda number: print(f"{number + 1}/{cycles}", flush=True))[WARM_UP:]
+        with beside():
+            times = stress.run(cycles, lambda number: print(f"{number + 1}/{cycles}", flush=True))[WARM_UP:]
         after = usage_of_nodes()
         rospy.signal_shutdown("done")
 

@@ -31,6 +31,8 @@ BUDGETS: Dict[str, str] = {
     "plan_ms": "30",
     "preempt_to_urgent_ms": "45, p99 80",
     "problem_ms": "5",
+    "questions cancel_to_stop_ms": "4, p99 10",
+    "questions goal_to_dispatch_ms": "25, p99 60",
     "robots_dispatch cancel_to_all_stopped_ms": "p99 50",
     "robots_dispatch succeeded_to_dispatch_ms": "0.8",
     "smach_preempt_leaf_ms": "1",

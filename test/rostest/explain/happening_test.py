@@ -3,22 +3,87 @@
 """What a robot says of what it does, waits for and failed at, and why facts are as they are."""
 
 import subprocess
+import threading
 import time
 import unittest
 
+import numpy as np
 import rospy
+from actionlib_msgs.msg import GoalStatus, GoalStatusArray
+from audio_common_msgs.msg import AudioData
 from merlin_msgs.srv import Explain, ExplainRequest
+from sound_play.msg import SoundRequest
 
 import rostest
 from merlin_executor.executor_client import MerlinExecutorClient, outcome_name
 from merlin_executor.mission.goal_state import ACHIEVED
+from merlin_reactive.speech.speech_synthesizer import RATE, SpeechSynthesizer
+from merlin_ros.master.master_link import bounded_master
 from merlin_ros.service_proxy import ServiceProxy
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 from merlin_test.held_drives import HeldDrives
 from merlin_test.node_path import node_path
+from merlin_test.topic_links import sends
 
 LONG = 60.0
+HOST = "/merlin_fsm_host"
 DORM_ROOM = "world/points_of_interest/dorm_room"
+
+
+class Ears:
+    """A person that asks aloud, and hears what the robot is to say; and the application's own listener."""
+
+    def __init__(self):
+        self.changed = threading.Condition()
+        self.said, self.active = [], False
+        self.microphone = rospy.Publisher("audio/microphone", AudioData, queue_size=50)
+        self.status = rospy.Publisher("listen/status", GoalStatusArray, queue_size=5)
+        self.links = [
+            rospy.Subscriber("robotsound", SoundRequest, self.hear),
+            rospy.Subscriber("questions/listen/status", GoalStatusArray, self.see),
+            self.microphone,
+            self.status,
+        ]
+
+    def close(self):
+        for link in self.links:
+            link.unregister()
+
+    def hear(self, message):
+        with self.changed:
+            if message.command == SoundRequest.PLAY_ONCE:
+                self.said.append(message.arg)
+            self.changed.notify_all()
+
+    def see(self, message):
+        with self.changed:
+            self.active = any(each.status == GoalStatus.ACTIVE for each in message.status_list)
+            self.changed.notify_all()
+
+    def listening(self, wanted):
+        """Waits until the listener for questions listens, or does not."""
+        with self.changed:
+            assert self.changed.wait_for(lambda: self.active is wanted, LONG), wanted
+
+    def applications_listener(self, active):
+        goals = [GoalStatus(status=GoalStatus.ACTIVE)] if active else []
+        self.status.publish(GoalStatusArray(status_list=goals))
+
+    def ask(self, phrase):
+        """Says it until it is answered; returns the answer."""
+        quiet = np.zeros(RATE, dtype=np.int16)
+        said = SpeechSynthesizer().say(phrase, "").samples
+        noise = np.random.default_rng(1).normal(0.0, 30.0, len(said) + 2 * len(quiet))
+        sound = (np.concatenate([quiet, said, quiet]) + noise).astype("<i2")
+        count, end = len(self.said), time.monotonic() + LONG
+        while time.monotonic() < end:
+            self.listening(True)
+            for part in np.array_split(sound, 20):
+                self.microphone.publish(AudioData(data=part.tobytes()))
+            with self.changed:
+                if self.changed.wait_for(lambda: len(self.said) > count, LONG / 4):
+                    return self.said[-1]
+        raise AssertionError(f"“{phrase}” is not answered")
 
 
 class Happening(unittest.TestCase):
@@ -106,7 +171,21 @@ class Happening(unittest.TestCase):
         self.assertEqual(answer.claims[0].kind, "client")
         self.assertIn(f"{rospy.get_name()} cancels", answer.sentence)
 
+    def wait_until_states_are_heard(self):
+        """Waits until the monitor hears of the machines' states: what comes before is not recorded."""
+        end = time.monotonic() + LONG
+        while True:
+            published = bounded_master().getSystemState()[0]
+            topics = [
+                name for name, nodes in published if name.endswith("container_status") and HOST in nodes
+            ]
+            if topics and all(sends(HOST, topic, "/merlin_monitor") for topic in topics):
+                return
+            self.assertLess(time.monotonic(), end, topics)
+            rospy.rostime.wallsleep(0.05)
+
     def test_a_state_that_could_not_do_its_work(self):
+        self.wait_until_states_are_heard()
         self.assertIn(self.client.execute("(robot_at kitchen)", LONG).outcome, ACHIEVED)
         place = rospy.get_param(DORM_ROOM)
         rospy.set_param(DORM_ROOM, {"x": "nowhere"})
@@ -128,6 +207,23 @@ class Happening(unittest.TestCase):
             check=True,
         )
         self.assertIn(answer.sentence, printed.stdout)
+
+    def test_questions_that_are_asked_aloud(self):
+        ears = Ears()
+        self.addCleanup(ears.close)
+        self.held.hold()
+        request = self.client.send("(checked kitchen)")
+        self.held.wait_driving()
+        self.assertIn("avigating", ears.ask("what are you doing"))
+        self.assertRegex(ears.ask("why"), r"^Step 1, .*kitchen[^.]*\.$")
+        self.assertIn("t is expected to end at", ears.ask("when do you come"))
+        ears.listening(True)
+        ears.applications_listener(True)  # another one of the robot begins to listen
+        ears.listening(False)
+        ears.applications_listener(False)
+        ears.listening(True)
+        request.cancel()
+        self.assertTrue(request.wait(LONG))
 
     def test_what_cannot_be_answered_says_why(self):
         for question, about, at, words in (

@@ -38,7 +38,7 @@ def answer(request):
 def start():
     start.service = rospy.Service("merlin/explain", Explain, answer)
     start.status = rospy.Publisher("merlin/status", ExecutorStatus, queue_size=1, latch=True)
-    goals = ["(robot_at kitchen)"]
+    goals = ["(robot_at kitchen)", "(robot_at hall)"]
     start.status.publish(ExecutorStatus(state=ExecutorStatus.RUNNING, request="/m-1", goals=goals))
     print("started", flush=True)
 sys.exit(run_node("robot", start))
@@ -100,9 +100,23 @@ def test_each_page_asks_its_own_robot_and_takes_a_question_back(page: Callable[[
     bob.wait_text("#why .sentence", "Not answered: taken back")
     bob.page.click("#why button:has-text('Why (robot_at kitchen)')")
     bob.wait_text("#why .sentence", "Not answered: that is not known")
+    bob.page.click("#why button:has-text('Why (robot_at hall)')")  # one button for each goal
+    assert bobs.expect("asked why") == "asked why (robot_at kitchen)"
+    assert bobs.expect("asked why") == "asked why (robot_at hall)"
     for visit in (ann, bob):
         assert visit.complaints == []
         visit.close()
+
+
+def test_a_text_that_no_message_can_have_is_not_answered(page: Callable[[str], Any]) -> None:
+    visit, robot = page("ann")
+    visit.page.evaluate("document.getElementById('why-facts').value = '(open \\ud800)'")
+    visit.page.click("#what-if button")
+    visit.wait_text("#why .sentence", "Not answered:")
+    visit.page.click("#why button:has-text('last thing fail')")  # the next one is
+    assert robot.expect("asked") == "asked failed "
+    visit.wait_text("#why .sentence", "ann says")
+    visit.close()
 
 
 def test_ctrl_c_of_the_command_ends_the_work_in_the_node(master: Any) -> None:

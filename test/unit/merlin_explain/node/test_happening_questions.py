@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which recordings count as now: a world that rests has nothing to record."""
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from merlin_msgs.srv import ExplainRequest
+from robot_story import DOMAIN, RobotStory
+
+from merlin_explain.claims import QuestionError, Words
+from merlin_explain.node import happening_questions
+from merlin_explain.node.robot_system import USUAL
+from merlin_ros.service_proxy import ServiceError
+
+NOW = ExplainRequest(question=ExplainRequest.DOING)
+
+
+class Silent:
+    """A service that nothing offers."""
+
+    def __init__(self, *_: Any, **__: Any) -> None:
+        pass
+
+    def __call__(self, *_: Any) -> Any:
+        raise ServiceError("nothing offers it")
+
+
+@pytest.fixture
+def robot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
+    """With a recording that ended long ago."""
+    story = RobotStory(tmp_path)
+    story.runs("/m-1", ["(tidy kitchen)"])
+    history = {"/merlin_monitor/history": str(story.file)}
+    monkeypatch.setattr(happening_questions, "get_param", history.get)
+    monkeypatch.setattr(happening_questions, "ServiceProxy", Silent)
+    system = SimpleNamespace(
+        names=USUAL,
+        knowledge=SimpleNamespace(name="kb"),
+        domain=lambda: story.domain,
+        domain_text=lambda: DOMAIN,
+        words=Words,
+    )
+    yield SimpleNamespace(story=story, ask=lambda: happening_questions.happening(NOW, system))
+    story.close()
+
+
+def test_a_recording_that_goes_on_no_more_is_not_now(robot: Any) -> None:
+    robot.story.model.settle()
+    with pytest.raises(QuestionError, match="has recorded nothing for"):
+        robot.ask()
+
+
+def test_while_the_simulation_is_paused_the_last_moment_is_now(robot: Any) -> None:
+    robot.story.model.tree.set("meta", "simulator", {"paused": True})
+    robot.story.record()
+    robot.story.model.settle()
+    assert "tidy" in robot.ask().sentence
