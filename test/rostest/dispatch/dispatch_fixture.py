@@ -90,13 +90,13 @@ class Interfaces:
         for answer in self.answers.get(message.name, [(1,), (2,)]):
             self.answer(message, *answer)
 
-    def answer(self, message, status, reason="", plan_id=None):
+    def answer(self, message, status, reason="", plan_id=None, **more):
         self.feedback.publish(
             ActionFeedback(
                 action_id=message.action_id,
                 plan_id=message.plan_id if plan_id is None else plan_id,
                 status=status,
-                information=[KeyValue("reason", reason)] if reason else [],
+                information=[KeyValue(*each) for each in {"reason": reason, **more}.items() if each[1]],
             )
         )
 

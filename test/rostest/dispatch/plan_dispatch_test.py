@@ -11,6 +11,7 @@ from actionlib_msgs.msg import GoalStatus
 from diagnostic_msgs.msg import KeyValue
 from dispatch_fixture import KNOWLEDGE_BASE, LONG, DispatchFixture, Interfaces, named
 from merlin_msgs.msg import DispatchStatus
+from merlin_msgs.srv import ExchangePlan
 from rosplan_dispatch_msgs.msg import (
     ActionDispatch,
     ActionFeedback,
@@ -296,6 +297,32 @@ class SimpleDispatching(Dispatching, unittest.TestCase):
         plan_id = self.last_status().plan_id
         own = [m for m in seen if m.plan_id == plan_id and m.information[0].key == "dispatcher"]
         self.assertEqual([m.status for m in own], [1])
+
+    def test_an_action_that_is_dropped_for_another_plan_and_does_not_stop_ends_the_dispatch(self):
+        publisher = rospy.Publisher("/simple_parser/complete_plan", CompletePlan, queue_size=1)
+        self.addCleanup(publisher.unregister)
+        while not publisher.get_num_connections():
+            rospy.rostime.wallsleep(0.01)
+        exchange = ServiceProxy(f"{self.dispatcher}/exchange_plan", ExchangePlan)
+        other = [KeyValue("r", "bob"), KeyValue("x", "seat")]
+        self.interfaces.answers["paint"] = [(1,)]
+        self.give("0.0: (paint ann leg) [5.0]")
+        sent = self.action.send(NonBlockingDispatchGoal())
+        self.interfaces.wait(named("paint"))
+        publisher.publish(CompletePlan([ActionDispatch(action_id=9, name="paint", parameters=other)]))
+
+        def call():
+            while "no new plan" in exchange(goal=sent.id, keep=[]).refused and not sent.wait(0.0):
+                pass  # it travels beside the request, which waits for it a moment
+
+        thread = threading.Thread(target=call, daemon=True)
+        thread.start()
+        stopped = self.interfaces.wait(named("cancel_action"))
+        self.interfaces.answer(stopped, 10, "it drives on", stopped="no")
+        self.assertTrue(sent.wait(LONG))
+        thread.join(LONG)
+        self.assertEqual(sent.status, GoalStatus.ABORTED)
+        self.assertIn("(paint ann leg) was cancelled and did not stop", sent.text)
 
     def test_a_list_with_an_unknown_operator_is_refused(self):
         publisher = rospy.Publisher("/simple_parser/complete_plan", CompletePlan, queue_size=1)
