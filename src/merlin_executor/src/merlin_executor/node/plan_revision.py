@@ -203,7 +203,7 @@ class PlanRevision(PlanningState):
     def _needed(self, running: Sequence[RunningAction], wanted: Sequence[Request]) -> List[RunningAction]:
         """Those of the running actions that a plan for these requests has that begins where they began.
 
-        :raises StageError: the planner did not find that out, or looks for another plan to be shown.
+        :raises StageError: the planner did not find that out.
         """
         if not running:
             return []
