@@ -32,6 +32,7 @@ from merlin_executor.core.replanning import REPLAN_WAIT, SAME_FAILURES
 from merlin_executor.core.request_limits import RequestTooLarge
 from merlin_executor.core.standstill import STAND_WAIT
 from merlin_executor.core.ticket import OVERTAKE_LIMIT, Client
+from merlin_executor.core.time_window import Outlook
 from merlin_executor.goal_check import GoalError, check_goals
 from merlin_executor.node.executor_sm import ExecutorSM
 from merlin_executor.node.executor_stages import KNOWLEDGE_BASE
