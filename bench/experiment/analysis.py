@@ -8,8 +8,6 @@ from dataclasses import dataclass
 from statistics import fmean
 from typing import Any, Dict, List, Optional, Sequence, Tuple
 
-from scipy import stats
-
 from experiment.run_table import Row
 
 Key = Tuple[int, str]
@@ -81,6 +79,8 @@ class Ratio:
             return cls(ratio, None, None, each)
         residuals = [a - ratio * b for a, b in zip(first, second)]
         error = math.sqrt(sum(r * r for r in residuals) / (count - 1) / count) / below
+        from scipy import stats  # which is large, and what only lists runs does without
+
         reach = float(stats.t.ppf(0.5 + CONFIDENCE / 2, count - 1)) * error
         return cls(ratio, ratio - reach, ratio + reach, each)
 
