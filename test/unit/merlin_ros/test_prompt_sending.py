@@ -34,8 +34,9 @@ class Transport:
         self.cleanup_cb = call
 
     def close(self) -> None:
-        self.done = True
-        self.cleanup_cb(self)
+        if not self.done:  # as rospy's: what is called back closes it, too
+            self.done = True
+            self.cleanup_cb(self)
 
     def write_data(self, data: bytes) -> None:
         self.socket.sendall(data)
@@ -166,7 +167,8 @@ def test_a_connection_that_breaks_while_messages_wait_is_reported_with_the_next_
 
 
 def test_rospy_connects_its_publishers_like_this(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(rospy.topics, "QueuedConnection", rospy.topics.QueuedConnection)  # is put back
+    for name in ("QueuedConnection", "Poller"):
+        monkeypatch.setattr(rospy.topics, name, getattr(rospy.topics, name))  # is put back
     prompt_sending.send_promptly()
     ours, theirs = socket.socketpair()
     with ours, theirs:
@@ -175,3 +177,5 @@ def test_rospy_connects_its_publishers_like_this(monkeypatch: pytest.MonkeyPatch
         publisher.add_connection(Transport(ours))
         connections: List[Any] = publisher.connections
         assert isinstance(connections[0], PromptConnection)
+        publisher.close()  # not when the garbage is collected, in the middle of another test
+    assert connections[0].done
