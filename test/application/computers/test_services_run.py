@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""systemd itself starts, restarts and ends the services that `rosrun merlin unit` writes, for an ordinary user.
+"""systemd starts, restarts and ends the services that `rosrun merlin unit` writes, for an ordinary user.
 
 It boots over this machine's own files, of which nothing is changed, and without its network.
 """
@@ -31,7 +31,7 @@ ExecStopPost=/bin/systemctl poweroff
 StandardOutput=file:/etc/systemd/system.control/said
 StandardError=inherit
 """
-#: What the README says, in a shell; then what becomes of a service that dies, and of all when they are stopped.
+#: What the README says, in a shell; then what becomes of services that die, and of all when they are stopped.
 SCRIPT = """
 here=/etc/systemd/system.control
 useradd --create-home robot && cp $here/points.yaml /home/robot && cd /home/robot || exit
