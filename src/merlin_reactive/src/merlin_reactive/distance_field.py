@@ -11,8 +11,9 @@ LOOK = 4  # rows further that are looked at before the next question whether tha
 def distance_field(free: np.ndarray, most: Optional[int] = None) -> np.ndarray:
     """Distances from centre to centre, in cells, exact.
 
-    First along each row, then over the rows around it, as far as the largest distance asks for. On maps of buildings that
-    takes as long as SciPy's, which brings 40 packages and a compiler; the import of OpenCV costs a node 100 MB.
+    First along each row, then over the rows around it, as far as the largest distance asks for. On maps of
+    buildings that takes as long as SciPy's, which brings 40 packages and a compiler; the import of OpenCV
+    costs a node 100 MB.
 
     :param free: the cells (row, column) that are not occupied, as numbers or booleans.
     :param most: up to which distance they are exact; a longer one then only is longer than that. Saves time.
