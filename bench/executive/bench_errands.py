@@ -2,7 +2,7 @@
 """Lists of errands at once: one after the other, together, and the shortest tour, as the domain counts time.
 
 The drives of the action servers take 20 ms: what is counted is what the actions that were dispatched take by
-the domain. ANYTIME as for `bench_together`. ERRANDS: one list of so many, from 21 on without a shortest tour.
+the domain. ANYTIME as for `bench_together`. ERRANDS: one list of so many, from 21 on beside a short tour.
 """
 
 import os
@@ -106,8 +106,8 @@ def measure() -> Dict[str, Any]:
             print(size, [f"{done[how][-1][0]:.1f} m" for how in HOW], flush=True)
         rospy.signal_shutdown("done")
     metres = {how: [length for length, _, _ in done[how]] for how in HOW}
-    if wanted <= EXACT:
-        metres["shortest"] = [floor.shortest(floor.points[0], stops) for _, stops in tasks]
+    best = floor.shortest if wanted <= EXACT else floor.short
+    metres["shortest"] = [best(floor.points[0], stops) for _, stops in tasks]
     names = ("metres", "s", "percent_above_shortest", "first_drive_ms", "until_all_ended_s")
     figures: Dict[str, Any] = {name: {} for name in names}
     figures["replaced_plans"] = lists.replaced
@@ -121,7 +121,6 @@ def measure() -> Dict[str, Any]:
             if how in HOW:
                 figures["first_drive_ms"][name] = figure([done[how][each][1] for each in mine])
                 figures["until_all_ended_s"][name] = figure([done[how][each][2] for each in mine])
-            if how in HOW and "shortest" in metres:
                 least = [seconds(metres["shortest"][each], size) for each in mine]
                 above = [(time / best - 1.0) * 100.0 for time, best in zip(times, least)]
                 figures["percent_above_shortest"][name] = figure(above)

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """An empty floor with points of interest, for errands of the domain of the home. Without ROS."""
 
+import itertools
 import math
 import random
 from pathlib import Path
@@ -70,6 +71,22 @@ class Floor:
                 longer = least[without] + between[:, number]
                 least[without | (1 << number), number] = longer.min(axis=1)
         return float(least[-1].min())
+
+    def short(self, start: str, stops: Sequence[str]) -> float:
+        """Metres of a short tour likewise: the nearest stop next, then parts are turned round."""
+        tour, left = [start], set(stops)
+        while left:
+            tour.append(min(left, key=lambda stop: self.metres(tour[-1], stop)))
+            left.remove(tour[-1])
+        better = True
+        while better:
+            better = False
+            for first, last in itertools.combinations(range(1, len(tour)), 2):
+                turned = [*tour[:first], *reversed(tour[first : last + 1]), *tour[last + 1 :]]
+                ends = slice(first - 1, first + 1), slice(last, last + 2)
+                if sum(self.tour(turned[end]) - self.tour(tour[end]) for end in ends) < -1e-9:
+                    tour, better = turned, True
+        return self.tour(tour)
 
 
 def seconds(metres: float, errands: int) -> float:

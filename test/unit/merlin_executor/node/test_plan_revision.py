@@ -12,6 +12,7 @@ from fakes.revision_bench import LONG, Bench, Robot, end, text
 from merlin_msgs.msg import GoalDeadline, PlannerStatus, RunningAction
 from rosplan_dispatch_msgs.msg import ActionDispatch
 
+from merlin_executor.node import plan_revision
 from merlin_executor.node.plan_revision import PlanRevision
 from merlin_planning.planning_client import Planned
 from merlin_sm.states import planning
@@ -244,6 +245,20 @@ def test_a_cancel_of_all_waits_for_no_preview(
     assert robot.hangs.wait(LONG)
     bench.cancel(first)
     assert end(first)[1] == end(second)[1] == "CANCELLED"
+
+
+def test_where_all_leave_at_once_no_plan_is_looked_for(
+    bench: Bench, robot: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(plan_revision, "GATHER", LONG)
+    first = bench.driving("(checked kitchen)")
+    second = bench.send("(checked bath)")
+    bench.members(first, second)
+    robot.hanging = "preview"
+    for request in (first, second):
+        bench.cancel(request)
+    assert end(first)[1] == end(second)[1] == "CANCELLED"
+    assert robot.cancelled == ["(drive hall kitchen)"] and not robot.hangs.is_set()
 
 
 def test_who_leaves_is_answered_when_what_ran_for_it_has_stopped(bench: Bench, robot: Robot) -> None:

@@ -73,8 +73,7 @@ class PlanRevision(PlanningState):
         left = [request for request in self._run.requests if request.stop is None]
         if self._closed or not left or not self._dispatcher.can_exchange:
             return False
-        first = self._run.request
-        if first.client is not Client.ALIVE:  # nothing would move meanwhile
+        if self._run.request.client is not Client.ALIVE:  # nothing would move meanwhile
             self._dispatcher.hand_over(left[0].goal.id)
         if len(left) < len(self._run.requests):
             call_later(GATHER, partial(self._calls_put, self._work))
@@ -106,6 +105,8 @@ class PlanRevision(PlanningState):
                 self._wanted = [] if self._closed else self._requests.revision()
                 if not self._wanted:
                     return
+                # The client of one that leaves may end before that has left.
+                self._dispatcher.hand_over(self._wanted[0].goal.id)
                 tries = tries + 1 if self._wanted == before else 1
                 before = self._wanted
                 try:
@@ -145,7 +146,6 @@ class PlanRevision(PlanningState):
         if hangs or (dropped and not self._system.guard.wait_left()):
             self.given_up = True
             return self.fail(f"{', '.join(hangs)} did not stop" if hangs else MOVES)
-        self._dispatcher.hand_over(wanted[0].goal.id)
         self._run.go_on(lambda: self._requests.revised(wanted))
         return SUCCEEDED
 
