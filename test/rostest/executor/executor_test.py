@@ -423,8 +423,8 @@ class Executor(unittest.TestCase):
         end = rospy.Duration(self.knowledge.value(*way) + 5.0)
         self.addCleanup(running.cancel)
         begun = rospy.Time.now()
-        hopeless = self.client.send("(checked dorm_room)", deadline=end.to_sec() + 4.0)
-        possible = self.client.send("(checked main_door)", deadline=900.0)
+        hopeless = self.client.send("(checked dorm_room)", deadline=end.to_sec() + 4.0, alone=True)
+        possible = self.client.send("(checked main_door)", deadline=900.0, alone=True)
 
         def known(queue):
             found = {queued.request: queued for queued in queue.requests}

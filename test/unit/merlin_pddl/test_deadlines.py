@@ -54,6 +54,21 @@ SKY = """(define (problem night) (:domain satellite)
     (at 60 (visible dish)) (at 90 (not (visible dish))))
   (:goal (sent star)))"""
 
+# Likewise of the one with airports: a runway is closed while planes land at known times.
+AIRPORT = """(define (domain airport)
+  (:requirements :typing :durative-actions :timed-initial-literals)
+  (:types plane)
+  (:predicates (parked ?p - plane) (on_runway ?p - plane) (vacant) (open) (airborne ?p - plane))
+  (:durative-action taxi :parameters (?p - plane) :duration (= ?duration 10)
+    :condition (and (at start (parked ?p)) (at start (vacant)))
+    :effect (and (at start (not (vacant))) (at start (not (parked ?p))) (at end (on_runway ?p))))
+  (:durative-action take_off :parameters (?p - plane) :duration (= ?duration 5)
+    :condition (and (at start (on_runway ?p)) (over all (open)))
+    :effect (and (at start (not (on_runway ?p))) (at end (airborne ?p)) (at end (vacant)))))"""
+MORNING = """(define (problem morning) (:domain airport) (:objects first second - plane)
+  (:init (parked first) (parked second) (vacant) (open) (at 12 (not (open))) (at 20 (open)))
+  (:goal (and (airborne first) (airborne second))))"""
+
 
 def rooms(count, way, goal="(here r0)"):
     """A problem with so many rooms, from the first one."""
@@ -225,6 +240,20 @@ def test_time_windows_of_the_world_count_beside_the_deadlines():
     # Both images are there after 24 s, when the window is open for 3 s: the second one waits for 60.
     assert solved(SATELLITE, SKY, [Due(sent, 63.0)], limit=SEARCH)[1] is None
     assert solved(SATELLITE, SKY, [Due(sent, 66.0)])[0] == "SOLVED"
+
+
+@pytest.mark.parametrize("order", [("first", "second"), ("second", "first")])
+def test_the_one_that_is_due_first_uses_the_window_first(order):
+    # The first one waits on the runway from 10 to 20, and is off at 25; then the other one taxis.
+    early, late = ((f"(airborne {plane})",) for plane in order)
+    status, found = solved(AIRPORT, MORNING, [Due(early, 26.0), Due(late, 41.0)])
+    assert (status, found.reached) == (
+        "SOLVED",
+        (pytest.approx(25.0, abs=SLACK), pytest.approx(40.0, abs=SLACK)),
+    )
+    # What a closed window makes late is not proven to be.
+    for dues in ([Due(early, 24.0)], [Due(early, 39.0), Due(late, 39.0)]):
+        assert solved(AIRPORT, MORNING, dues, limit=SEARCH)[1] is None
 
 
 def test_what_time_alone_makes_true_is_reached_then():

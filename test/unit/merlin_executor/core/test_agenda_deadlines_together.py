@@ -93,6 +93,18 @@ def test_one_that_would_be_late_waits_and_keeps_no_other_one_out(agenda: "Agenda
     assert agenda.outlook(tight).waits == "does not join (checked room_0): cannot all be in time"
 
 
+def test_one_that_would_be_late_is_not_overtaken_for_ever(agenda: "Agenda[Errand]", clock: Clock) -> None:
+    tight = Errand(1, deadline=130.0 + LIMIT)
+    driven(agenda, Errand(0, priority=1), tight)
+    clock.now += LIMIT - 10.0
+    agenda.ended(DONE)
+    driven(agenda, Errand(2, deadline=120.0 + LIMIT))
+    agenda.not_revised(agenda.revision, LATE)
+    assert revises(agenda.receive(Errand(3))) == [3]
+    clock.now += 11.0
+    assert agenda.revision == [] and agenda.waiting[0] is tight
+
+
 def test_one_for_which_no_plan_was_found_is_not_overtaken(agenda: "Agenda[Errand]") -> None:
     driven(agenda, Errand(0), Errand(1, deadline=300.0), Errand(2, deadline=400.0), Errand(3))
     agenda.not_revised(agenda.revision, NOT_FOUND)
