@@ -27,10 +27,10 @@ ASKED = (
 
 
 @contextlib.contextmanager
-def questions(count: Dict[str, int]) -> Iterator[None]:
+def questions(count: Dict[str, float]) -> Iterator[None]:
     """Within it the robot is asked, every 0.2 s from several threads.
 
-    :param count: is filled: how many were asked and answered.
+    :param count: is filled: how many were asked and answered, in how many seconds.
     """
     over = threading.Event()
     turns = itertools.count()
@@ -57,17 +57,16 @@ def questions(count: Dict[str, int]) -> Iterator[None]:
         over.set()
         for asker in askers:
             asker.join()
+        count["seconds"] = time.monotonic() - begin
 
 
 def measure() -> Dict[str, Any]:
     """The figures, with how many questions were asked and answered per s."""
-    count: Dict[str, int] = {}
-    began = time.monotonic()
+    count: Dict[str, float] = {}
     launch = Path(__file__).with_name("questions.launch")
     found = cancel_cycles(launch, CYCLES, longest=3.0, beside=lambda: questions(count))
-    passed = time.monotonic() - began
     return {
         "questions": {name: found[name] for name in ("goal_to_dispatch_ms", "cancel_to_stop_ms")},
-        "questions_answered_per_s": round(count.get("answered", 0) / passed, 1),
-        "questions_asked": count.get("asked", 0),
+        "questions_answered_per_s": round(count.get("answered", 0.0) / count["seconds"], 1),
+        "questions_asked_per_s": round(count.get("asked", 0.0) / count["seconds"], 1),
     }
