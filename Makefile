@@ -28,7 +28,7 @@ help:
 	@echo "make demo   Mission 1 of the paper in the simulated apartment (RTF= SEED= MISSION= APPROACH= CANCEL_AFTER= RECORD= LINGER=)"
 	@echo "make experiment   Missions 1, 2, 3, naive and MERLIN, and a report (MISSION= APPROACH= RUNS= SEED= RTF= SWEEPS= WORLDS= CHECK=1)"
 	@echo "make restaurant   an evening in the simulated restaurant (ROBOTS= GUESTS= DISTURBANCES= HASTE= SEED= RTF= RECORD= LINGER=)"
-	@echo "make deliberation   four problems of deliberation in pyrobosim, and their table (PROBLEM= SEED= SEEDS= CANCELS= RTF= WORLD= GOALS= URGENT= KNOWN=1)"
+	@echo "make deliberation   four problems of deliberation in pyrobosim, and their table (PROBLEM= SEED= SEEDS= CANCELS= RTF= WORLD= GOALS= URGENT= KNOWN=1 PLANNER=)"
 	@echo "make fleet  a fleet on this machine: a hub, robots, a link that is cut, a robot that is killed (ROBOTS=)"
 	@echo "make fleet-chaos  its fault campaign (TRIALS= of each FAULT=, CLOCKS=same|apart, SEED=)"
 	@echo "make try    a new application on simulated action servers: what a robot's computer runs"
@@ -83,7 +83,7 @@ text = $(if $($(1)),--$(2) '$($(1))')
 deliberation: build
 	@$(IN) rosrun deliberation solve $(call given,PROBLEM,problem) $(call given,SEED,seed) $(call given,SEEDS,seeds) \
 	  $(call given,CANCELS,cancels) $(call given,RTF,rtf) $(call text,WORLD,world) $(call text,GOALS,goals) \
-	  $(call text,URGENT,urgent) $(if $(KNOWN),--known) --results $(CURDIR)/results/deliberation
+	  $(call text,URGENT,urgent) $(call text,PLANNER,planner) $(if $(KNOWN),--known) --results $(CURDIR)/results/deliberation
 
 fleet: build
 	@$(IN) python bench/fleet $(call given,ROBOTS,robots)

@@ -22,6 +22,7 @@ from merlin_ros.work.threads import start_thread
 
 STATE_WAIT = 60.0  # s of wall time for the first state of the simulation
 MOST_BEFORE = 4  # actions that begin before a cancel, at most
+AGAIN = (ExecuteResult.ACTION_FAILED, ExecuteResult.PLANNER_TIMEOUT)
 HELD = (ExecuteResult.SUCCEEDED, ExecuteResult.ALREADY_TRUE)
 
 
@@ -33,7 +34,7 @@ class Deliberation(GoalDispatcher):
     :param cancels: how often the goals are cancelled and sent again.
     :param goals: instead of those of the problem; `none`: those.
     :param urgent: instead of its urgent goals; `none`: those, and with other goals nothing.
-    :param attempts: how often goals are sent whose plans have failed too often.
+    :param attempts: how often goals are sent whose plans have failed too often, or that got none in time.
     :param results: folder.
     :raises ValueError: for text that is not a list of goals.
     """
@@ -100,7 +101,7 @@ class Deliberation(GoalDispatcher):
     def _pursue(
         self, goals: List[Tuple[str, ...]], request: Optional[ExecutorRequest], priority: int
     ) -> None:
-        """Waits for a request, and sends it again when its plans have failed too often."""
+        """Waits for a request, and sends it again after an outcome that another attempt may change."""
         result = None
         for _ in range(self._attempts):
             request = request or self.send(texts(goals), priority=priority)
@@ -108,7 +109,7 @@ class Deliberation(GoalDispatcher):
             result = request.result
             self._book(result)
             request = None
-            if result is None or result.outcome != ExecuteResult.ACTION_FAILED:
+            if result is None or result.outcome not in AGAIN:
                 break
         if result is None or result.outcome not in HELD:
             reason = f"{outcome_name(result.outcome)}: {result.reason}" if result else "the node shuts down"

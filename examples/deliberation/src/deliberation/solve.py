@@ -29,6 +29,7 @@ def _arguments(words: Optional[List[str]]) -> argparse.Namespace:
     parser.add_argument("--world", help="another world file, such as one of the workshop")
     parser.add_argument("--goals", help="instead of those of the problem: '(is_at mug table)'")
     parser.add_argument("--urgent", help="likewise, of the urgent request")
+    parser.add_argument("--planner", help="command line of another planner, or of two, as of planner_command")
     parser.add_argument("--known", action="store_true", help="the robot knows where the things are at first")
     parser.add_argument("--results", type=Path, default=Path("results/deliberation"), help="folder")
     return parser.parse_args(words)
@@ -72,6 +73,7 @@ def _run(asked: argparse.Namespace, number: int, seed: int, runs: List[Run]) -> 
     named += [f"results:={folder}", "monitor_port:=0", f"known:={str(asked.known).lower()}"]
     named += [f"world:={Path(asked.world).resolve()}"] if asked.world else []
     named += [f"{name}:={value}" for name in ("goals", "urgent") if (value := getattr(asked, name))]
+    named += [f"planner_command:={asked.planner}"] if asked.planner else []
     command = ["rosrun", "merlin", "run", "deliberation", "deliberation.launch", *named]
     code = subprocess.run(command, check=False).returncode
     if not file.is_file():
