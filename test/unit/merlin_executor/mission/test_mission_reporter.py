@@ -10,7 +10,7 @@ from rospy import core
 
 from merlin_executor.mission import goal_dispatcher, mission_pause, mission_reporter
 from merlin_executor.mission.mission_pause import MissionPause
-from merlin_executor.mission.mission_progress import PAUSED_TEXT as PAUSED
+from merlin_executor.mission.mission_reporter import PAUSED_TEXT as PAUSED
 from merlin_executor.mission.mission_reporter import MissionReporter
 from merlin_sm.states.function_state import FunctionState
 
@@ -75,6 +75,9 @@ def test_a_task_that_is_reached_while_paused_does_not_look_as_if_it_ran(topic: T
     assert topic.told[-1][::2] == (MissionStatus.PAUSED, PAUSED)
     reporter.paused(False)
     assert topic.told[-1] == (RUNNING, 2, "SERVE")
+    reporter.report(MissionStatus.SUCCEEDED, "done")
+    assert topic.told[-1] == (MissionStatus.SUCCEEDED, 2, "done")
+    assert reporter.health().message == "done"
 
 
 def test_the_last_words_of_a_node_that_goes_down_may_be_lost(

@@ -6,12 +6,12 @@ from typing import Dict, List, Sequence
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from merlin_msgs.msg import ExecuteResult, MissionStatus
+from merlin_msgs.msg import ExecuteResult
 
 from merlin_executor.core.outcome import Outcome, Verdict, crashed, outcome_name
 from merlin_executor.core.request_limits import MAX_GOALS, MAX_TEXT, MAX_TOKENS, RequestTooLarge, check_size
 from merlin_executor.core.standstill import Halt, still_moving, together, unstopped
-from merlin_executor.mission.mission_progress import PAUSED_TEXT, MissionProgress, MissionState, PauseSwitch
+from merlin_executor.mission.mission_pause import PauseSwitch
 from merlin_executor.node.executor_node import must_yield, other_executors, publishers_by_topic
 from merlin_executor.node.recovery import ATTEMPTS, BRIDGE_GRACE, Leftovers
 
@@ -22,7 +22,6 @@ def constants(message_class: type) -> Dict[str, int]:
 
 def test_the_numbers_are_those_of_the_messages() -> None:
     assert {outcome.name: int(outcome) for outcome in Outcome} == constants(ExecuteResult)
-    assert {state.name: int(state) for state in MissionState} == constants(MissionStatus)
 
 
 def test_names_of_outcomes() -> None:
@@ -198,19 +197,6 @@ def too_large(texts: Sequence[str], items: int = 0, tokens: int = 0) -> str:
 
 
 # --- missions -------------------------------------------------------------------------------------------
-
-
-def test_a_paused_mission_shows_its_task_when_it_goes_on() -> None:
-    progress = MissionProgress()
-    assert progress.task("first")
-    progress.pause(True)
-    assert progress.now == (MissionState.PAUSED, 1, PAUSED_TEXT)
-    assert not progress.task("second")
-    assert progress.now.description == PAUSED_TEXT
-    progress.pause(False)
-    assert progress.now == (MissionState.RUNNING, 2, "second")
-    progress.report(MissionState.SUCCEEDED, "done")
-    assert progress.now == (MissionState.SUCCEEDED, 2, "done")
 
 
 def test_a_switch_answers_what_makes_no_sense() -> None:

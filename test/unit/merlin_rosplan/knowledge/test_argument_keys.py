@@ -10,8 +10,7 @@ from merlin_pddl.domain_reader import parse_domain
 from merlin_pddl.knowledge import Instance
 from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
 from merlin_rosplan.knowledge.knowledge_store import KnowledgeStore
-from merlin_rosplan.messages.knowledge_messages import KnowledgeReader, KnowledgeWriter
-from merlin_rosplan.messages.update_messages import UpdateReader
+from merlin_rosplan.messages.knowledge_messages import KnowledgeReader, KnowledgeWriter, UpdateReader
 
 DOMAIN = parse_domain(
     """(define (domain d) (:types room)

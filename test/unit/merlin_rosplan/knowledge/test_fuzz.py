@@ -32,8 +32,7 @@ from merlin_pddl.text_reader import PddlError
 from merlin_rosplan.knowledge.executions import Executions
 from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
 from merlin_rosplan.knowledge.knowledge_store import KnowledgeStore
-from merlin_rosplan.messages.knowledge_messages import KnowledgeReader, KnowledgeWriter
-from merlin_rosplan.messages.update_messages import UpdateReader
+from merlin_rosplan.messages.knowledge_messages import KnowledgeReader, KnowledgeWriter, UpdateReader
 from merlin_rosplan.messages.wire_items import (
     Query,
     QueryRequest,

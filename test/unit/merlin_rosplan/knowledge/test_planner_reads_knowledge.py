@@ -16,8 +16,7 @@ from merlin_pddl.problem_writer import write_problem
 from merlin_rosplan.knowledge.executions import Executions
 from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
 from merlin_rosplan.knowledge.knowledge_store import KnowledgeStore
-from merlin_rosplan.messages.knowledge_messages import KnowledgeReader
-from merlin_rosplan.messages.update_messages import UpdateReader
+from merlin_rosplan.messages.knowledge_messages import KnowledgeReader, UpdateReader
 from merlin_rosplan.storage.state_file import StateFile
 
 kairos = pytest.importorskip("kairos")

@@ -2,14 +2,13 @@
 """Pauses and resumes a mission: the services ``merlin/mission/pause`` and ``merlin/mission/resume``."""
 
 import threading
-from typing import Callable, List, Optional
+from typing import Callable, List, NamedTuple, Optional
 
 import rospy
 from merlin_msgs.msg import ExecutorStatus
 from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
 
 from merlin_executor.executor_request import ExecutorRequest
-from merlin_executor.mission.mission_progress import PauseSwitch, Switched
 from merlin_executor.resending import END
 from merlin_ros.deadline import Deadline
 
@@ -47,6 +46,47 @@ class HoldWatch:
             self.releases += bool(self.waits and not status.waits)
             self.waits = status.waits
             self._changed.notify_all()
+
+
+class Switched(NamedTuple):
+    """The answer to a request to pause or resume."""
+
+    done: bool
+    words: str
+
+
+class PauseSwitch:
+    """Whether a mission is paused, and what a request to pause or resume is answered. Not thread-safe."""
+
+    def __init__(self) -> None:
+        self.paused = False
+        """Whether it is paused."""
+        self._asked = False  # by an operator
+        self._over = True
+
+    def begin(self) -> None:
+        """Called when the mission begins: an earlier pause no longer counts."""
+        self.paused = self._asked = self._over = False
+
+    def end(self) -> None:
+        """The mission has ended."""
+        self._over = True
+
+    def set(self, paused: bool, asked: bool = True) -> Switched:
+        """The mission is to pause, or to continue.
+
+        :param asked: by an operator; otherwise it pauses itself, and ends no pause that an operator wants.
+        """
+        if self._over:
+            return Switched(False, "The mission has ended.")
+        if not asked and self._asked:
+            return Switched(False, "An operator has paused the mission.")
+        self._asked, wanted = asked and paused, self._asked
+        if self.paused == paused and wanted == self._asked:
+            refused = "The mission is paused already." if paused else "The mission is not paused."
+            return Switched(False, refused)
+        self.paused = paused
+        return Switched(True, "Paused: no further goal is sent." if paused else "The mission continues.")
 
 
 #: What a mission does when an operator stops the robot or cancels its goals: it waits for the release, or to

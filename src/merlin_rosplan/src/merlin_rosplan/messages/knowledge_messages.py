@@ -6,6 +6,7 @@ from typing import Callable, List, Mapping, Tuple, Union
 import genpy
 from diagnostic_msgs.msg import KeyValue
 from rosplan_knowledge_msgs.msg import KnowledgeItem
+from rosplan_knowledge_msgs.srv import KnowledgeUpdateServiceRequest as Request
 
 from merlin_pddl.domain import Domain, Signature
 from merlin_pddl.formula import Atom, Condition, Not
@@ -25,7 +26,7 @@ from merlin_pddl.knowledge import (
 from merlin_pddl.problem_reader import parse_condition
 from merlin_pddl.text_reader import PddlError
 from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
-from merlin_rosplan.knowledge.transaction import Item
+from merlin_rosplan.knowledge.transaction import Item, Transaction
 from merlin_rosplan.messages.expression_messages import (
     FormulaWriter,
     by_name,
@@ -49,6 +50,46 @@ MAX_EXPRESSION = 1_000_000
 
 #: Gives all objects with their types; asked only when an item comes as text.
 Objects = Callable[[], Mapping[str, Tuple[str, ...]]]
+
+
+_CONDITIONS = (KnowledgeItem.EXPRESSION, KnowledgeItem.INEQUALITY)
+
+
+class UpdateReader:
+    """Applies updates, one by one, inside a transaction.
+
+    :param domain: for items that come as PDDL text.
+    :param objects: gives all objects with their types.
+    :param strict: refuse what means nothing; else pass over it, as ROSPlan does.
+    """
+
+    def __init__(self, domain: Domain, objects: Objects, strict: bool) -> None:
+        self._reader = KnowledgeReader(domain, keys=strict)
+        self._objects = objects
+        self._strict = strict
+
+    def apply(self, transaction: Transaction, kind: int, message: KnowledgeItem) -> None:
+        """Applies one update.
+
+        :raises UpdateRefused: it is refused.
+        """
+        if kind in (Request.ADD_KNOWLEDGE, Request.REMOVE_KNOWLEDGE):
+            adding = kind == Request.ADD_KNOWLEDGE
+            if message.knowledge_type in _CONDITIONS and not (adding and self._strict):
+                return  # a condition is not knowledge: ROSPlan does nothing with it
+            item = self._reader.item(message)
+            at = message.initial_time.to_nsec()
+            (transaction.add if adding else transaction.remove)(item, at)
+        elif kind == Request.ADD_GOAL:
+            transaction.add_goal(self._reader.goal(message, self._objects))
+        elif kind == Request.REMOVE_GOAL:
+            transaction.remove_goal(self._reader.goal(message, self._objects))
+        elif kind == Request.ADD_METRIC:
+            transaction.set_metric(self._reader.metric(message))
+        elif kind == Request.REMOVE_METRIC:
+            transaction.set_metric(None)
+        elif self._strict:
+            raise UpdateRefused(f"there is no update_type {kind}")
 
 
 class KnowledgeReader:

@@ -17,7 +17,7 @@ from merlin_ros.actions.lease import LeaseChange, LeaseState
 from merlin_ros.actions.lease_watch import LeaseWatch
 from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
 from merlin_rosplan.knowledge.knowledge_store import KnowledgeStore
-from merlin_rosplan.messages.update_messages import UpdateReader
+from merlin_rosplan.messages.knowledge_messages import UpdateReader
 
 
 class GoalLeases:

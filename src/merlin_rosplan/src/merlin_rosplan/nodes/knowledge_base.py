@@ -10,18 +10,8 @@ from typing import List, Optional, Sequence, Tuple
 import rospkg
 import rospy
 from merlin_msgs.msg import KnowledgeChanges
+from rosplan_knowledge_msgs import srv
 from rosplan_knowledge_msgs.msg import StatusUpdate
-from rosplan_knowledge_msgs.srv import (
-    KnowledgeUpdateService,
-    KnowledgeUpdateServiceArray,
-    KnowledgeUpdateServiceArrayRequest,
-    KnowledgeUpdateServiceArrayResponse,
-    KnowledgeUpdateServiceRequest,
-    KnowledgeUpdateServiceResponse,
-    SetNamedBool,
-    SetNamedBoolRequest,
-    SetNamedBoolResponse,
-)
 from rospy.rostime import get_rostime_cond, is_wallclock
 from std_srvs.srv import Empty, EmptyRequest, EmptyResponse, Trigger, TriggerRequest, TriggerResponse
 
@@ -35,13 +25,10 @@ from merlin_ros.work.threads import start_thread
 from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
 from merlin_rosplan.knowledge.knowledge_store import JournalError, KnowledgeStore
 from merlin_rosplan.knowledge.transaction import StateChange
-from merlin_rosplan.messages.knowledge_messages import KnowledgeReader, KnowledgeWriter
-from merlin_rosplan.messages.update_messages import UpdateReader
+from merlin_rosplan.messages.knowledge_messages import KnowledgeReader, KnowledgeWriter, UpdateReader
 from merlin_rosplan.messages.wire_items import AnyItem, UpdateArray, bounded, refuse_too_many
-from merlin_rosplan.nodes.domain_services import DomainServices
-from merlin_rosplan.nodes.execution_services import ExecutionServices
 from merlin_rosplan.nodes.goal_leases import GoalLeases
-from merlin_rosplan.nodes.state_services import StateServices
+from merlin_rosplan.nodes.state_services import DomainServices, ExecutionServices, StateServices
 from merlin_rosplan.storage.state_file import StateFile, StateFileError
 from merlin_rosplan.transport.component import (
     KNOWLEDGE_BASE,
@@ -90,11 +77,11 @@ class KnowledgeBase(Component):
         DomainServices(self, self.domain, self.store.sensed)
         StateServices(self, self.store, max_items, self.strict)
         ExecutionServices(self, self.store, self._status)  # before what clients wait for, update_array
-        self.service("update", KnowledgeUpdateService, self._update)
+        self.service("update", srv.KnowledgeUpdateService, self._update)
         self.service("update_array", bounded(UpdateArray, max_items), self._update_array)
         self.service("clear", Empty, self._clear)
-        self.service("update_constraints_oneof", KnowledgeUpdateServiceArray, self._oneof)
-        self.service("update_sensed_predicates", SetNamedBool, self._sensed)
+        self.service("update_constraints_oneof", srv.KnowledgeUpdateServiceArray, self._oneof)
+        self.service("update_sensed_predicates", srv.SetNamedBool, self._sensed)
         self._refusals = Refusals()
         self.service("last_refusal", Trigger, self._refusals.answer)
         self._goal_leases = GoalLeases(self.scope, self.store, self._updates)
@@ -191,20 +178,20 @@ class KnowledgeBase(Component):
         message.header.stamp = rospy.get_rostime()
         self._changes.publish(message)
 
-    def _update(self, request: KnowledgeUpdateServiceRequest) -> KnowledgeUpdateServiceResponse:
-        return KnowledgeUpdateServiceResponse(
+    def _update(self, request: srv.KnowledgeUpdateServiceRequest) -> srv.KnowledgeUpdateServiceResponse:
+        return srv.KnowledgeUpdateServiceResponse(
             self._apply("update", [request.update_type], [request.knowledge], caller(request))
         )
 
     def _update_array(
-        self, request: KnowledgeUpdateServiceArrayRequest
-    ) -> KnowledgeUpdateServiceArrayResponse:
+        self, request: srv.KnowledgeUpdateServiceArrayRequest
+    ) -> srv.KnowledgeUpdateServiceArrayResponse:
         refuse_too_many(request)
         client = caller(request)
         success = self._apply("update_array", list(request.update_type), request.knowledge, client)
         if success:
             self._status.publish(StatusUpdate(client, rospy.get_rostime()))
-        return KnowledgeUpdateServiceArrayResponse(success)
+        return srv.KnowledgeUpdateServiceArrayResponse(success)
 
     def _apply(self, service: str, kinds: List[int], items: Sequence[AnyItem], client: str) -> bool:
         """All of the updates, or none of them."""
@@ -236,7 +223,9 @@ class KnowledgeBase(Component):
             raise rospy.ServiceException(str(error)) from error
         return EmptyResponse()
 
-    def _oneof(self, request: KnowledgeUpdateServiceArrayRequest) -> KnowledgeUpdateServiceArrayResponse:
+    def _oneof(
+        self, request: srv.KnowledgeUpdateServiceArrayRequest
+    ) -> srv.KnowledgeUpdateServiceArrayResponse:
         """Stores a group of facts of which one is true. As in ROSPlan, no service uses it."""
         client = caller(request)
         try:
@@ -246,22 +235,22 @@ class KnowledgeBase(Component):
                 transaction.note(state.oneof, " ".join(items), {"items": items})
         except UpdateRefused as error:
             self._refused("update_constraints_oneof", client, str(error))
-            return KnowledgeUpdateServiceArrayResponse(False)
-        return KnowledgeUpdateServiceArrayResponse(True)
+            return srv.KnowledgeUpdateServiceArrayResponse(False)
+        return srv.KnowledgeUpdateServiceArrayResponse(True)
 
-    def _sensed(self, request: SetNamedBoolRequest) -> SetNamedBoolResponse:
+    def _sensed(self, request: srv.SetNamedBoolRequest) -> srv.SetNamedBoolResponse:
         client = caller(request)
         name = request.name.lower()
         if self.strict and name not in self.domain.predicates and name not in self.domain.functions:
             self._refused("update_sensed_predicates", client, f"unknown predicate '{request.name}'")
-            return SetNamedBoolResponse(False)
+            return srv.SetNamedBoolResponse(False)
         try:
             with self.store.transaction(client) as transaction:
                 transaction.note(transaction.state.sensed, name, {} if request.value else None)
         except UpdateRefused as error:
             self._refused("update_sensed_predicates", client, str(error))
-            return SetNamedBoolResponse(False)
-        return SetNamedBoolResponse(True)
+            return srv.SetNamedBoolResponse(False)
+        return srv.SetNamedBoolResponse(True)
 
     # --- for components of the same process ------------------------------------------------------
 
