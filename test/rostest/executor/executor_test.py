@@ -28,6 +28,7 @@ from merlin_planning.knowledge_client import KnowledgeError
 from merlin_ros.service_proxy import ServiceProxy
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 from merlin_test.held_drives import HeldDrives
+from merlin_test.node_path import node_path
 from merlin_test.topic_links import wait_for_publishers
 
 LONG = 60.0
@@ -168,7 +169,7 @@ class Executor(unittest.TestCase):
     def test_ctrl_c_of_send_cancels_its_goal(self):
         self.held.hold()
         send = subprocess.Popen(
-            ["rosrun", "merlin", "send", "(checked kitchen)"],
+            [node_path("merlin", "send"), "(checked kitchen)"],
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,

@@ -13,6 +13,7 @@ from monitor_process import LONG, parent_of, pid_of
 from std_srvs.srv import Trigger
 
 from merlin_executor.executor_client import outcome_name
+from merlin_test.node_path import node_path
 
 #: Takes long enough for a slow browser to find and press a button meanwhile.
 LONG_GOAL = "(and (checked kitchen) (checked bathroom) (checked dorm_room) (checked main_door))"
@@ -248,7 +249,7 @@ class ControlCases(PageCases):
         request = self.client.send("(checked kitchen)")
         visit.wait_text("#now-doing", "held before kitchen checked")
         self.assertTrue(self.status.wait(lambda s: s.held and s.state == ExecutorStatus.IDLE))
-        command = ["rosrun", "merlin", "breakpoints"]
+        command = [node_path("merlin", "breakpoints")]
         said = subprocess.run(command, stdout=subprocess.PIPE, timeout=LONG, check=True).stdout.decode()
         self.assertIn("held before (checked kitchen)\n  (checked kitchen)\n  ask\n", said)
         subprocess.run([*command, "--clear"], timeout=LONG, check=True)
@@ -272,7 +273,7 @@ class ControlCases(PageCases):
         visit.wait_text("#history-list .said", "Ana lets the state NAVIGATE/DRIVE begin")
         request = self.client.send("(robot_at bathroom)")
         visit.wait_text("#now-doing", "held before state DRIVE of NAVIGATE")
-        command = ["rosrun", "merlin", "breakpoints"]
+        command = [node_path("merlin", "breakpoints")]
         said = subprocess.run(command, stdout=subprocess.PIPE, timeout=LONG, check=True).stdout.decode()
         self.assertIn("held before NAVIGATE/DRIVE\n  NAVIGATE/DRIVE\n", said)
         request.cancel()
@@ -297,7 +298,11 @@ class ControlCases(PageCases):
 
         def told(*words):
             done = subprocess.run(
-                ["rosrun", "merlin", *words], capture_output=True, text=True, timeout=LONG, check=False
+                [node_path("merlin", words[0]), *words[1:]],
+                capture_output=True,
+                text=True,
+                timeout=LONG,
+                check=False,
             )
             return done.returncode, done.stdout + done.stderr
 

@@ -31,6 +31,7 @@ from merlin_fleet.fleet_client import ACHIEVED, FleetClient, FleetError
 from merlin_monitor.state.state_tree import apply_changes
 from merlin_planning.knowledge_client import REMOVE, Update, fact, knowledge_client
 from merlin_test.etcd_process import DIRECT, EtcdProcess
+from merlin_test.node_path import node_path
 from merlin_test.topic_links import wait_for_publishers
 
 LIMIT = 120.0
@@ -97,9 +98,7 @@ class Fleet(unittest.TestCase):
 
     def begin(self, robot):
         command = [
-            "rosrun",
-            "merlin_fleet",
-            "fleet_robot",
+            node_path("merlin_fleet", "fleet_robot"),
             f"__ns:=/{robot}",
             "_fleet:=lab",
             "_lease:=12.0",
@@ -123,7 +122,7 @@ class Fleet(unittest.TestCase):
 
     def serve_page(self):
         """The fleet's page in a process of its own; returns its address."""
-        command = ["rosrun", "merlin_fleet", "fleet", "page", "--hub", self.etcd.endpoint, "--fleet", "lab"]
+        command = [node_path("merlin_fleet", "fleet"), "page", "--hub", self.etcd.endpoint, "--fleet", "lab"]
         page = subprocess.Popen(
             [*command, "--operators", "none", "--port", "0"], stdout=subprocess.PIPE, start_new_session=True
         )

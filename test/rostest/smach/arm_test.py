@@ -20,6 +20,7 @@ import rostest
 from merlin_sm.merlin_sm import MerlinSM
 from merlin_sm.state_factory import MerlinStateFactory
 from merlin_test.knowledge_fixture import LONG, Received
+from merlin_test.node_path import node_path
 
 DOCUMENT = Path(__file__).resolve().parents[3] / "docs" / "real-robot.md"
 OUTCOMES = ["succeeded", "not_found", "aborted", "preempted"]
@@ -119,7 +120,7 @@ class Arm(unittest.TestCase):
         self.assertIn("/deaf/close did not stop within 0.3 s", run.machine.reason)
 
     def test_an_arm_that_is_killed_ends_the_state(self):
-        command = ["rosrun", "merlin_actions", "simulated_action_server", "__ns:=carl"]
+        command = [node_path("merlin_actions", "simulated_action_server"), "__ns:=carl"]
         parameters = ["_action:=open", "_type:=merlin_msgs/Manipulate", "_duration:=600"]
         server = subprocess.Popen([*command, *parameters])
         self.addCleanup(server.wait)

@@ -8,6 +8,8 @@ from typing import List
 
 import pytest
 
+from merlin_test.node_path import node_path
+
 pytestmark = pytest.mark.processes
 
 ACTIONS = Path(__file__).parents[3] / "launch" / "include" / "actions.launch"
@@ -39,7 +41,7 @@ def test_a_wrong_argument_ends_the_launch(
     tmp_path: Path, actions: str, further: List[str], reason: str
 ) -> None:
     done = subprocess.run(
-        ["rosrun", "merlin", "run", str(ACTIONS), f"actions:={actions}", *further],
+        [node_path("merlin", "run"), str(ACTIONS), f"actions:={actions}", *further],
         env={**os.environ, "ROS_HOME": str(tmp_path), "ROS_LOG_DIR": str(tmp_path)},
         capture_output=True,
         text=True,

@@ -11,6 +11,7 @@ from merlin.doctor import command
 from merlin.doctor.findings import Machine
 from merlin.launch_request import LaunchError
 from merlin.running import NothingRuns
+from merlin_test.node_path import node_path
 from merlin_test.ports import free_ports, release
 
 pytestmark = pytest.mark.processes
@@ -88,7 +89,7 @@ DEAD = "import rospy; rospy.init_node('dead'); print('ready', flush=True); rospy
 
 def doctor(env: Dict[str, str]) -> "subprocess.CompletedProcess[str]":
     return subprocess.run(
-        ["rosrun", "merlin", "doctor"], env=env, capture_output=True, text=True, check=False, timeout=120
+        [node_path("merlin", "doctor")], env=env, capture_output=True, text=True, check=False, timeout=120
     )
 
 

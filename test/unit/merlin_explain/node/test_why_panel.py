@@ -9,6 +9,7 @@ import pytest
 
 from merlin_monitor.access.operators import write_operators
 from merlin_test.chromium import Visit, chromium
+from merlin_test.node_path import node_path
 
 pytestmark = pytest.mark.processes
 
@@ -62,7 +63,7 @@ def page(master: Any, tmp_path: Path) -> Iterator[Callable[[str], Any]]:
             panel = "merlin_explain.node.why_panel:WhyPanel"
             master.api.setParam("/test", f"/{robot}/merlin/panels/why", panel)
             monitor = master.spawn(
-                "rosrun", "merlin_monitor", "monitor", "__name:=merlin_monitor", f"__ns:=/{robot}"
+                node_path("merlin_monitor", "monitor"), "__name:=merlin_monitor", f"__ns:=/{robot}"
             )
             visit = Visit(browser, monitor.expect("monitor: http").split(" ", 1)[1])
             visit.page.click("#operator")
@@ -122,7 +123,7 @@ def test_a_text_that_no_message_can_have_is_not_answered(page: Callable[[str], A
 def test_ctrl_c_of_the_command_ends_the_work_in_the_node(master: Any) -> None:
     robot = master.node(ROBOT, "ann", "__name:=merlin_executor")
     robot.expect("started")
-    command = master.spawn("rosrun", "merlin", "why", "--doing")
+    command = master.spawn(node_path("merlin", "why"), "--doing")
     robot.expect("asked doing")
     command.send(signal.SIGINT)
     robot.expect("given up")

@@ -9,6 +9,8 @@ from typing import Any, Dict, Tuple
 import pytest
 from shown_page import Visit, chromium
 
+from merlin_test.node_path import node_path
+
 pytestmark = pytest.mark.processes
 
 # Publishes what an Executor and a mission publish; its argument is the name of the mission.
@@ -45,7 +47,7 @@ def state(address: str) -> Dict[str, Any]:
 def start_monitor(master: Any) -> Tuple[Any, str]:
     """The node and the address of its page."""
     master.api.setParam("/test", "/monitor/port", 0)
-    monitor = master.spawn("rosrun", "merlin_monitor", "monitor", "__name:=monitor", "_history:=")
+    monitor = master.spawn(node_path("merlin_monitor", "monitor"), "__name:=monitor", "_history:=")
     return monitor, monitor.expect("monitor: http").split(" ", 1)[1]
 
 
@@ -89,7 +91,7 @@ def test_a_mission_that_hangs_is_the_headline_until_it_goes_on(master: Any) -> N
 
 def test_navigation_that_is_killed_is_the_trouble(master: Any) -> None:
     _, address = start_monitor(master)
-    navigation = master.spawn("rosrun", "merlin_reactive", "navigation", "__name:=navigation")
+    navigation = master.spawn(node_path("merlin_reactive", "navigation"), "__name:=navigation")
     with chromium() as browser:
         visit = Visit(browser, address)
         visit.wait_text("#health-list .title", "navigation: ")

@@ -12,6 +12,7 @@ from merlin_msgs.msg import GuardStatus
 from shown_page import Visit, chromium
 
 from merlin_monitor.access.operators import write_operators
+from merlin_test.node_path import node_path
 
 pytestmark = pytest.mark.processes
 
@@ -43,8 +44,7 @@ class Robots:
 
     def start(self, robot: str) -> None:
         self.witnesses[robot] = self._master.node(WITNESS, robot)
-        self.guards[robot] = self._master.spawn("rosrun", "merlin_guard", "guard", f"__ns:=/{robot}")
-        self.witnesses[robot].expect("guard ")
+        self.guards[robot] = self._master.spawn(node_path("merlin_guard", "guard"), f"__ns:=/{robot}")
 
     def wait_known(self, visit: Visit, address: str) -> None:
         """Waits until the monitor has heard all guards."""
@@ -66,6 +66,7 @@ def robots(master: Any) -> Robots:
     found = Robots(master)
     for robot in ("ria", "tom"):
         found.start(robot)
+        found.witnesses[robot].expect("guard ")
     return found
 
 
@@ -75,7 +76,7 @@ def address(master: Any, tmp_path: Path) -> str:
     write_operators(operators, {"Ana": TOKEN})
     master.api.setParam("/test", "/monitor/port", 0)
     master.api.setParam("/test", "/monitor/operators", str(operators))
-    monitor = master.spawn("rosrun", "merlin_monitor", "monitor", "__name:=monitor", "_history:=")
+    monitor = master.spawn(node_path("merlin_monitor", "monitor"), "__name:=monitor", "_history:=")
     return str(monitor.expect("monitor: http").split(" ", 1)[1])
 
 
