@@ -241,5 +241,5 @@ def _start() -> None:
 
 
 def main() -> int:
-    """Runs the node: `~world` (file), `~seed` (1), `~rtf` (1.0, simulated seconds per second), `~known` (false)."""
+    """Runs the node: `~world` (file), `~seed` (1), `~rtf` (1.0, simulated s per s), `~known` (false)."""
     return run_node("pyrobosim", _start, WorldError, missing=(KnowledgeError, ServiceError))

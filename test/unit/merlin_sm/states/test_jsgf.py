@@ -3,7 +3,7 @@
 
 import pytest
 
-from merlin_sm.states.speech import check_grammar
+from merlin_sm.states.jsgf import check_grammar
 
 HEADER = "#JSGF V1.0; grammar g; "
 

@@ -54,7 +54,7 @@ class Outlook(NamedTuple):
     late: str = ""
     """Why it can no longer be on time, as a sentence; empty: it may be."""
     waits: str = ""
-    """Why it neither interrupts what is less urgent nor joins its equals, or is not checked yet; empty: it may."""
+    """Why it neither interrupts nor joins what runs, or is not checked yet, as a sentence; empty: it may."""
 
 
 def outlook_running(window: TimeWindow, end: Optional[float]) -> Outlook:

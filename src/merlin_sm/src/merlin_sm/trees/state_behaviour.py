@@ -5,7 +5,6 @@ import threading
 from typing import Callable, List, Mapping, Optional, Sequence
 
 import py_trees
-import rospy
 from py_trees.common import Status
 
 import smach
