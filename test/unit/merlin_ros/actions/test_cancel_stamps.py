@@ -166,7 +166,7 @@ def test_the_status_list_of_a_flood_of_goals_names_the_last_ones(served: Served)
         if number != 3:
             served.goals[-1].reject()
     named = served.status()
-    while str(ENDED + 19) not in named:  # the last ones come behind the burst
+    while "19" in named or str(ENDED + 19) not in named:  # the last ones come behind the burst
         named = served.status()
     assert len(named) == ENDED + 1
     assert "3" in named and "19" not in named and "20" in named

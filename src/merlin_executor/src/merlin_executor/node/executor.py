@@ -19,7 +19,6 @@ from merlin_msgs.msg import (
     ExecuteResult,
     ExecutorStatus,
     GoalQueue,
-    QueuedGoal,
 )
 
 from merlin_executor.core.agenda import TOGETHER, Agenda, Decision
@@ -171,7 +170,6 @@ class Executor:
         self._publishing = threading.Lock()  # keeps statuses and queues in order; guards the fields below
         self._expected_end: Optional[float] = None  # of the running request, as the queue was told last
         self._urgent_waits = ""  # of the last status
-        self._queued: Optional[List[QueuedGoal]] = None  # as they were published last
 
     def start(self) -> None:
         """Puts right what a killed Executor left and begins to serve."""
@@ -431,12 +429,9 @@ class Executor:
                 request.tell(outlook)
             with self._lock:
                 outlooks += [(request, Outlook(waits=why)) for request, why in self._aside.values()]
-            queued = [request.queued_goal(outlook) for request, outlook in outlooks]
-            if queued != self._queued:
-                self._queued = queued
-                message = GoalQueue(requests=queued)
-                message.header.stamp = rospy.Time.now()
-                publish(self._queue_publisher, message)
+            message = GoalQueue(requests=[request.queued_goal(outlook) for request, outlook in outlooks])
+            message.header.stamp = rospy.Time.now()
+            publish(self._queue_publisher, message)
         if running is not None and waits != self._urgent_waits:
             self._publish_status()
         if self._forecasts is not None:
