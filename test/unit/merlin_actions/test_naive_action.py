@@ -38,6 +38,5 @@ def naive(monkeypatch: pytest.MonkeyPatch) -> Naive:
 def test_an_action_is_carried_out_after_a_status_of_the_dispatcher(naive: Naive) -> None:
     naive._note_dispatcher(DispatchStatus(running=[RunningAction(plan_id=7, action_id=3)]))
     dispatch = ActionDispatch(plan_id=7, action_id=3, name="navigate")
-    assert naive._put_aside.awaited(dispatch)
     naive._spawn(Execution(dispatch, [], "life"))
     assert naive.lived == ["(navigate)"]
