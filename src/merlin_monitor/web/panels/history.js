@@ -43,9 +43,8 @@ export function show(section, { store }) {
     }, `${GLYPHS[kind]} ${t(kind)}`));
   }
   const list = byId("history-list");
-  list.addEventListener("scroll", () => {
-    if (list.scrollTop + list.clientHeight > list.scrollHeight - 300) loadOlder();
-  }, { passive: true });
+  const atEnd = () => list.clientHeight && list.scrollTop + list.clientHeight > list.scrollHeight - 300;
+  list.addEventListener("scroll", () => atEnd() && loadOlder(), { passive: true });
   let above = 0; // px of news above what the pointer is at, which stays there
   list.addEventListener("pointerleave", () => { if (list.scrollTop <= above) list.scrollTop = 0; });
 
@@ -76,9 +75,10 @@ export function show(section, { store }) {
       const all = events();
       const first = all.length ? `&before=${all[all.length - 1].id}` : "";
       const page = await askFor(`history?limit=${PAGE}&kinds=${kinds}${first}`);
-      if (kinds !== [...shown].join(",")) return; // they were chosen anew meanwhile
-      exhausted = page.length < PAGE;
-      for (const event of page) kept.set(event.id, event);
+      if (kinds === [...shown].join(",")) { // else they were chosen anew
+        exhausted = page.length < PAGE;
+        for (const event of page) kept.set(event.id, event);
+      }
       tell(byId("history-trouble"));
     } catch (error) {
       if (error instanceof TypeError) return; // no connection: the next scroll asks again
@@ -108,7 +108,7 @@ export function show(section, { store }) {
       above += first.offsetTop;
       list.scrollTop += first.offsetTop;
     } else above = 0;
-    if (rows.length < FEW) loadOlder();
+    if (rows.length < FEW || atEnd()) loadOlder();
   }
 
   function create({ event, heading }) {
