@@ -12,8 +12,8 @@ import rospkg
 from merlin_reactive.pose import Pose
 from merlin_reactive.recognition.camera_view import CameraView
 from merlin_reactive.recognition.object_classes import OBJECT_CLASSES, PERSON, PERSON_HEIGHT, TAG
-from merlin_reactive.recognition.object_placement import Sighting
 from merlin_reactive.recognition.object_recognizer import ObjectRecognizer
+from merlin_reactive.recognition.sighting import Sighting
 from merlin_sim.engine.simulation import RobotSpec, Simulation
 from merlin_sim.rendering.appearance import GAP
 from merlin_sim.robot.camera import CameraModel

@@ -16,7 +16,8 @@ from measuring.tables import markdown
 
 from merlin_pddl.checks.kairos_check import PlanValidator
 from merlin_pddl.plan_text import parse_plan
-from merlin_rosplan.planning.planner import PlannerSettings, PlannerState
+from merlin_rosplan.planning.planner import PlannerSettings
+from merlin_rosplan.planning.planning_outcome import PlannerState
 from merlin_rosplan.supervision.supervised_planning import Planning
 from planning.engine_problems import problems
 

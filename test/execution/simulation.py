@@ -17,7 +17,6 @@ from merlin_pddl.domain import Domain
 from merlin_pddl.domain_reader import parse_domain
 from merlin_pddl.evaluation import Evaluator, WorldState
 from merlin_pddl.plan_text import PlanStep
-from merlin_rosplan.dispatch.coming_conditions import comparison_holds
 from merlin_rosplan.dispatch.dispatch import PlanDispatch
 from merlin_rosplan.dispatch.dispatch_environment import (
     DispatchEnvironment,
@@ -33,6 +32,7 @@ from merlin_rosplan.dispatch.dispatch_schedule import PlannedAction, Schedule, S
 from merlin_rosplan.dispatch.operator_model import ActionModel, Conditions, PlanTerm
 from merlin_rosplan.dispatch.plan_graph import TimedLiteral, TimedValue
 from merlin_rosplan.dispatch.plan_graph_builder import build_graph
+from merlin_rosplan.dispatch.timed_numbers import comparison_holds
 
 PLAN_ID = 3
 END_OF_TIME = 1e5  # s of simulated time

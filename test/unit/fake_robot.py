@@ -16,7 +16,7 @@ from merlin_msgs.msg import (
     RobotWay,
 )
 
-from merlin_actions import stopped_robots
+from merlin_actions import robot_places
 from merlin_executor.mission import goal_dispatcher, mission_node
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 from merlin_sm.states import action_state, wait
@@ -242,9 +242,7 @@ def put_in_place(robot: FakeRobot, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(action_state, "shared_client", server)
     monkeypatch.setattr(goal_dispatcher, "MerlinExecutorClient", lambda **_: robot)
     monkeypatch.setattr(goal_dispatcher, "start_introspection", lambda *_: Shown())
-    monkeypatch.setattr(
-        stopped_robots, "get_param", lambda name, default: robot.parameters.get(name, default)
-    )
+    monkeypatch.setattr(robot_places, "get_param", lambda name, default: robot.parameters.get(name, default))
     monkeypatch.setattr(mission_node, "wait_for_robot", robot.wait_for_robot)
     monkeypatch.setattr(mission_node, "is_shutdown_requested", lambda: robot.down)
     monkeypatch.setattr(mission_node, "HealthReporter", Unheard)

@@ -17,9 +17,9 @@ from merlin_planning.dispatch_client import DispatchClient
 from merlin_planning.knowledge_text import action_text
 from merlin_planning.planning_client import PlanningClient
 from merlin_rosplan.nodes.planner_interface import PlannerInterface
-from merlin_rosplan.planning.planner import PlannerState
 from merlin_rosplan.planning.planner_command import parse_command
 from merlin_rosplan.planning.planner_engines import _parts as parts_of
+from merlin_rosplan.planning.planning_outcome import PlannerState
 
 ROOT = Path(__file__).parents[3]
 PLANNERS = (ROOT / "docs" / "planners.md").read_text()

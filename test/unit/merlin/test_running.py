@@ -8,7 +8,7 @@ import pytest
 
 from merlin import running
 from merlin.launch_request import LaunchError
-from merlin.running import wanted
+from merlin.reload import wanted
 from merlin_ros.master import master_link
 
 pytestmark = pytest.mark.everywhere

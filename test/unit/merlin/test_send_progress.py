@@ -13,7 +13,7 @@ import rospy
 from merlin_msgs.msg import ExecuteFeedback, ExecutorStatus, GuardStatus, QueuedGoal, RunningAction
 
 from merlin import send
-from merlin.send import SendProgress
+from merlin.send_progress import SendProgress
 
 RUNNING, IDLE = ExecutorStatus.RUNNING, ExecutorStatus.IDLE
 OTHER = ExecutorStatus(state=RUNNING, request="other", goals=["(checked hall)"])

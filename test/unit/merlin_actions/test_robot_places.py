@@ -7,8 +7,8 @@ import pytest
 import rospy
 from merlin_msgs.msg import RobotWay
 
-from merlin_actions import stopped_robots
-from merlin_actions.stopped_robots import STANDS_AT, RobotPlaces
+from merlin_actions import robot_places
+from merlin_actions.robot_places import STANDS_AT, RobotPlaces
 
 POINTS = {
     "hall": {"x": 0.0, "y": 0.0, "yaw": 0.0},
@@ -23,7 +23,7 @@ def say(monkeypatch: pytest.MonkeyPatch) -> Callable[[str, float], None]:
     takers: List[Callable[[Any], None]] = []
     monkeypatch.setattr(rospy, "Subscriber", lambda topic, kind, take, **_: takers.append(take))
     monkeypatch.setattr(
-        stopped_robots,
+        robot_places,
         "get_param",
         lambda name, default: POINTS if name == "/ann/world/points_of_interest" else default,
     )

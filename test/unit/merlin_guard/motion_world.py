@@ -3,7 +3,7 @@
 
 from merlin_guard.motion_permit import MotionPermit, Send
 from merlin_guard.motion_server import ACTIVE, GoalReport
-from merlin_guard.velocity_limits import GuardSettings
+from merlin_guard.settings import GuardSettings
 
 BASE, DOCK = "/move_base", "/dock"
 

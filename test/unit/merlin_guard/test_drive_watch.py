@@ -2,7 +2,8 @@
 """What the guard says of drives that it lets pass and that go wrong."""
 
 from merlin_guard.drive_watch import ONE_OCCURRENCE, DriveWatch
-from merlin_guard.velocity_limits import STANDING, GuardSettings, Velocity
+from merlin_guard.settings import GuardSettings
+from merlin_guard.velocity_limits import STANDING, Velocity
 
 BASE = ["/move_base"]
 SOURCE = "/cmd_vel_in"

@@ -13,7 +13,7 @@ from merlin_guard.lease_book import (
 )
 from merlin_guard.motion_permit import LEASED, GuardState, MotionPermit, Send
 from merlin_guard.motion_server import EARLY_CANCELS, UNSEEN, GoalReport, MotionServer
-from merlin_guard.velocity_limits import GuardSettings
+from merlin_guard.settings import GuardSettings
 
 ACTIVE = 1
 

@@ -8,7 +8,7 @@ from motion_world import BASE, DOCK, DRIVING, World, driving
 
 from merlin_guard.motion_permit import GuardState, MotionPermit, Send
 from merlin_guard.motion_server import ACTIVE, PENDING, PREEMPTING, GoalReport
-from merlin_guard.velocity_limits import GuardSettings
+from merlin_guard.settings import GuardSettings
 
 SUCCEEDED, PREEMPTED = 3, 2
 

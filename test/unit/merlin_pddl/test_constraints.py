@@ -10,7 +10,8 @@ from merlin_pddl.plan_text import parse_plan
 from merlin_pddl.problem_reader import parse_condition, parse_problem, read_problem
 from merlin_pddl.problem_writer import write_problem
 from merlin_pddl.text_reader import PddlError
-from merlin_rosplan.planning.planner import PlannerSettings, PlannerState
+from merlin_rosplan.planning.planner import PlannerSettings
+from merlin_rosplan.planning.planning_outcome import PlannerState
 from merlin_rosplan.supervision.supervised_planning import Planning
 
 DOMAIN = """(define (domain rooms)

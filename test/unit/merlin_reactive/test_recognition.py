@@ -11,8 +11,8 @@ from matrices.recognition_trial import Placed, look
 
 from merlin_reactive.recognition.camera_view import CameraView, overlap
 from merlin_reactive.recognition.object_classes import OBJECT_CLASSES, PERSON
-from merlin_reactive.recognition.object_placement import Sighting, merge
 from merlin_reactive.recognition.object_recognizer import ObjectRecognizer, UnknownClass, annotated
+from merlin_reactive.recognition.sighting import Sighting, merge
 from merlin_sim.engine.simulation import RobotSpec, Simulation
 from merlin_sim.engine.world_control import Placing
 from merlin_sim.robot.camera import CameraModel, CameraPose

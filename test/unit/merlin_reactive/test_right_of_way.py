@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from matrices import meeting_matrix
 
-from merlin_reactive.navigation.giving_way import Given, GivingWay, nearest_refuge
+from merlin_reactive.navigation.giving_way import Given, GivingWay
 from merlin_reactive.navigation.path_planner import PathPlanner
+from merlin_reactive.navigation.refuge import nearest_refuge
 from merlin_reactive.navigation.right_of_way import ANNOUNCED, STEP, RightOfWay, RobotWay
 from merlin_reactive.occupancy_grid import OccupancyGrid
 from merlin_reactive.pose import Pose

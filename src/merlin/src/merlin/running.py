@@ -16,60 +16,12 @@ from typing import Any, Callable, Iterator, List, NamedTuple, Optional, Tuple, T
 import rosgraph
 import rospkg
 from rosgraph.network import parse_http_host_and_port
-from std_srvs.srv import Trigger
 
 from merlin.launch_request import LaunchError
 from merlin.local_names import use_loopback
-from merlin_ros.service_proxy import ServiceError, ServiceProxy
 
 EXECUTOR = "merlin_executor"
 EXIT_REFUSED = 2
-
-
-SERVICE = "/reload_actions"
-LIMIT = 60.0  # s of wall time: the classes' modules are imported and checked
-USAGE = "usage: rosrun merlin reload [node of the actions …]"
-
-
-def main() -> int:
-    """Reloads the actions of all hosts, or of those named.
-
-    :return: exit code, 2 when nothing was reloaded.
-    """
-    hosts = sys.argv[1:]
-    if any(word.startswith("-") for word in hosts):
-        print(USAGE)
-        return 0 if {"-h", "--help"} & set(hosts) else EXIT_REFUSED
-    return beside(
-        "merlin reload",
-        lambda nodes, services: wanted(services, hosts),
-        "actions that can be reloaded",
-        lambda services: max(map(_reload, services)),
-    )
-
-
-def wanted(services: List[str], hosts: List[str]) -> List[str]:
-    """The services that reload actions.
-
-    :param hosts: names of their nodes; none: all of them.
-    """
-    found = [name for name in services if name.endswith(SERVICE)]
-    named = {f"/{host.strip('/')}{SERVICE}" for host in hosts}
-    return [name for name in found if name in named] if hosts else found
-
-
-def _reload(service: str) -> int:
-    host = service[: -len(SERVICE)].strip("/")
-    try:
-        answer = ServiceProxy(service, Trigger, LIMIT)()
-    except ServiceError as error:
-        print(f"merlin reload: {host}: {error}", file=sys.stderr)
-        return EXIT_REFUSED
-    if answer.success:
-        print(f"{host}: {answer.message}")
-        return 0
-    print(f"{host}: the actions stay as they were: {answer.message}", file=sys.stderr)
-    return EXIT_REFUSED
 
 
 class NothingRuns(LaunchError):

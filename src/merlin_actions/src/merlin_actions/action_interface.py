@@ -18,9 +18,11 @@ from rosplan_knowledge_msgs.msg import DomainFormula
 
 from merlin_actions.core.declared import bound, numeric_apart
 from merlin_actions.core.ending import Ending, after_closing, closing_of, information_of
-from merlin_actions.core.execution import LATCH_GRACE, Execution, Key, LatchedDispatches, at_once
+from merlin_actions.core.execution import Execution, Key, at_once
+from merlin_actions.core.latched import LATCH_GRACE, Latched, PutAside
 from merlin_actions.core.names import CONCURRENT, IF_INTERRUPTED, IF_STOPPED_AT, WHILE_RUNNING, action_param
-from merlin_actions.effects import Opening, effects_of, settle_left
+from merlin_actions.effects import Opening, effects_of
+from merlin_actions.left_executions import settle_left
 from merlin_planning.dispatch_progress import CANCEL_ACTION
 from merlin_planning.knowledge_client import (
     DEFAULT_KNOWLEDGE_BASE,
@@ -94,8 +96,9 @@ class ActionInterface:
             raise KnowledgeError(f"no operator {operator!r} in {self.knowledge.name}: {error}") from error
         self.formula: DomainFormula = details.formula
         self._effects = effects_of(details, self.knowledge)
-        self._changed = threading.Condition()  # guards the three fields below
-        self._latched = LatchedDispatches()
+        self._changed = threading.Condition()  # guards the four fields below
+        self._latched = Latched()
+        self._put_aside = PutAside()
         self._executions: Dict[Key, Execution] = {}
         self._book: WorkBook[Key] = WorkBook(Policy.IN_TURN, at_once(self.concurrent))
         self._stopped = threading.Event()
@@ -171,13 +174,17 @@ class ActionInterface:
             old = self._latched.may_be_old(dispatch, running_time())
         if dispatch.name == CANCEL_ACTION:
             with self._changed:
-                self._latched.drop(dispatch)
+                self._put_aside.drop(dispatch)
             for execution in self.executions():
                 if execution.matches(dispatch):
                     self._cancel(execution, "cancelled")
         elif dispatch.name.lower() == self.operator.lower():
             with self._changed:
-                stale = self._latched.put_aside(dispatch, old)  # an old one must not run again
+                stale = old and not self._put_aside.awaited(dispatch)  # an old one must not run again
+                if stale:
+                    self._put_aside.put(dispatch)
+                else:
+                    self._put_aside.keep(dispatch.plan_id)
             if stale:
                 rospy.loginfo(f"{self.operator}: put a dispatch aside that may be older than this interface")
                 return
@@ -186,7 +193,8 @@ class ActionInterface:
     def _note_dispatcher(self, status: DispatchStatus) -> None:
         """Begins what was put aside if the dispatcher waits for it. ROSPlan's own tells no status."""
         with self._changed:
-            awaited = self._latched.take((action.plan_id, action.action_id) for action in status.running)
+            self._latched.names_waiting = True
+            awaited = self._put_aside.take([(action.plan_id, action.action_id) for action in status.running])
         for dispatch in awaited:
             self._begin(dispatch)
 

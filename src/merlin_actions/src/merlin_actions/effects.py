@@ -4,24 +4,14 @@
 import threading
 from typing import Callable, Dict, List, NamedTuple, Sequence
 
-import rospy
 from diagnostic_msgs.msg import KeyValue
 from merlin_msgs.srv import ApplyEffects, ApplyEffectsRequest
 from rosplan_knowledge_msgs.msg import DomainFormula, DomainOperator, KnowledgeItem
 
-from merlin_actions.core.ending import Closing, EffectChanges, FactChange
-from merlin_actions.core.execution import Key, Token
-from merlin_planning.knowledge_client import (
-    ADD,
-    REMOVE,
-    ExecutionJournal,
-    KnowledgeClient,
-    KnowledgeError,
-    Update,
-    fact,
-)
-from merlin_planning.knowledge_text import action_text, to_pddl
-from merlin_ros.actions.lease_holder import LIFE
+from merlin_actions.core.effect_changes import EffectChanges, FactChange
+from merlin_actions.core.ending import Closing
+from merlin_planning.knowledge_client import ADD, REMOVE, KnowledgeClient, KnowledgeError, Update, fact
+from merlin_planning.knowledge_text import to_pddl
 from merlin_ros.service_proxy import ServiceProxy, when_back
 
 APPLY_LIMIT = 10.0  # s of wall time for one transaction
@@ -31,38 +21,6 @@ _PHASES = {
     Closing.INTERRUPT: ApplyEffectsRequest.INTERRUPT,
     Closing.ROLLBACK: ApplyEffectsRequest.ROLLBACK,
 }
-
-
-class LeftExecution(NamedTuple):
-    """An execution that was settled."""
-
-    key: Key
-    text: str
-
-
-def settle_left(knowledge: KnowledgeClient, operator: str) -> List[LeftExecution]:
-    """Closes the open executions of an operator that an earlier process of this node has left.
-
-    Nothing of them continues: their state machines have lost their owner.
-
-    :raises KnowledgeError: when the knowledge base refuses.
-    :raises merlin_ros.service_proxy.ServiceError: when it does not answer.
-    """
-    journal = ExecutionJournal(knowledge.name, APPLY_LIMIT)
-    if not journal.offered():
-        return []  # the original ROSPlan
-    settled = []
-    for execution in journal.open(rospy.get_name()):
-        token = Token.read(execution.token)
-        if execution.operator_name.lower() != operator.lower() or not token.left_by_earlier(LIFE):
-            continue
-        refused = journal.interrupt(execution)
-        text = action_text(execution.operator_name, execution.parameters)
-        if refused:
-            raise KnowledgeError(f"{text} of an earlier process cannot be settled: {refused}")
-        if token.key is not None:
-            settled.append(LeftExecution(token.key, text))
-    return settled
 
 
 def _nothing() -> None:

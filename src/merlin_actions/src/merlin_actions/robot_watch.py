@@ -9,7 +9,8 @@ from typing import Callable, Dict, List, Optional
 import rospy
 from merlin_msgs.msg import RobotHost
 
-from merlin_actions.core.robot_book import GONE_AFTER, Availability, HostWord, RobotBook, RobotChange
+from merlin_actions.core.availability import Availability
+from merlin_actions.core.robot_book import GONE_AFTER, HostWord, RobotBook, RobotChange
 from merlin_planning.knowledge_client import ADD, REMOVE, KnowledgeClient, KnowledgeError, Update, fact
 from merlin_planning.robot_roster import RobotRoster, is_node, sender_of
 from merlin_ros.alarms import TICK, Alarm, TickClock, call_later, every, wait_ticks

@@ -3,7 +3,8 @@
 
 from typing import Dict, Optional, Sequence, Tuple
 
-from merlin_guard.velocity_limits import GuardSettings, Velocity
+from merlin_guard.settings import GuardSettings
+from merlin_guard.velocity_limits import Velocity
 
 DEAD_ZONE = 0.03  # m/s and rad/s up to which many bases do not move
 STILL = 0.01  # m, and parts of a quaternion, within which odometry counts as standing

@@ -14,9 +14,10 @@ from std_msgs.msg import Empty, String
 from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
 
 from merlin_guard.commands import Commands
+from merlin_guard.goal_header import read_goal_header
 from merlin_guard.guard_parameters import GuardParameters, read_parameters
 from merlin_guard.motion_permit import GuardState, MotionPermit, PermitDecision, Send, View
-from merlin_guard.motion_server import GoalReport, read_goal_header
+from merlin_guard.motion_server import GoalReport
 from merlin_guard.ros_graph import living_guard_of_this_name
 from merlin_guard.surroundings import Surroundings
 from merlin_ros.deadline import SIM_STATUS_TOPIC, simulated

@@ -7,7 +7,8 @@ from typing import Any, List, NamedTuple, Optional
 import rospy
 from rosgraph.names import is_legal_name
 
-from merlin_guard.velocity_limits import GuardSettings, VelocityLimits
+from merlin_guard.settings import GuardSettings
+from merlin_guard.velocity_limits import VelocityLimits
 from merlin_ros.parameters import ParameterError, flag
 
 DEFAULT_SERVERS = ("move_base",)

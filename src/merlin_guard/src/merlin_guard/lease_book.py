@@ -11,7 +11,7 @@ from collections import OrderedDict
 from enum import Enum
 from typing import Collection, FrozenSet, NamedTuple, Sequence, Tuple
 
-from merlin_guard.velocity_limits import GuardSettings
+from merlin_guard.settings import GuardSettings
 
 LET_GO_GRACE = 0.2  # s in which a goal that was let go may end by itself; most have ended just then
 SUSPEND_GONE_AFTER = 0.3  # s of silence after which an owner whose connection is closed moves nothing

@@ -7,7 +7,7 @@ from typing import Collection, Iterable, List, Mapping, NamedTuple, Optional, Se
 from merlin_guard.attention_clock import AttentionClock
 from merlin_guard.lease_book import BaseOwnership
 from merlin_guard.motion_server import GoalReport, MotionGoal, MotionServer
-from merlin_guard.velocity_limits import GuardSettings
+from merlin_guard.settings import GuardSettings
 
 REPEAT_CANCEL = 0.5  # s between two cancels of a goal whose motion is refused for good
 

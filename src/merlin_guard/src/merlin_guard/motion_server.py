@@ -2,13 +2,12 @@
 """What the guard knows about one motion server: its goals, their cancels and leases, its silence."""
 
 import math
-import struct
 from collections import OrderedDict
-from typing import Dict, Iterable, List, NamedTuple, Optional, Tuple
+from typing import Dict, Iterable, List, NamedTuple, Optional
 
 from merlin_guard.attention_clock import AttentionClock
 from merlin_guard.lease_book import BaseOwnership, GuardLeases, LeaseClaim
-from merlin_guard.velocity_limits import GuardSettings
+from merlin_guard.settings import GuardSettings
 
 # Values of actionlib_msgs/GoalStatus; the core needs no ROS.
 PENDING, ACTIVE, PREEMPTING, RECALLING = 0, 1, 6, 7
@@ -19,35 +18,6 @@ KEEP_UNSEEN = 5.0  # s for which a goal may be missing from the status list afte
 KEEP_CANCEL = 60.0  # s for which a cancel waits for the goal that it overtook
 UNSEEN = 1000  # goals of which no status list has told; then the oldest is forgotten until one does
 EARLY_CANCELS = 1000  # that wait at most; then the oldest is forgotten
-
-
-class GoalHeader(NamedTuple):
-    """What every ``...ActionGoal`` begins with, besides its header."""
-
-    id: str
-    stamp: int
-    """When it was sent, ns of ROS time."""
-
-
-def read_goal_header(message: bytes) -> GoalHeader:
-    """The id and stamp of a serialized ``...ActionGoal``: std_msgs/Header, actionlib_msgs/GoalID, the goal.
-
-    :raises ValueError: when the message is too short for that.
-    """
-    try:
-        _, end = _text(message, 12)  # behind the header's seq and stamp
-        seconds, nanoseconds = struct.unpack_from("<II", message, end)
-        goal_id, _ = _text(message, end + 8)
-    except struct.error as error:
-        raise ValueError(f"{len(message)} bytes are not a goal message: {error}") from error
-    return GoalHeader(goal_id, seconds * 1_000_000_000 + nanoseconds)
-
-
-def _text(message: bytes, start: int) -> Tuple[str, int]:
-    """A string of the message and the offset behind it."""
-    (length,) = struct.unpack_from("<I", message, start)
-    (text,) = struct.unpack_from(f"<{length}s", message, start + 4)
-    return text.decode("utf-8", "replace"), start + 4 + length
 
 
 class GoalReport(NamedTuple):

@@ -9,13 +9,13 @@ import time
 from pathlib import Path
 from typing import Any, Callable, Dict, Iterable, List, Mapping, Optional, Set, Type
 
-import rospkg
 import rospy
 from merlin_msgs.msg import SimStatus
 
 from merlin_monitor import panels
 from merlin_monitor.listeners.panel import Panel, Request
 from merlin_monitor.listeners.ros_system import RosSystem
+from merlin_monitor.panel_scripts import script_file
 from merlin_monitor.state.freshness import Source
 from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_monitor.truth.worst_truth import SIMULATOR
@@ -32,27 +32,6 @@ LOOK = 1.0  # s of wall time between two looks at the ROS graph: the master send
 SAMPLE = 0.25  # s of wall time between two samples of what has no messages
 CHECKS = 0.5  # s of wall time between two looks at what is silent
 _NAME = re.compile(r"[a-z][a-z0-9_]{0,40}\Z")
-
-
-_SCRIPT = re.compile(r"package://([A-Za-z0-9_-]+)/(.+\.js)\Z")
-
-
-def script_file(script: str) -> Path:
-    """The file of a script.
-
-    :param script: ``package://<package>/<path>.js``; it may come from a foreign recording.
-    :raises ValueError: when it is something else, or the file does not exist.
-    """
-    match = _SCRIPT.match(script)
-    if match is None or ".." in Path(match.group(2)).parts:
-        raise ValueError(f"{script!r} is not package://<package>/<path>.js")
-    try:
-        path = Path(rospkg.RosPack().get_path(match.group(1))) / match.group(2)
-    except rospkg.ResourceNotFound as error:
-        raise ValueError(f"there is no package {error}") from error
-    if not path.is_file():
-        raise ValueError(f"there is no file {path}")
-    return path
 
 
 class PanelBoard:

@@ -7,8 +7,6 @@ from typing import Any, Dict, List, NamedTuple, Optional, Sequence, Tuple, Type
 
 import rospy
 from diagnostic_msgs.msg import KeyValue
-from merlin_msgs.msg import OpenExecution
-from merlin_msgs.srv import ApplyEffects, ApplyEffectsRequest, ListExecutions
 from rosplan_knowledge_msgs.msg import (
     DomainFormula,
     DomainInequality,
@@ -43,51 +41,6 @@ REMOVE = KnowledgeUpdateServiceArrayRequest.REMOVE_KNOWLEDGE
 REMOVE_GOAL = KnowledgeUpdateServiceArrayRequest.REMOVE_GOAL
 CALL_LIMIT = 10.0  # s of wall time for one call; a knowledge base answers in milliseconds
 START_LIMIT = 20.0  # s of wall time the first call gives a knowledge base that is being started
-
-
-class ExecutionJournal:
-    """A client of a knowledge base's journal of executions. The original ROSPlan has no journal.
-
-    :param knowledge_base: its name.
-    :param timeout: s of wall time for one call.
-    """
-
-    def __init__(self, knowledge_base: str, timeout: float) -> None:
-        self._list = ServiceProxy(f"{knowledge_base}/executions", ListExecutions, timeout=timeout)
-        self._apply = ServiceProxy(f"{knowledge_base}/apply_effects", ApplyEffects, timeout=timeout)
-
-    def available(self) -> bool:
-        """Whether the knowledge base has a journal, and takes calls now."""
-        return self._list.available()
-
-    def offered(self) -> bool:
-        """Whether the knowledge base is one with a journal, though it may be too busy to answer now.
-
-        :raises merlin_ros.service_proxy.ServiceError: when the master gives no answer.
-        """
-        return self._list.offered()
-
-    def open(self, owner: str = "") -> List[OpenExecution]:
-        """The open executions.
-
-        :param owner: node that has begun them; empty: every node.
-        :raises merlin_ros.service_proxy.ServiceError: when the knowledge base does not answer.
-        """
-        return list(self._list(owner=owner).executions)
-
-    def interrupt(self, execution: OpenExecution) -> str:
-        """Closes an execution as interrupted; a second time changes nothing.
-
-        :return: why the knowledge base refuses; empty when it is closed.
-        :raises merlin_ros.service_proxy.ServiceError: when the knowledge base does not answer.
-        """
-        answer = self._apply(
-            operator_name=execution.operator_name,
-            parameters=execution.parameters,
-            phase=ApplyEffectsRequest.INTERRUPT,
-            token=execution.token,
-        )
-        return "" if answer.success else str(answer.message)
 
 
 class Update(NamedTuple):

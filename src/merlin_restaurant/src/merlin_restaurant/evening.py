@@ -4,7 +4,7 @@
 from collections import Counter
 from typing import Any, Callable, Dict, List, Optional, Sequence, Union
 
-from merlin_actions.stopped_robots import RobotPlaces
+from merlin_actions.robot_places import RobotPlaces
 from merlin_executor.mission import NOTHING, RESEND, GoalState, MissionSM
 from merlin_restaurant.menu import CALL, table_called
 from merlin_restaurant.table_state import remember_state

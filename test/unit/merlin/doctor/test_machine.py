@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from merlin.doctor.system import free_space, is_own, look_at_machine, sound_fault
+from merlin.doctor.machine import free_space, is_own, look_at_machine, sound_fault
 from merlin_pddl.checks import kairos_check
 
 

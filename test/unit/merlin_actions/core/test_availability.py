@@ -5,7 +5,7 @@ from typing import List, Tuple
 
 import pytest
 
-from merlin_actions.core.robot_book import Availability
+from merlin_actions.core.availability import Availability
 
 
 @pytest.fixture

@@ -5,7 +5,8 @@ from typing import List, Sequence, Set
 
 import pytest
 
-from merlin_actions.core.ending import Closing, EffectChanges, FactChange
+from merlin_actions.core.effect_changes import EffectChanges, FactChange
+from merlin_actions.core.ending import Closing
 
 DRIVE = {"a": "hall", "b": "kitchen"}
 BUSY = FactChange(True, "busy")

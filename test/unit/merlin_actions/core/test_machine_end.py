@@ -6,17 +6,9 @@ from typing import Any
 
 import pytest
 
-from merlin_actions.core.ending import (
-    GIVEN_UP,
-    NOT_BEGUN,
-    Ending,
-    GoalEnd,
-    MachineEnd,
-    answer_of,
-    ending_of,
-    information_of,
-)
+from merlin_actions.core.ending import GIVEN_UP, NOT_BEGUN, Ending, information_of
 from merlin_actions.core.execution import Execution
+from merlin_actions.core.machine_end import GoalEnd, MachineEnd, answer_of, ending_of
 
 ABORTED = MachineEnd("aborted", "the door is closed")
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from merlin_actions.testing.result_script import Act, Behaviour
+from merlin_actions.testing.behaviour import Act, Behaviour
 
 
 @given(st.integers(0, 10**6), st.integers(0, 10**6))

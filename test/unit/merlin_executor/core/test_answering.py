@@ -3,7 +3,8 @@
 
 import pytest
 
-from merlin_executor.core.answering import LONGEST_REASON, Activity, ClientAnswer, answer_for, unreadable
+from merlin_executor.core.activity import LONGEST_REASON, Activity
+from merlin_executor.core.answering import ClientAnswer, answer_for, unreadable
 from merlin_executor.core.outcome import Outcome, Verdict
 
 

@@ -6,7 +6,7 @@ from typing import Any, Dict, List, Optional
 
 import pytest
 
-from merlin_executor.mission.mission_node import ArgumentError, arguments_of
+from merlin_executor.core.mission_arguments import ArgumentError, arguments_of
 
 
 class Mission:

@@ -11,7 +11,7 @@ from served import Served
 from shown_page import NOW, Visit, chromium, show_panels
 from sound_play.msg import SoundRequest
 
-from merlin_monitor.history.frames import Pictures
+from merlin_monitor.history.pictures import Pictures
 from merlin_monitor.panels.robots import SILENT, RobotsSection
 from merlin_monitor.panels.said import SaidSection
 from merlin_monitor.state.plan_steps import sequential_steps

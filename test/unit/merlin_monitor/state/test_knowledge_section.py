@@ -11,7 +11,7 @@ from rosplan_knowledge_msgs.msg import DomainInequality, ExprBase, ExprComposite
 
 from merlin_monitor.state.knowledge_section import RECENT, Contents, KnowledgeSection
 from merlin_monitor.state.state_tree import StateTree
-from merlin_monitor.text.request_words import item_text
+from merlin_monitor.text.fact_text import item_text
 
 NAMES = ["robot_at", "checked", "<script>alert(1)</script>", "__proto__", "ünïcode"]
 FACTS = st.builds(fact, st.sampled_from(NAMES), st.sampled_from(["kitchen", "<img src=x>", "__proto__"]))

@@ -16,7 +16,7 @@ from merlin_msgs.msg import SimPeople, SimPerson
 from messages import Told
 from nav_msgs.msg import OccupancyGrid
 
-from merlin_monitor.history.frames import Pictures
+from merlin_monitor.history.pictures import Pictures
 from merlin_monitor.state.health_section import HealthSection
 from merlin_monitor.state.map_section import LONGEST_PATH, MapSection, grid_picture
 from merlin_monitor.state.state_tree import StateTree

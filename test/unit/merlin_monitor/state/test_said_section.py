@@ -11,7 +11,7 @@ from messages import Told
 from sensor_msgs.msg import Image
 from sound_play.msg import SoundRequest
 
-from merlin_monitor.history.frames import Pictures, png
+from merlin_monitor.history.pictures import Pictures, png
 from merlin_monitor.panels.said import MOST, WIDEST, SaidSection
 from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.text.phrase import in_english

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from merlin_monitor.state.state_tree import MOST_CHANGES, ChangeSet, StateTree, apply_changes
-from merlin_monitor.text.userdata_text import LONGEST_TEXT, plain
+from merlin_monitor.text.plain_value import LONGEST_TEXT, plain
 
 NAMES = st.sampled_from(["a", "b", "__proto__", "constructor", "<b>", ""])
 PATHS = st.lists(NAMES, min_size=1, max_size=3).map(tuple)

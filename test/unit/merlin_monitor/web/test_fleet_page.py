@@ -26,7 +26,7 @@ from merlin_fleet.page.fleet_control import FleetControl
 from merlin_fleet.page.fleet_page import PANELS, FleetPage
 from merlin_monitor.access.operators import Operators, write_operators
 from merlin_monitor.access.web_access import WebAccess
-from merlin_monitor.panel_board import script_file
+from merlin_monitor.panel_scripts import script_file
 from merlin_monitor.text.phrase import in_english
 from merlin_monitor.web.page_control import ControlError
 from merlin_monitor.web.web_server import WebServer

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from merlin_monitor.history.history_file import HistoryError
-from merlin_monitor.panel_board import script_file
+from merlin_monitor.panel_scripts import script_file
 from merlin_monitor.state.history_store import HistoryStore
 from merlin_monitor.state.inbox import Inbox
 from merlin_monitor.state.monitor_model import MonitorModel

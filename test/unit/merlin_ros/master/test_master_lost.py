@@ -22,7 +22,7 @@ import sys, rospy
 from move_base_msgs.msg import MoveBaseAction
 from std_msgs.msg import Int32
 from std_srvs.srv import Trigger, TriggerResponse
-from merlin_actions.testing.result_script import Behaviour
+from merlin_actions.testing.behaviour import Behaviour
 from merlin_actions.testing.simulated_action_server import SimulatedActionServer
 from merlin_ros.node import keep_params, on_master_back, on_master_lost, run_node
 

@@ -6,9 +6,9 @@ from typing import Dict, Optional
 import pytest
 
 from merlin_pddl.formula import Comparison, Fluent, Number
-from merlin_rosplan.dispatch.coming_conditions import TimedNumbers
 from merlin_rosplan.dispatch.operator_model import Conditions, Inequality, PlanTerm
 from merlin_rosplan.dispatch.plan_graph import TimedValue
+from merlin_rosplan.dispatch.timed_numbers import TimedNumbers
 
 CHARGE, LOAD = PlanTerm("charge", ("R1",)), PlanTerm("load", ("R1",))
 ENOUGH = Conditions(comparisons=(Inequality(Comparison(">=", Fluent("charge", ("R1",)), Number(3.0))),))

@@ -5,7 +5,7 @@ from merlin_pddl.domain_reader import read_domain
 from merlin_pddl.knowledge import Instance
 from merlin_pddl.problem_reader import read_problem
 from merlin_rosplan.knowledge.knowledge_store import KnowledgeStore
-from merlin_rosplan.knowledge.ontology import convert
+from merlin_rosplan.knowledge.ontology_command import convert
 
 HOUSE = """
 @prefix : <http://example.org/house#> .

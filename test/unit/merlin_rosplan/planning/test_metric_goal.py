@@ -3,8 +3,9 @@
 
 import pytest
 
-from merlin_rosplan.planning.planner import PlannerSettings, PlannerState
-from merlin_rosplan.planning.planner_kairos import MetricGoal
+from merlin_rosplan.planning.metric_goal import MetricGoal
+from merlin_rosplan.planning.planner import PlannerSettings
+from merlin_rosplan.planning.planning_outcome import PlannerState
 from merlin_rosplan.supervision.supervised_planning import Planning
 
 HEAD = "(define (problem p) (:domain d) (:objects A - item) (:init (= (worth) 0))"

@@ -13,9 +13,10 @@ import pytest
 
 from merlin_pddl.checks import kairos_check
 from merlin_pddl.plan_text import parse_plan
-from merlin_rosplan.planning.planner import PlannerSettings, PlannerState
+from merlin_rosplan.planning.planner import PlannerSettings
 from merlin_rosplan.planning.planner_command import PlannerCommandError, parse_command
 from merlin_rosplan.planning.planner_process import PlannerProcess
+from merlin_rosplan.planning.planning_outcome import PlannerState
 from merlin_rosplan.supervision.supervised_planning import Planning
 from merlin_test.process_end import gone
 

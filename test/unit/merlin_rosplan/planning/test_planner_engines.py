@@ -9,10 +9,11 @@ from xml.etree import ElementTree
 import pytest
 
 from merlin_pddl.checks import installed_planners, kairos_check
-from merlin_rosplan.planning.planner import Attempt, PlannerSettings, PlannerState, Task
+from merlin_rosplan.planning.planner import Attempt, PlannerSettings, Task
 from merlin_rosplan.planning.planner_command import PlannerCommandError
 from merlin_rosplan.planning.planner_engines import engines
 from merlin_rosplan.planning.planner_race import PlannerRace
+from merlin_rosplan.planning.planning_outcome import PlannerState
 from merlin_rosplan.supervision.supervised_planning import Planning
 
 needs_kairos = pytest.mark.skipif(not kairos_check.available(), reason="kairos needs Python 3.10")

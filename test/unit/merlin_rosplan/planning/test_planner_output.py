@@ -4,8 +4,8 @@
 import pytest
 
 from merlin_pddl.plan_text import NO_DURATION
-from merlin_rosplan.planning.planner import PlannerState
 from merlin_rosplan.planning.planner_output import candidate_plans, verdict
+from merlin_rosplan.planning.planning_outcome import PlannerState
 
 POPF = """\
 Number of literals: 6

@@ -10,9 +10,9 @@ import pytest
 from merlin_pddl.checks import installed_planners, kairos_check
 from merlin_pddl.plan_text import parse_plan
 from merlin_rosplan.planning import planner_engines
-from merlin_rosplan.planning.planner import PlannerState
 from merlin_rosplan.planning.planner_command import PlannerCommandError
 from merlin_rosplan.planning.planner_engines import engines
+from merlin_rosplan.planning.planning_outcome import PlannerState
 from merlin_rosplan.supervision.planner_job import PlannerJob, work
 
 NODE = """

@@ -12,7 +12,8 @@ import pytest
 from merlin_pddl.domain_reader import read_domain
 from merlin_pddl.problem_reader import parse_problem, read_problem
 from merlin_ros.processes.process_tree import descendants
-from merlin_rosplan.planning.planner import PlannerSettings, PlannerState
+from merlin_rosplan.planning.planner import PlannerSettings
+from merlin_rosplan.planning.planning_outcome import PlannerState
 from merlin_rosplan.supervision.plan_preview import (
     BUSY,
     LATER_ERRORS,

@@ -15,7 +15,8 @@ import pytest
 
 from merlin_ros.alarms import LONGEST_TICK, TickClock
 from merlin_ros.processes.process_tree import descendants
-from merlin_rosplan.planning.planner import PlannerSettings, PlannerState
+from merlin_rosplan.planning.planner import PlannerSettings
+from merlin_rosplan.planning.planning_outcome import PlannerState
 from merlin_rosplan.supervision import planner_host
 from merlin_rosplan.supervision.planner_host import HostError, PlannerHost, PlannerHosts
 from merlin_rosplan.supervision.supervised_planning import Planning

@@ -10,13 +10,13 @@ from pathlib import Path
 
 import pytest
 
-from merlin_rosplan.supervision.planner_host import ScratchFolder
+from merlin_rosplan.supervision.scratch_folder import ScratchFolder
 
 pytestmark = pytest.mark.everywhere
 
 HOLD = """
 import sys
-from merlin_rosplan.supervision.planner_host import ScratchFolder
+from merlin_rosplan.supervision.scratch_folder import ScratchFolder
 
 folder = ScratchFolder("kind")
 open(folder.name + "/plan", "w").close()

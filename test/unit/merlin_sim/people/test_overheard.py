@@ -6,7 +6,7 @@ from typing import Any, Callable, Dict, List
 
 import pytest
 
-from merlin_sim.people.listener import Overheard
+from merlin_sim.people.overheard import Overheard
 
 
 def said(overheard: "Overheard[str]", text: str, order: List[str]) -> List[Any]:

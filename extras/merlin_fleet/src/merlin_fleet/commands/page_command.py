@@ -11,7 +11,7 @@ from merlin_fleet.page.fleet_page import PANELS, FleetPage
 from merlin_monitor.access.operators import Operators, OperatorsError
 from merlin_monitor.access.tls import TlsError, read_tls
 from merlin_monitor.access.web_access import OPEN_LOOK, WebAccess, check_lookers
-from merlin_monitor.panel_board import script_file
+from merlin_monitor.panel_scripts import script_file
 from merlin_monitor.web.connections import ServerError
 from merlin_monitor.web.open_command import wait_for_end
 from merlin_monitor.web.web_server import WebServer

@@ -12,7 +12,8 @@ from merlin_pddl.plan_text import NO_DURATION, PlanTextError, parse_plan
 from merlin_pddl.problem import Problem
 from merlin_pddl.text_reader import read_expression
 from merlin_rosplan.messages.knowledge_snapshot import KnowledgeBaseError
-from merlin_rosplan.planning.planner import PlannerSettings, PlannerState
+from merlin_rosplan.planning.planner import PlannerSettings
+from merlin_rosplan.planning.planning_outcome import PlannerState
 from merlin_rosplan.supervision.plan_preview import PREVIEW_LIMIT, Previews, Wanted
 
 VOCABULARY = (":types", ":constants", ":predicates", ":functions")

@@ -9,7 +9,7 @@ from typing import Any, Dict, List
 from merlin_fleet.fleet_client import FleetClient
 from merlin_fleet.fleet_shown import shown
 from merlin_monitor.access.operators import Operators
-from merlin_monitor.history.frames import Pictures
+from merlin_monitor.history.pictures import Pictures
 from merlin_monitor.state.history_events import Event
 from merlin_monitor.state.state_tree import StateTree
 

@@ -11,7 +11,8 @@ import rosgraph
 from rosgraph.network import parse_http_host_and_port
 
 from merlin.doctor.findings import STATUS_TYPE, Finding, Machine, judge_graph, judge_heard, judge_machine
-from merlin.doctor.system import Listener, look_at_graph, look_at_machine
+from merlin.doctor.machine import look_at_machine
+from merlin.doctor.system import Listener, look_at_graph
 from merlin.launch_request import LaunchError
 from merlin.running import NothingRuns, choose
 from merlin_ros.master.master_link import ERRORS

@@ -14,7 +14,7 @@ from move_base_msgs.msg import MoveBaseAction
 from sound_play.msg import SoundRequestAction
 
 from merlin_actions.merlin_action_sm import MerlinActionSM
-from merlin_actions.testing.result_script import Behaviour
+from merlin_actions.testing.behaviour import Behaviour
 from merlin_actions.testing.simulated_action_server import SimulatedActionServer
 from merlin_executor.mission import GoalDispatcher, MissionSM
 from merlin_ros.work.threads import start_thread

@@ -1,25 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How an execution ends: the end of its machine's goal, what changes in the knowledge, the answer."""
+"""How an execution ends: its effects on the knowledge base, and the answer to the dispatcher."""
 
 from enum import Enum
-from typing import Callable, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple
-
-from merlin_actions.core.execution import Execution
-
-#: Outcome of a machine, one of whose states gave up: another try cannot help.
-GIVEN_UP = "given_up"
-
-
-#: The same, and nothing was done before.
-NOT_BEGUN = "not_begun"
-
-
-#: Outcome of a machine that has done its work.
-SUCCEEDED = "succeeded"
-
-
-#: Outcome of a machine that was stopped.
-PREEMPTED = "preempted"
+from typing import Dict, NamedTuple, Sequence
 
 
 class Ending(NamedTuple):
@@ -48,6 +31,12 @@ def information_of(ending: Ending) -> Dict[str, str]:
         "robot": ending.robot,
     }
     return {key: value for key, value in said.items() if value}
+
+
+#: Outcome of a machine, one of whose states gave up: another try cannot help.
+GIVEN_UP = "given_up"
+#: The same, and nothing was done before.
+NOT_BEGUN = "not_begun"
 
 
 def no_retry(operator: str, arguments: Sequence[str], about: str) -> str:
@@ -89,158 +78,3 @@ def after_closing(ending: Ending, faults: Sequence[str]) -> Ending:
         return ending
     why = f"{ending.reason or 'it ran'}, and the knowledge could not be updated: {'; '.join(faults)}"
     return ending._replace(succeeded=False, reason=why)
-
-
-class GoalEnd(Enum):
-    """How the goal of a machine ended, as actionlib says it."""
-
-    SUCCEEDED = "succeeded"
-    PREEMPTED = "preempted"
-    """Cancelled while it ran."""
-    RECALLED = "recalled"
-    """Cancelled before it ran."""
-    REJECTED = "rejected"
-    ABORTED = "aborted"
-    LOST = "lost"
-    """Its server is gone."""
-
-    @property
-    def begun(self) -> bool:
-        """Whether the machine may have done something."""
-        return self not in (GoalEnd.RECALLED, GoalEnd.REJECTED)
-
-
-class MachineEnd(NamedTuple):
-    """The result of a machine's goal."""
-
-    outcome: str = ""
-    """Outcome of the machine; ``given_up`` and ``not_begun`` when a state gave up."""
-    reason: str = ""
-    unstopped: str = ""
-    """What did not stop after a cancel; empty when everything has ended."""
-    about: str = ""
-    """The object on account of which a state gave up."""
-
-
-class GoalAnswer(NamedTuple):
-    """What a host answers to a goal."""
-
-    how: GoalEnd
-    end: MachineEnd
-
-
-def answer_of(end: MachineEnd, operator: str, cancel_reason: Optional[str]) -> GoalAnswer:
-    """What a host answers for a run.
-
-    :param end: how the machine ended.
-    :param cancel_reason: why the goal was cancelled; None: it was not.
-    """
-    if end.outcome == SUCCEEDED:
-        return GoalAnswer(GoalEnd.SUCCEEDED, MachineEnd(SUCCEEDED))
-    if end.unstopped:
-        reason = f"{end.unstopped} did not stop when {operator} was cancelled"
-        return GoalAnswer(GoalEnd.ABORTED, end._replace(reason=reason))
-    if cancel_reason is not None and end.outcome == PREEMPTED:
-        return GoalAnswer(GoalEnd.PREEMPTED, end._replace(reason=end.reason or cancel_reason))
-    reason = end.reason or f"the machine ended with {end.outcome}"
-    return GoalAnswer(GoalEnd.ABORTED, end._replace(reason=reason))
-
-
-def ending_of(how: GoalEnd, end: MachineEnd, execution: Execution, text: str = "") -> Ending:
-    """What the end of its goal means for an execution.
-
-    :param how: how the goal ended.
-    :param end: its result; empty when it has none.
-    :param text: of the goal's status, for a result without a reason.
-    """
-    if how is GoalEnd.SUCCEEDED:
-        return Ending(True)
-    if execution.cancelled.is_set() and how in (GoalEnd.PREEMPTED, GoalEnd.RECALLED):
-        return Ending(False, execution.cancel_reason, how.begun)
-    if how is GoalEnd.LOST:
-        return Ending(False, f"the state machine of {execution.text} is gone: {text}")
-    reason = end.reason or text or f"{execution.text} was {how.value} without a reason"
-    begun = how.begun and end.outcome != NOT_BEGUN
-    hopeless = ""
-    if end.outcome in (GIVEN_UP, NOT_BEGUN):
-        arguments = [parameter.value for parameter in execution.parameters]
-        hopeless = no_retry(execution.dispatch.name, arguments, end.about)
-    return Ending(False, reason, begun, end.unstopped, hopeless)
-
-
-class FactChange(NamedTuple):
-    """A fact becomes true, or false."""
-
-    becomes_true: bool
-    name: str
-    arguments: Tuple[str, ...] = ()
-
-
-class EffectChanges:
-    """The changes of one operator. Not thread-safe.
-
-    :param start, end: the effects at its start and its end; arguments are variables or constants.
-    :param plain: ROSPlan reports the effects of a plain operator as those at its start. They come true when
-        it has ended.
-    """
-
-    def __init__(self, start: Sequence[FactChange], end: Sequence[FactChange], plain: bool) -> None:
-        self._start = [] if plain else list(start)
-        self._end = list(start if plain else end)
-        self._undo: Dict[str, List[FactChange]] = {}  # token → what undoes the start effects
-        self._take_back: Dict[str, List[FactChange]] = {}  # token → what undoes the facts of its run
-
-    def open(
-        self,
-        token: str,
-        binding: Mapping[str, str],
-        while_running: Sequence[FactChange],
-        true_now: Callable[[Sequence[FactChange]], Sequence[bool]],
-    ) -> List[FactChange]:
-        """An execution begins.
-
-        :param binding: variable → object.
-        :param while_running: what holds until it ends.
-        :param true_now: whether the fact of each change is true.
-        """
-        start, meanwhile = self._ground(self._start, binding), in_order(while_running)
-        self._undo[token] = _reverse(start, true_now)
-        self._take_back[token] = _reverse(meanwhile, true_now)
-        return [*start, *meanwhile]
-
-    def close(
-        self, token: str, binding: Mapping[str, str], closing: Closing, if_interrupted: Sequence[FactChange]
-    ) -> List[FactChange]:
-        """An execution has ended.
-
-        :param if_interrupted: literals that hold after an interruption; none: the start effects are undone.
-        """
-        undo, changes = self._undo.pop(token, []), self._take_back.pop(token, [])
-        if closing is Closing.END:
-            return changes + self._ground(self._end, binding)
-        if closing is Closing.INTERRUPT and if_interrupted:
-            return changes + in_order(if_interrupted)
-        return changes + undo
-
-    @staticmethod
-    def _ground(changes: Sequence[FactChange], binding: Mapping[str, str]) -> List[FactChange]:
-        return in_order(
-            change._replace(arguments=tuple(binding.get(each, each) for each in change.arguments))
-            for change in changes
-        )
-
-
-def in_order(changes: Iterable[FactChange]) -> List[FactChange]:
-    """Deletions first: a fact that is deleted and added is true afterwards."""
-    return sorted(changes, key=lambda change: change.becomes_true)
-
-
-def _reverse(
-    changes: Sequence[FactChange], true_now: Callable[[Sequence[FactChange]], Sequence[bool]]
-) -> List[FactChange]:
-    """What undoes some changes: only of what they change now."""
-    return [
-        change._replace(becomes_true=was_true)
-        for change, was_true in zip(changes, true_now(changes) if changes else ())
-        if was_true != change.becomes_true
-    ]

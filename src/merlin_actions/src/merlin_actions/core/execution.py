@@ -3,21 +3,7 @@
 
 import itertools
 import threading
-from typing import (
-    Any,
-    Callable,
-    Dict,
-    FrozenSet,
-    Iterable,
-    List,
-    Mapping,
-    NamedTuple,
-    Optional,
-    Protocol,
-    Sequence,
-    Tuple,
-    Union,
-)
+from typing import Callable, Dict, NamedTuple, Optional, Protocol, Sequence, Tuple, Union
 
 from merlin_pddl.formula import call_text
 from merlin_ros.work.threads import log_failure
@@ -26,61 +12,6 @@ from merlin_ros.work.threads import log_failure
 Key = Tuple[int, int]
 
 _numbers = itertools.count(1)
-
-
-LATCH_GRACE = 0.3  # s after connecting to a dispatcher in which its latched, perhaps old, message arrives
-KEEP_CONNECTIONS = 8  # of earlier processes of the dispatcher
-
-
-class LatchedDispatches:
-    """Puts dispatches aside that may be older than the interface. Not thread-safe.
-
-    :ivar connected: when the dispatcher's connection was opened, s of running time; None: not yet.
-    """
-
-    def __init__(self) -> None:
-        self.connected: Optional[float] = None
-        self._names_waiting = False  # whether the dispatcher says for which actions it waits
-        self._headers: List[Mapping[str, str]] = []  # of the connections that a message came over
-        self._aside: Dict[Key, Any] = {}
-        self._awaited: FrozenSet[Key] = frozenset()
-
-    def may_be_old(self, message: Any, now: float) -> bool:
-        """Whether a message may be an old one; to be asked of each, in their order.
-
-        On a busy machine a latched message comes long after the connection. Of a dispatcher that says for
-        which actions it waits, the first message of a connection is always a latched one.
-
-        :param now: s of running time.
-        """
-        header = getattr(message, "_connection_header", None) or {}
-        first = not any(header is known for known in self._headers)  # rospy keeps one for each connection
-        if first:
-            self._headers = [*self._headers[-KEEP_CONNECTIONS:], header]
-        just_connected = self.connected is None or now - self.connected < LATCH_GRACE
-        return header.get("latching") == "1" and (just_connected or (first and self._names_waiting))
-
-    def put_aside(self, dispatch: Any, old: bool) -> bool:
-        """Puts a dispatch aside that may be old, unless its dispatcher has said that it waits for it.
-
-        One that begins ends the wait of those of other plans.
-        """
-        key = dispatch.plan_id, dispatch.action_id
-        aside = old and key not in self._awaited
-        if aside:
-            self._aside[key] = dispatch
-        else:
-            self._aside = {each: kept for each, kept in self._aside.items() if each[0] == key[0]}
-        return aside
-
-    def drop(self, dispatch: Any) -> None:
-        """Its action is cancelled."""
-        self._aside.pop((dispatch.plan_id, dispatch.action_id), None)
-
-    def take(self, awaited: Iterable[Key]) -> List[Any]:
-        """Takes those that the dispatcher says it waits for."""
-        self._names_waiting, self._awaited = True, frozenset(awaited)
-        return [self._aside.pop(key) for key in list(self._aside) if key in self._awaited]
 
 
 def at_once(concurrent: Union[bool, int]) -> int:

@@ -5,7 +5,7 @@ A host says every 0.25 s that it lives. One robot has one host: where two say th
 nothing is sent to either. A robot is known as soon as its host was heard once.
 """
 
-from typing import Dict, Iterable, List, NamedTuple, Set, Tuple
+from typing import Dict, List, NamedTuple, Tuple
 
 from merlin_ros.work.liveness import Limits, Liveness, Presence, Word
 
@@ -17,59 +17,6 @@ GONE_AFTER = 2.0
 HOSTS = 8
 #: Operators of a message that count.
 OPERATORS = 1000
-
-
-class Availability:
-    """Compares what is known of robots with what the knowledge base holds."""
-
-    def __init__(self) -> None:
-        self._wanted: Dict[str, bool] = {}
-        self._written: Dict[str, bool] = {}
-        self._unsettled = False
-
-    def put(self, robot: str, available: bool) -> None:
-        """Notes whether a robot is available."""
-        self._wanted[robot] = available
-
-    def settle(self) -> None:
-        """Robots without a message so far are not available, whatever the problem says."""
-        self._unsettled = True
-
-    @property
-    def robots(self) -> Set[str]:
-        """The robots that are remembered: available ones, and those of which something has to be written."""
-        return {*self._wanted, *self._written}
-
-    @property
-    def unsettled(self) -> bool:
-        """Whether the robots that the knowledge base lists have to be compared."""
-        return self._unsettled
-
-    @property
-    def pending(self) -> bool:
-        """Whether something has to be written."""
-        return self._unsettled or self._written != self._wanted
-
-    def is_written(self, robot: str) -> bool:
-        """Whether the knowledge base holds what is known of a robot."""
-        return self._written.get(robot) == self._wanted.get(robot)
-
-    def changes(self) -> Dict[str, bool]:
-        """Robot → what has to be written of it."""
-        return {robot: there for robot, there in self._wanted.items() if self._written.get(robot) != there}
-
-    def compare(self, listed: Iterable[str]) -> None:
-        """Settles the robots that the knowledge base lists as available: without a message they are not."""
-        self._unsettled = False
-        for robot in listed:
-            self._wanted.setdefault(robot, False)
-
-    def wrote(self, robot: str, available: bool) -> None:
-        """The knowledge base has accepted this. A robot that is not available is not remembered further."""
-        self._written[robot] = available
-        if not available and not self._wanted.get(robot):
-            self._written.pop(robot)
-            self._wanted.pop(robot, None)
 
 
 class HostWord(NamedTuple):

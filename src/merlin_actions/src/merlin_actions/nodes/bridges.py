@@ -10,8 +10,9 @@ import rospy
 from merlin_actions.action_interface import ActionInterface
 from merlin_actions.core.names import by_ros_name
 from merlin_actions.merlin_action import MerlinAction
+from merlin_actions.robot_places import RobotPlaces
 from merlin_actions.robot_watch import RobotWatch
-from merlin_actions.stopped_robots import RobotPlaces, StoppedRobots
+from merlin_actions.stopped_robots import StoppedRobots
 from merlin_planning.knowledge_client import (
     DEFAULT_KNOWLEDGE_BASE,
     KnowledgeBaseMissing,

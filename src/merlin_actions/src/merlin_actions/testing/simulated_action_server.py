@@ -12,7 +12,8 @@ import rospy
 from roslib.message import get_message_class
 from std_srvs.srv import SetBool, SetBoolRequest, SetBoolResponse
 
-from merlin_actions.testing.result_script import Act, Behaviour, ScriptedResults
+from merlin_actions.testing.behaviour import Act, Behaviour
+from merlin_actions.testing.result_script import ScriptedResults
 from merlin_ros.actions.action_server import ServerGoal
 from merlin_ros.actions.serial_action_server import SerialActionServer
 from merlin_ros.node import run_node

@@ -13,8 +13,8 @@ import rospy
 import yaml
 from merlin_msgs.msg import ExecuteResult, GoalQueue
 
+from merlin_executor.core.base_hold import CALENDAR
 from merlin_executor.core.request_limits import MAX_OF_CLIENT, check_priority, check_value
-from merlin_executor.core.standstill import CALENDAR
 from merlin_executor.executor_client import DROP, NEVER, RESUME, lasting_id
 from merlin_executor.executor_request import ExecutorRequest
 from merlin_executor.goal_check import GoalError, check_goals

@@ -1,18 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """MissionNode: the part of a mission that makes it a node: parameters, waits, exit code."""
 
-import inspect
-import math
 import sys
 import threading
 from abc import ABC, abstractmethod
 from pathlib import Path
-from typing import Any, Callable, Dict, List, Sequence, Type, Union, get_type_hints
+from typing import Any, Callable, List, Sequence, Type
 
 import rospy
 from merlin_msgs.msg import MissionStatus
 from rospy.core import is_shutdown_requested
 
+from merlin_executor.core.mission_arguments import arguments_of
 from merlin_executor.executor_client import MerlinExecutorClient
 from merlin_executor.mission.mission_pause import HoldWatch
 from merlin_executor.mission.mission_reporter import MissionReporter
@@ -30,66 +29,6 @@ from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 FAILED = 1
 #: Exit code of a mission whose node was shut down before the mission ended.
 INTERRUPTED = 130
-
-
-class ArgumentError(ValueError):
-    """A parameter that a mission cannot begin with; the text names it and says what is wrong."""
-
-
-def arguments_of(mission_class: Type[Any], value_of: Callable[[str], Any]) -> Dict[str, Any]:
-    """The arguments for the constructor of a class, one per private parameter that is set.
-
-    An annotation of str, int, float, bool, list or Path is checked; another one accepts any value.
-
-    :param value_of: name of a parameter → its value; None when it is not set.
-    :raises ArgumentError: when an argument has neither a default nor a parameter, or has a wrong type.
-    """
-    hints = get_type_hints(mission_class.__init__)
-    found: Dict[str, Any] = {}
-    for name, argument in inspect.signature(mission_class).parameters.items():
-        if argument.kind in (argument.VAR_POSITIONAL, argument.VAR_KEYWORD):
-            continue
-        value = value_of(name)
-        if value is not None:
-            found[name] = converted(name, value, hints.get(name))
-        elif argument.default is argument.empty:
-            raise ArgumentError(
-                f"parameter ~{name} is missing; {mission_class.__name__} has no default for it"
-            )
-    return found
-
-
-def converted(name: str, value: Any, kind: Any) -> Any:
-    """A value of the parameter server as an argument.
-
-    A number is accepted as a text: a launch file turns the text ``3`` into a number.
-
-    :param kind: the annotation of the argument.
-    :raises ArgumentError: when the value does not fit.
-    """
-    if getattr(kind, "__origin__", None) is Union:  # Optional[X]
-        kind = kind.__args__[0]
-    kind = getattr(kind, "__origin__", kind)  # List[str] → list
-    is_number = isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
-    if kind in (str, Path) and (is_number or isinstance(value, str)):
-        return kind(str(value))
-    if kind is float and is_number:
-        return float(value)
-    if kind is int and is_number and value == int(value):
-        return int(value)
-    if kind not in _WORDS or (kind in (bool, list) and isinstance(value, kind)):
-        return value
-    raise ArgumentError(f"parameter ~{name} is {value!r}, not {_WORDS[kind]}")
-
-
-_WORDS = {
-    str: "a text",
-    Path: "a path",
-    float: "a number",
-    int: "a whole number",
-    bool: "true or false",
-    list: "a list",
-}
 
 
 class MissionError(RuntimeError):

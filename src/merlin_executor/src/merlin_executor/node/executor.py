@@ -21,8 +21,9 @@ from merlin_msgs.msg import (
     GoalQueue,
 )
 
+from merlin_executor.core.activity import LONGEST_REASON, Activity, end_words
 from merlin_executor.core.agenda import TOGETHER, Agenda, Decision
-from merlin_executor.core.answering import LONGEST_REASON, Activity, end_words, unreadable
+from merlin_executor.core.answering import unreadable
 from merlin_executor.core.course import Course
 from merlin_executor.core.engine import Engine
 from merlin_executor.core.outcome import Outcome, StopKind, Verdict, crashed

@@ -15,8 +15,8 @@ from merlin_msgs.msg import GoalDeadline, PlannerStatus, RunningAction
 from merlin_msgs.srv import PreviewPlanResponse
 
 from merlin_executor.core.agenda import Agenda, Decision
+from merlin_executor.core.base_hold import clock_text
 from merlin_executor.core.engine import Engine
-from merlin_executor.core.standstill import clock_text
 from merlin_executor.core.time_window import Forecast
 from merlin_executor.errands.selection import Answer, Errand, select
 from merlin_executor.node.request import Request

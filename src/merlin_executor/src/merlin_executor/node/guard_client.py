@@ -10,7 +10,8 @@ from merlin_msgs.msg import GuardStatus, RobotHost
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from merlin_executor.core.standstill import STAND_WAIT, Halt, hold_words, together
+from merlin_executor.core.base_hold import hold_words
+from merlin_executor.core.standstill import STAND_WAIT, Halt, together
 from merlin_planning.robot_roster import KEEP, RobotRoster, is_node, sender_of
 from merlin_ros.actions.hang_watch import hangs
 from merlin_ros.deadline import Deadline

@@ -13,8 +13,8 @@ import rospy
 from diagnostic_msgs.msg import KeyValue
 from merlin_msgs.msg import PlannerStatus, RunningAction
 
+from merlin_executor.core.activity import LONGEST_REASON
 from merlin_executor.core.agenda import Refusal
-from merlin_executor.core.answering import LONGEST_REASON
 from merlin_executor.core.engine import Engine
 from merlin_executor.core.standstill import MOVES
 from merlin_executor.core.ticket import Client

@@ -8,7 +8,8 @@ import rospy
 from merlin_msgs.msg import KnowledgeChanges, OpenExecution
 
 from merlin_planning.dispatch_client import DispatchClient
-from merlin_planning.knowledge_client import ExecutionJournal, KnowledgeClient
+from merlin_planning.execution_journal import ExecutionJournal
+from merlin_planning.knowledge_client import KnowledgeClient
 from merlin_planning.knowledge_text import action_text
 from merlin_planning.planning_client import Interruptible
 from merlin_ros.deadline import running_time

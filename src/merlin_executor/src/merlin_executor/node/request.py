@@ -19,7 +19,7 @@ from merlin_msgs.msg import (
 from rosplan_dispatch_msgs.msg import ActionDispatch
 from rosplan_knowledge_msgs.msg import KnowledgeItem
 
-from merlin_executor.core.answering import answer_for
+from merlin_executor.core.answering import ClientAnswer, answer_for
 from merlin_executor.core.course import DISPATCH_PLAN, Course
 from merlin_executor.core.engine import Job
 from merlin_executor.core.outcome import StopKind, Verdict
@@ -172,8 +172,13 @@ class Request(Job):
         elif self.goal.goal.survives and not said:  # its client knows by the reason that it goes on
             verdict = verdict._replace(reason=f"{StopKind.SHUTDOWN.value}; {verdict.reason}")
         accepted = self.goal.status not in (GoalStatus.PENDING, GoalStatus.RECALLING)
-        end = getattr(self.goal, answer_for(verdict.outcome, accepted).value)
-        return bool(end(self._result(verdict), verdict.reason))
+        verbs = {
+            ClientAnswer.SUCCEED: self.goal.succeed,
+            ClientAnswer.CANCEL: self.goal.cancelled,
+            ClientAnswer.REJECT: self.goal.reject,
+            ClientAnswer.ABORT: self.goal.abort,
+        }
+        return verbs[answer_for(verdict.outcome, accepted)](self._result(verdict), verdict.reason)
 
     def tell(self, outlook: Outlook) -> None:
         """Tells its client, while it waits, that it can no longer be on time, or waits for a safe point."""

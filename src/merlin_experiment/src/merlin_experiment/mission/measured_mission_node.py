@@ -134,7 +134,7 @@ class MeasuredMissionNode(MissionNode):
 
     def _write(self, run: RunRecord) -> None:
         # What it imports is not wanted before: the first goal does not wait for it.
-        from merlin_experiment.records.result_files import versions
+        from merlin_experiment.records.versions import versions
 
         start, grid = self._mission.start, None if run.ended == "interrupted" else self._grid
         assert start is not None

@@ -3,33 +3,12 @@
 
 import csv
 import os
-import platform
-from importlib import metadata
 from pathlib import Path
 from typing import Any, Dict, Iterable, Sequence
-
-import rospkg
 
 from merlin_experiment.records.task_record import RUN_COLUMNS, TASK_COLUMNS, RunRecord
 
 DECIMALS = 4
-
-
-DISTRIBUTIONS = ("kairos-planner", "pybullet", "pyastar2d", "numpy")
-
-
-def versions() -> str:
-    """MERLIN, Python and the libraries that results depend on, in one line."""
-    merlin = rospkg.RosPack().get_manifest("merlin_experiment").version
-    parts = [f"merlin {merlin}", f"python {platform.python_version()}"]
-    return "; ".join([*parts, *(f"{name} {_installed(name)}" for name in DISTRIBUTIONS)])
-
-
-def _installed(distribution: str) -> str:
-    try:
-        return metadata.version(distribution)
-    except metadata.PackageNotFoundError:
-        return "-"
 
 
 def write_run(folder: Path, run: RunRecord) -> Dict[str, Path]:

@@ -110,7 +110,7 @@ class RecordedSystem:
     def _look(self) -> Any:
         """Looks for plans, in a process of its own."""
         from merlin_rosplan.nodes.preview_service import look_for_plan
-        from merlin_rosplan.planning.planner import PlannerSettings
+        from merlin_rosplan.planning.planner_settings import PlannerSettings
         from merlin_rosplan.supervision.plan_preview import Previews
 
         path = (

@@ -5,7 +5,7 @@ import json
 import sqlite3
 from typing import Any, Dict, Iterator, List, NamedTuple, Optional, Sequence, Tuple
 
-from merlin_monitor.text.userdata_text import plain, plain_text
+from merlin_monitor.text.plain_value import plain, plain_text
 
 Row = Dict[str, Any]
 LONGEST_TEXT = 1000  # characters of an event

@@ -10,8 +10,8 @@ from merlin_monitor.listeners.ros_system import RosSystem
 from merlin_monitor.state.history_events import Reporter, sentence
 from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_monitor.state.state_tree import StateTree
+from merlin_monitor.text.fact_text import atom_text
 from merlin_monitor.text.phrase import Phrase, say, with_reason
-from merlin_monitor.text.request_words import atom_text
 from merlin_monitor.text.wording import Wording
 from merlin_planning.robot_roster import RobotRoster, sender_of
 from merlin_ros.work.liveness import Limits, Liveness, Presence, Word

@@ -8,7 +8,7 @@ from merlin_msgs.msg import ListenActionResult, RecognizeActionResult
 from sensor_msgs.msg import Image
 from sound_play.msg import SoundRequest, SoundRequestActionGoal
 
-from merlin_monitor.history.frames import Pictures, png
+from merlin_monitor.history.pictures import Pictures, png
 from merlin_monitor.listeners.panel import Panel, PlanRobots
 from merlin_monitor.listeners.ros_system import RosSystem
 from merlin_monitor.state.history_events import Reporter, sentence

@@ -3,7 +3,7 @@
 
 from typing import Any, Dict
 
-from merlin_executor.core.standstill import clock_text, holder_of
+from merlin_executor.core.base_hold import clock_text, holder_of
 from merlin_monitor.state.history_events import Reporter, sentence
 from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.text.phrase import Phrase, say

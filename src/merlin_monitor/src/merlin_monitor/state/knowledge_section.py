@@ -6,8 +6,8 @@ from typing import Any, Deque, Dict, Iterable, List, NamedTuple, Optional, Tuple
 
 from merlin_monitor.state.history_events import Reporter, sentence
 from merlin_monitor.state.state_tree import StateTree
+from merlin_monitor.text.fact_text import FACT, FUNCTION, INSTANCE, item_text, number_text
 from merlin_monitor.text.phrase import Phrase, say
-from merlin_monitor.text.request_words import FACT, FUNCTION, INSTANCE, item_text, number_text
 from merlin_monitor.text.wording import Wording
 
 SECTION = "knowledge"

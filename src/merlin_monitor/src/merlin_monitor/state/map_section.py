@@ -7,8 +7,8 @@ from typing import Any, Callable, Deque, Dict, List, Optional, Sequence, Tuple, 
 
 import numpy
 
-from merlin_executor.core.standstill import clock_text
-from merlin_monitor.history.frames import Pictures, png
+from merlin_executor.core.base_hold import clock_text
+from merlin_monitor.history.pictures import Pictures, png
 from merlin_monitor.state.guard_section import GUARD
 from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.text.phrase import Phrase, say

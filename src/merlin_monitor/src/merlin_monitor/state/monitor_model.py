@@ -5,9 +5,9 @@ import concurrent.futures
 import time
 from typing import Any, Callable, Container, Dict, List, Mapping, Optional
 
-from merlin_executor.core.standstill import clock_text
+from merlin_executor.core.base_hold import clock_text
 from merlin_monitor.drawing.graph_layout import DrawnGraph, LayoutThread, machine_graph, plan_graph
-from merlin_monitor.history.frames import Pictures
+from merlin_monitor.history.pictures import Pictures
 from merlin_monitor.state.freshness import Freshness
 from merlin_monitor.state.guard_section import GuardSection
 from merlin_monitor.state.health_section import HealthSection

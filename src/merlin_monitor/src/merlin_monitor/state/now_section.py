@@ -9,6 +9,7 @@ from merlin_monitor.state.history_events import Reporter, sentence
 from merlin_monitor.state.machine_section import MachineSection, held_words, unconfirmed_words
 from merlin_monitor.state.plan_section import PlanSection
 from merlin_monitor.state.state_tree import StateTree
+from merlin_monitor.text.fact_text import action_text
 from merlin_monitor.text.phrase import Phrase, in_english, say, with_reason
 from merlin_monitor.text.request_words import (
     ENDED,
@@ -22,7 +23,6 @@ from merlin_monitor.text.request_words import (
     OUTCOMES,
     PAUSED,
     STAGES,
-    action_text,
     cancel_words,
     name_of,
     sender_of,

@@ -7,9 +7,9 @@ from typing import Any, Dict, List, Mapping, Optional, Sequence, Set, Tuple
 from merlin_monitor.state.history_events import Reporter, sentence
 from merlin_monitor.state.plan_steps import Edges, ShownStep
 from merlin_monitor.state.state_tree import StateTree
+from merlin_monitor.text.fact_text import atom_text
 from merlin_monitor.text.phrase import Phrase, in_english, say, with_reason
-from merlin_monitor.text.request_words import atom_text
-from merlin_monitor.text.userdata_text import plain_text
+from merlin_monitor.text.plain_value import plain_text
 from merlin_monitor.text.wording import Wording
 from merlin_planning.dispatch_progress import CANCEL_ACTION
 

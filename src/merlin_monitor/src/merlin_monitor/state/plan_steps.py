@@ -3,7 +3,7 @@
 
 from typing import Any, Dict, List, NamedTuple, Sequence, Set, Tuple, Union
 
-from merlin_monitor.text.request_words import atom_text
+from merlin_monitor.text.fact_text import atom_text
 
 ACTION_START, ACTION_END, PLAN_START = 0, 1, 2
 #: What an edge joins that does not go from the end of one step to the start of another.

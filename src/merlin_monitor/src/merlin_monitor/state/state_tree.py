@@ -10,7 +10,7 @@ import json
 import threading
 from typing import Any, Callable, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
-from merlin_monitor.text.userdata_text import LONGEST_KEY, plain, plain_text
+from merlin_monitor.text.plain_value import LONGEST_KEY, plain, plain_text
 
 Path = Tuple[str, ...]
 MOST_CHANGES = 2000  # that a feed keeps; more become one whole state

@@ -2,11 +2,9 @@
 """Words for the states of a mission, of the Executor and of its requests, by the numbers of the messages."""
 
 import re
-from typing import Any, List, Mapping, Sequence, Tuple
+from typing import Sequence, Tuple
 
 from merlin_monitor.text.phrase import Phrase, say
-from merlin_monitor.text.userdata_text import plain_text
-from merlin_planning.knowledge_text import to_pddl
 
 MISSION_STATES = ("starting", "running", "paused", "succeeded", "failed", "cancelled")
 EXECUTOR_STATES = ("idle", "running", "cancelling")
@@ -50,42 +48,6 @@ HELD_BEFORE = "held before {what}"
 PAUSED = "no further goal begins until the robot is resumed"
 _REQUEST = re.compile(r"(?P<node>[^-]+)(?:-[0-9a-f]{12})?-\d+-\d+\.\d+(?:-leased)?\Z")
 ENDED = ("succeeded", "failed", "cancelled")
-
-
-INSTANCE, FACT, FUNCTION, EXPRESSION, INEQUALITY = range(5)
-
-
-def atom_text(name: str, arguments: List[str]) -> str:
-    """``(robot_at kitchen)``."""
-    return plain_text(f"({' '.join([name, *arguments])})")
-
-
-def item_text(item: Any) -> str:
-    """The text that names an item: of an object its name, of a function value the function."""
-    if item.knowledge_type == INSTANCE:
-        return plain_text(item.instance_name)
-    if item.knowledge_type == EXPRESSION and not item.expr.tokens:
-        return plain_text(item.attribute_name)
-    if item.knowledge_type in (EXPRESSION, INEQUALITY):
-        try:
-            return plain_text(to_pddl(item))
-        except (KeyError, ValueError, RecursionError) as error:
-            return f"<an expression that cannot be read: {type(error).__name__}>"
-    text = atom_text(item.attribute_name, [value.value for value in item.values])
-    return f"(not {text})" if item.is_negative else text
-
-
-def number_text(value: float) -> str:
-    """A number without a tail of zeros."""
-    return f"{value:.6g}"
-
-
-def action_text(action: Mapping[str, Any]) -> str:
-    """An action in PDDL.
-
-    :param action: its name and parameters, pairs of label and object, as the state has them.
-    """
-    return atom_text(action["name"], [value for _, value in action["parameters"]])
 
 
 def cancel_words(client: str, request: str, goals: Sequence[Phrase]) -> Phrase:

@@ -8,7 +8,6 @@ everything that a pickle names, so nothing of it is imported or called.
 import base64
 import binascii
 import io
-import math
 import pickle
 from typing import Any, Callable, ClassVar, Dict, List, Tuple
 
@@ -17,32 +16,6 @@ from merlin_ros.work.threads import failure_text
 LONGEST = 256 * 1024  # bytes of pickle that are read
 LONGEST_VALUE = 600  # characters shown of one value
 _SETS = ("builtins.set", "builtins.frozenset")
-
-
-LONGEST_TEXT = 8000  # characters
-LONGEST_KEY = 2000  # characters
-CUT = "…"
-
-
-def plain_text(value: Any, limit: int = LONGEST_TEXT) -> str:
-    """A text of bounded length, made of anything."""
-    if isinstance(value, bytes):
-        value = value.decode("utf-8", "replace")
-    text = value if isinstance(value, str) else str(value)
-    return text if len(text) <= limit else text[:limit] + CUT
-
-
-def plain(value: Any) -> Any:
-    """A value as JSON knows it: numbers that JSON has no word for become None, other objects text."""
-    if value is None or isinstance(value, (bool, int)):
-        return value
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, dict):
-        return {plain_text(key, LONGEST_KEY): plain(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [plain(item) for item in value]
-    return plain_text(value)
 
 
 class UserDataTextError(ValueError):

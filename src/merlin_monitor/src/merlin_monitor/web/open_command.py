@@ -19,10 +19,10 @@ from typing import Any, Callable, Dict, Iterable, Iterator, List, Optional, Sequ
 from merlin_monitor.access.operators import Operators, OperatorsError, default_path
 from merlin_monitor.access.web_access import HostNameError, WebAccess, is_loopback
 from merlin_monitor.bag import BAG
-from merlin_monitor.history.frames import Pictures
 from merlin_monitor.history.history_file import FILE, HistoryError
 from merlin_monitor.history.history_reader import HistoryReader
-from merlin_monitor.panel_board import script_file
+from merlin_monitor.history.pictures import Pictures
+from merlin_monitor.panel_scripts import script_file
 from merlin_monitor.state.history_events import Event
 from merlin_monitor.state.history_store import NEWEST, HistorySection, last_state
 from merlin_monitor.state.state_tree import StateTree

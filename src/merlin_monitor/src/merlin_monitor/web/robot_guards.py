@@ -15,7 +15,7 @@ from merlin_msgs.msg import GuardStatus
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from merlin_executor.core.standstill import hold_words, holder_of
+from merlin_executor.core.base_hold import hold_words, holder_of
 from merlin_monitor.web.page_control import ControlError
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
 

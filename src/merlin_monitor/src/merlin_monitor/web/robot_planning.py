@@ -8,8 +8,8 @@ from merlin_msgs.srv import PreviewPlan
 from rosplan_knowledge_msgs.msg import DomainOperator, KnowledgeItem
 
 from merlin_monitor.state.monitor_model import MonitorModel
+from merlin_monitor.text.fact_text import action_text
 from merlin_monitor.text.phrase import Phrase, in_english, say, with_reason
-from merlin_monitor.text.request_words import action_text
 from merlin_monitor.web.page_control import ControlError
 from merlin_pddl.breakpoints import BreakpointError
 from merlin_planning.knowledge_client import REMOVE, KnowledgeClient, KnowledgeError, Update, parse_changes

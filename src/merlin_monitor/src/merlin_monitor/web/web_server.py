@@ -25,8 +25,8 @@ from merlin_monitor.access.web_access import (
     WrongTokens,
 )
 from merlin_monitor.history.event_log import Neighbour
-from merlin_monitor.history.frames import Pictures
 from merlin_monitor.history.history_reader import HistoryReader
+from merlin_monitor.history.pictures import Pictures
 from merlin_monitor.state.history_events import Event, sentence
 from merlin_monitor.state.history_store import HistoryError
 from merlin_monitor.state.state_tree import StateTree

@@ -16,7 +16,8 @@ import numpy as np
 
 from merlin_reactive.recognition.camera_view import Box, CameraView, area, overlap
 from merlin_reactive.recognition.object_classes import OBJECT_CLASSES, ObjectClass
-from merlin_reactive.recognition.object_placement import Sighting, beside, outline, placed, silhouette
+from merlin_reactive.recognition.object_placement import beside, outline, placed, silhouette
+from merlin_reactive.recognition.sighting import Sighting
 
 HUE_TOLERANCE = 6  # of OpenCV's 180
 DIM = 45  # of 255; darker pixels have no reliable colour

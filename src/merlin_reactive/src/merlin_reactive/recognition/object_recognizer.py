@@ -9,8 +9,8 @@ import numpy as np
 from merlin_reactive.recognition.camera_view import CameraView
 from merlin_reactive.recognition.object_classes import OBJECT_CLASSES, PERSON, TAG
 from merlin_reactive.recognition.object_detector import ObjectDetector
-from merlin_reactive.recognition.object_placement import Sighting, merge
 from merlin_reactive.recognition.person_detector import PersonDetector
+from merlin_reactive.recognition.sighting import Sighting, merge
 from merlin_reactive.recognition.tag_detector import TagDetector
 from merlin_reactive.recognition.tags import TAG as TAG_EDGE
 

@@ -19,7 +19,7 @@ from merlin_reactive.recognition.object_classes import (
     SKIN,
 )
 from merlin_reactive.recognition.object_detector import color_mask, hsv_of
-from merlin_reactive.recognition.object_placement import Sighting
+from merlin_reactive.recognition.sighting import Sighting
 
 LEAST_PIXELS = 150
 LEAST_WIDTH = 10  # pixels

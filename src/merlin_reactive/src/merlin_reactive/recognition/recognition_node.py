@@ -11,9 +11,9 @@ from merlin_msgs.msg import RecognizeAction, RecognizeResult
 from sensor_msgs.msg import Image
 from vision_msgs.msg import Detection3D, Detection3DArray, ObjectHypothesisWithPose
 
-from merlin_reactive.recognition.camera_view import CameraPlacement, CameraView, NotPlaced
+from merlin_reactive.recognition.camera_placement import CameraPlacement, NotPlaced
+from merlin_reactive.recognition.camera_view import CameraView
 from merlin_reactive.recognition.image_source import CaptureSource, NoPicture, TopicSource, rectified
-from merlin_reactive.recognition.object_placement import Sighting
 from merlin_reactive.recognition.object_recognizer import (
     LEAST_SCORE,
     SUPPORTS,
@@ -22,6 +22,7 @@ from merlin_reactive.recognition.object_recognizer import (
     annotated,
     check_classes,
 )
+from merlin_reactive.recognition.sighting import Sighting
 from merlin_reactive.recognition.tags import TAG
 from merlin_ros.actions.action_server import ServerGoal
 from merlin_ros.actions.serial_action_server import SerialActionServer

@@ -9,7 +9,7 @@ import numpy as np
 
 from merlin_reactive.recognition.camera_view import CameraView
 from merlin_reactive.recognition.object_classes import TAG
-from merlin_reactive.recognition.object_placement import Sighting
+from merlin_reactive.recognition.sighting import Sighting
 from merlin_reactive.recognition.tags import TAG as EDGE
 from merlin_reactive.recognition.tags import tag_dictionary
 

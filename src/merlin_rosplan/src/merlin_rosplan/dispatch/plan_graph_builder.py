@@ -4,7 +4,6 @@
 from typing import Collection, Dict, Iterable, List, Mapping, Optional, Sequence, Set, Tuple, Union
 
 from merlin_pddl.plan_text import PlanStep
-from merlin_rosplan.dispatch.coming_conditions import TimedNumbers
 from merlin_rosplan.dispatch.happening import (
     Happening,
     happening_of,
@@ -20,8 +19,10 @@ from merlin_rosplan.dispatch.plan_graph import (
     TimedLiteral,
     TimedValue,
 )
-from merlin_rosplan.dispatch.plan_graph_history import Named, NumberHistory, Touched, plan_order
+from merlin_rosplan.dispatch.plan_graph_history import Named, NumberHistory, Touched
+from merlin_rosplan.dispatch.plan_graph_order import plan_order
 from merlin_rosplan.dispatch.plan_graph_waits import add_waits
+from merlin_rosplan.dispatch.timed_numbers import TimedNumbers
 
 _DIGITS = 6  # of a time; sums of rounded times must not sort an end behind the start it makes possible
 

@@ -6,7 +6,7 @@ from typing import Callable, Optional, Sequence
 
 import rospy
 
-from merlin_planning.knowledge_client import ExecutionJournal
+from merlin_planning.execution_journal import ExecutionJournal
 from merlin_ros.deadline import Deadline
 from merlin_ros.service_proxy import ServiceError
 from merlin_ros.work.threads import start_thread

@@ -22,8 +22,9 @@ from merlin_ros.actions.serial_action_server import SerialActionServer
 from merlin_ros.health import OK, WARN, Health
 from merlin_ros.master.master_link import get_param
 from merlin_ros.publishing import publish
-from merlin_rosplan.planning.planner import PlannerSettings, PlannerState, PlanningOutcome, dues_of
-from merlin_rosplan.supervision.planner_host import ScratchFolder
+from merlin_rosplan.planning.planner_settings import PlannerSettings, dues_of
+from merlin_rosplan.planning.planning_outcome import PlannerState, PlanningOutcome
+from merlin_rosplan.supervision.scratch_folder import ScratchFolder
 from merlin_rosplan.transport.component import Component
 from merlin_rosplan.transport.handover import Handover, digest_service
 

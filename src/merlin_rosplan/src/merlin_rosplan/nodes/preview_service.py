@@ -20,7 +20,8 @@ from merlin_rosplan.knowledge.foreseen import after_actions, with_facts
 from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
 from merlin_rosplan.messages.knowledge_snapshot import KnowledgeBaseError
 from merlin_rosplan.nodes.world_reader import WorldReader
-from merlin_rosplan.planning.planner import NOT_KNOWN, PlannerSettings, PlannerState, PlanningOutcome, dues_of
+from merlin_rosplan.planning.planner_settings import PlannerSettings, dues_of
+from merlin_rosplan.planning.planning_outcome import NOT_KNOWN, PlannerState, PlanningOutcome
 from merlin_rosplan.supervision.plan_preview import Previews, Wanted, steps_of
 from merlin_rosplan.transport.component import Component
 

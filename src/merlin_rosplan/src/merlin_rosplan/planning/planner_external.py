@@ -7,11 +7,12 @@ from pathlib import Path
 from typing import List, Optional, Tuple
 
 from merlin_pddl.plan_text import PlanStep, restore_case
-from merlin_rosplan.planning.planner import Attempt, PlannerState, Task
+from merlin_rosplan.planning.planner import Attempt, Task
 from merlin_rosplan.planning.planner_command import PlannerCommand
 from merlin_rosplan.planning.planner_files import keep, too_much
 from merlin_rosplan.planning.planner_output import candidate_plans, is_plan_file, verdict
 from merlin_rosplan.planning.planner_process import PlannerProcess, ProcessResult
+from merlin_rosplan.planning.planning_outcome import PlannerState
 
 # A planner that times itself may still print its best plan; it gets this much more than its limit, s.
 PRINTING = 1.0

@@ -9,7 +9,7 @@ import re
 from typing import Iterable, List, NamedTuple, Optional, Tuple
 
 from merlin_pddl.plan_text import NO_DURATION, PlanStep, parse_line
-from merlin_rosplan.planning.planner import PlannerState
+from merlin_rosplan.planning.planning_outcome import PlannerState
 
 Plan = List[PlanStep]
 

@@ -11,7 +11,8 @@ from typing import Callable, List, Optional, Sequence, Set
 from merlin_pddl.checks.kairos_check import PlanQuality, PlanValidator
 from merlin_pddl.plan_text import PlanStep
 from merlin_ros.work.threads import start_thread
-from merlin_rosplan.planning.planner import Attempt, Planner, PlannerState, Task
+from merlin_rosplan.planning.planner import Attempt, Planner, Task
+from merlin_rosplan.planning.planning_outcome import PlannerState
 
 # Of engines that found no plan, the first state of this list is reported: certain ones first.
 _TOLD_FIRST = (

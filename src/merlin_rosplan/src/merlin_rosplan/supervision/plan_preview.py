@@ -18,8 +18,10 @@ from merlin_pddl.problem_writer import write_problem
 from merlin_pddl.text_reader import PddlError, text_of
 from merlin_rosplan.knowledge.foreseen import after_actions
 from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
-from merlin_rosplan.planning.planner import PlannerSettings, PlannerState, PlanningOutcome
-from merlin_rosplan.supervision.planner_host import PlannerHosts, ScratchFolder
+from merlin_rosplan.planning.planner_settings import PlannerSettings
+from merlin_rosplan.planning.planning_outcome import PlannerState, PlanningOutcome
+from merlin_rosplan.supervision.planner_host import PlannerHosts
+from merlin_rosplan.supervision.scratch_folder import ScratchFolder
 from merlin_rosplan.supervision.supervised_planning import Planning
 
 #: Longest time for a plan that is only looked at, s: its reader waits for it.

@@ -2,14 +2,10 @@
 """The node's end of a supervising process (:mod:`merlin_rosplan.supervision.planner_supervisor`)."""
 
 import contextlib
-import fcntl
 import json
 import os
 import select
-import shutil
-import tempfile
 import threading
-import time
 from functools import partial
 from typing import Any, Dict, List, Optional
 
@@ -20,59 +16,6 @@ from merlin_ros.work.threads import start_thread
 #: s within which a cancel is answered even when the supervising process does not answer
 CANCEL_LIMIT = 1.0
 _MODULE = "merlin_rosplan.supervision.planner_supervisor"
-
-
-NEW = 60.0  # s within which a folder may not be locked yet
-
-
-class ScratchFolder:
-    """A temporary folder. One whose process was killed is removed when the next of its kind is made.
-
-    It is made when its name is first asked for. The process holds a lock on it, which ends with the process.
-
-    :param kind: begins its name.
-    """
-
-    def __init__(self, kind: str) -> None:
-        self._kind = kind
-        self._making = threading.Lock()  # guards the fields below
-        self._folder: Optional[tempfile.TemporaryDirectory[str]] = None
-        self._lock = -1
-
-    @property
-    def name(self) -> str:
-        """Its path."""
-        with self._making:
-            if self._folder is None:
-                _remove_left(self._kind)
-                self._folder = tempfile.TemporaryDirectory(prefix=f"{self._kind}-")
-                self._lock = os.open(self._folder.name, os.O_RDONLY)
-                fcntl.flock(self._lock, fcntl.LOCK_SH)
-            return self._folder.name
-
-    def cleanup(self) -> None:
-        """Removes the folder with its contents."""
-        with self._making:
-            if self._folder is not None:
-                self._folder.cleanup()
-            if self._lock >= 0:
-                os.close(self._lock)
-                self._lock = -1
-
-
-def _remove_left(kind: str) -> None:
-    for folder in os.scandir(tempfile.gettempdir()):
-        if not folder.name.startswith(f"{kind}-"):
-            continue
-        with contextlib.suppress(OSError):  # of another user, or another process removes it too
-            if folder.is_symlink() or time.time() - folder.stat().st_mtime < NEW:
-                continue
-            lock = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                shutil.rmtree(folder)
-            finally:
-                os.close(lock)
 
 
 class HostError(RuntimeError):

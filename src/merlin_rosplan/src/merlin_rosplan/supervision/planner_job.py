@@ -18,12 +18,14 @@ from merlin_pddl.checks import kairos_check
 from merlin_pddl.checks.kairos_check import PlanValidator
 from merlin_pddl.plan_text import PlanStep, format_plan, restore_case
 from merlin_pddl.text_reader import PddlError
-from merlin_rosplan.planning.planner import NOT_KNOWN, Attempt, Planner, PlannerSettings, PlannerState, Task
+from merlin_rosplan.planning.planner import Attempt, Planner, Task
 from merlin_rosplan.planning.planner_command import parse_command
 from merlin_rosplan.planning.planner_external import CommandPlanner
 from merlin_rosplan.planning.planner_files import keep
 from merlin_rosplan.planning.planner_kairos import KAIROS, KairosPlanner
 from merlin_rosplan.planning.planner_race import Entry, PlannerRace
+from merlin_rosplan.planning.planner_settings import PlannerSettings
+from merlin_rosplan.planning.planning_outcome import NOT_KNOWN, PlannerState
 
 
 class PlannerJob(NamedTuple):

@@ -35,8 +35,8 @@ from merlin_ros.processes.child_process import parent
 from merlin_ros.processes.process_priority import lower_priority
 from merlin_ros.processes.process_tree import adopt_orphans, descendants, end_descendants, tree_size
 from merlin_ros.work.threads import start_thread
-from merlin_rosplan.planning.planner import PlannerState
 from merlin_rosplan.planning.planner_files import MEGABYTE, too_much
+from merlin_rosplan.planning.planning_outcome import PlannerState
 
 #: s between two looks at memory and files of a planning; cancel and end are events and do not wait for it
 WATCH = 0.25

@@ -7,10 +7,11 @@ import threading
 import time
 from typing import Callable, Optional
 
-from merlin_rosplan.planning.planner import PlannerSettings, PlannerState, PlanningOutcome
 from merlin_rosplan.planning.planner_command import PlannerCommandError
 from merlin_rosplan.planning.planner_engines import engines
 from merlin_rosplan.planning.planner_kairos import KAIROS
+from merlin_rosplan.planning.planner_settings import PlannerSettings
+from merlin_rosplan.planning.planning_outcome import PlannerState, PlanningOutcome
 from merlin_rosplan.supervision.planner_host import HostError, PlannerHost, PlannerHosts
 from merlin_rosplan.supervision.planner_job import PlannerJob
 

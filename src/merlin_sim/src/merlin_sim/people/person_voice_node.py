@@ -23,7 +23,8 @@ from merlin_reactive.speech.speech_synthesizer import RATE, SoundError, SpeechSy
 from merlin_ros.health import ERROR, OK, WARN, Health, HealthReporter
 from merlin_ros.node import run_node
 from merlin_ros.parameters import number
-from merlin_sim.people.listener import Answers, HearingPerson, Overheard, Sentence, nearest, read_listeners
+from merlin_sim.people.listener import Answers, HearingPerson, nearest, read_listeners
+from merlin_sim.people.overheard import Overheard, Sentence
 
 CHUNK = 0.2  # s of sound per message
 TRAIL = 0.8  # s of quiet after an answer

@@ -13,7 +13,8 @@ from merlin_ros.deadline import Deadline
 from merlin_ros.ros_alarm import call_after
 from merlin_ros.work.threads import log_failure
 from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, SUCCEEDED, merlin_states
-from merlin_sm.trees.state_behaviour import StateBehaviour, StateRun
+from merlin_sm.trees.state_behaviour import StateBehaviour
+from merlin_sm.trees.state_run import StateRun
 from merlin_sm.trees.tree_view import Behaviour, Branch
 
 #: Ticks one after the other, each of which changes something, before the tree is called endless.

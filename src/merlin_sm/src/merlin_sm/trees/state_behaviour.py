@@ -1,76 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """A state as a behaviour of a tree."""
 
-import threading
 from typing import Callable, List, Mapping, Optional, Sequence
 
 import py_trees
 from py_trees.common import Status
 
 import smach
-from merlin_ros.work.threads import log_failure, start_thread
 from merlin_sm.autonomy import label_text
 from merlin_sm.merlin_sm import MerlinSM
 from merlin_sm.states.function_state import FunctionState
 from merlin_sm.states.merlin_state import SUCCEEDED
-
-
-class StateRun:
-    """Runs a machine once.
-
-    :param machine: the state machine; no other run of it is under way.
-    :param on_end: called with this run, in its thread, when it has ended.
-    :ivar outcome: of the machine, once it has ended.
-    :ivar error: what the machine has raised instead.
-    """
-
-    def __init__(self, machine: MerlinSM, on_end: Callable[["StateRun"], None] = lambda run: None) -> None:
-        self.machine = machine
-        self.outcome: Optional[str] = None
-        self.error: Optional[BaseException] = None
-        self.ended = threading.Event()
-        self._on_end = on_end
-        self._lock = threading.Lock()  # guards the field below
-        self._interrupted = False
-        machine.prepare()
-
-    @property
-    def interrupted(self) -> bool:
-        """Whether its stop was requested."""
-        return self._interrupted
-
-    def start(self, after: Callable[[], None]) -> None:
-        """Begins, in a thread of its own.
-
-        :param after: called last in that thread.
-        """
-
-        def run() -> None:
-            self.run()
-            after()
-
-        label = ", ".join(map(label_text, self.machine.get_children()))
-        start_thread(f"behaviour {label}", run)
-
-    def run(self) -> None:
-        """Runs it in this thread."""
-        try:
-            self.outcome = self.machine.execute()
-        except BaseException as error:  # users' code may raise anything; the tree raises it in its own thread
-            self.error = error
-        self.ended.set()
-        self._on_end(self)
-
-    def interrupt(self) -> None:
-        """Preempts it, once; its end is reported as any other."""
-        with self._lock:
-            if self._interrupted:
-                return
-            self._interrupted = True
-        try:
-            self.machine.cancel()
-        except BaseException:  # users' code; what else runs in the tree still has to be interrupted
-            log_failure("the preempt of a behaviour")
+from merlin_sm.trees.state_run import StateRun
 
 
 class StateBehaviour(py_trees.behaviour.Behaviour):

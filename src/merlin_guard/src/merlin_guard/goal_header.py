@@ -1,0 +1,34 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Reads the id of an action's goal message without knowing the action's type."""
+
+import struct
+from typing import NamedTuple, Tuple
+
+
+class GoalHeader(NamedTuple):
+    """What every ``...ActionGoal`` begins with, besides its header."""
+
+    id: str
+    stamp: int
+    """When it was sent, ns of ROS time."""
+
+
+def read_goal_header(message: bytes) -> GoalHeader:
+    """The id and stamp of a serialized ``...ActionGoal``: std_msgs/Header, actionlib_msgs/GoalID, the goal.
+
+    :raises ValueError: when the message is too short for that.
+    """
+    try:
+        _, end = _text(message, 12)  # behind the header's seq and stamp
+        seconds, nanoseconds = struct.unpack_from("<II", message, end)
+        goal_id, _ = _text(message, end + 8)
+    except struct.error as error:
+        raise ValueError(f"{len(message)} bytes are not a goal message: {error}") from error
+    return GoalHeader(goal_id, seconds * 1_000_000_000 + nanoseconds)
+
+
+def _text(message: bytes, start: int) -> Tuple[str, int]:
+    """A string of the message and the offset behind it."""
+    (length,) = struct.unpack_from("<I", message, start)
+    (text,) = struct.unpack_from(f"<{length}s", message, start + 4)
+    return text.decode("utf-8", "replace"), start + 4 + length
