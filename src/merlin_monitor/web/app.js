@@ -54,7 +54,7 @@ store.viewLive(({ meta = {}, visitor = "" }) => {
   const shown = JSON.stringify([meta.panels || [], meta.archive || "", visitor]);
   if (shown === listed) return;
   if (listed) {
-    // The monitor was started again with other panels, or what is served here now is a recording, or none any more.
+    // Started again with other panels, or a recording is served here now, or none any more.
     const recorded = JSON.parse(listed)[1];
     if (recorded && !meta.archive) history.replaceState(null, "", location.pathname + location.search); // its moments are of another run
     location.reload();

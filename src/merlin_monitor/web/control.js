@@ -149,7 +149,7 @@ export class Control {
     byId("confirm-ask").showModal();
   }
 
-  // The answer, null when it was not done; what was said about it is shown. Without a token, the operator is asked for it first.
+  // The answer, null when it was not done. Without a token, the operator is asked for it first.
   async ask(what, fields = {}) {
     if (what === "release") this.pressed = "";
     if (!this.token && !(what === "stop" && (this.store.live.meta || {}).open_stop)) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The plan in time: lanes of steps, as planned (outlined) and as it was and is (filled), with the present as a line.
+// Lanes of steps in time, as planned (outlined) and as it was and is (filled); the present as a line.
 import { clockText, has, of, secondsText, svg } from "./dom.js";
 import { pannable } from "./pan.js";
 import { planTimes, stepsOf, stepSpan } from "./plan_times.js";
@@ -53,7 +53,7 @@ export class Gantt {
   }
 }
 
-// The upper edge of each step: below the name of its robot, in the first lane that is free when it is planned to begin.
+// The upper edge of each step, in the first lane that is free when it is planned to begin.
 function layOut(spans, { parameters = {}, robots = {} }) {
   const robotOf = ({ step }) => ((step.parameters || []).find(([key, value]) => key === of(parameters, step.name) && has(robots, value)) || [])[1] || "";
   const owners = spans.map(robotOf);

@@ -116,7 +116,7 @@ export class GraphView {
     if (first && first.id !== this.followed) this.follow(first);
   }
 
-  // Scrolls to a node of a picture that is larger than its box, unless the user is looking around in it.
+  // Scrolls to a node, unless the user is looking around.
   follow(node) {
     const box = this.container;
     const root = box.querySelector("svg");

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What was shown at a moment, as the history has it: segments that begin with a whole state. Nothing here touches the page.
+// What was shown at a moment, as the history has it: segments that begin with a whole state.
 import { askFor } from "./answers.js";
 import { applyChange } from "./store.js";
 

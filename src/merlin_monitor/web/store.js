@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The state as the monitor has it: the whole on connecting, then changes. Nothing here touches the page.
+// The state as the monitor has it: the whole on connecting, then changes.
 // What is shown is that, or a moment of the past.
 import { whyNoSocket } from "./answers.js";
 import { of } from "./names.js";

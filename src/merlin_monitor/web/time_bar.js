@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The bar that takes the page to any moment of the history and back, and says unmistakably that it is not the present.
+// Takes the page to any moment of the history and back, and says that it is not the present.
 import { byId, clockText, el, setHidden, setText } from "./dom.js";
 import { ask, momentLink, momentOf, Past } from "./past.js";
 import { t, told } from "./texts.js";

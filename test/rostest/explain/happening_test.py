@@ -105,12 +105,12 @@ class Happening(unittest.TestCase):
     def ask(self, question, about="", at=0.0):
         return self.explain(ExplainRequest(question=question, about=about, at=rospy.Time.from_sec(at)))
 
-    def told(self, question, words, about="", at=0.0, ok=True, kind=""):
-        """The answer, when the monitor has recorded what it is about: a sentence, and a claim of a kind."""
+    def told(self, question, words, about="", at=0.0, ok=True, kinds=()):
+        """The answer, when the monitor has recorded what it is about: a sentence, and claims of these kinds."""
         end = time.monotonic() + LONG
         while True:
             answer = self.ask(question, about, at)
-            known = not kind or kind in [claim.kind for claim in answer.claims]
+            known = {claim.kind for claim in answer.claims}.issuperset(kinds)
             if answer.ok == ok and words in answer.sentence and known:
                 return answer
             self.assertLess(time.monotonic(), end, answer)
@@ -193,7 +193,7 @@ class Happening(unittest.TestCase):
         result = self.client.execute("(checked dorm_room)", LONG)
         self.assertEqual(outcome_name(result.outcome), "ACTION_FAILED")
         # The recording hears of a machine's states on a topic of their own.
-        answer = self.told(ExplainRequest.FAILED, "dorm_room", kind="state")
+        answer = self.told(ExplainRequest.FAILED, "dorm_room", kinds=("state", "goal"))
         self.assertIn("needs numbers x, y", answer.sentence)
         kinds = self.kinds(answer)
         self.assertEqual([kinds[0], kinds[-1]], ["machine", "goal"])

@@ -5,6 +5,7 @@ import os
 from pathlib import Path
 
 import pytest
+import rosgraph
 
 from merlin import running
 from merlin.launch_request import LaunchError
@@ -79,6 +80,17 @@ def test_of_two_runs_none_is_guessed_and_the_one_that_the_environment_names_is_m
         masters["http://env:1"] = masters["http://run:2"]
         monkeypatch.setenv("ROS_MASTER_URI", "http://env:1")
         assert running.choose(find, "hosts")[0] == "http://env:1", "that of the environment need not be a run"
+
+
+def test_the_usual_master_is_guessed_no_more_than_a_run(
+    masters: dict, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("ROS_MASTER_URI")
+    usual = rosgraph.get_master_uri()
+    masters[usual] = masters["http://run:2"] = Graph("/merlin_fsm_host/reload_actions")
+    with run("http://run:2"), pytest.raises(LaunchError, match=f"choose one: ROS_MASTER_URI={usual} "):
+        running.choose(find, "hosts")
+    assert running.choose(find, "hosts")[0] == usual
 
 
 def test_a_master_with_two_names_is_one_system(masters: dict, monkeypatch: pytest.MonkeyPatch) -> None:

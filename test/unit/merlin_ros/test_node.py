@@ -156,6 +156,7 @@ def test_a_line_of_log_that_cannot_be_written_keeps_no_node_from_going_on(
     assert went_on.read_text() == "went on"
 
 
+@pytest.mark.everywhere
 def test_a_node_waits_for_its_master(master: Any) -> None:
     master.kill()
     node = master.node(NODE)

@@ -75,7 +75,7 @@ def living() -> List[RunningLaunch]:
 
 
 def choose(find: Callable[[List[str], List[str]], List[str]], wanted: str) -> Tuple[str, List[str]]:
-    """The master that a command means: that of ROS_MASTER_URI if it has what is wanted, else a run's.
+    """The master that a command means: that of ROS_MASTER_URI, where that is set, else the only one that has it.
 
     :param find: from the nodes and the services of a master to the names that are wanted.
     :param wanted: the same in words.
@@ -95,17 +95,20 @@ def choose(find: Callable[[List[str], List[str]], List[str]], wanted: str) -> Tu
     use_loopback()
     own = rosgraph.get_master_uri()
     names = found_at(own)
-    if names:  # whatever else runs, as for each command of ROS
+    named = "ROS_MASTER_URI" in os.environ
+    if names and named:  # whatever else runs, as for each command of ROS
         return own, names
     # A master of another name is asked once.
     runs = {run.uri: Path(run.launch_file).name for run in living() if _place(run.uri) != _place(own)}
-    found = {uri: names for uri, names in zip(runs, map(found_at, runs)) if names}
+    found = {own: names} if names else {}
+    found.update((uri, names) for uri, names in zip(runs, map(found_at, runs)) if names)
+    runs = {own: "ROS_MASTER_URI" if named else "the usual one", **runs}
     if len(found) == 1:
         return next(iter(found.items()))
     if found:
         choice = ", ".join(f"ROS_MASTER_URI={uri} ({runs[uri]})" for uri in found)
         raise LaunchError(f"several systems have {wanted}; choose one: {choice}")
-    asked = ", ".join(f"{uri} ({name})" for uri, name in {own: "ROS_MASTER_URI", **runs}.items())
+    asked = ", ".join(f"{uri} ({name})" for uri, name in runs.items())
     raise NothingRuns(f"no running system has {wanted}; asked: {asked}")
 
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What every part of the robot reports about itself: what is not well in sight, the well ones folded.
+// What each part reports about itself: what is not well in sight, the well ones folded.
 import { byId, drawPairs, el, keyed, of, part, setHidden, setText } from "../dom.js";
 import { t } from "../texts.js";
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What happened: bars of goals and actions over time, and events, newest first, back to the first one kept.
+// Bars of goals and actions over time, and events, newest first, back to the first one kept.
 import { byId, clockText, el, has, keyed, of, svg, tell } from "../dom.js";
 import { askFor } from "../answers.js";
 import { say, t, told } from "../texts.js";

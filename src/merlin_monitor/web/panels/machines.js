@@ -153,7 +153,7 @@ const beside = (all, key, path) => key.slice(0, key.length - all[key].path.lengt
 // The path of a node's container; in older recordings only the node's name has it.
 const homeOf = ({ id, kind, in: home }) => home ?? (id.slice(0, id.lastIndexOf(kind === "outcome" ? ":" : "/")) || "/");
 
-// The names of machines: their paths, and where several have one, server and node as well.
+// Names of machines: paths, and where several have one, server and node.
 function namesOf(all, roots) {
   const texts = [1, 2, 3].map((count) => roots.map((key) => [all[key].path.replace(/^\/+/, "") || all[key].server, all[key].server, all[key].node].slice(0, count).join(" · ")));
   return new Map(roots.map((key, at) => [key, (texts.find((each) => each.indexOf(each[at]) === each.lastIndexOf(each[at])) || texts[2])[at]]));

@@ -54,7 +54,7 @@ export function show(section, { store }) {
     drawReplans(plan.replans || []);
   }
 
-  // Brings the running step into sight, unless the reader is looking around in the list.
+  // Brings the running step into sight, unless the reader looks around.
   function follow(plan, key) {
     const list = byId("plan-steps");
     const name = `${plan.number} ${key}`;

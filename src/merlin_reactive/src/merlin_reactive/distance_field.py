@@ -21,6 +21,8 @@ def distance_field(free: np.ndarray, most: Optional[int] = None) -> np.ndarray:
     """
     free = free.astype(bool)
     far = sum(free.shape)
+    if free.all():
+        return np.full(free.shape, far, np.float32)
     column = np.arange(free.shape[1], dtype=np.int32 if far < 20000 else np.int64)  # has to hold 5 far²
     before = np.maximum.accumulate(np.where(free, -far, column), axis=1)
     after = np.minimum.accumulate(np.where(free, 2 * far, column)[:, ::-1], axis=1)[:, ::-1]

@@ -143,13 +143,14 @@ class _Chain:
         """The states of the action's machine that ended with something else than success, the inner first."""
         detail = action["detail"]
         name = str(detail.get("label") or "").strip("()").split()[0]
-        left: List[Tuple[str, float]] = []
         # Heard later, on a topic of its own; by then another run may have begun, which does not count.
         for late in LOOKS:
             then = self._past.after({**action, "wall": action["wall"] + late})
             ended = detail.get("ended", 0.0) - (NEAR if late else 0.0)
-            left = left or list(_left_states(then, name, {**detail, "ended": ended}))
-        return [Claim("state", text, (Evidence(EVENT, text, time=at),)) for text, at in left]
+            left = list(_left_states(then, name, {**detail, "ended": ended}))
+            if left:
+                return [Claim("state", text, (Evidence(EVENT, text, time=at),)) for text, at in left]
+        return []
 
     def _replans(self) -> List[Claim]:
         return [

@@ -113,10 +113,12 @@ class RecordedSystem:
         from merlin_rosplan.planning.planner_settings import PlannerSettings
         from merlin_rosplan.supervision.plan_preview import Previews
 
-        path = (
-            Path(self._ends.enter_context(tempfile.TemporaryDirectory(prefix="merlin_why_"))) / "domain.pddl"
-        )
-        path.write_text(self._domain, encoding="utf-8")
+        try:
+            folder = self._ends.enter_context(tempfile.TemporaryDirectory(prefix="merlin_why_"))
+            path = Path(folder) / "domain.pddl"
+            path.write_text(self._domain, encoding="utf-8")
+        except OSError as error:
+            raise QuestionError(f"no file can be written for what plans: {error}") from error
         previews = Previews(niceness=NICENESS, while_wanted=while_wanted)
         self._ends.callback(previews.shutdown)
 
@@ -155,7 +157,8 @@ def problem_of(moment: Moment, wanted: Moment) -> Problem:
     problem.facts = [Fact(name, tuple(args)) for name, *args in map(key_of, knowledge.get("facts") or ())]
     for text, entry in (knowledge.get("values") or {}).items():
         name, *args = key_of(text)
-        problem.values.append(FunctionValue(name, tuple(args), float(entry["value"])))
+        if entry["value"] is not None:  # it was no finite number
+            problem.values.append(FunctionValue(name, tuple(args), float(entry["value"])))
     known = moment.typed()
     goals = wanted.section("knowledge").get("goals") or wanted.executor.get("goals") or ()
     problem.goals = [parse_condition(text, domain, known, "a goal of the recording") for text in goals]

@@ -225,7 +225,6 @@ def apply_changes(
                 child = parent[part] = dict(child) if isinstance(child, dict) else {}
                 own[id(child)] = child
             parent = child
-            parent = child
         if value:
             parent[path[-1]] = value[0]
         else:
