@@ -106,7 +106,7 @@ class Happening(unittest.TestCase):
         return self.explain(ExplainRequest(question=question, about=about, at=rospy.Time.from_sec(at)))
 
     def told(self, question, words, about="", at=0.0, ok=True, kinds=()):
-        """The answer, when the monitor has recorded what it is about: a sentence, and claims of these kinds."""
+        """The answer, when the monitor has recorded what it is about: words, and claims of these kinds."""
         end = time.monotonic() + LONG
         while True:
             answer = self.ask(question, about, at)
