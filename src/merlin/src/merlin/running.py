@@ -75,7 +75,7 @@ def living() -> List[RunningLaunch]:
 
 
 def choose(find: Callable[[List[str], List[str]], List[str]], wanted: str) -> Tuple[str, List[str]]:
-    """The master that a command means: that of ROS_MASTER_URI, where that is set, else the only one that has it.
+    """The master that a command means: that of ROS_MASTER_URI, if that is set, else the one that has it.
 
     :param find: from the nodes and the services of a master to the names that are wanted.
     :param wanted: the same in words.

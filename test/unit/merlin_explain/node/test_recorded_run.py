@@ -170,6 +170,25 @@ def test_why_a_step_of_a_recorded_plan(planned: Path) -> None:
         ask(planned, "why", DRIVE, 1.5)
 
 
+def test_why_of_a_plan_for_facts_that_no_frame_has(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The drive before was cancelled at once, and the next one has begun before the monitor wrote again."""
+    story = RobotStory(tmp_path)
+    story.model.tree.set("why", "domain", DOMAIN.splitlines())
+    story.changes(BRIDGES, remove=["(at hall)"])
+    story.wait(1.0)
+    with monkeypatch.context() as unwritten:
+        unwritten.setattr(story, "record", lambda: None)
+        story.changes(BRIDGES, add=["(at hall)"])
+        story.runs("/m-2", [GOAL], priority=0)
+        story.plans(("(drive d1 hall kitchen)", 0.0, 10.0), ("(mop kitchen)", 10.001, 4.0), edges=[(0, 1)])
+        story.begins(0)
+        story.changes(BRIDGES, remove=["(at hall)"])
+    story.wait(0.5)
+    story.model.settle()
+    story.close()
+    assert "is there for “kitchen tidy”" in ask(tmp_path, "why", DRIVE, 1.6).sentence
+
+
 def test_other_plans_of_a_recorded_moment(planned: Path) -> None:
     never = ask(planned, "why_not", without=["(drive d1 * *)"], goals=[GOAL], seconds=1.5)
     assert never.ok and "There is no plan without" in never.sentence

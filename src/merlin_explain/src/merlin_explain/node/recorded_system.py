@@ -4,6 +4,7 @@
 import contextlib
 import functools
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Iterator, List, Tuple
 
@@ -131,16 +132,37 @@ class RecordedSystem:
     def _problems(self) -> Iterator[Problem]:
         """What the plan may have been made for: what was known before it was heard, the latest first."""
         plan = self._moment.section("plan")
+        begin = float(plan.get("at") or 0.0) - AROUND
         shown = self._moment
         before: List[Moment] = []
         for look in range(round(2 * AROUND / BETWEEN)):
-            then = self._past.at(float(plan.get("at") or 0.0) - AROUND + look * BETWEEN)
+            then = self._past.at(begin + look * BETWEEN)
             if then is not None and then.section("plan").get("number") == plan.get("number"):
                 shown = then  # its goals are there before it, often in the same frame
                 break
             before += [] if then is None or then.state in [each.state for each in before] else [then]
         for each in (*reversed(before), shown):
             yield problem_of(each, shown)
+        yield from _earlier(shown, begin)
+
+
+def _earlier(moment: Moment, since: float) -> Iterator[Problem]:
+    """The problems of before each of the last changes of facts, of which not all are in a frame.
+
+    :param since: ROS time, s.
+    """
+    problem = problem_of(moment, moment)
+    recent = moment.section("knowledge").get("recent") or {}
+    for number in sorted(recent, key=int, reverse=True):
+        change = recent[number]
+        if change["at"] < since:
+            return
+        name, *args = key_of(change["text"])
+        if change["kind"] == "facts":
+            fact = Fact(name, tuple(args))
+            facts = [each for each in problem.facts if each.key != fact.key]
+            problem = replace(problem, facts=facts if change["sign"] == "+" else [*facts, fact])
+            yield problem
 
 
 def problem_of(moment: Moment, wanted: Moment) -> Problem:
