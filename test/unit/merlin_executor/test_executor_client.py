@@ -138,6 +138,25 @@ def test_a_cancelled_mission_does_not_wait_for_the_knowledge_base(
     assert away.calls == 10**9 - 1
 
 
+@pytest.mark.parametrize(
+    ("status", "begun"),
+    [(GoalStatus.PENDING, False), (GoalStatus.RECALLING, False), (GoalStatus.ACTIVE, True)],
+)
+def test_a_request_that_the_next_executor_does_not_know_had_begun_when_it_was_active(
+    monkeypatch: pytest.MonkeyPatch, clock: Any, status: int, begun: bool
+) -> None:
+    monkeypatch.setattr(rospy, "get_name", lambda: "/mission")
+    topics = Topics(monkeypatch)
+    client = ActionClient("merlin/execute", ExecuteAction)
+    request = ExecutorRequest(client, ExecuteGoal())
+    told = GoalStatus(goal_id=GoalID(id=request.id), status=status)
+    topics.send("/merlin/execute/status", GoalStatusArray(status_list=[told]))
+    topics.send("/merlin/execute/status", GoalStatusArray())  # of another Executor: it knows no goal
+    assert request.done and request.result is not None
+    assert (request.result.outcome, request.begun) == (ExecuteResult.INTERNAL, begun)
+    client.shutdown()
+
+
 def test_a_request_that_cannot_wait_for_a_lost_executor_ends(
     monkeypatch: pytest.MonkeyPatch, clock: Any
 ) -> None:

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A goal whose Executor is lost: it ends, or is sent again; and it always ends once."""
 
+import queue
 import threading
 from types import SimpleNamespace
 from typing import Any, Callable, Dict, List, Optional
@@ -108,6 +109,7 @@ class Sent:
         self.result = ExecuteResult()
         self.feedback = None
         self.seen = True
+        self.active = False
         self.cancelled = threading.Event()
         self._on_done = on_done
 
@@ -190,6 +192,43 @@ def statuses(monkeypatch: pytest.MonkeyPatch) -> Statuses:
 def request(client: Client, on_lost: str, done: Optional[List[ExecutorRequest]] = None) -> ExecutorRequest:
     told = done.append if done is not None else None
     return ExecutorRequest(client, ExecuteGoal(), told, on_lost=on_lost)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("active", "status", "text", "begun"),
+    [
+        (True, GoalStatus.LOST, "the process is gone", True),
+        (False, GoalStatus.LOST, "the process is gone", False),
+        (False, GoalStatus.ABORTED, "the executor failed: KeyError", True),
+        (False, GoalStatus.ABORTED, "the action server shuts down", False),  # it may have waited
+        (False, GoalStatus.REJECTED, "no object 'x'", False),
+        (False, GoalStatus.PREEMPTED, "the executor shuts down", True),
+        (False, GoalStatus.RECALLED, "the executor shuts down", False),
+    ],
+)
+def test_a_request_that_has_ended_says_whether_it_had_begun(
+    client: Client, active: bool, status: int, text: str, begun: bool
+) -> None:
+    sent = request(client, END)
+    client.sent[0].active = active
+    client.sent[0].end(status, text, reason="" if "server" in text else text)
+    assert sent.done and sent.begun is begun
+
+
+def test_one_that_was_lost_while_it_ran_has_begun_also_when_it_is_sent_again_in_vain(
+    client: Client, statuses: Statuses
+) -> None:
+    done: queue.Queue[ExecutorRequest] = queue.Queue()
+    sent = ExecutorRequest(client, ExecuteGoal(), done.put, on_lost=RESEND)  # type: ignore[arg-type]
+    client.sent[0].active = True
+    client.sent[0].end(GoalStatus.LOST, "the process is gone")
+    statuses.publish()
+    client.wait_sent(2)
+    client.there.clear()
+    client.sent[1].end(GoalStatus.LOST, "the process is gone")
+    statuses.publish()
+    assert done.get(timeout=LONG) is sent and sent.begun
+    assert sent.result.outcome == ExecuteResult.INTERNAL
 
 
 def test_a_request_ends_with_the_reason_of_the_loss(client: Client) -> None:

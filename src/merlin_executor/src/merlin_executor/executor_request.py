@@ -9,7 +9,7 @@ from actionlib_msgs.msg import GoalStatus, GoalStatusArray
 from merlin_msgs.msg import ExecuteFeedback, ExecuteGoal, ExecuteResult
 
 from merlin_executor.core.agenda import client_was_lost
-from merlin_executor.resending import END, RESEND, Next, ResendDecision, Resending, was_lost
+from merlin_executor.resending import END, RESEND, Next, ResendDecision, Resending, was_begun, was_lost
 from merlin_ros.actions.action_client import ActionClient
 from merlin_ros.actions.client_goal import TERMINAL, ClientGoal
 from merlin_ros.deadline import Deadline, running_time
@@ -49,9 +49,10 @@ class ExecutorRequest:
             RESEND if goal.survives else on_lost, running_time, survives=bool(goal.survives)
         )
         self._ended = threading.Event()
+        self._begun = False
         self._reason = ""
         self._wake = threading.Event()  # ends the wait for the Executor: it is back, or the client cancels
-        self._lock = threading.Lock()  # guards _resending, _sent and _wake
+        self._lock = threading.Lock()  # guards _resending, _sent, _begun and _wake
         with self._lock:
             self._sent = self._send()
 
@@ -72,6 +73,11 @@ class ExecutorRequest:
     def done(self) -> bool:
         """Whether it has ended."""
         return self._ended.is_set()
+
+    @property
+    def begun(self) -> bool:
+        """Whether it had begun when it ended, or was lost before it was sent again."""
+        return self._begun
 
     @property
     def taken_back(self) -> bool:
@@ -148,6 +154,7 @@ class ExecutorRequest:
         with self._lock:
             reason = getattr(sent.result, "reason", "")
             lost = was_lost(sent.status, sent.text, reason)
+            self._begun = self._begun or was_begun(sent.active, sent.status, lost)
             decision = self._resending.ended(lost, untaken=self._client.heard and not sent.seen)
         if decision.next is not Next.AWAIT:
             self._finish(decision.reason)

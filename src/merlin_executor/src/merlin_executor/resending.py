@@ -64,6 +64,17 @@ def was_lost(status: int, text: str, reason: str) -> bool:
     return status == RequestEnd.LOST or ends or client_was_lost(reason)
 
 
+def was_begun(active: bool, status: int, lost: bool) -> bool:
+    """Whether the Executor had begun a goal that has ended.
+
+    :param active: it said so while the goal ran.
+    :param status: as of :class:`RequestEnd`.
+    :param lost: as of :func:`was_lost`; an action server that goes down aborts what waits, too.
+    """
+    ran = (RequestEnd.PREEMPTED, RequestEnd.SUCCEEDED)
+    return active or status in ran or (status == RequestEnd.ABORTED and not lost)
+
+
 class Next(Enum):
     """What to do now."""
 

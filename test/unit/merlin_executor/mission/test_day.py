@@ -56,7 +56,8 @@ class Sent(Day):
         self.sent: List[Dict[str, Any]] = []
         self.never: List[str] = []
         self.early: List[Any] = []
-        self.found = ExecuteResult.REFUSED
+        self.begun = False
+        self.found = [ExecuteResult.REFUSED]  # how those end that are followed; the last one always
         self.followed: List[str] = []
         self.client = SimpleNamespace(follow=self.follow, cancel_all=lambda: None)
 
@@ -76,11 +77,12 @@ class Sent(Day):
         result = ExecuteResult(outcome=outcome, reason="why")
         taken_back = outcome == ExecuteResult.CANCELLED
         known = lasting_id(options["name"]) if options.get("survives") else "another"
-        on_done(SimpleNamespace(id=known, result=result, taken_back=taken_back))
+        on_done(SimpleNamespace(id=known, result=result, taken_back=taken_back, begun=self.begun))
 
     def follow(self, request: str, on_done: Callable[[Any], None]) -> None:
         self.followed.append(request)
-        on_done(SimpleNamespace(result=ExecuteResult(outcome=self.found, reason="why"), taken_back=False))
+        outcome = self.found.pop(0) if len(self.found) > 1 else self.found[0]
+        on_done(SimpleNamespace(result=ExecuteResult(outcome=outcome, reason="why"), taken_back=False))
 
     @property
     def due(self) -> List[float]:
@@ -155,7 +157,7 @@ def test_what_survived_and_began_before_the_mission_is_followed_to_its_end(
 
     def run(outcome: int) -> None:
         mission = Sent(file, 0, clock)
-        mission.found = outcome
+        mission.found = [outcome]
         mission.run()
         assert mission.followed == [lasting_id(f"Sent:{entry.name}")] and not mission.sent
 
@@ -163,6 +165,66 @@ def test_what_survived_and_began_before_the_mission_is_followed_to_its_end(
     run(ExecuteResult.REFUSED)  # it has ended
     with pytest.raises(MissionFailed, match=r"1 not done, the first: .*day.yaml:1: action failed: why"):
         run(ExecuteResult.ACTION_FAILED)
+
+
+def test_what_was_due_before_the_mission_is_followed_again_when_the_executor_is_lost_and_never_sent(
+    robot: FakeRobot, day: Callable[[str], Path], clock: SimpleNamespace
+) -> None:
+    file = day('- at: "07:55"\n  goals: (a)\n  survives: true\n')
+
+    def run(*found: int) -> Sent:
+        mission = Sent(file, 9, clock)
+        mission.found = list(found)
+        try:
+            mission.run()
+        finally:
+            assert not mission.sent and len(set(mission.followed)) == 1
+        return mission
+
+    assert len(run(ExecuteResult.INTERNAL, ExecuteResult.SUCCEEDED).followed) == 2
+    assert clock.pauses == [2.0]
+    for found in [ExecuteResult.INTERNAL, ExecuteResult.REFUSED], [ExecuteResult.INTERNAL]:
+        with pytest.raises(MissionFailed, match="1 not done, the first: .*day.yaml:1: internal: why"):
+            run(*found)
+    assert clock.now < EIGHT + 2 * HOUR
+
+
+def test_what_was_due_before_the_mission_is_not_sent_either_when_the_clock_is_set_back(
+    robot: FakeRobot, day: Callable[[str], Path], clock: SimpleNamespace
+) -> None:
+    mission = Sent(day('- at: "07:55"\n  goals: (a)\n  survives: true\n'), 9, clock)
+    follow = mission.client.follow
+
+    def set_back(request: str, on_done: Callable[[Any], None]) -> None:
+        clock.now = EIGHT - HOUR
+        follow(request, on_done)
+
+    mission.client.follow = set_back
+    mission.found = [ExecuteResult.SUCCEEDED]
+    mission.run()
+    assert len(mission.followed) == 1 and not mission.sent
+
+
+def test_what_was_begun_and_crashed_or_is_lost_is_not_begun_again(
+    robot: FakeRobot, day: Callable[[str], Path], clock: SimpleNamespace
+) -> None:
+    mission = Sent(day("- every: 20min\n  goals: (a)\n"), 2, clock)
+    mission.outcome, mission.begun = ExecuteResult.INTERNAL, True
+    with pytest.raises(MissionFailed, match="cancelled"):
+        mission.run()
+    assert mission.due == [20.0, 40.0] and not clock.pauses
+
+
+def test_what_was_begun_and_survives_is_followed_when_the_executor_is_lost(
+    robot: FakeRobot, day: Callable[[str], Path], clock: SimpleNamespace
+) -> None:
+    mission = Sent(day("- every: 20min\n  goals: (a)\n  survives: true\n"), 2, clock)
+    mission.outcome, mission.begun = ExecuteResult.INTERNAL, True
+    mission.found = [ExecuteResult.INTERNAL, ExecuteResult.SUCCEEDED]
+    with pytest.raises(MissionFailed, match="cancelled"):
+        mission.run()
+    assert mission.due == [20.0, 40.0]
+    assert len(mission.followed) == 3 and clock.pauses == [2.0, 4.0, 2.0]
 
 
 def test_one_that_survived_from_an_earlier_time_costs_no_later_one(

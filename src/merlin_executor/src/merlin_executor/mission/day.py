@@ -29,8 +29,6 @@ from merlin_ros.service_proxy import ServiceError
 PAUSE = 2.0  # s of ROS time before an errand that was not begun is sent again; doubles each time
 LONGEST_PAUSE = 300.0
 LATEST = 3600.0  # s after it was due at which one without a deadline is sent for the last time
-#: How one ends that the Executor has not taken, or that is lost with it.
-_NOT_BEGUN = (ExecuteResult.REFUSED, ExecuteResult.INTERNAL)
 
 
 class DayError(ValueError):
@@ -244,20 +242,43 @@ class Day(GoalDispatcher):
         if errand.due(self._begun, self._begun) is not None:
             self._next(errand, self._begun)
         elif errand.survives:
-            self.client.follow(
-                lasting_id(self._name(errand)),
-                on_done=lambda request: self._events.put(lambda: self._found_ended(errand, request)),
-            )
+            self._follow(errand, self._begun)
         else:
             self._leave_out(errand)
 
-    def _found_ended(self, errand: Errand, request: ExecutorRequest) -> None:
-        """One that was due before the mission began has ended; REFUSED: it had before."""
+    def _follow(self, errand: Errand, due: float, pause: float = PAUSE, lost: str = "") -> None:
+        """Finds one that survives, and waits for its end; it is not sent.
+
+        :param pause: s of ROS time before it is looked for once more when the Executor is lost.
+        :param lost: how that was; empty: it is looked for the first time.
+        """
+        self.client.follow(
+            lasting_id(self._name(errand)),
+            on_done=lambda request: self._events.put(
+                lambda: self._followed(errand, due, pause, lost, request)
+            ),
+        )
+
+    def _followed(
+        self, errand: Errand, due: float, pause: float, lost: str, request: ExecutorRequest
+    ) -> None:
         result = request.result
-        if result is not None and result.outcome == ExecuteResult.REFUSED:
-            self._leave_out(errand)
+        if result is None or result.outcome != ExecuteResult.REFUSED:
+            self._found_ended(errand, due, pause, result)
+        elif lost:  # how it has ended since then is not known
+            self._close(errand, due, lost)
         else:
-            self._ended(errand, self._begun, PAUSE, result, request.taken_back)
+            self._leave_out(errand)
+
+    def _found_ended(self, errand: Errand, due: float, pause: float, result: Optional[ExecuteResult]) -> None:
+        """One that may go on without its client has ended, or is lost; it is never sent."""
+        why = _why(errand, result)
+        lost = result is not None and result.outcome == ExecuteResult.INTERNAL
+        wait = _patience(errand, due, pause) if lost else 0.0
+        if wait:
+            self._later(errand, wait, lambda: self._follow(errand, due, _longer(pause), why), why)
+        else:
+            self._close(errand, due, why)
 
     def _leave_out(self, errand: Errand) -> None:
         rospy.logwarn(f"{errand.where}: its time has passed today; it is left out")
@@ -280,8 +301,8 @@ class Day(GoalDispatcher):
         :param pause: s of ROS time before it is sent once more when it ends before it is due.
         """
 
-        def ended(result: Optional[ExecuteResult], taken_back: bool = False) -> None:
-            self._events.put(lambda: self._ended(errand, due, pause, result, taken_back))
+        def ended(result: Optional[ExecuteResult], taken_back: bool = False, begun: bool = False) -> None:
+            self._events.put(lambda: self._ended(errand, due, pause, result, taken_back, begun))
 
         def taken_back(request: ExecutorRequest) -> bool:
             # It may be that of an earlier time, which was found under the same name.
@@ -294,7 +315,7 @@ class Day(GoalDispatcher):
         try:
             self.send(
                 errand.goals,
-                on_done=lambda request: ended(request.result, taken_back(request)),
+                on_done=lambda request: ended(request.result, taken_back(request), request.begun),
                 name=self._name(errand),
                 **times,
                 **errand.options,
@@ -303,25 +324,62 @@ class Day(GoalDispatcher):
             ended(ExecuteResult(outcome=ExecuteResult.REFUSED, reason=str(error)))
 
     def _ended(
-        self, errand: Errand, due: float, pause: float, result: Optional[ExecuteResult], taken_back: bool
+        self,
+        errand: Errand,
+        due: float,
+        pause: float,
+        result: Optional[ExecuteResult],
+        taken_back: bool,
+        begun: bool,
     ) -> None:
-        now, why = rospy.get_time(), ""
-        if result is not None and result.outcome not in ACHIEVED:
-            why = f"{errand.where}: {outcome_text(result)}: {result.reason}"
-            rospy.logwarn(why)
-        missed = result is not None and result.outcome in _NOT_BEGUN
-        left = due + min(errand.deadline, errand.every or LATEST) - now
+        now, why = rospy.get_time(), _why(errand, result)
+        outcome = None if result is None else result.outcome
+        lost = outcome == ExecuteResult.INTERNAL
         if taken_back:
             wait = 0.0
         elif now < due:  # one that survives and was achieved was that of an earlier time
             wait = min(pause, due - now) if why or errand.survives else 0.0
-        else:
-            wait = min(pause, left / 2.0) if missed and left > PAUSE else 0.0
-        if wait:
-            longer = min(2.0 * pause, LONGEST_PAUSE)
-            again = functools.partial(self._events.put, lambda: self._send(errand, due, longer))
-            self._alarms[id(errand)] = call_after(wait, again, f"again {errand.where}")
+        elif lost and begun and errand.survives:
+            self._found_ended(errand, due, pause, result)
             return
+        else:  # what was begun may have been done in part: it is not begun again
+            missed = outcome == ExecuteResult.REFUSED or (lost and not begun)
+            wait = _patience(errand, due, pause) if missed else 0.0
+        if wait:
+            self._later(errand, wait, lambda: self._send(errand, due, _longer(pause)), why)
+        else:
+            self._close(errand, due, why)
+
+    def _later(self, errand: Errand, wait: float, call: Callable[[], None], why: str) -> None:
+        if why:
+            rospy.logwarn(f"{why}; again in {wait:.0f} s")
+        again = functools.partial(self._events.put, call)
+        self._alarms[id(errand)] = call_after(wait, again, f"again {errand.where}")
+
+    def _close(self, errand: Errand, due: float, why: str) -> None:
+        """Goes on to its next time.
+
+        :param why: it was not done; empty: it was.
+        """
+        if why:
+            rospy.logwarn(why)
         self._failed += bool(why)
         self._first = self._first or why
-        self._next(errand, max(due, now))
+        self._next(errand, max(due, rospy.get_time()))
+
+
+def _why(errand: Errand, result: Optional[ExecuteResult]) -> str:
+    """Why an errand was not achieved, as a sentence; empty: it was."""
+    if result is None or result.outcome in ACHIEVED:
+        return ""
+    return f"{errand.where}: {outcome_text(result)}: {result.reason}"
+
+
+def _longer(pause: float) -> float:
+    return min(2.0 * pause, LONGEST_PAUSE)
+
+
+def _patience(errand: Errand, due: float, pause: float) -> float:
+    """After how many s something is tried again for an errand whose time has come; zero: never."""
+    left = due + min(errand.deadline, errand.every or LATEST) - rospy.get_time()
+    return min(pause, left / 2.0) if left > PAUSE else 0.0

@@ -20,6 +20,7 @@ TERMINAL = frozenset(
         GoalStatus.LOST,
     )
 )
+_BEGUN = (GoalStatus.ACTIVE, GoalStatus.PREEMPTING)
 
 
 class ClientGoal:
@@ -58,6 +59,7 @@ class ClientGoal:
         self.sent = sent
         self.turn = sent  # when the server acknowledged what was sent before it
         self.seen = False  # in a status list of the server
+        self.active = False  # there, as one that it has begun
         self.alone: Optional[float] = None  # when no server was connected
         self.ended_on_server: Optional[float] = None  # when the terminal status came
         self.cancel_sent: Optional[float] = None  # running time of the last cancel
@@ -102,6 +104,7 @@ class ClientGoal:
         """The server has told of it while it runs."""
         for sent in self.sendings:
             sent.seen = True
+            sent.active = sent.active or status in _BEGUN
             sent.status, sent.said = status, said
 
     def take_feedback(self, feedback: Any) -> None:
