@@ -209,6 +209,7 @@ class Robot:
             self.stop(self.under_way)
             self.under_way.clear()
             self.active = False
+            self.changed.notify_all()
             unmet = tuple(goal for goal in self.stored if goal not in self.facts)
             unstopped, self.unstopped = tuple(self.unstopped), ()
         interruptible(None)
