@@ -430,6 +430,27 @@ def test_one_that_would_make_another_one_late_waits_and_says_why(
     assert robot.cancelled == []
 
 
+def test_one_that_is_due_before_the_end_of_what_runs_does_not_join(bench: Bench, robot: Robot) -> None:
+    first = bench.driving("(checked kitchen)")
+    robot.end_action()  # its check takes 5 s from now
+    second = bench.send("(checked kitchen)", deadline=by(4))
+    why = "does not join (checked kitchen): its deadline is before the end of what runs"
+    robot.wait(lambda: [each.waits for _, each in bench.engine.outlooks()] == [why])
+    assert robot.asked == 1, "no planner is asked"
+    third = bench.send("(checked bath)")
+    bench.members(first, third)
+    bench.carry_on(first, second, third)
+    assert robot.cancelled == []
+
+
+def test_one_whose_goals_hold_is_in_time_whatever_runs(bench: Bench, robot: Robot) -> None:
+    first = bench.driving("(checked kitchen)")
+    robot.facts.add("(checked hall)")
+    second = bench.send("(checked hall)", deadline=by(4))
+    assert end(second)[1] == "SUCCEEDED" and bench.engine.together == [first]
+    bench.carry_on(first)
+
+
 def test_what_is_late_already_keeps_no_newcomer_out(bench: Bench, robot: Robot) -> None:
     first = bench.driving("(and (checked kitchen) (checked attic))", deadline=by(12))
     assert first.outlook.late

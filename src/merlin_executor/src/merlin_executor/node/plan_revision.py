@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 
 JOIN_LIMIT = 10.0  # s of wall time for a plan with newcomers; then they wait
 TOO_LONG = "no plan for all was found in time"
+TOO_LATE = "its deadline is before the end of what runs"
 TRIES = 2
 GATHER = 0.02  # s of wall time for others to leave, too: where all do, nothing is to be planned
 
@@ -209,6 +210,10 @@ class PlanRevision(PlanningState):
         self._planning.generate_problem()
         limited = [r for r in wanted if r.window.is_limited and (r not in run.requests or not r.outlook.late)]
         begin = max(rospy.get_time(), run.request.end_of(kept))
+        late = [r for r in limited if r not in run.requests and r.window.deadline < begin]
+        if not all(all(self._knowledge.query(request.items)) for request in late):
+            self.given_up = self._comes_late = True
+            raise StageError(TOO_LATE)  # a plan that begins behind its deadline knows only the time to zero
         deadlines = [request.due(begin) for request in limited]
         after = list(map(_text, kept))
         found = self._planning.plan(self.interruptible, run.course.without, after, deadlines)
