@@ -163,7 +163,7 @@ class Robot:
             if step.name == "check"
         }
         reached = tuple(max(done.get(goal, 0.0) for goal in due.goals) for due in deadlines)
-        if any(end > due.within for end, due in zip(reached, deadlines)):
+        if any(end > max(0.0, due.within) for end, due in zip(reached, deadlines)):
             return PlanningResult(self.late, "cannot all be in time")
         self.plans.append(plan)
         return PlanningResult(Planned.SOLVED, reached=reached)
@@ -209,6 +209,7 @@ class Robot:
             self.stop(self.under_way)
             self.under_way.clear()
             self.active = False
+            self.changed.notify_all()
             unmet = tuple(goal for goal in self.stored if goal not in self.facts)
             unstopped, self.unstopped = tuple(self.unstopped), ()
         interruptible(None)

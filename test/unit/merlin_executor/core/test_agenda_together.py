@@ -176,6 +176,22 @@ def test_one_that_is_cancelled_leaves_the_others(agenda: "Agenda[Errand]") -> No
     assert begun(agenda) == [1, 2]
 
 
+def test_one_that_leaves_does_not_stop_the_run_because_no_newcomer_can_join(
+    agenda: "Agenda[Errand]",
+) -> None:
+    errands = [Errand(order) for order in range(3)]
+    held(agenda, *errands[:2])
+    begun(agenda)
+    go(agenda)
+    assert revises(agenda.receive(errands[2])) == [2]
+    wanted = agenda.revision
+    assert wanted == errands and revises(agenda.cancel(errands[0])) == [0]
+    assert agenda.not_revised(wanted, Refusal("cancelled")) == [] and agenda.revision == errands[1:2]
+    decisions = agenda.revised(agenda.revision)
+    assert list(answers(decisions)) == errands[:1]
+    assert revises(decisions) == [2] and agenda.revision == errands[1:], "it is tried again"
+
+
 def test_who_comes_while_the_plan_is_carried_out_joins_it(agenda: "Agenda[Errand]") -> None:
     errands = [Errand(order) for order in range(MOST + 1)]
     receive(agenda, errands[0])

@@ -74,6 +74,21 @@ def test_the_status_says_cancelling_when_all_stops_and_not_when_one_leaves(
     assert second.end()[1] == "SUCCEEDED"
 
 
+def test_the_status_is_not_published_for_one_that_does_not_join(bench: Bench) -> None:
+    bench.machine.revises = True
+    goals = [bench.run(Goal("(checked kitchen)")), bench.send(Goal("(checked hall)"))]
+    engine = bench.engine()
+    engine.revised(engine.revision(), Refusal("no time"))
+    published = len(bench.statuses)
+    engine.look()
+    assert bench.queue()[0].waits == "does not join (checked kitchen): no time"
+    assert bench.statuses[published:] == [bench.statuses[-1]], "nothing but the queue"
+    for goal in goals:
+        bench.machine.end(Verdict(Outcome.SUCCEEDED, "done"))
+        assert goal.end()[1] == "SUCCEEDED"
+        assert goal is goals[1] or bench.machine.begun.acquire(timeout=LONG)
+
+
 def test_one_whose_goals_hold_is_answered_while_the_other_runs(bench: Bench) -> None:
     first, second = run_together(bench, Goal("(checked kitchen)"), Goal("(checked hall)"))
     bench.engine().achieved(bench.machine.running[:1], Verdict(Outcome.SUCCEEDED, "the goal holds"))

@@ -50,8 +50,10 @@ def test_a_newcomer_joins_in_mid_drive_and_the_drive_goes_on(bench: Bench, robot
     bench.members(first, second)
     assert robot.cancelled == [] and robot.began == ["(drive hall kitchen)"]
     assert [text(step) for step in second.plan][0] == "(drive hall kitchen)"
-    bench.carry_on(first, second)
-    assert [end(each)[1] for each in (first, second)] == ["SUCCEEDED"] * 2
+    assert robot.end_action() and robot.end_action()
+    assert end(first)[1] == "SUCCEEDED"
+    bench.carry_on(second)
+    assert end(second)[1] == "SUCCEEDED"
     assert robot.began == ["(drive hall kitchen)", "(check kitchen)", "(drive kitchen bath)", "(check bath)"]
     assert robot.cancelled == [] and robot.owners[-1] == second.goal.id
 
@@ -217,6 +219,47 @@ def test_one_that_leaves_stops_the_run_when_there_is_no_other_plan_in_time(
     assert end(second)[1] == "CANCELLED"
     bench.carry_on(first)
     assert end(first)[1] == "SUCCEEDED"
+
+
+@pytest.mark.parametrize("leaves", [0, 1])
+def test_a_cancel_does_not_wait_for_a_plan_with_a_newcomer_which_is_tried_again(
+    bench: Bench, robot: Robot, monkeypatch: pytest.MonkeyPatch, leaves: int
+) -> None:
+    monkeypatch.setattr(plan_revision, "JOIN_LIMIT", 10 * LONG)
+    both = [bench.driving("(checked kitchen)"), bench.send("(checked bath)")]
+    bench.members(*both)
+    robot.hanging = "plan"
+    third = bench.send("(checked attic)")
+    assert robot.hangs.wait(LONG)
+    robot.hanging = ""
+    left = both[1 - leaves]
+    bench.cancel(both[leaves])
+    assert robot.owners[-1] == left.goal.id, "the client of the other one may end now"
+    assert end(both[leaves])[1] == "CANCELLED"
+    bench.members(left, third)
+    assert robot.cancelled == ["(drive hall kitchen)"] * (1 - leaves), "only the first one needs it"
+    bench.carry_on(left, third)
+    assert [end(each)[1] for each in (left, third)] == ["SUCCEEDED"] * 2
+
+
+@pytest.mark.parametrize("leave_limit", [0.1])
+def test_what_hangs_for_a_newcomer_does_not_keep_a_leave_from_its_limit(
+    bench: Bench, robot: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for module, name in ((planning, "CALL_GRACE"), (plan_revision, "JOIN_LIMIT")):
+        monkeypatch.setattr(module, name, 10 * LONG)
+    first = bench.driving("(checked kitchen)")
+    second = bench.send("(checked bath)")
+    bench.members(first, second)
+    robot.hanging = "generate_problem"
+    third = bench.send("(checked attic)")
+    assert robot.hangs.wait(LONG)
+    bench.cancel(second)
+    robot.wait(lambda: robot.cancelled == ["(drive hall kitchen)"])
+    robot.answer()
+    assert end(second)[1] == "CANCELLED"
+    bench.carry_on(first, third)
+    assert [end(each)[1] for each in (first, third)] == ["SUCCEEDED"] * 2
 
 
 def test_an_error_of_its_own_stops_the_run(
@@ -385,6 +428,27 @@ def test_one_that_would_make_another_one_late_waits_and_says_why(
     bench.carry_on(first, second, third)
     assert [end(each)[1] for each in (first, second, third)] == ["SUCCEEDED"] * 3
     assert robot.cancelled == []
+
+
+def test_one_that_is_due_before_the_end_of_what_runs_does_not_join(bench: Bench, robot: Robot) -> None:
+    first = bench.driving("(checked kitchen)")
+    robot.end_action()  # its check takes 5 s from now
+    second = bench.send("(checked kitchen)", deadline=by(4))
+    why = "does not join (checked kitchen): its deadline is before the end of what runs"
+    robot.wait(lambda: [each.waits for _, each in bench.engine.outlooks()] == [why])
+    assert robot.asked == 1, "no planner is asked"
+    third = bench.send("(checked bath)")
+    bench.members(first, third)
+    bench.carry_on(first, second, third)
+    assert robot.cancelled == []
+
+
+def test_one_whose_goals_hold_is_in_time_whatever_runs(bench: Bench, robot: Robot) -> None:
+    first = bench.driving("(checked kitchen)")
+    robot.facts.add("(checked hall)")
+    second = bench.send("(checked hall)", deadline=by(4))
+    assert end(second)[1] == "SUCCEEDED" and bench.engine.together == [first]
+    bench.carry_on(first)
 
 
 def test_what_is_late_already_keeps_no_newcomer_out(bench: Bench, robot: Robot) -> None:

@@ -300,13 +300,14 @@ class Agenda(Generic[T]):
         return [*itertools.chain(*left), *self._interrupt()]
 
     def not_revised(self, wanted: Sequence[T], refusal: Refusal = NOT_SAID) -> List[Decision]:
-        """No plan for these can take the place: newcomers wait, and one that leaves stops the run."""
+        """No plan for these can take the place: newcomers wait, and one that leaves them stops the run."""
         if self._stopping:
             return []
         self._refused.update({ticket.order: refusal for ticket in wanted if ticket in self._waiting})
-        parting = [ticket for ticket in self._running if ticket.stop]
-        if self._surplus and not parting:
+        stopped = [ticket for ticket in self._running if ticket.stop]
+        if self._surplus and not stopped:
             return self._stop(self._running, Stop(StopKind.JOINED, StopKind.ANOTHER.value))
+        parting = [ticket for ticket in stopped if ticket not in wanted]
         self._stopping = bool(parting)
         return [StopRun(ticket) for ticket in parting]
 

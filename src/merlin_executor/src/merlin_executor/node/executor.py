@@ -397,9 +397,7 @@ class Executor:
                 changes = [each.runs(status.running) for each in together]
                 freed = any(changes)
                 if any(each.keeps for each in together):
-                    outlooks = self._engine.outlooks()
-                    urgent = [each.waits for other, each in outlooks if other.priority > request.priority]
-                    status.urgent_waits = next(filter(None, urgent), "")
+                    status.urgent_waits = _urgent_waits(together, self._engine.outlooks())
                 outlook = request.outlook
                 status.deadline = request.goal.goal.deadline
                 status.expected_end = rospy.Time.from_sec(outlook.end or 0.0)
@@ -422,10 +420,10 @@ class Executor:
 
     def _publish_queue(self) -> None:
         with self._publishing:
-            running = self._engine.running
-            self._expected_end = running.expected_end if running is not None else None
+            together = self._engine.together
+            self._expected_end = together[0].expected_end if together else None
             outlooks = self._engine.outlooks()
-            waits = next((outlook.waits for _, outlook in outlooks if outlook.waits), "")
+            changed = bool(together) and _urgent_waits(together, outlooks) != self._urgent_waits
             for request, outlook in outlooks:
                 request.tell(outlook)
             with self._lock:
@@ -433,7 +431,7 @@ class Executor:
             message = GoalQueue(requests=[request.queued_goal(outlook) for request, outlook in outlooks])
             message.header.stamp = rospy.Time.now()
             publish(self._queue_publisher, message)
-        if running is not None and waits != self._urgent_waits:
+        if changed:
             self._publish_status()
         if self._forecasts is not None:
             self._forecasts.look()
@@ -452,6 +450,14 @@ class Executor:
             return
         if texts:
             rospy.logwarn(f"removed the goals that an earlier executor left: {', '.join(texts)}")
+
+
+def _urgent_waits(together: Sequence[Request], outlooks: Sequence[Tuple[Request, Outlook]]) -> str:
+    """Why a request waits that is more urgent than those that run; empty: it does not wait for them."""
+    if not any(each.keeps for each in together):
+        return ""
+    urgent = [outlook.waits for each, outlook in outlooks if each.priority > together[0].priority]
+    return next(filter(None, urgent), "")
 
 
 def _ended_by_server(status: GoalStatus) -> ExecuteResult:

@@ -2,7 +2,8 @@
 """Exchanges the plan of a run while its actions go on: for newcomers that join, and for one that leaves.
 
 For newcomers the new plan follows all that runs. When one leaves, those of the running actions go on that a
-plan for the others would have, too; where that are none, the run is stopped and planned again.
+plan for the others would have, too; where that are none, the run is stopped and planned again. A leave ends
+the look for a plan with newcomers, which are tried again behind it.
 """
 
 import threading
@@ -17,7 +18,6 @@ from merlin_executor.core.activity import LONGEST_REASON
 from merlin_executor.core.agenda import Refusal
 from merlin_executor.core.engine import Engine
 from merlin_executor.core.standstill import MOVES
-from merlin_executor.core.ticket import Client
 from merlin_executor.node.own_goals import OwnGoals
 from merlin_executor.node.request import Request, goals_of
 from merlin_pddl.text_reader import shortened
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 
 JOIN_LIMIT = 10.0  # s of wall time for a plan with newcomers; then they wait
 TOO_LONG = "no plan for all was found in time"
+TOO_LATE = "its deadline is before the end of what runs"
 TRIES = 2
 GATHER = 0.02  # s of wall time for others to leave, too: where all do, nothing is to be planned
 
@@ -56,9 +57,10 @@ class PlanRevision(PlanningState):
         self._requests = requests
         self._calls_put = CallQueue("another plan").put
         self._limits = CallQueue("limit of another plan")
-        self._working = threading.Lock()  # held by the thread that revises; guards the two fields below
-        self._wanted: List[Request] = []
+        self._working = threading.Lock()  # held by the thread that revises; guards the field below
         self._comes_late = False  # whether it is proven that not all that are wanted would be in time
+        self._turn = threading.Lock()  # guards the field below, and that a preempt is for what stands there
+        self._wanted: List[Request] = []
         self._changed = threading.Condition()  # notified when an action has ended, or nothing is waited for
         self._closed = False
 
@@ -73,12 +75,20 @@ class PlanRevision(PlanningState):
         left = [request for request in self._run.requests if request.stop is None]
         if self._closed or not left or not self._dispatcher.can_exchange:
             return False
-        if self._run.request.client is not Client.ALIVE:  # nothing would move meanwhile
-            self._dispatcher.hand_over(left[0].goal.id)
-        if len(left) < len(self._run.requests):
-            call_later(GATHER, partial(self._calls_put, self._work))
-        else:
+        leaving = [request for request in self._run.requests if request.stop is not None]
+        if not leaving:
             self._calls_put(self._work)
+            return True
+        if self._run.request in leaving:  # its client may end before it has left: nothing would move then
+            self._dispatcher.hand_over(left[0].goal.id)
+        with self._turn:
+            joins = self._joins()
+            if joins:
+                self.request_preempt()
+        if joins:  # what it waits for may hang
+            late = partial(self._stays, leaving, left)
+            call_later(self._system.leave_limit, partial(self._limits.put, late))
+        call_later(GATHER, partial(self._calls_put, self._work))
         return True
 
     def close(self) -> None:
@@ -100,11 +110,7 @@ class PlanRevision(PlanningState):
     def _work(self) -> None:
         with self._working:
             tries, before = 0, self._wanted
-            while True:
-                self.service_preempt()
-                self._wanted = [] if self._closed else self._requests.revision()
-                if not self._wanted:
-                    return
+            while self._next():
                 # The client of one that leaves may end before that has left.
                 self._dispatcher.hand_over(self._wanted[0].goal.id)
                 tries = tries + 1 if self._wanted == before else 1
@@ -118,6 +124,22 @@ class PlanRevision(PlanningState):
                     rospy.loginfo(f"the plan is not exchanged: {self.reason}")
                     reason = shortened(self.reason, LONGEST_REASON)
                     self._requests.revised(self._wanted, Refusal(reason, self._comes_late))
+
+    def _next(self) -> List[Request]:
+        """Takes the requests that are wanted now; none: there is nothing to do."""
+        with self._turn:
+            self._wanted = []
+            self.service_preempt()
+        wanted = [] if self._closed else self._requests.revision()
+        with self._turn:
+            self._wanted = wanted
+            if self._joins() and any(request.stop is not None for request in self._run.requests):
+                self.request_preempt()  # that came since the revision was asked
+        return wanted
+
+    def _joins(self) -> bool:
+        """Whether what is worked on has newcomers."""
+        return any(request not in self._run.requests for request in self._wanted)
 
     def run(self, userdata: Any) -> str:
         """Exchanges the plan for one for the requests that are wanted."""
@@ -157,8 +179,18 @@ class PlanRevision(PlanningState):
         self.interruptible(None)
 
     def _late(self, wanted: List[Request]) -> None:
-        self.request_preempt()
+        with self._turn:
+            if self._wanted is not wanted:  # it has just ended
+                return
+            self.request_preempt()
         self._requests.revised(wanted, Refusal(TOO_LONG))
+
+    def _stays(self, leaving: List[Request], left: List[Request]) -> None:
+        """The limit for a leave is over; where it still waits for the end of a join, it stops the run."""
+        with self._turn:
+            joins = self._joins()
+        if joins and not self._closed and any(request in self._run.requests for request in leaving):
+            self._requests.revised(left, Refusal(TOO_LONG))
 
     def _exchange(self, wanted: List[Request], parts: bool) -> List[RunningAction]:
         """Returns the actions that are stopped; raises StageError and what its calls raise."""
@@ -178,6 +210,10 @@ class PlanRevision(PlanningState):
         self._planning.generate_problem()
         limited = [r for r in wanted if r.window.is_limited and (r not in run.requests or not r.outlook.late)]
         begin = max(rospy.get_time(), run.request.end_of(kept))
+        late = [r for r in limited if r not in run.requests and r.window.deadline < begin]
+        if not all(all(self._knowledge.query(request.items)) for request in late):
+            self.given_up = self._comes_late = True
+            raise StageError(TOO_LATE)  # a plan that begins behind its deadline knows only the time to zero
         deadlines = [request.due(begin) for request in limited]
         after = list(map(_text, kept))
         found = self._planning.plan(self.interruptible, run.course.without, after, deadlines)
