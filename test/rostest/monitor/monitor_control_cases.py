@@ -140,9 +140,8 @@ class ControlCases(PageCases):
         page.locator("#queue-list .cancel").first.click()
         visit.wait_text("#now-last", "cancelled after")
         self.assertTrue(self.status.wait(lambda status: status.state == ExecutorStatus.IDLE))
-        self.assertTrue(
-            any(not self.knowledge.holds(f"(checked {poi})") for poi in ("kitchen", "bathroom", "main_door"))
-        )
+        rooms = ("kitchen", "bathroom", "dorm_room", "main_door")
+        self.assertFalse(all(self.knowledge.holds(f"(checked {room})") for room in rooms))
 
         events = visit.page.evaluate("async () => (await fetch('/history.json')).json()")
         mine = [event["text"] for event in events if event["detail"].get("by") == OPERATOR]
