@@ -305,11 +305,23 @@ def test_a_node_ends_without_a_search_for_garbage(master: Any) -> None:
     assert "spared: True" in node.output
 
 
-HANGS = """
-import atexit, threading
+LIMITS = """
+import atexit, ctypes, threading
 from merlin_ros import node
 node.END_LIMIT = node.RETURN_LIMIT = 0.5
+"""
+WAITS = """
 atexit.register(threading.Event().wait)
+"""
+HOLDS_THE_INTERPRETER = """
+atexit.register(ctypes.PyDLL(None).pause)
+"""
+BUSY = """
+def begin_threads():
+    while True:
+        threading.Thread(target=sum, args=([1],)).start()
+for _ in range(3):
+    threading.Thread(target=begin_threads, daemon=True).start()
 """
 COMMAND = """
 node.init_node("somebody")
@@ -321,7 +333,18 @@ node.run_node("somebody", lambda: lambda: None)
 
 
 @pytest.mark.parametrize("ending", [COMMAND, RUN], ids=["command", "node"])
-def test_what_hangs_while_python_ends_is_ended_and_says_where(master: Any, ending: str) -> None:
-    node = master.node(HANGS + ending)
+@pytest.mark.parametrize(
+    ("hangs", "said", "where"),
+    [
+        (WAITS, "is ended by force", "in wait"),
+        (HOLDS_THE_INTERPRETER, "Timeout", "Thread"),
+        (WAITS + BUSY, "is ended by force", "in wait"),
+    ],
+    ids=["waits", "holds the interpreter", "threads begin and end"],
+)
+def test_what_hangs_while_python_ends_is_ended_and_says_where(
+    master: Any, hangs: str, said: str, where: str, ending: str
+) -> None:
+    node = master.node(LIMITS + hangs + ending)
     assert node.ended() == 1
-    assert "Timeout" in node.output and "in wait" in node.output
+    assert said in node.output and where in node.output

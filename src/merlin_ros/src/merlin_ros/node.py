@@ -430,20 +430,32 @@ def _exit(code: int) -> None:
 def _limit_end_of_python() -> None:
     """Ends the process by force, with exit code 1, when it has not ended in time; prints its threads.
 
-    By a timer of the interpreter and not by a thread: that would no longer run while the interpreter ends.
+    Behind the limits that say why, and in two steps. A thread reads the others' stacks while no other runs.
+    It does not run where the interpreter is ending or is held by what hangs. There a timer of the interpreter
+    reads them: no other thread runs that could change a stack meanwhile, by which the timer would crash
+    (python/cpython#116008).
     """
-    faulthandler.dump_traceback_later(END_LIMIT + RETURN_LIMIT, exit=True)  # behind those that say why
+    _limit(END_LIMIT + RETURN_LIMIT, 1)
+    faulthandler.dump_traceback_later(END_LIMIT + 2 * RETURN_LIMIT, exit=True)
 
 
 def _limit(seconds: float, code: int) -> None:
-    """Ends the process after this time, whatever it waits for."""
+    """Ends the process after this time, whatever it waits for, and says where its threads are."""
 
     def end() -> None:
-        with contextlib.suppress(OSError, ValueError):
-            sys.stderr.write(f"{rospy.get_name()}: did not end within {seconds:g} s and is ended by force\n")
+        with contextlib.suppress(Exception):  # it ends, whatever cannot be said
+            late = f"did not end within {seconds:g} s and is ended by force"
+            sys.stderr.write(f"{rospy.get_name()}: {late}; its threads:\n{_stacks()}")
         _exit(code)
 
     timer = threading.Timer(seconds, end)
     timer.name = "end limit"
     timer.daemon = True
     timer.start()
+
+
+def _stacks() -> str:
+    """The stack of each thread."""
+    names = {thread.ident: thread.name for thread in threading.enumerate()}
+    stacks = sys._current_frames().items()
+    return "".join(f"{names.get(i, i)}:\n{''.join(traceback.format_stack(stack))}" for i, stack in stacks)
