@@ -10,10 +10,11 @@ from typing import Any, Dict, Iterator
 
 from merlin_msgs.srv import Explain, ExplainRequest
 
-from executive.cancel_cycles import cancel_cycles
+from executive.cancel_cycles import cancel_cycles_by_turns
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
 
-CYCLES = 110
+CYCLES = 105
+NAMES = ("goal_to_dispatch_ms", "cancel_to_stop_ms")
 PER_SECOND = 5.0
 LIMIT = 60.0  # s
 #: What is asked in turn; each has an answer, which may be that it is not known, whatever the robot does.
@@ -30,7 +31,7 @@ ASKED = (
 def questions(count: Dict[str, float]) -> Iterator[None]:
     """Within it the robot is asked, every 0.2 s from several threads.
 
-    :param count: is filled: how many were asked and answered, in how many seconds.
+    :param count: adds up how many were asked and answered, in how many seconds.
     """
     over = threading.Event()
     turns = itertools.count()
@@ -42,7 +43,7 @@ def questions(count: Dict[str, float]) -> Iterator[None]:
             turn = next(turns)
             if over.wait(max(0.0, begin + turn / PER_SECOND - time.monotonic())):
                 return
-            count["asked"] = turn + 1
+            count["asked"] = count.get("asked", 0.0) + 1
             with contextlib.suppress(ServiceError):
                 service(ExplainRequest(**ASKED[turn % len(ASKED)]))
                 count["answered"] = count.get("answered", 0) + 1
@@ -57,16 +58,17 @@ def questions(count: Dict[str, float]) -> Iterator[None]:
         over.set()
         for asker in askers:
             asker.join()
-        count["seconds"] = time.monotonic() - begin
+        count["seconds"] = count.get("seconds", 0.0) + time.monotonic() - begin
 
 
 def measure() -> Dict[str, Any]:
-    """The figures, with how many questions were asked and answered per s."""
+    """The figures without and with questions, by turns, with how many were asked and answered per s."""
     count: Dict[str, float] = {}
     launch = Path(__file__).with_name("questions.launch")
-    found = cancel_cycles(launch, CYCLES, longest=3.0, beside=lambda: questions(count))
+    alone, asked = cancel_cycles_by_turns(launch, CYCLES, longest=3.0, beside=lambda: questions(count))
     return {
-        "questions": {name: found[name] for name in ("goal_to_dispatch_ms", "cancel_to_stop_ms")},
-        "questions_answered_per_s": round(count.get("answered", 0.0) / count["seconds"], 1),
-        "questions_asked_per_s": round(count.get("asked", 0.0) / count["seconds"], 1),
+        "without questions": {name: alone[name] for name in NAMES},
+        "questions": {name: asked[name] for name in NAMES},
+        "questions_answered_per_s": round(count["answered"] / count["seconds"], 1),
+        "questions_asked_per_s": round(count["asked"] / count["seconds"], 1),
     }
