@@ -20,35 +20,39 @@ export class Gantt {
     this.followed = null; // number of the plan that is followed to the present
     this.root = svg("svg", { role: "img" });
     box.append(this.root);
-    pannable(box, { move: (dx, dy) => box.scrollBy(dx, dy), zoom: (factor) => { this.zoom = Math.min(8, Math.max(0.25, this.zoom * factor)); this.draw(...this.last); } });
-    this.last = [{}, 0, {}];
+    pannable(box, { move: (dx, dy) => box.scrollBy(dx, dy), zoom: (factor) => { this.zoom = Math.min(8, Math.max(0.25, this.zoom * factor)); this.paint(...this.last); } });
+    this.last = [[], 0, {}, ""];
   }
 
   // robots: the section of the state; each has lanes of its own.
   draw(plan, now, robots) {
-    this.last = [plan, now, robots];
-    const steps = stepsOf(plan).filter((step) => step.duration > 0.01 || step.began !== undefined);
-    this.box.hidden = steps.length === 0;
-    if (this.box.hidden) return;
     const times = planTimes(plan, now);
-    const spans = steps.map((step) => ({ step, ...stepSpan(step, times, now) }));
-    const ends = spans.flatMap(({ planned, real }) => [...planned, ...(real || [])]);
-    const [from, to] = [Math.min(...ends), Math.max(...ends, times ? now : -Infinity)];
-    const lengths = steps.map((step) => step.duration).sort((a, b) => a - b);
+    const steps = stepsOf(plan).filter((step) => step.duration > 0.01 || step.began !== undefined);
+    const late = times && times.delay > 2 ? `; ${t("{time} late", { time: secondsText(times.delay) })}` : "";
+    this.paint(steps.map((step) => ({ step, ...stepSpan(step, times, now) })), times && now, robots, t("The plan in time, {count} steps", { count: steps.length }) + late);
+  }
+
+  // spans: [{step, planned: [from, to], real: the same or null, due: a time or 0}]; now: 0 where times are not of a clock.
+  paint(spans, now, robots, label) {
+    this.last = [spans, now, robots, label];
+    this.box.hidden = spans.length === 0;
+    if (this.box.hidden) return;
+    const ends = spans.flatMap(({ planned, real, due }) => [...planned, ...(real || []), ...(due ? [due] : [])]);
+    const [from, to] = [Math.min(...ends), Math.max(...ends, now || -Infinity)];
+    const lengths = spans.map(({ planned }) => planned[1] - planned[0]).sort((a, b) => a - b);
     const room = Math.max(300, this.box.clientWidth - 4);
     const middle = Math.max(0.5, lengths[lengths.length >> 1]);
     const width = Math.max(room, ((to - from) / middle) * READABLE) * this.zoom;
     const x = (at) => 4 + ((width - 60) * (at - from)) / Math.max(0.1, to - from);
     const { tops, names, height } = layOut(spans, robots || {});
-    const items = ticks(from, to, x, height, times);
+    const items = ticks(from, to, x, height, now);
     spans.forEach((span, index) => items.push(...bars(span, x, tops[index])));
-    if (times && now <= to) items.push(svg("line", { class: "now", x1: x(now), x2: x(now), y1: 0, y2: height }));
+    if (now && now <= to) items.push(svg("line", { class: "now", x1: x(now), x2: x(now), y1: 0, y2: height }));
     this.root.replaceChildren(...items);
     this.root.setAttribute("width", width);
     this.root.setAttribute("height", height);
-    const late = times && times.delay > 2 ? `; ${t("{time} late", { time: secondsText(times.delay) })}` : "";
-    this.root.setAttribute("aria-label", t("The plan in time, {count} steps", { count: steps.length }) + late);
-    if (times && !this.box.matches(":hover, :focus")) this.box.scrollLeft = x(now) - this.box.clientWidth / 2;
+    this.root.setAttribute("aria-label", label);
+    if (now && !this.box.matches(":hover, :focus")) this.box.scrollLeft = x(now) - this.box.clientWidth / 2;
     for (const [name, y] of names) this.root.append(svg("text", { class: "robot", x: this.box.scrollLeft + 5, y: y + 11 }, name));
   }
 }
@@ -77,23 +81,24 @@ function layOut(spans, { parameters = {}, robots = {} }) {
   return { tops, names, height };
 }
 
-function bars({ step, planned, real }, x, y) {
+function bars({ step, planned, real, due }, x, y) {
   const rect = (kind, [from, to], top) => svg("rect", { class: kind, x: x(from), y: top, width: Math.max(2, x(to) - x(from) - 1), height: BAR, rx: 4, "data-state": step.state });
   const words = say(step.does || step.words) || step.text;
   const seconds = real ? t("{state} in {time}", { state: t(step.state), time: secondsText(real[1] - real[0]) }) : t(step.state);
-  const title = svg("title", {}, `${words}: ${t("planned {time}", { time: secondsText(step.duration) })}, ${seconds}`);
+  const title = svg("title", {}, `${words}: ${t("planned {time}", { time: secondsText(planned[1] - planned[0]) })}, ${seconds}`);
   const shapes = [svg("g", {}, title, rect("planned", planned, y + 2), real ? rect("real", real, y + 4 + BAR) : null)];
+  if (due) shapes.push(svg("line", { class: "due", x1: x(due), x2: x(due), y1: y, y2: y + 6 + 2 * BAR }));
   const letters = Math.floor((x(planned[1]) - x(planned[0]) - 10) / LETTER);
   if (letters >= 4) shapes.push(svg("text", { x: x(planned[0]) + 5, y: y + 14 }, words.length > letters ? `${words.slice(0, letters - 1)}…` : words));
   return shapes;
 }
 
-function ticks(from, to, x, height, times) {
+function ticks(from, to, x, height, now) {
   const each = TICKS.find((step) => x(from + step) - x(from) > 90) || TICKS[TICKS.length - 1];
   const items = [];
   for (let at = Math.ceil(from / each) * each; at <= to; at += each) {
     items.push(svg("line", { class: "tick", x1: x(at), x2: x(at), y1: TOP - 4, y2: height }));
-    items.push(svg("text", { class: "at", x: x(at) + 3, y: 12 }, times ? clockText(at).replace(".0 s", " s") : `${at} s`));
+    items.push(svg("text", { class: "at", x: x(at) + 3, y: 12 }, now ? clockText(at).replace(".0 s", " s") : `${at} s`));
   }
   return items;
 }

@@ -5,12 +5,13 @@ from typing import Any, List, Tuple
 
 import rospy
 from diagnostic_msgs.msg import KeyValue
-from merlin_msgs.msg import ExecutorStatus, KnowledgeChanges, RunningAction
+from merlin_msgs.msg import ExecuteActionResult, ExecutorStatus, KnowledgeChanges, RunningAction
 from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback
 from rosplan_knowledge_msgs.msg import KnowledgeItem
 from smach_msgs.msg import SmachContainerStatus, SmachContainerStructure
 
 from merlin_monitor.state.history_events import Event
+from merlin_monitor.text.request_words import OUTCOMES
 
 
 class Told(List[Event]):
@@ -68,6 +69,14 @@ def running(identity: int, name: str, *pairs: Tuple[str, str]) -> RunningAction:
 
 def executor(state: int, **fields: Any) -> ExecutorStatus:
     return ExecutorStatus(state=state, **fields)
+
+
+def ended(request: str, outcome: str) -> ExecuteActionResult:
+    """The end of a request, with an outcome as the page calls it."""
+    result = ExecuteActionResult()
+    result.status.goal_id.id = request
+    result.result.outcome = OUTCOMES.index(outcome)
+    return result
 
 
 def structure(path: str, children: List[str], edges: List[Tuple[str, str, str]], outcomes: List[str]) -> Any:

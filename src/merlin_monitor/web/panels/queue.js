@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// The goals that are served and that wait.
+// The goals that are served and that wait, and the same in time: as was expected first, and as it was and is.
 import { byId, clockText, el, keyed, part, setHidden, setText } from "../dom.js";
+import { Gantt } from "../gantt.js";
 import { say, t } from "../texts.js";
 
 export function show(section, { store, control }) {
-  section.append(el("ol", { id: "queue-list", class: "rows" }), el("p", { id: "queue-empty", class: "empty" }, t("No goals wait.")));
+  section.append(el("ol", { id: "queue-list", class: "rows" }), el("p", { id: "queue-empty", class: "empty" }, t("No goals wait.")), el("div", { id: "queue-time", class: "gantt", tabindex: 0, role: "group", "aria-label": t("The queue in time"), hidden: true }));
+  const gantt = new Gantt(byId("queue-time"));
   const draw = () => {
     const { now = {}, queue = {}, meta = {} } = store.state;
     const at = (time) => ({ time: clockText(time + (meta.clock_set || 0)) });
@@ -18,6 +20,15 @@ export function show(section, { store, control }) {
       const words = [waiting.interrupted && t("interrupted"), say(waiting.waits) || t("waits"), waiting.on_interrupt === "drop" && t("dropped when interrupted"), waiting.survives && t("survives"), t("asked for by {client}", { client: waiting.by }), ...times(waiting)];
       requests.push({ ...waiting, note: words.filter(Boolean).join(", ") });
     }
+    const clock = meta.time || 0;
+    const span = (item, planned, real) => ({ step: { ...item, text: item.request, words: say(item.words) }, planned, real, due: item.deadline });
+    const running = (executor.request ? [executor, ...(executor.together || [])] : []).filter((item) => item.began);
+    const spans = [
+      ...(queue.ended || []).filter(({ planned, real }) => planned || real).map((item) => span(item, item.planned || item.real, item.real)),
+      ...running.map((item) => span({ ...item, state: "running" }, (item.planned || [])[1] ? item.planned : [item.began, clock], [item.began, clock])),
+      ...(queue.waiting || []).filter((item) => item.expected_end).map((item) => span({ ...item, state: "waiting" }, [item.expected_begin, item.expected_end], null)),
+    ];
+    gantt.paint(spans, clock, {}, t("The queue in time"));
     const count = (queue.waiting || []).length;
     setText(byId("queue-note"), count ? t("{count} waiting", { count }) : "");
     setHidden(byId("queue-empty"), requests.length > 0);

@@ -6,8 +6,16 @@ from typing import Any, List
 import pytest
 import rospy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from merlin_msgs.msg import ExecutorStatus, GuardStatus, MachineHolds, MissionStatus, StateOutcome
-from messages import executor, fact, status, structure
+from merlin_msgs.msg import (
+    ExecutorStatus,
+    GoalQueue,
+    GuardStatus,
+    MachineHolds,
+    MissionStatus,
+    QueuedGoal,
+    StateOutcome,
+)
+from messages import ended, executor, fact, status, structure
 from served import TOKEN, Served
 from shown_page import AXE, CHECK, NOW, fill, look_again, signed_in
 from std_msgs.msg import Header
@@ -377,6 +385,31 @@ def test_the_plan_in_time_and_what_was_said_heard_and_seen(visits: Any, served: 
     page.wait("() => document.querySelector('#map-picture svg').viewBox.baseVal.width < 3.9")
     page.page.locator("#map-tools button").nth(2).click()
     page.wait("() => document.querySelector('#map-picture svg').viewBox.baseVal.width === 4")
+
+
+def test_the_queue_is_shown_in_time_as_expected_and_as_it_was(visits: Any, served: Served) -> None:
+    page = visits(bypass_csp=True)
+    told, now = served.state.inbox.put, served.state.now
+    for request, end in (("/round-1-1.0", 150.0), ("/round-2-1.0", 190.0)):
+        running = executor(ExecutorStatus.RUNNING, request=request, goals=["(checked hall)"])
+        running.expected_end = rospy.Time.from_sec(end)
+        told(now.executor, running, end - 30.0)
+        if request == "/round-1-1.0":
+            told(now.result, ended(request, "late"), 155.0)
+    waits = QueuedGoal(request="/round-3-1.0", goals=["(checked dorm_room)"])
+    times = {"expected_begin": 190.0, "expected_end": 220.0, "deadline": 200.0}
+    for name, at in times.items():
+        setattr(waits, name, rospy.Time.from_sec(at))
+    told(now.queue, GoalQueue(requests=[waits]), 160.0)
+    page.wait("() => document.querySelectorAll('#queue-time .planned').length === 3")
+    states = "() => [...document.querySelectorAll('#queue-time .real')].map((bar) => bar.dataset.state)"
+    assert page.page.evaluate(states) == ["late", "running"]
+    assert page.page.evaluate("() => document.querySelectorAll('#queue-time .due').length") == 1
+    widths = "(kind) => document.querySelector(`#queue-time .${kind}`).width.baseVal.value"
+    assert page.page.evaluate(widths, "real") > page.page.evaluate(widths, "planned"), "it took longer"
+    page.page.add_script_tag(path=AXE)
+    assert page.page.evaluate(CHECK) == []
+    assert page.page.evaluate(SMALL) == []
 
 
 def test_while_a_base_is_held_no_resume_is_offered_and_who_holds_it_is_asked_for(

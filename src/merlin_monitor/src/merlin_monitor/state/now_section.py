@@ -8,6 +8,7 @@ from merlin_monitor.state.guard_section import GUARD, HELD_WORDS, KEPT
 from merlin_monitor.state.history_events import Reporter, sentence
 from merlin_monitor.state.machine_section import MachineSection, held_words, unconfirmed_words
 from merlin_monitor.state.plan_section import PlanSection
+from merlin_monitor.state.request_times import RequestTimes
 from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.text.fact_text import action_text
 from merlin_monitor.text.phrase import Phrase, in_english, say, with_reason
@@ -59,8 +60,7 @@ class NowSection:
         self._mission_node = ""
         self._pace = TaskPace()
         self._executor: Dict[str, Any] = {}
-        self._request_began: Dict[str, Tuple[float, List[str]]] = {}
-        self._ended: Dict[str, List[str]] = {}  # requests → goals: a cancel may come later
+        self._request_times = RequestTimes()
         self._queued: Optional[Dict[str, Dict[str, Any]]] = None  # what waits, in order; None: not heard yet
         self._kept: Mapping[str, Any] = {}  # the section of an earlier life
         tree.set(QUEUE, "waiting", [])
@@ -108,16 +108,15 @@ class NowSection:
         if not self._executor and before.get("request"):
             self._plan_request = before["request"]
             for each in self._running(before):
-                self._request_began[each["request"]] = (before.get("began", at), list(each["goals"]))
+                self._request_times.begin(each["request"], before.get("began", at), list(each["goals"]))
         known = {each["request"] for each in self._running(before)}
         words = self._goals(message.goals)
         self._executor = {
             "state": name_of(EXECUTOR_STATES, message.state),
             "request": message.request,
-            "began": self._request_began.get(message.request, (at,))[0],
             "goals": list(message.goals),
             "words": words,
-            "together": [self._with(words, each) for each in getattr(message, "together", ())],
+            "together": [self._with(words, each, at) for each in getattr(message, "together", ())],
             "priority": message.priority,
             "by": getattr(message, "by", ""),  # a bag may be older
             "stage": message.stage,
@@ -129,7 +128,7 @@ class NowSection:
             "held": message.held,
             "waits": getattr(message, "waits", ""),
             "breakpoints": list(message.breakpoints),
-            **self._times(message, "deadline", "expected_end"),
+            **self._running_times(message, at),
             "running": [
                 {
                     "id": action.action_id,
@@ -141,8 +140,7 @@ class NowSection:
         }
         for each in self._running(self._executor):
             if each["request"] not in known:
-                resumed = each["request"] in self._request_began
-                self._request_began.setdefault(each["request"], (at, each["goals"]))
+                resumed = self._request_times.begin(each["request"], each["began"], each["goals"])
                 goals = each["words"] or say("a request")
                 begun = (
                     say("goes on with “{goals}”", goals=goals)
@@ -163,15 +161,15 @@ class NowSection:
     def result(self, message: Any, at: float) -> None:
         """Takes a message with the fields of merlin_msgs/ExecuteActionResult: a request has ended."""
         identity = message.status.goal_id.id
-        began, goals = self._request_began.pop(identity, (at, []))
-        if len(self._request_began) > 200:
-            self._request_began.clear()
-        self._ended[identity] = goals
-        if len(self._ended) > 20:
-            del self._ended[next(iter(self._ended))]
+        began, goals = self._request_times.began(identity) or (at, [])
         outcome = name_of(OUTCOMES, message.result.outcome)
         reason = message.result.reason or message.status.text
         words = self._goals(goals)
+        known = [*self._running(self._executor), *(self._queued or {}).values()]
+        last: Mapping[str, Any] = next((each for each in known if each["request"] == identity), {})
+        shown = words or last.get("words", [])
+        self._request_times.end(identity, at, outcome, shown, last.get("deadline", 0.0))
+        self._tree.set(QUEUE, "ended", self._request_times.ended())
         if identity == self._plan_request:
             self._plan.request_ended()
         what = words or say("a request")
@@ -202,7 +200,7 @@ class NowSection:
 
         :param node: that sent it.
         """
-        _, goals = self._request_began.get(message.id) or (at, self._ended.get(message.id, []))
+        goals = self._request_times.goals(message.id)
         queued = (self._queued or {}).get(message.id, {"words": []})
         words = self._goals(goals) or queued["words"]
         self._report(sentence("goal", cancel_words(self._named(node), message.id, words), at))
@@ -221,7 +219,7 @@ class NowSection:
                 "queued": request.queued.to_sec(),
                 "by": getattr(request, "by", ""),
                 "survives": getattr(request, "survives", False),
-                **self._times(request, "not_before", "deadline", "expected_begin", "expected_end"),
+                **self._waiting_times(request),
                 "kept": self._wording.reason(getattr(request, "waits", "")),
             }
             for request in message.requests
@@ -414,7 +412,7 @@ class NowSection:
             number = min(total, self._executor.get("done", 0) + 1)
         return say("step {number} of {count}", number=str(number), count=str(total))
 
-    def _with(self, words: List[Phrase], other: Any) -> Dict[str, Any]:
+    def _with(self, words: List[Phrase], other: Any, at: float) -> Dict[str, Any]:
         """A further request that runs in the plan of the one with these words."""
         shown = {
             "request": other.request,
@@ -424,6 +422,7 @@ class NowSection:
             "by": other.by,
             "running": True,
             "waits": say("runs with “{goals}”", goals=words),
+            **self._running_times(other, at),
         }
         return {**shown, "by": self._asked_by(shown)}
 
@@ -481,6 +480,17 @@ class NowSection:
             stage = executor["stage"]
             chain.append(["stage", say(STAGES[stage]) if stage in STAGES else stage])
         return chain
+
+    def _running_times(self, message: Any, at: float) -> Dict[str, Any]:
+        times = self._times(message, "deadline", "expected_end")
+        began = (self._request_times.began(message.request) or (at if message.request else 0.0,))[0]
+        planned = self._request_times.expect(message.request, began, times["expected_end"])
+        return {**times, "began": began, "planned": planned}
+
+    def _waiting_times(self, request: Any) -> Dict[str, Any]:
+        times = self._times(request, "not_before", "deadline", "expected_begin", "expected_end")
+        self._request_times.expect(request.request, times["expected_begin"], times["expected_end"])
+        return times
 
     def _times(self, message: Any, *names: str) -> Dict[str, Any]:
         """Times of a request, s of ROS time, zero where there is none, and why it is late."""

@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: Apache-2.0
+"""When requests were expected to run, and when they did: what the queue shows beside each other.
+
+Times are ROS time, s.
+"""
+
+from typing import Any, Dict, List, NamedTuple, Optional, Tuple
+
+#: Requests that have ended and are shown, and requests that are remembered at the most.
+SHOWN, REMEMBERED = 12, 2000
+
+
+class Begun(NamedTuple):
+    """A request that runs, or has run and waits again.
+
+    :ivar at: when it was first seen to run.
+    :ivar goals: PDDL texts.
+    """
+
+    at: float
+    goals: List[str]
+
+
+class RequestTimes:
+    """Expectation and truth of requests, by their actionlib goal id. Not for several threads."""
+
+    def __init__(self) -> None:
+        self._begun: Dict[str, Begun] = {}
+        self._expected: Dict[str, Tuple[float, float]] = {}
+        self._ended: Dict[str, Dict[str, Any]] = {}
+
+    def expect(self, request: str, begin: float, end: float) -> List[float]:
+        """Takes when a request is expected to run, and returns what was expected first.
+
+        :param begin: of it; of one that runs, when it began.
+        :param end: 0 where it is not known, which is then returned.
+        """
+        if end:
+            _bounded(self._expected)
+            self._expected.setdefault(request, (begin, end))
+        return list(self._expected.get(request, (begin, end)))
+
+    def begin(self, request: str, at: float, goals: List[str]) -> bool:
+        """Takes a request that runs. Returns whether it is known to have run before."""
+        before = request in self._begun
+        _bounded(self._begun)
+        self._begun.setdefault(request, Begun(at, goals))
+        return before
+
+    def began(self, request: str) -> Optional[Begun]:
+        """What is known of a request that has begun and not ended."""
+        return self._begun.get(request)
+
+    def end(self, request: str, at: float, outcome: str, words: List[Any], deadline: float) -> None:
+        """Takes the end of a request.
+
+        :param words: of its goals, phrases.
+        :param deadline: 0 where it has none.
+        """
+        begun = self._begun.pop(request, None)
+        planned = self._expected.pop(request, None)
+        self._ended[request] = {
+            "request": request,
+            "words": words,
+            "goals": begun.goals if begun else [],
+            "planned": list(planned) if planned else None,
+            "real": [begun.at, at] if begun else None,
+            "deadline": deadline,
+            "state": outcome,
+        }
+        if len(self._ended) > SHOWN:
+            del self._ended[next(iter(self._ended))]
+
+    def goals(self, request: str) -> List[str]:
+        """The goals of a request that runs or has ended lately."""
+        begun = self._begun.get(request)
+        return begun.goals if begun else self._ended.get(request, {}).get("goals", [])
+
+    def ended(self) -> List[Dict[str, Any]]:
+        """The requests that have ended lately, the last one last."""
+        return list(self._ended.values())
+
+
+def _bounded(table: Dict[str, Any]) -> None:
+    if len(table) >= REMEMBERED:  # their ends were not heard
+        del table[next(iter(table))]

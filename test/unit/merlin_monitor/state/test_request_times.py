@@ -1,0 +1,47 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the queue shows of requests in time: as was expected first, and as it was."""
+
+from merlin_monitor.state.request_times import REMEMBERED, SHOWN, RequestTimes
+
+GOALS = ["(checked hall)"]
+
+
+def test_an_ended_request_has_the_first_expectation_and_its_real_times() -> None:
+    times = RequestTimes()
+    times.expect("a", 10.0, 20.0)
+    assert not times.begin("a", 12.0, GOALS)
+    assert times.expect("a", 12.0, 31.0) == [10.0, 20.0], "the first one is kept"
+    assert times.begin("a", 25.0, GOALS), "it goes on"
+    times.end("a", 33.0, "late", ["hall checked"], 30.0)
+    assert times.ended() == [
+        {
+            "request": "a",
+            "words": ["hall checked"],
+            "goals": GOALS,
+            "planned": [10.0, 20.0],
+            "real": [12.0, 33.0],
+            "deadline": 30.0,
+            "state": "late",
+        }
+    ]
+    assert times.began("a") is None and times.goals("a") == GOALS
+
+
+def test_what_never_ran_or_had_no_expectation_ends_without_them() -> None:
+    times = RequestTimes()
+    assert times.expect("a", 0.0, 0.0) == [0.0, 0.0], "not known"
+    times.end("a", 5.0, "cancelled", [], 0.0)
+    (ended,) = times.ended()
+    assert ended["planned"] is None and ended["real"] is None
+    assert times.expect("a", 7.0, 8.0) == [7.0, 8.0], "sent again"
+
+
+def test_what_is_kept_is_bounded() -> None:
+    times = RequestTimes()
+    for number in range(REMEMBERED + 10):
+        times.begin(str(number), 0.0, GOALS)
+        times.expect(str(number), 0.0, 1.0)
+    assert times.began("9") is None and times.began("10") is not None
+    for number in range(SHOWN + 3):
+        times.end(str(number), 2.0, "succeeded", [], 0.0)
+    assert [each["request"] for each in times.ended()] == [str(number) for number in range(3, SHOWN + 3)]
