@@ -14,10 +14,10 @@ import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
-from typing import Generator, Iterator, List, Tuple
+from typing import Any, Dict, Generator, Iterator, List, Tuple
 
 import pytest
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 from hypothesis.internal.scrutineer import SITE_PACKAGES_DIRS
 
 from merlin.local_names import launch_tool, use_loopback
@@ -31,12 +31,16 @@ from merlin_test.progress import Progress, longest_first, read_durations
 
 # A busy machine is slow, not wrong; how fast things are is for bench/ to say. The same examples each time:
 # a change is judged by what it changes. make soak looks for others.
-settings.register_profile("merlin", deadline=None, derandomize=True)
-settings.register_profile("search", deadline=None)
+PATIENT: Dict[str, Any] = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow]}
+settings.register_profile("merlin", derandomize=True, **PATIENT)
+settings.register_profile("search", **PATIENT)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "merlin"))
-# Hypothesis tries the constants of modules that are ours. Else each worker reads a thousand more: Debian's
-# and those made of messages.
+# Hypothesis tries the constants of modules that are loaded, and these differ from worker to worker: with
+# them no two runs would try the same. Only a search has those of our modules; Debian's and those made of
+# messages are a thousand more for each worker to read.
 SITE_PACKAGES_DIRS.update(Path(each).resolve() for each in sys.path if each.endswith("-packages"))
+if settings().derandomize:
+    SITE_PACKAGES_DIRS.add(Path(__file__).resolve().parents[1])
 
 #: What another workspace, or the robot that the user works with, has set in this shell; and what has the
 #: processes of tests print at once and compile what they import, unlike those of a user.
@@ -51,7 +55,7 @@ FOREIGN = (
     "PYTHONDONTWRITEBYTECODE",
 )
 
-LIMIT = 450.0  # s, below pytest's own limit, so that the suite's processes are ended here
+LIMIT = 1300.0  # s, below that of pytest.ini, so that the processes of the suite are ended here
 #: How long each file of tests takes; ``make test`` writes a new list into results/test/durations.txt.
 DURATIONS = Path(__file__).parent / "durations.txt"
 #: A node logs its connections and each call of its slave API.

@@ -53,7 +53,7 @@ def make_install() -> None:
         lock.seek(0)
         if lock.read() == run:
             return
-        made = subprocess.run(command, capture_output=True, text=True, timeout=500, check=False)
+        made = subprocess.run(command, capture_output=True, text=True, timeout=1300, check=False)
         assert made.returncode == 0, (made.stdout + made.stderr)[-3000:]
         lock.truncate(0)
         lock.write(run)

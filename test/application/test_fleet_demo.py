@@ -13,7 +13,7 @@ import pytest
 from chaos.under_test.network import why_impossible
 
 DEMO = [sys.executable, str(Path(__file__).resolve().parents[2] / "bench" / "fleet")]
-LIMIT = 420.0  # s, on a machine that tests something else meanwhile
+LIMIT = 1300.0  # s, on a machine that tests something else meanwhile
 ENDS = 200.0  # s that an interrupted one may take to end
 
 

@@ -32,7 +32,7 @@ from merlin_test.node_path import node_path
 EXPERIMENT = Path(__file__).resolve().parents[2] / "bench" / "experiment"
 RUN = [node_path("merlin", "run"), "home.launch"]
 REPLAY = [sys.executable, "-c", "from merlin.replay.command import main; raise SystemExit(main())"]
-LIMIT = 100.0  # s for an answer
+LIMIT = 300.0  # s for an answer
 GOES_ON = 200.0  # s of ROS time: 10 s of a replay, in which a node that says nothing would be missed
 # A machine that tests something else meanwhile may need three times as long as it does alone.
 pytestmark = pytest.mark.timeout(1000)
@@ -47,7 +47,7 @@ def start(tmp_path: Path, *words: str) -> subprocess.Popen:
 
 
 def end(process: subprocess.Popen) -> Tuple[int, List[str], List[str]]:
-    out, err = process.communicate(timeout=500)
+    out, err = process.communicate(timeout=900)
     return process.returncode, out.splitlines(), err.splitlines()
 
 
@@ -181,7 +181,7 @@ def check_replay(tmp_path: Path, live: Dict[str, Any], at: float) -> None:
         assert state["map"]["robot"][:2] == pytest.approx([where.x, where.y], abs=0.2)
     finally:
         process.send_signal(signal.SIGINT)
-        _, err = process.communicate(timeout=100)
+        _, err = process.communicate(timeout=LIMIT)
     assert process.returncode == 130, err
     assert not list(tmp_path.glob("merlin-replay-*"))
 

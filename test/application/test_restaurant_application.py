@@ -16,8 +16,8 @@ from merlin_test.node_path import node_path
 
 RUN = [node_path("merlin", "run"), "restaurant.launch"]
 
-LIMIT = 800.0  # s of wall time, on a machine that tests something else meanwhile
-pytestmark = pytest.mark.timeout(1000)
+LIMIT = 1300.0  # s of wall time, on a machine that tests something else meanwhile
+pytestmark = pytest.mark.timeout(1500)
 SHORT = ("haste:=8", "seed:=3", "rtf:=3")
 
 

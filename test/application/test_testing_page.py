@@ -33,7 +33,7 @@ def test_the_tests_of_the_pages_pass(tmp_path: Path) -> None:
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
-        timeout=450,
+        timeout=1300,
         check=False,
     )
     assert done.returncode == 0, done.stdout[-6000:]

@@ -36,7 +36,7 @@ def run(folder: Path, launch: Path, *words: str) -> "subprocess.CompletedProcess
     env = dict(os.environ, PYTHONPATH=path, ROS_HOME=str(folder), ROS_LOG_DIR=str(folder / "log"))
     env.pop("ROS_MASTER_URI", None)
     command = [RUN, str(launch), *words]
-    return subprocess.run(command, env=env, capture_output=True, text=True, timeout=450, check=False)
+    return subprocess.run(command, env=env, capture_output=True, text=True, timeout=1300, check=False)
 
 
 @pytest.mark.parametrize(

@@ -1,14 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a run of many tests says about itself: an estimate, and each failure at once; and what it keeps."""
+"""A run of many tests: its estimate, each failure at once, what it keeps, and which examples it tries."""
 
 import importlib.util
 import os
 import sys
 import time
 from pathlib import Path
+from types import ModuleType
 from typing import List
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from merlin_test.compiled_tests import compile_tests
 from merlin_test.progress import Progress, longest_first, read_durations
@@ -133,3 +136,21 @@ def test_workers_find_tests_compiled(tmp_path: Path, request: pytest.FixtureRequ
     compile_tests(request.config, [test])
     (compiled,) = tmp_path.rglob("*.pyc")
     assert compiled.stat().st_ino != before.st_ino
+
+
+@pytest.mark.skipif(not settings().derandomize, reason="this run searches other examples")
+def test_a_module_that_is_loaded_changes_no_example(monkeypatch: pytest.MonkeyPatch) -> None:
+    tried: List[object] = []
+
+    @given(st.one_of(st.integers(), st.floats(), st.text()))
+    @settings(max_examples=300)
+    def run(value: object) -> None:
+        tried.append(repr(value))
+
+    run()
+    before, tried[:] = list(tried), []
+    loaded = ModuleType("loaded meanwhile")
+    loaded.__file__ = str(Path(__file__).parents[2] / "bench" / "chaos" / "table.py")
+    monkeypatch.setitem(sys.modules, loaded.__name__, loaded)
+    run()
+    assert tried == before

@@ -23,7 +23,7 @@ def installed(command: str, tmp_path: Path) -> subprocess.CompletedProcess:
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
-        timeout=200,
+        timeout=1300,
     )
 
 

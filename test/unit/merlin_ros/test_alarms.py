@@ -49,12 +49,11 @@ def test_a_call_is_not_early(alarms: Alarms) -> None:
     assert rang[0] - begun >= 0.03
 
 
-def test_a_call_that_was_taken_back_is_not_made(alarms: Alarms) -> None:
+def test_a_call_that_was_taken_back_is_not_made() -> None:
+    process = StalledProcess()
     made: List[str] = []
-    over = threading.Event()
-    alarms.call_later(0.02, lambda: made.append("taken back")).cancel()
-    alarms.call_later(0.04, over.set)
-    assert over.wait(LIMIT)
+    process.alarms.call_later(0.02, lambda: made.append("taken back")).cancel()
+    process.pass_time(0.1)
     assert made == []
 
 
@@ -74,24 +73,22 @@ def test_a_call_that_fails_does_not_keep_the_others(alarms: Alarms) -> None:
     assert over.wait(LIMIT)
 
 
-def test_one_thread_serves_all(alarms: Alarms) -> None:
-    before = threading.active_count()
+def test_one_thread_serves_all() -> None:
+    alarms = Alarms("one thread")  # others may come and go meanwhile
     for _ in range(100):
         alarms.call_later(FAR, lambda: None)
-    assert threading.active_count() == before + 1
+    assert [thread.name for thread in threading.enumerate()].count("one thread") == 1
 
 
 @pytest.mark.parametrize("seconds", [1e10, float("inf"), float("nan")])
-def test_a_time_beyond_measure_keeps_no_other_call(alarms: Alarms, seconds: float) -> None:
-    alarms.call_later(seconds, lambda: None)
-    seen = threading.Event()
-    alarms.call_later(0.0, seen.set)
-    assert seen.wait(10.0)  # the thread has the other one before it, too
+def test_a_time_beyond_measure_keeps_no_other_call(seconds: float) -> None:
+    process = StalledProcess()
+    process.alarms.call_later(seconds, lambda: None)
+    process.pass_time(0.0)  # the thread has the other one before it, too
     rang: List[str] = []
-    over = threading.Event()
-    alarms.call_later(0.04, lambda: (rang.append("late"), over.set()))
-    alarms.call_later(0.02, lambda: rang.append("early"))
-    assert over.wait(10.0)
+    process.alarms.call_later(0.04, lambda: rang.append("late"))
+    process.alarms.call_later(0.02, lambda: rang.append("early"))
+    process.pass_time(0.1)
     assert rang == ["early", "late"]
 
 

@@ -32,7 +32,8 @@ def keeper(monkeypatch: pytest.MonkeyPatch) -> Iterator[MasterKeeper]:
 class SlowMaster:
     """A master that answers only while `answers` is set."""
 
-    def __init__(self) -> None:
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self._monkeypatch = monkeypatch
         self.answers = threading.Event()
         self.answers.set()
         self.process = 1
@@ -49,6 +50,20 @@ class SlowMaster:
         assert self.answers.wait(LONG)
         return [1, "", self.process]
 
+    def hang(self, hung: float = LONG) -> None:
+        """It answers no more, and soon counts as silent; as hung after some time, s."""
+        self.answers.clear()
+        self._limits(0.3, hung)
+
+    def go_on(self) -> None:
+        """It answers again, and as late as a busy machine makes it."""
+        self._limits(LONG, LONG)
+        self.answers.set()
+
+    def _limits(self, silent: float, hung: float) -> None:
+        self._monkeypatch.setattr(master_watch, "SILENT", silent)
+        self._monkeypatch.setattr(master_watch, "HUNG", hung)
+
     def close(self) -> None:
         self.answers.set()
         self._server.shutdown()
@@ -57,7 +72,7 @@ class SlowMaster:
 
 @pytest.fixture
 def slow(monkeypatch: pytest.MonkeyPatch) -> Iterator[SlowMaster]:
-    master = SlowMaster()
+    master = SlowMaster(monkeypatch)
     monkeypatch.setenv("ROS_MASTER_URI", master.uri)
     yield master
     master.close()
@@ -86,29 +101,24 @@ def said(asking: MasterKeeper, monkeypatch: pytest.MonkeyPatch) -> "queue.Queue[
     return lines
 
 
-def test_a_slow_master_pauses_what_runs_until_it_answers(
-    slow: SlowMaster, said: "queue.Queue[str]", monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(master_watch, "SILENT", 0.3)
+def test_a_slow_master_pauses_what_runs_until_it_answers(slow: SlowMaster, said: "queue.Queue[str]") -> None:
     for _ in range(2):
-        slow.answers.clear()
+        slow.hang()
         assert "is silent, it is slow or hangs; what runs pauses" in said.get(timeout=LONG)
         assert ownership.suspended("a goal") and not master_link.lost.is_set()
-        slow.answers.set()
+        slow.go_on()
         assert "answers again" in said.get(timeout=LONG)
         assert not ownership.suspended("a goal")
 
 
 def test_a_master_that_hangs_is_lost_in_the_end_and_what_runs_stays_paused_until_it_is_back(
-    slow: SlowMaster, said: "queue.Queue[str]", monkeypatch: pytest.MonkeyPatch
+    slow: SlowMaster, said: "queue.Queue[str]"
 ) -> None:
-    monkeypatch.setattr(master_watch, "SILENT", 0.3)
-    monkeypatch.setattr(master_watch, "HUNG", 1.0)
-    slow.answers.clear()
+    slow.hang(1.0)
     assert "is silent" in said.get(timeout=LONG)
     assert "does not answer; waiting for its return" in said.get(timeout=LONG)
     assert master_link.lost.is_set() and ownership.suspended("a goal")
-    slow.answers.set()
+    slow.go_on()
     assert "is back; this node is registered again" in said.get(timeout=LONG)
     assert not master_link.lost.is_set() and not ownership.suspended("a goal")
 
@@ -169,12 +179,10 @@ def test_a_master_that_does_not_let_a_node_register_stays_lost(
 
     monkeypatch.setattr(master_keeper.rospy, "logwarn", warn)
     monkeypatch.setattr(master_keeper, "register_again", register)
-    monkeypatch.setattr(master_watch, "SILENT", 0.3)
-    monkeypatch.setattr(master_watch, "HUNG", 1.0)
-    slow.answers.clear()
+    slow.hang(1.0)
     assert "is silent" in said.get(timeout=LONG)
     assert "does not answer; waiting for its return" in said.get(timeout=LONG)
-    slow.answers.set()
+    slow.go_on()
     assert lost.get(timeout=LONG)
     assert "cannot register again, keeps trying" in said.get(timeout=LONG)
     assert "is back; this node is registered again" in said.get(timeout=LONG)
