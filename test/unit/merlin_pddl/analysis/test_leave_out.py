@@ -13,7 +13,7 @@ from merlin_pddl.evaluation import Evaluator
 from merlin_pddl.problem_reader import parse_problem
 from merlin_pddl.text_reader import PddlError
 
-FOLDER = Path(__file__).parents[3] / "src" / "merlin" / "pddl"
+FOLDER = Path(__file__).parents[4] / "src" / "merlin" / "pddl"
 DOMAIN = """; ask one of them
 (define (domain clinic)
   (:types person)

@@ -18,7 +18,7 @@ from merlin_pddl.evaluation import compare
 from merlin_pddl.formula import Atom
 from merlin_pddl.problem_reader import parse_problem
 
-FOLDER = Path(__file__).parents[3] / "src" / "merlin" / "pddl"
+FOLDER = Path(__file__).parents[4] / "src" / "merlin" / "pddl"
 LONG = 60.0
 COURIER = """(define (domain courier)
   (:types place box)
