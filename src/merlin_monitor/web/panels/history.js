@@ -27,7 +27,7 @@ export function show(section, { store }) {
     el("div", { id: "history-list", class: "log long", tabindex: 0, role: "list", "aria-label": t("Events, newest first") }),
   );
   const shown = new Set(KINDS.filter((kind) => !QUIET.has(kind)));
-  const kept = new Map(); // id → event, of the shown kinds and the timeline: those of the state, and older ones
+  let kept = new Map(); // id → event, of the shown kinds and the timeline: those of the state, and older ones
   let exhausted = false;
   let loading = false;
 
@@ -53,7 +53,7 @@ export function show(section, { store }) {
   });
 
   function forgetOlder() {
-    kept.clear();
+    kept = new Map();
     exhausted = false;
   }
 
@@ -70,12 +70,12 @@ export function show(section, { store }) {
     const recorded = (store.state.meta || {}).run !== undefined;
     if (!recorded || loading || exhausted || !shown.size || kept.size >= MOST) return;
     loading = true;
-    const kinds = [...shown].join(",");
+    const before = kept;
     try {
       const all = events();
       const first = all.length ? `&before=${all[all.length - 1].id}` : "";
-      const page = await askFor(`history?limit=${PAGE}&kinds=${kinds}${first}`);
-      if (kinds === [...shown].join(",")) { // else they were chosen anew
+      const page = await askFor(`history?limit=${PAGE}&kinds=${[...shown].join(",")}${first}`);
+      if (kept === before) { // else the page does not follow what is kept: kinds were chosen, or a run began
         exhausted = page.length < PAGE;
         for (const event of page) kept.set(event.id, event);
       }
@@ -84,7 +84,7 @@ export function show(section, { store }) {
       if (error instanceof TypeError) return; // no connection: the next scroll asks again
       tell(byId("history-trouble"), t("The history does not answer: {reason}", { reason: error.message }));
       if (error.cause) return; // it hangs: likewise
-      exhausted = true;
+      exhausted = kept === before;
     } finally {
       loading = false;
     }

@@ -4,11 +4,13 @@
 from typing import List
 
 import pytest
+from merlin_msgs.msg import QueuedGoal
 from robot_story import BEGIN, RobotStory
 
 from merlin_explain.claims import Answer, QuestionError, Words
 from merlin_explain.happening.doing import doing
 from merlin_explain.happening.moment import clock
+from merlin_explain.happening.waiting import waiting
 
 REQUEST = "/mission-1-5.0"
 DRIVE, MOP = "(drive d1 hall kitchen)", "(mop kitchen)"
@@ -53,6 +55,20 @@ def test_an_estimate_that_has_passed_is_not_one(story: RobotStory) -> None:
     drive(story)
     story.wait(20.0)
     assert "that was 8 s ago: it is late" in ask(story).sentence
+
+
+def test_requests_that_run_in_one_plan(story: RobotStory) -> None:
+    joined = QueuedGoal(request="/tablet-1", goals=["(wet kitchen)"])
+    story.runs(REQUEST, ["(tidy kitchen)"], together=[joined])
+    story.plans((DRIVE, 0.0, 10.0), (MOP, 10.0, 4.0), edges=[(0, 1)])
+    story.begins(0)
+    story.queues({"request": "/tablet-2", "goals": ["(at attic)"]})
+    assert ask(story, "(wet kitchen)").sentence == ask(story).sentence
+    with pytest.raises(QuestionError, match="does not wait: its request runs"):
+        waiting(story.moment(), "(wet kitchen)", Words())
+    queued = waiting(story.moment(), "(at attic)", Words())
+    assert "“(tidy kitchen) and (wet kitchen)” has to end first" in queued.sentence
+    assert "(wet kitchen), /tablet-1" in [each.text for each in queued.claims[0].evidence]
 
 
 def test_a_plan_without_durations(story: RobotStory) -> None:

@@ -173,6 +173,20 @@ def test_a_state_that_is_heard_of_after_its_action_counts(story: RobotStory) -> 
     assert "state" in kinds(ask(story, DRIVE))
 
 
+@pytest.mark.parametrize(("late", "known"), [(0.3, True), (1.5, True), (7.0, True), (30.0, False)])
+def test_a_state_is_looked_for_in_later_frames(story: RobotStory, late: float, known: bool) -> None:
+    """Its topic may be slow; but what a machine says long after is not waited for."""
+    begin(story)
+    story.machine("/DRIVE", "GO", into="GO")
+    story.wait(1.0)
+    story.fails(0, "/move_base aborted: no valid plan found")
+    story.wait(late)
+    story.machine("/DRIVE", "GO", outcome="aborted", late=late + 0.05)  # it ended before its action
+    story.wait(1.0)
+    states = [claim.text for claim in ask(story, DRIVE).claims if claim.kind == "state"]
+    assert states == (["state DRIVE/GO ended with aborted"] if known else [])
+
+
 def test_a_fact_whose_difference_would_have_let_it_succeed(story: RobotStory) -> None:
     story.changes(BRIDGES, battery=20.0)
     begin(story)

@@ -1,20 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
 """A run that has ended is asked, from its history and from its bag, without a robot and without a master."""
 
+import errno
 import json
+import math
 import os
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, Sequence
+from typing import Any, Callable, Dict, Sequence
 
 import genpy
 import pytest
 import rosbag
 import yaml
 from diagnostic_msgs.msg import KeyValue
-from merlin_msgs.msg import ExecuteActionResult, ExecuteResult, ExecutorStatus, KnowledgeChanges
+from merlin_msgs.msg import ExecuteActionResult, ExecuteResult, ExecutorStatus, KnowledgeChanges, QueuedGoal
 from merlin_msgs.srv import ExplainRequest
 from robot_story import BEGIN, BRIDGES, DOMAIN, RobotStory
 from rosplan_knowledge_msgs.msg import KnowledgeItem
@@ -170,6 +173,20 @@ def test_why_a_step_of_a_recorded_plan(planned: Path) -> None:
         ask(planned, "why", DRIVE, 1.5)
 
 
+def test_why_a_step_of_requests_that_run_together(tmp_path: Path) -> None:
+    story = RobotStory(tmp_path)
+    story.model.tree.set("why", "domain", DOMAIN.splitlines())
+    story.runs("/m-1", [GOAL], together=[QueuedGoal(request="/tablet-1", goals=["(wet kitchen)"], by="Ana")])
+    story.plans((DRIVE, 0.0, 10.0), ("(mop kitchen)", 10.001, 4.0), edges=[(0, 1)])
+    story.begins(0)
+    story.model.settle()
+    story.close()
+    step = ask(tmp_path, "why", DRIVE)
+    asked = [claim.text for claim in step.claims if claim.kind == "request"]
+    assert "is there for “kitchen tidy” and “kitchen wet”" in step.sentence
+    assert len(asked) == 2 and asked[1].startswith("Ana asked for “kitchen wet”"), asked
+
+
 def test_why_of_a_plan_for_facts_that_no_frame_has(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The drive before was cancelled at once, and the next one has begun before the monitor wrote again."""
     story = RobotStory(tmp_path)
@@ -203,7 +220,114 @@ def test_other_plans_of_a_recorded_moment(planned: Path) -> None:
 def test_what_was_missing_at_a_recorded_moment(planned: Path) -> None:
     empty = ask(planned, "no_plan", goals=[GOAL], seconds=0.5)
     assert "There is no plan" in empty.sentence and "battery" in empty.sentence
-    assert [claim.kind for claim in empty.claims] == ["impossible", "enough"]
+    assert [claim.kind for claim in empty.claims] == ["impossible", "enough", "unknown"]
+
+
+def test_a_value_that_is_no_number_is_none(tmp_path: Path) -> None:
+    story = RobotStory(tmp_path)
+    story.model.tree.set("why", "domain", DOMAIN.splitlines())
+    story.changes("/charger", battery=math.inf)
+    story.wait(1.0)
+    story.model.settle()
+    story.close()
+    assert ask(tmp_path, "so", "(battery)").sentence == "(battery) has no value."
+    assert "does not hold" in ask(tmp_path, "so", "(>= (battery) 5)").sentence
+    empty = ask(tmp_path, "no_plan", goals=["(at kitchen)"])
+    assert "There is no plan" in empty.sentence and "battery" in empty.sentence
+
+
+@pytest.mark.parametrize("where", [(tempfile, "mkdtemp"), (Path, "write_text")])
+def test_a_full_disk_is_named(planned: Path, monkeypatch: pytest.MonkeyPatch, where: Any) -> None:
+    def full(*_: Any, **__: Any) -> Any:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(*where, full)
+    with pytest.raises(QuestionError, match="no file can be written .*No space left"):
+        ask(planned, "what_if", goals=[GOAL], seconds=1.5)
+    assert ask(planned, "doing", "", 5.0).ok  # what needs no file
+
+
+def problem(more: str = "", metric: str = "") -> String:
+    return String(f"(define (problem p) (:domain errands)\n(:init (at hall)\n{more})\n(:goal (and)){metric})")
+
+
+@pytest.fixture
+def with_problems(tmp_path: Path) -> Callable[..., RobotStory]:
+    """A story whose robot publishes problems, as the panel follows them; it is at its begin."""
+
+    def begun(**planner: Any) -> RobotStory:
+        story = RobotStory(tmp_path)
+        domain = {"rosplan_knowledge_base/domain_path": {"text": DOMAIN}}
+        parameters = {**domain, "rosplan_planner_interface": planner}
+        heard: Dict[str, Any] = {}
+        robot = SimpleNamespace(
+            resolve=str,
+            parameter=parameters.get,
+            subscribe=lambda topic, kind, receive, **_: heard.update({topic: receive}),
+            time_of=lambda message: story.now,
+        )
+        panel = WhyPanel(story.model, robot)  # type: ignore[arg-type]
+        panel.start()
+        panel.look({})
+        hears = heard["rosplan_problem_interface/problem_instance"]
+        story.hears = lambda message: (hears(message), story.record())  # type: ignore[attr-defined]
+        return story
+
+    return begun
+
+
+def test_the_metric_of_the_recorded_problem_judges(with_problems: Any, tmp_path: Path) -> None:
+    """By the battery a way through the attic is as good as any that is longer, and by the time it is not."""
+    story = with_problems()
+    story.changes(BRIDGES, add=["(open d2)", "(joins d2 kitchen hall)"], battery=20.0)
+    story.hears(problem(metric="(:metric maximize (- (battery) (* 2 (total-time))))"))
+    story.wait(1.0)
+    story.hears(problem(metric="(:metric minimize (total-time))"))
+    story.wait(1.0)
+    story.model.settle()
+    story.close()
+    question = {"include": ["(drive d2 kitchen hall)"], "goals": ["(at kitchen)"]}
+    judged = ask(tmp_path, "why_not", seconds=0.5, **question)
+    assert "worse" in judged.sentence and "(- (battery) (* 2 (total-time)))" in judged.sentence
+    by_time = ask(tmp_path, "why_not", seconds=1.5, **question)
+    assert "worse" in by_time.sentence and "battery" not in by_time.sentence
+    assert "unknown" not in {claim.kind for claim in (*judged.claims, *by_time.claims)}
+
+
+def test_facts_that_come_true_by_themselves_count_from_their_time(with_problems: Any, tmp_path: Path) -> None:
+    story = with_problems(anytime=0.1, time_limit=5.0, planner_command="")
+    story.changes(BRIDGES, remove=["(open d1)"], battery=20.0)
+    story.hears(problem("(at 30 (open d1))\n(at 90.5 (not (open d1)))"))
+    story.runs("/m-1", [GOAL])
+    story.plans((DRIVE, 30.001, 10.0), ("(mop kitchen)", 40.002, 4.0), edges=[(0, 1)])
+    story.wait(10.0)
+    story.wait(10.0)
+    story.model.settle()
+    story.close()
+    soon = ask(tmp_path, "what_if", goals=["(at kitchen)"], seconds=0.1)
+    assert "the plan would have 1 step and 4" in soon.sentence, soon
+    later = ask(tmp_path, "what_if", goals=["(at kitchen)"], seconds=10.1)  # 20 s are left, and 10 s to drive
+    assert "the plan would have 1 step and 3" in later.sentence, later
+    assert "is there for “kitchen tidy”" in ask(tmp_path, "why", DRIVE, 15.0).sentence
+
+
+def test_what_is_not_recorded_is_said_with_each_plan(planned: Path, with_problems: Any) -> None:
+    answer = ask(planned, "what_if", goals=[GOAL], seconds=1.5)
+    assert "are not recorded of that time" in answer.sentence and answer.claims[-1].kind == "unknown"
+    assert "unknown" not in {claim.kind for claim in ask(planned, "why", DRIVE, 5.0).claims}
+
+
+def test_a_program_of_the_robots_computer_does_not_plan_here(with_problems: Any, tmp_path: Path) -> None:
+    ran = tmp_path / "ran"
+    story = with_problems(planner_command=f"touch {ran} DOMAIN PROBLEM")
+    story.hears(problem())
+    story.wait(1.0)
+    story.model.settle()
+    story.close()
+    answer = ask(tmp_path, "what_if", goals=["(wet kitchen)"])
+    assert "the plan would have 2 steps" in answer.sentence
+    assert "“touch " in answer.sentence and "is not run here" in answer.sentence
+    assert not ran.exists()
 
 
 def test_the_command_plans_without_a_robot(planned: Path) -> None:

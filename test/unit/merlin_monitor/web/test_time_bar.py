@@ -176,6 +176,32 @@ def test_what_happens_before_a_press_does_not_move_the_event_under_the_pointer(
     visit.close()
 
 
+def test_no_event_is_missing_when_kinds_are_chosen_while_older_ones_are_on_their_way(
+    shown: Served, browser: Any
+) -> None:
+    for number in range(700):
+        shown.state.report(Event("action", f"event {number}", float(number), {}))
+    does(shown, 700)
+    visit = Visit(browser, shown.url)
+    rows = "(count) => document.querySelectorAll('#history-list .event').length === count"
+    end = "() => document.getElementById('history-list').scrollTo(0, 1e9)"
+    visit.wait(rows, 200)
+    visit.page.evaluate(end)
+    visit.wait(rows, 400)
+    held: List[Any] = []
+    visit.page.route("**/history?*", lambda route: held.append(route), times=1)
+    with visit.page.expect_request("**/history?*"):
+        visit.page.evaluate(end)
+    for _ in range(2):  # the same ones in the end, in the same order: what was loaded before is forgotten
+        visit.page.locator("#history-kinds button").last.click()
+    visit.wait(rows, 200)
+    held[0].continue_()
+    last = "() => [...document.querySelectorAll('#history-list .said')].at(-1).textContent === 'event 0'"
+    visit.wait(f"() => {{ ({end})(); return ({last})(); }}")
+    assert visit.texts("#history-list .said") == [f"event {number}" for number in range(700, -1, -1)]
+    visit.close()
+
+
 def test_a_moment_that_comes_late_is_not_shown_any_more(shown: Served, browser: Any) -> None:
     for number in range(4):
         does(shown, number, "failure" if number == 1 else "")

@@ -31,6 +31,7 @@ FOLLOWED = (
     "/merlin/execute/result",
     "/changes",
     "/complete_plan",
+    "/problem_instance",
     "/planner_output",
     "/planner_status",
     "/action_dispatch",

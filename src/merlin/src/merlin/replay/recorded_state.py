@@ -24,7 +24,7 @@ from merlin_ros.robot_values import ROBOTS
 from merlin_ros.service_proxy import ServiceError
 
 #: Parameters that the page and rviz read, below the robot's namespace.
-READ = ("world", "robot_description", ROBOTS, OFFERED)
+READ = ("world", "robot_description", ROBOTS, OFFERED, "rosplan_planner_interface")
 #: Parameters of the monitor that say what it shows; its address and its operators are its own.
 MONITOR = ("panels", "map_topic", "people_topic", "global_frame", "base_frame")
 #: Named as the client that made what was known when the recording began.

@@ -15,7 +15,7 @@ def doing(moment: Moment, about: str, words: Words) -> Answer:
     :raises QuestionError: nothing that runs or waits has this goal.
     """
     now, executor = moment.section("now"), moment.executor
-    if about and not matches(about, executor):
+    if about and not any(matches(about, each) for each in moment.requests):
         return waiting(moment, about, words)
     what = str(now.get("doing") or "nothing is known of what is done")
     said = f"{what} {now.get('because') or ''}".strip()

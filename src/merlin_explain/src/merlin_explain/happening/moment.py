@@ -115,6 +115,12 @@ class Moment(WorldState):
         return self.section("now").get("executor") or {}
 
     @property
+    def requests(self) -> List[Mapping[str, Any]]:
+        """The requests that run in one plan, first the one that the Executor's status names."""
+        executor = self.executor
+        return [executor, *executor.get("together", ())] if executor.get("request") else []
+
+    @property
     def queue(self) -> List[Mapping[str, Any]]:
         """The requests that wait, in their order."""
         return list(self.section("queue").get("waiting") or [])
@@ -197,7 +203,7 @@ class Moment(WorldState):
     def fact_evidence(self, text: str) -> Evidence:
         """A fact or a value as it is."""
         entry = self.entry(text) or {}
-        if "value" in entry:
+        if entry.get("value") is not None:  # else it is no finite number
             text = f"(= {text} {entry['value']:g})"
         version = int(entry.get("version") or self.version)
         return Evidence(VALUE if "value" in entry else FACT, text, 0, version, float(entry.get("at") or 0.0))

@@ -38,7 +38,7 @@ def waiting(moment: Moment, about: str, words: Words) -> Answer:
     if request is not None:
         return _request(moment, request, words)
     if about:
-        runs = matches(about, moment.executor)
+        runs = any(matches(about, each) for each in moment.requests)
         why = "does not wait: its request runs" if runs else "is neither in the plan nor in the queue"
         raise QuestionError(f"{about} {why}; ask what is done")
     held = _held(moment)
@@ -185,9 +185,9 @@ def _ahead(moment: Moment, request: Mapping[str, Any], words: Words) -> List[Cla
         first = executor["priority"] >= request["priority"]
         kept = "cannot be interrupted now" if request.get("kept") else "is being stopped"
         how = f"has to end first{when}" if first else f"is less urgent, and {kept}"
-        claims.append(
-            Claim("request", f"{_goals(executor, words)} {how}", (request_evidence(executor, end),))
-        )
+        goals = _goals({"goals": [goal for each in moment.requests for goal in each["goals"]]}, words)
+        shown = tuple(request_evidence(each, end) for each in moment.requests)
+        claims.append(Claim("request", f"{goals} {how}", shown))
     for other in moment.queue:
         if other["request"] == request["request"]:
             break

@@ -58,7 +58,12 @@ def tell(
     from merlin_explain.node.recorded_system import RecordedSystem
 
     with contextlib.closing(RecordedSystem(past, moment, domain, words)) as recorded:
-        return of_plans(question, recorded)
+        answer = of_plans(question, recorded)
+        if question.question == ExplainRequest.WHY:
+            return answer
+        more = recorded.reservations()
+        said = " ".join([answer.sentence, *(claim.text for claim in more)])
+        return Answer(said, (*answer.claims, *more))
 
 
 def happening(question: ExplainRequest, system: RobotSystem) -> Answer:

@@ -3,6 +3,7 @@
 
 import contextlib
 import functools
+import itertools
 import tempfile
 from dataclasses import replace
 from pathlib import Path
@@ -10,20 +11,23 @@ from typing import Any, Iterator, List, Tuple
 
 from merlin_msgs.srv import PreviewPlanRequest, PreviewPlanResponse
 
-from merlin_explain.claims import QuestionError, Words
+from merlin_explain.claims import EVENT, Claim, Evidence, QuestionError, Words
 from merlin_explain.core.why import Doing, Request
 from merlin_explain.happening.moment import RUNNING, Moment, clock, key_of
-from merlin_explain.happening.recorded_past import RecordedPast
+from merlin_explain.happening.recorded_past import PANEL, RecordedPast
 from merlin_pddl.analysis.plan_run import plan_fault
-from merlin_pddl.knowledge import Fact, FunctionValue
+from merlin_pddl.checks.installed_planners import is_preset
+from merlin_pddl.knowledge import Fact, FunctionValue, Timed
 from merlin_pddl.plan_text import NO_DURATION, PlanStep, format_plan
 from merlin_pddl.problem import Problem
-from merlin_pddl.problem_reader import parse_condition
-from merlin_pddl.problem_writer import write_problem
+from merlin_pddl.problem_reader import parse_condition, parse_problem
+from merlin_pddl.problem_writer import object_lines, write_problem
 from merlin_ros.ports.service_server import while_wanted
 
 #: Nice value of what plans: the robot's own planning goes first.
 NICENESS = 10
+#: Said of plans that are made of a moment without these parts.
+UNKNOWN = "Its metric and the facts that come true by themselves are not recorded of that time."
 #: s of ROS time around a plan in which frames are looked at, and from one look to the next.
 AROUND, BETWEEN = 1.0, 0.1
 
@@ -83,10 +87,9 @@ class RecordedSystem:
 
     def doing(self) -> Doing:
         """What becomes of the plan."""
-        executor = self._moment.executor
+        asked = self._moment.requests
         running = [step for step in self._moment.steps if step.state in RUNNING]
         running.sort(key=lambda step: (step.began or 0.0) + step.duration)
-        asked = [executor, *executor.get("together", ())] if executor.get("request") else []
         return Doing(
             bool(running or asked),
             [step.text for step in running],
@@ -99,6 +102,22 @@ class RecordedSystem:
     def goals(self) -> List[str]:
         """The goals of the knowledge base as PDDL text."""
         return list(self._moment.section("knowledge").get("goals") or ())
+
+    def reservations(self) -> List[Claim]:
+        """What has to be said with each plan that is made for an answer."""
+        told = []
+        if self._moment.section(PANEL).get("problem") is None:
+            told.append(UNKNOWN)
+        command, named = self._command()
+        if command and not named:
+            told.append(f"It was planned by kairos: the planner of the robot, “{command}”, is not run here.")
+        return [Claim("unknown", text, (Evidence(EVENT, text, time=self._moment.at),)) for text in told]
+
+    def _command(self) -> Tuple[str, bool]:
+        """The planner of the robot, and whether it has a name: others are programs of its computer."""
+        command = str(self._moment.section(PANEL).get("planner", {}).get("planner_command", ""))
+        names = [name.strip() for name in command.split("+")]
+        return command, all(name == "kairos" or is_preset(name) for name in names)
 
     def preview(self, **request: Any) -> PreviewPlanResponse:
         """A plan from the moment on.
@@ -122,10 +141,14 @@ class RecordedSystem:
             raise QuestionError(f"no file can be written for what plans: {error}") from error
         previews = Previews(niceness=NICENESS, while_wanted=while_wanted)
         self._ends.callback(previews.shutdown)
+        recorded, (command, named) = self._moment.section(PANEL).get("planner", {}), self._command()
+        limits = {name: float(recorded[name]) for name in ("anytime", "time_limit") if name in recorded}
+        settings = PlannerSettings(command=command if named else "", **limits)
 
         def look(request: PreviewPlanRequest) -> PreviewPlanResponse:
-            world = self._moment.domain, problem_of(self._moment, self._moment)
-            return look_for_plan(request, world, str(path), PlannerSettings(), previews)
+            problem = problem_of(self._moment, self._moment)
+            _add_rest(problem, self._moment, self._moment.at)
+            return look_for_plan(request, (self._moment.domain, problem), str(path), settings, previews)
 
         return look
 
@@ -141,9 +164,29 @@ class RecordedSystem:
                 shown = then  # its goals are there before it, often in the same frame
                 break
             before += [] if then is None or then.state in [each.state for each in before] else [then]
-        for each in (*reversed(before), shown):
-            yield problem_of(each, shown)
-        yield from _earlier(shown, begin)
+        made = float((shown.section(PANEL).get("problem") or {}).get("at", 0.0))
+        states = (problem_of(each, shown) for each in (*reversed(before), shown))
+        for problem in itertools.chain(states, _earlier(shown, begin)):
+            _add_rest(problem, shown, made)
+            yield problem
+
+
+def _add_rest(problem: Problem, moment: Moment, at: float) -> None:
+    """Adds the metric, and what comes true by itself.
+
+    :param moment: that has heard of them.
+    :param at: ROS time at which the problem begins, s.
+    :raises PddlError: they are not of the domain.
+    """
+    rest = moment.section(PANEL).get("problem")
+    if rest is None:
+        return
+    domain, passed = moment.domain, round((at - rest["at"]) * 1e9)
+    objects, timed = " ".join(object_lines(problem, domain)), " ".join(rest["timed"])
+    head = f"(define (problem rest) (:domain {domain.name}) (:objects {objects})"
+    found = parse_problem(f"{head} (:init {timed}) (:goal (and)) {rest['metric']})", domain)
+    problem.metric = found.metric
+    problem.timed = [Timed(row.at - passed, row.item) for row in found.timed if row.at > passed]
 
 
 def _earlier(moment: Moment, since: float) -> Iterator[Problem]:
@@ -182,6 +225,7 @@ def problem_of(moment: Moment, wanted: Moment) -> Problem:
         if entry["value"] is not None:  # it was no finite number
             problem.values.append(FunctionValue(name, tuple(args), float(entry["value"])))
     known = moment.typed()
-    goals = wanted.section("knowledge").get("goals") or wanted.executor.get("goals") or ()
+    asked = [goal for request in wanted.requests for goal in request["goals"]]
+    goals = wanted.section("knowledge").get("goals") or asked
     problem.goals = [parse_condition(text, domain, known, "a goal of the recording") for text in goals]
     return problem

@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """The panel "Why?": operators ask, all read the answers. It records what past runs are asked with."""
 
+import re
 import threading
 import time
 from pathlib import Path
 from typing import Any, Callable, Dict, List, Mapping, Optional
 
 from merlin_msgs.srv import Explain, ExplainRequest, ExplainResponse
+from std_msgs.msg import String
 
 from merlin_explain.happening.recorded_past import PANEL
 from merlin_monitor.listeners.panel import Panel
@@ -21,6 +23,12 @@ from merlin_ros.work.threads import start_thread
 LIMIT = 60.0  # s of wall time for an answer: longer than any question takes
 KEPT = 5  # answers
 LONGEST = 4000  # characters of what is asked about
+SETTINGS = ("planner_command", "anytime", "time_limit")  # of the planner, for plans of past runs
+_INSIDE = r"[^()]*"
+for _ in range(6):  # deep enough for any metric
+    _INSIDE = rf"(?:[^()]|\({_INSIDE}\))*"
+_METRIC = re.compile(rf"\(:metric\b{_INSIDE}\)", re.IGNORECASE)
+_TIMED = re.compile(rf"\(at\s+[\d.][\d.e+-]*\s+\({_INSIDE}\)\s*\)", re.IGNORECASE)
 
 
 class WhyPanel(Panel):
@@ -31,9 +39,9 @@ class WhyPanel(Panel):
 
     def __init__(self, state: MonitorModel, ros: RosSystem) -> None:
         super().__init__(state, ros)
-        self._knowledge, self._dispatcher = (
+        self._knowledge, self._dispatcher, self._problem, self._planner = (
             self.ros.resolve(str(self.ros.parameter(f"~{name}", f"rosplan_{name}")))
-            for name in ("knowledge_base", "plan_dispatcher")
+            for name in ("knowledge_base", "plan_dispatcher", "problem_interface", "planner_interface")
         )
         self._service = ServiceProxy("merlin/explain", Explain, timeout=LIMIT)
         self._lock = threading.Lock()  # guards the field below
@@ -44,6 +52,16 @@ class WhyPanel(Panel):
         if state.history is not None:
             self.set("clock", round(state.history.now() - time.monotonic(), 3))
 
+    def start(self) -> None:
+        """Follows the problems: the other panels keep the knowledge, and not these parts of a problem."""
+        self.subscribe(f"{self._problem}/problem_instance", String, self._note_problem)
+
+    def _note_problem(self, message: String, at: float) -> None:
+        text = message.data
+        metric = _METRIC.search(text)
+        timed = _TIMED.findall(text)
+        self.set("problem", {"at": at, "metric": metric[0] if metric else "", "timed": timed})
+
     def look(self, topics: Dict[str, str]) -> None:
         """Takes the texts of the domain and of the sentences, anew with another domain."""
         domain = self.state.tree.get("knowledge", "domain")
@@ -52,6 +70,9 @@ class WhyPanel(Panel):
             for field, parameter in (("domain", f"{self._knowledge}/domain_path"), ("sentences", SENTENCES)):
                 lines = self._text_of(parameter).splitlines()  # a text of the state is bounded
                 self.state.inbox.put(self.set, field, lines)
+            planner = self.ros.parameter(self._planner, {})
+            settings = {name: planner[name] for name in SETTINGS if name in planner}
+            self.state.inbox.put(self.set, "planner", settings)
 
     def check(self, at: float, wall: float) -> None:
         """Notes which nodes apply effects."""
