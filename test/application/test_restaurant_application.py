@@ -75,7 +75,9 @@ def test_two_robots_share_a_disturbed_evening_by_one_plan(tmp_path: Path) -> Non
     assert (tmp_path / "results" / "timeline.png").read_bytes().startswith(b"\x89PNG")
     robots = guests(tmp_path, "robots.csv")
     assert [robot["robot"] for robot in robots] == ["robot_1", "robot_2"]
-    assert all(float(robot["driven_m"]) > 1.0 and int(robot["tables_checked"]) > 0 for robot in robots)
+    assert all(float(robot["driven_m"]) > 1.0 and int(robot["actions"]) > 0 for robot in robots)
+    # Which of them checks how many tables depends on when the guest's call interrupts that.
+    assert any(int(robot["tables_checked"]) > 0 for robot in robots)
     # The guest has one waiter, and the other robot takes nothing that it hears for an answer.
     (waiter,) = {robot["robot"] for robot in robots if int(robot["delivered"])}
     served = re.findall(
