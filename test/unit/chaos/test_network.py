@@ -41,7 +41,7 @@ class Shaped:
     def __init__(self, folder: Path) -> None:
         self._said = {"linked": threading.Event(), "shaped": threading.Event()}
         self.network = Network(f"test{os.getpid()}", dict(os.environ), folder, self._receive)
-        assert self._said["linked"].wait(30.0), (folder / "link.err").read_text()
+        assert self._said["linked"].wait(60.0), (folder / "link.err").read_text()
 
     def _receive(self, event: Event) -> None:
         if event.kind in self._said:
@@ -50,7 +50,7 @@ class Shaped:
     def shape(self, **how: float) -> None:
         self._said["shaped"].clear()
         self.network.shape(**how)
-        assert self._said["shaped"].wait(30.0)
+        assert self._said["shaped"].wait(60.0)
 
 
 @pytest.fixture

@@ -30,7 +30,10 @@ RUN = (
     "from merlin import supervision; raise SystemExit(supervision.main())"
 )
 #: The same, and gives up what has died twice, however slow this machine is.
-RUN_TWICE = f"from merlin import supervision; supervision.PAUSES = (0.1, 0.1); {RUN}"
+RUN_TWICE = (
+    "from merlin import launch_runner, supervision; supervision.PAUSES = (0.1, 0.1); "
+    f"launch_runner.WRAPPER_SPAN = 300.0; {RUN}"
+)
 WRAPPED = """<launch>
   <node pkg="merlin_test" type="fake_node.py" name="other" args="{}" required="true"
         launch-prefix="$(find merlin)/scripts/respawn"/>
@@ -320,12 +323,12 @@ def test_a_wrapper_that_is_killed_is_started_again_until_it_was_too_often(tmp_pa
         started.kill_wrapper()
         assert started.process.stderr.readline() == (
             "merlin run: the wrapper of node 'other' was killed (SIGKILL); it is started again, "
-            f"{count} of 2 times within 30 s\n"
+            f"{count} of 2 times within 300 s\n"
         )
     started.kill_wrapper()
     code, _, err = started.end()
     assert code == 137
-    assert "for the 3th time within 30 s; it is not started again" in err[0]
+    assert "for the 3th time within 300 s; it is not started again" in err[0]
     assert "required node 'other' died" in err[1]
     assert started.left() == []
 

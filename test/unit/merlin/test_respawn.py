@@ -144,21 +144,24 @@ def test_a_node_that_died_starts_again(run: Callable[..., Run], word: str, how: 
     assert node.process.returncode == 2 and len(node.pids()) == 3
 
 
+@pytest.fixture
+def no_pauses(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The script starts a node again at once: its span has to suffice for six starts on a slow machine."""
+    sleep = tmp_path / "sleep"
+    sleep.write_text("#!/bin/sh\n")
+    sleep.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
+
+
 @pytest.mark.parametrize(("word", "how", "code"), [("-9", "signal KILL", 137), ("0", "exit code 0", 1)])
-def test_it_gives_up_in_the_end(run: Callable[..., Run], word: str, how: str, code: int) -> None:
+def test_it_gives_up_in_the_end(
+    run: Callable[..., Run], no_pauses: None, word: str, how: str, code: int
+) -> None:
     node = run(word)
     assert node.end()[-1] == (
         f"respawn: wheel died ({how}) for the 6th time within 30 s; it is not started again"
     )
     assert node.process.returncode == code and len(node.pids()) == 6
-
-
-@pytest.fixture
-def no_pauses(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    sleep = tmp_path / "sleep"
-    sleep.write_text("#!/bin/sh\n")
-    sleep.chmod(0o755)
-    monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
 
 
 @pytest.mark.parametrize("worked_in", ["this script", "one that was killed"])

@@ -66,7 +66,7 @@ def test_what_could_not_be_published_is_published_again(updater: Updater, error:
     updater.error = error
     reporter = HealthReporter({"part": Health})
     reporter.start()
-    assert updater.published.wait(10.0), "it was silent from then on"
+    assert updater.published.wait(LONG), "it was silent from then on"
     reporter.stop()
 
 

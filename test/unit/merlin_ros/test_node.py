@@ -310,10 +310,19 @@ import atexit, ctypes, threading
 from merlin_ros import node
 node.END_LIMIT = node.RETURN_LIMIT = 0.5
 """
+# A busy machine may be late to what one of the two limits is about: the other one is far away then.
 WAITS = """
+import faulthandler
+later = faulthandler.dump_traceback_later
+faulthandler.dump_traceback_later = lambda _, exit: later(120.0, exit=exit)
 atexit.register(threading.Event().wait)
 """
 HOLDS_THE_INTERPRETER = """
+start = threading.Timer.start
+def patient(timer):
+    timer.interval = 120.0
+    start(timer)
+threading.Timer.start = patient
 atexit.register(ctypes.PyDLL(None).pause)
 """
 BUSY = """

@@ -43,7 +43,7 @@ def test_what_is_due_after_some_time_comes_once_and_leaves_no_thread(clock):
     (thread,) = [each for each in threading.enumerate() if each.name == "call of a test"]
     for tick in range(10, 80, 3):  # below 100: which of them it sees is the scheduler's business
         clock.set(float(tick))
-        thread.join(0.1)
+        thread.join(0.3)
     assert rung.get(timeout=LONG)
     thread.join(LONG)
     assert not thread.is_alive() and rung.empty()
@@ -86,6 +86,6 @@ def test_a_time_beyond_measure_does_not_end_the_alarm(monkeypatch, moment):
         alarm.set(moment)
         time.sleep(0.05)  # the thread waits for it
         alarm.set(1.0)  # long past
-        assert rung.get(timeout=10.0)
+        assert rung.get(timeout=LONG)
     finally:
         alarm.shutdown()

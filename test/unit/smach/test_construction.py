@@ -22,7 +22,7 @@ def in_thread(function):
     results = []
     thread = threading.Thread(target=lambda: results.append(function()), daemon=True)
     thread.start()
-    thread.join(10.0)
+    thread.join(60.0)
     assert results, "the other thread hangs or failed"
     return results[0]
 
@@ -157,7 +157,7 @@ def test_d7_threads_build_at_the_same_time_without_mixing(kit):
     other = threading.Thread(target=build, args=("B",), daemon=True)
     other.start()
     build("A")
-    other.join(10.0)
+    other.join(60.0)
     assert {name: list(sm.get_children()) for name, sm in machines.items()} == {"A": ["A"], "B": ["B"]}
 
 

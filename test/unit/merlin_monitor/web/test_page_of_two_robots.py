@@ -81,7 +81,7 @@ def address(master: Any, tmp_path: Path) -> str:
 
 
 def state(address: str) -> Dict[str, Any]:
-    with urllib.request.urlopen(f"{address}state.json", timeout=10) as answer:
+    with urllib.request.urlopen(f"{address}state.json", timeout=60) as answer:
         return json.load(answer)["state"]
 
 

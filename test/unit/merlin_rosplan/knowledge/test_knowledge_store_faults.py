@@ -69,7 +69,7 @@ def test_timed_knowledge_outlives_a_full_disk(monkeypatch):
         while not said:
             assert not fired.wait(0.01)
         disk.full = False
-        assert fired.wait(30.0)
+        assert fired.wait(60.0)
     finally:
         watch.shutdown()
     assert texts(store.facts()) == ["(idle)"] and "no space left" in said[0]
@@ -107,7 +107,7 @@ def test_nobody_waits_for_a_question_over_all_objects(store, monkeypatch):
     def slow_objects(state, types):
         if threading.current_thread().name == "searcher":
             searching.set()
-            assert go_on.wait(30)
+            assert go_on.wait(60)
         return objects(state, types)
 
     monkeypatch.setattr(KnowledgeTables, "objects", slow_objects)
@@ -116,7 +116,7 @@ def test_nobody_waits_for_a_question_over_all_objects(store, monkeypatch):
         target=lambda: answers.append(store.query([anywhere])), name="searcher", daemon=True
     )
     searcher.start()
-    assert searching.wait(30)
+    assert searching.wait(60)
     others = []
 
     def work():
@@ -126,10 +126,10 @@ def test_nobody_waits_for_a_question_over_all_objects(store, monkeypatch):
 
     other = threading.Thread(target=work, daemon=True)
     other.start()
-    other.join(30)
+    other.join(60)
     waited = other.is_alive()
     go_on.set()
-    searcher.join(30)
+    searcher.join(60)
     assert not waited and others == [[False], [True]]
     assert answers == [[False]], "the answer is of the moment of the question"
 

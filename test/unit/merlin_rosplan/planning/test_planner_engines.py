@@ -25,6 +25,7 @@ PROBLEM = """(define (problem p) (:domain costs) (:objects a b c - place)
   (:init (at a) (= (total-cost) 0) (= (way a b) 50) (= (way a c) 10) (= (way c b) 10) (= (way a a) 1)
     (= (way b a) 1) (= (way b b) 1) (= (way b c) 1) (= (way c a) 1) (= (way c c) 1))
   (:goal (at b)) (:metric SENSE (total-cost)))"""
+LONG = 120.0  # s
 SHORT, CHEAP = "(go a b)", "(go a c)\\n(go c b)"
 
 
@@ -59,14 +60,14 @@ def prints(plan):
 def test_of_two_engines_the_better_valid_plan_wins(plan, planner, sense, better):
     short, cheap = planner("short", prints(SHORT)), planner("cheap", prints(CHEAP))
     for command in (f"{short} + {cheap}", f"{cheap} + {short}"):
-        outcome = plan(command, sense, anytime=20.0)
+        outcome = plan(command, sense, anytime=LONG)
         assert outcome.solved and outcome.planner == better, outcome
 
 
 @needs_kairos
 def test_a_plan_that_is_not_valid_loses_against_a_valid_one(plan, planner):
     wrong = planner("wrong", prints("(go c b)"))
-    outcome = plan(f"{wrong} + {planner('short', prints(SHORT))}", anytime=20.0)
+    outcome = plan(f"{wrong} + {planner('short', prints(SHORT))}", anytime=LONG)
     assert outcome.solved and outcome.planner == "short"
 
 
@@ -74,7 +75,7 @@ def test_a_plan_that_is_not_valid_loses_against_a_valid_one(plan, planner):
 def test_the_slower_engine_gets_its_time_and_no_more(plan, planner):
     never = planner("never", "sleep 600\n")
     outcome = plan(f"{never} + {planner('short', prints(SHORT))}", anytime=0.3)
-    assert outcome.solved and outcome.planner == "short" and outcome.seconds < 20.0
+    assert outcome.solved and outcome.planner == "short" and outcome.seconds < LONG
 
 
 @needs_kairos
@@ -83,8 +84,8 @@ def test_a_proof_of_one_engine_ends_the_other(plan, planner):
         planner("never", "sleep 600\n"),
         planner("proof", "echo Task is provably unsolvable.; exit 11"),
     )
-    outcome = plan(f"{never} + {proof}", time_limit=60.0)
-    assert outcome.state == PlannerState.UNSOLVABLE and outcome.seconds < 30.0
+    outcome = plan(f"{never} + {proof}", time_limit=2 * LONG)
+    assert outcome.state == PlannerState.UNSOLVABLE and outcome.seconds < LONG
 
 
 def test_of_two_engines_without_a_plan_both_reasons_are_reported(plan, planner):
@@ -95,7 +96,7 @@ def test_of_two_engines_without_a_plan_both_reasons_are_reported(plan, planner):
 
 @needs_kairos
 def test_kairos_beside_another_engine(plan, planner):
-    outcome = plan(f"kairos + {planner('short', prints(SHORT))}", anytime=20.0)
+    outcome = plan(f"kairos + {planner('short', prints(SHORT))}", anytime=LONG)
     assert outcome.solved and outcome.planner == "kairos" and "go c b" in outcome.plan
 
 

@@ -30,7 +30,7 @@ LONG = 60.0
 
 @pytest.fixture
 def previews():
-    made = Previews()
+    made = Previews(LONG)  # a process of the planner begins late on a busy machine
     yield made
     made.shutdown()
 
@@ -40,8 +40,8 @@ def world():
     return domain, read_problem(HOME / "problem.pddl", domain)
 
 
-def look(previews, goal, *without, command="", include=(), **settings):
-    settings = PlannerSettings(command=command, anytime=0.02, **settings)
+def look(previews, goal, *without, command="", include=(), anytime=0.02, **settings):
+    settings = PlannerSettings(command=command, anytime=anytime, **settings)
     wanted = Wanted([goal] if goal else [], without, include)
     return previews.plan(world(), DOMAIN, wanted, settings)[0]
 
@@ -92,7 +92,7 @@ def test_the_problem_is_given_back_as_it_was_planned(previews):
 
 def test_what_the_robot_plans_itself_goes_first():
     niceness = os.getpriority(os.PRIO_PROCESS, 0) + 1
-    made = Previews(niceness=niceness)
+    made = Previews(LONG, niceness=niceness)
     try:
         assert look(made, "(checked kitchen)").solved
         assert niceness in map(niceness_of, descendants(os.getpid()))
@@ -128,7 +128,8 @@ def test_a_reader_waits_for_the_shorter_limit(limit, of_planner, tmp_path):
 
 
 def test_goals_with_deadlines_are_reached_in_time_or_it_is_said_by_how_much_not(previews):
-    soon = look(previews, "", dues=((("(checked kitchen)",), 600.0),))
+    # The first plan that is found need not be the shortest.
+    soon = look(previews, "", anytime=0.5, dues=((("(checked kitchen)",), 600.0),))
     assert soon.solved and 5.0 < soon.reached[0] <= 600.0
     assert [str(step) for step in steps_of(soon.plan)][-1] == "(ask kitchen)"
     late = look(previews, "", dues=((("(checked kitchen)",), 4.0),))
