@@ -3,7 +3,7 @@
 """Runs all benchmarks, each in its own process, writes results/bench.json and prints a table.
 
 Usage: bench/run.py [--docs] [topic ...]     for example: bench/run.py knowledge dispatch
-Without topics all but the long ones: errands, fleet, profile, restaurant_lost, robots_home.
+Without topics all but the long ones, which are the keys of LONG.
 --docs puts the table into docs/benchmarks.md.
 """
 
@@ -34,8 +34,11 @@ TOPICS = {
 }
 #: Topics that are run by their name only, and s for each.
 LONG = {
+    "day": 3600.0,
     "errands": 600.0,
+    "errands_cancelled": 1800.0,
     "fleet": 3600.0,
+    "mission_together": 1800.0,
     "profile": 1200.0,
     "restaurant_lost": 3600.0,
     "robots_home": 3600.0,

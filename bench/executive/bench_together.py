@@ -59,7 +59,7 @@ class Robot:
 
     def idle(self) -> bool:
         """Whether the Executor does nothing; with the lock held, as all that is waited for."""
-        return self.status.header.stamp.secs > 0 and self.status.state == ExecutorStatus.IDLE
+        return self.status.header.seq > 0 and self.status.state == ExecutorStatus.IDLE
 
     def ended(self, *requests: ExecutorRequest) -> bool:
         """Whether these requests have ended."""

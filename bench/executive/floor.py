@@ -5,7 +5,7 @@ import itertools
 import math
 import random
 from pathlib import Path
-from typing import List, Sequence
+from typing import List, Sequence, Tuple
 
 import numpy as np
 
@@ -32,6 +32,10 @@ class Floor:
     def points(self) -> List[str]:
         """Their names."""
         return list(self._places)
+
+    def place(self, point: str) -> Tuple[float, float]:
+        """Where a point is, m."""
+        return self._places[point]
 
     def metres(self, start: str, end: str) -> float:
         """Length of a drive."""

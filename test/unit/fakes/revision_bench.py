@@ -5,7 +5,7 @@ import itertools
 import math
 import threading
 from types import SimpleNamespace
-from typing import Any, Callable, List, Optional, Sequence, Set
+from typing import Any, Callable, FrozenSet, List, Optional, Sequence, Set
 
 import rospy
 from diagnostic_msgs.msg import KeyValue
@@ -62,6 +62,8 @@ class Robot:
         self.moves_on = False  # for what was cancelled
         self.slow_to_begin = self.awaited = False
         self.steps_done = 0
+        self.succeeded: FrozenSet[int] = frozenset()
+        self.on_planned: Callable[[], None] = lambda: None
         self.hanging = ""  # the call that does not answer
         self.hangs = threading.Event()
         self.calls: List[threading.Event] = []  # that hang
@@ -166,6 +168,7 @@ class Robot:
         if any(end > max(0.0, due.within) for end, due in zip(reached, deadlines)):
             return PlanningResult(self.late, "cannot all be in time")
         self.plans.append(plan)
+        self.on_planned()
         return PlanningResult(Planned.SOLVED, reached=reached)
 
     def preview(self, goals: List[str], without: Any, facts: List[str], urgent: bool) -> Any:
@@ -203,7 +206,7 @@ class Robot:
             self.changed.notify_all()
             assert self.changed.wait_for(lambda: self.interrupted or not self.slow_to_begin, LONG)
             self.plan_of_run, self.active = list(plan), True
-            self.steps_done = 0
+            self.steps_done, self.succeeded = 0, frozenset()
             self.next()
             assert self.changed.wait_for(lambda: self.interrupted or not self.busy(), LONG)
             self.stop(self.under_way)
@@ -250,6 +253,7 @@ class Robot:
             self.facts.add(f"(robot_at {room})" if action.name == "drive" else f"(checked {room})")
             self.under_way.clear()
             self.steps_done += 1
+            self.succeeded |= {action.action_id}
             self.next()
         self.on_change()
         return True
@@ -285,6 +289,11 @@ class Robot:
     def wait(self, fits: Callable[[], Any]) -> None:
         with self.changed:
             assert self.changed.wait_for(fits, LONG), (self.began, self.stored)
+
+
+def by(seconds: float) -> rospy.Time:
+    """A deadline, s from now; drives and checks of the robot take 5 s each."""
+    return rospy.Time(1 + seconds)
 
 
 def end(request: Request) -> Any:

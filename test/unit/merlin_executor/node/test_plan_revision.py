@@ -3,45 +3,16 @@
 
 import random
 import threading
-from typing import Any, Iterator
 
 import pytest
-import rospy
 from diagnostic_msgs.msg import KeyValue
-from fakes.revision_bench import LONG, Bench, Robot, end, text
-from merlin_msgs.msg import GoalDeadline, PlannerStatus, RunningAction
+from fakes.revision_bench import LONG, Bench, Robot, by, end, text
+from merlin_msgs.msg import PlannerStatus, RunningAction
 from rosplan_dispatch_msgs.msg import ActionDispatch
 
 from merlin_executor.node import plan_revision
 from merlin_executor.node.plan_revision import PlanRevision
-from merlin_planning.planning_client import Planned
 from merlin_sm.states import planning
-
-
-@pytest.fixture
-def robot() -> Robot:
-    return Robot()
-
-
-@pytest.fixture
-def leave_limit() -> float:
-    return LONG
-
-
-@pytest.fixture
-def bench(
-    robot: Robot, leave_limit: float, tmp_path: Any, monkeypatch: pytest.MonkeyPatch
-) -> Iterator[Bench]:
-    monkeypatch.setattr("merlin_sm.states.planning.master_answers", lambda: True)
-    monkeypatch.setattr(rospy.Time, "now", lambda: rospy.Time(1))
-    for level in ("loginfo", "logwarn", "logerr", "logerr_throttle_identical"):
-        monkeypatch.setattr(rospy, level, lambda *_: None)
-    made = Bench(robot, str(tmp_path / "goals"), leave_limit)
-    yield made
-    robot.answer()
-    made.engine.shutdown(LONG)
-    assert robot.stored == [], "no goal is left in the knowledge base"
-    assert made.ended == [], "a goal of a request that has succeeded did not hold"
 
 
 def test_a_newcomer_joins_in_mid_drive_and_the_drive_goes_on(bench: Bench, robot: Robot) -> None:
@@ -168,6 +139,23 @@ def test_a_refusal_is_tried_once_more(bench: Bench, robot: Robot, refusals: int)
     bench.carry_on(first, second)
     assert answers == [] and robot.cancelled == []
     assert [end(each)[1] for each in (first, second)] == ["SUCCEEDED"] * 2
+
+
+@pytest.mark.parametrize("ends", [2, 3])
+def test_what_has_been_done_while_a_newcomer_was_planned_is_not_done_again(
+    bench: Bench, robot: Robot, ends: int
+) -> None:
+    def go_on() -> None:
+        robot.on_planned = lambda: None
+        assert all(robot.end_action() for _ in range(ends))
+
+    first = bench.driving("(and (checked kitchen) (checked attic))")
+    robot.on_planned = go_on
+    second = bench.send("(checked bath)")
+    bench.members(first, second)
+    bench.carry_on(first, second)
+    assert [end(each)[1] for each in (first, second)] == ["SUCCEEDED"] * 2
+    assert robot.cancelled == [] and len(robot.began) == len(set(robot.began)) == 6
 
 
 def test_a_newcomer_taken_back_while_it_is_planned_leaves_nothing(bench: Bench, robot: Robot) -> None:
@@ -383,95 +371,6 @@ def test_a_dispatcher_that_cannot_exchange_lets_newcomers_wait(bench: Bench, rob
     assert bench.engine.waiting == [second] and robot.stored == ["(checked kitchen)"]
     bench.carry_on(first, second)
     assert [end(each)[1] for each in (first, second)] == ["SUCCEEDED"] * 2
-
-
-def by(seconds: float) -> rospy.Time:
-    """A deadline, s from now; drives and checks of the robot take 5 s each."""
-    return rospy.Time(1 + seconds)
-
-
-def test_one_with_a_deadline_joins_and_is_done_first(bench: Bench, robot: Robot) -> None:
-    first = bench.driving("(checked kitchen)")
-    second = bench.send("(checked bath)", deadline=by(16))
-    bench.members(first, second)
-    assert robot.deadlines == [GoalDeadline(["(checked bath)"], 11.0)], "behind the drive of 5 s"
-    assert (first.expected_end, second.expected_end) == (26.0, 16.0) and second.outlook.late == ""
-    bench.carry_on(first, second)
-    assert [end(each)[1] for each in (first, second)] == ["SUCCEEDED"] * 2
-    assert robot.began[:3] == ["(drive hall kitchen)", "(drive kitchen bath)", "(check bath)"]
-    assert robot.cancelled == []
-
-
-def test_one_with_a_deadline_is_joined_and_stays_in_time(bench: Bench, robot: Robot) -> None:
-    first = bench.driving("(checked kitchen)", deadline=by(12))
-    second, third = bench.send("(checked bath)", deadline=by(25)), bench.send("(checked attic)")
-    bench.members(first, second, third)
-    assert [due.within for due in robot.deadlines] == [7.0, 20.0]
-    assert [each.expected_end for each in (first, second, third)] == [11.0, 21.0, 31.0]
-    bench.carry_on(first, second, third)
-    assert [end(each)[1] for each in (first, second, third)] == ["SUCCEEDED"] * 3
-
-
-@pytest.mark.parametrize("answer", [Planned.LATE, Planned.TIMEOUT])
-def test_one_that_would_make_another_one_late_waits_and_says_why(
-    bench: Bench, robot: Robot, answer: Planned
-) -> None:
-    robot.late = answer
-    first = bench.driving("(checked kitchen)", deadline=by(12))
-    second = bench.send("(checked bath)", deadline=by(13))
-    why = "does not join (checked kitchen): cannot all be in time"
-    robot.wait(lambda: [each.waits for _, each in bench.engine.outlooks()] == [why])
-    assert robot.asked == (2 if answer is Planned.LATE else 3), "a proof is not asked for twice"
-    third = bench.send("(checked attic)")
-    if answer is Planned.LATE:
-        bench.members(first, third)
-    bench.carry_on(first, second, third)
-    assert [end(each)[1] for each in (first, second, third)] == ["SUCCEEDED"] * 3
-    assert robot.cancelled == []
-
-
-def test_one_that_is_due_before_the_end_of_what_runs_does_not_join(bench: Bench, robot: Robot) -> None:
-    first = bench.driving("(checked kitchen)")
-    robot.end_action()  # its check takes 5 s from now
-    second = bench.send("(checked kitchen)", deadline=by(4))
-    why = "does not join (checked kitchen): its deadline is before the end of what runs"
-    robot.wait(lambda: [each.waits for _, each in bench.engine.outlooks()] == [why])
-    assert robot.asked == 1, "no planner is asked"
-    third = bench.send("(checked bath)")
-    bench.members(first, third)
-    bench.carry_on(first, second, third)
-    assert robot.cancelled == []
-
-
-def test_one_whose_goals_hold_is_in_time_whatever_runs(bench: Bench, robot: Robot) -> None:
-    first = bench.driving("(checked kitchen)")
-    robot.facts.add("(checked hall)")
-    second = bench.send("(checked hall)", deadline=by(4))
-    assert end(second)[1] == "SUCCEEDED" and bench.engine.together == [first]
-    bench.carry_on(first)
-
-
-def test_what_is_late_already_keeps_no_newcomer_out(bench: Bench, robot: Robot) -> None:
-    first = bench.driving("(and (checked kitchen) (checked attic))", deadline=by(12))
-    assert first.outlook.late
-    second = bench.send("(checked bath)", deadline=by(60))
-    bench.members(first, second)
-    assert [due.goals for due in robot.deadlines] == [["(checked bath)"]]
-    bench.carry_on(first, second)
-
-
-def test_the_deadlines_of_the_others_hold_when_one_leaves(bench: Bench, robot: Robot) -> None:
-    first = bench.driving("(checked kitchen)")
-    second, third = (
-        bench.send("(checked bath)", deadline=by(30)),
-        bench.send("(checked attic)", deadline=by(40)),
-    )
-    bench.members(first, second, third)
-    bench.cancel(third)
-    assert end(third)[1] == "CANCELLED"
-    assert [(due.goals, due.within) for due in robot.deadlines] == [(["(checked bath)"], 25.0)]
-    bench.carry_on(first, second)
-    assert robot.cancelled == []
 
 
 @pytest.mark.parametrize("seed", range(8))

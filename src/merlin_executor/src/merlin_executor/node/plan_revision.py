@@ -191,7 +191,7 @@ class PlanRevision(PlanningState):
 
     def _exchange(self, wanted: List[Request], parts: bool) -> List[RunningAction]:
         """Returns the actions that are stopped; raises StageError and what its calls raise."""
-        run, running = self._run, self._dispatcher.running
+        run, done, running = self._run, self._dispatcher.succeeded, self._dispatcher.running
         if not self._dispatcher.begun:
             raise StageError("the dispatch has not begun, or has ended")
         kept = self._needed(running, wanted) if parts else running
@@ -221,7 +221,8 @@ class PlanRevision(PlanningState):
         ids = {action.action_id for action in running}
         steps = {action_text(step.name, step.parameters) for step in plan}
         begun = [_text(each) for each in self._dispatcher.running if each.action_id not in ids]
-        if self._requests.revision() != wanted or not steps.issuperset(begun):
+        over = self._dispatcher.succeeded - done - ids  # the plan would have these done again
+        if over or self._requests.revision() != wanted or not steps.issuperset(begun):
             raise StageError("the plan went on meanwhile")
         refused = self._dispatcher.exchange(plan, kept)
         if refused:
