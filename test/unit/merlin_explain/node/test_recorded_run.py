@@ -185,6 +185,7 @@ def test_why_a_step_of_requests_that_run_together(tmp_path: Path) -> None:
     asked = [claim.text for claim in step.claims if claim.kind == "request"]
     assert "is there for “kitchen tidy” and “kitchen wet”" in step.sentence
     assert len(asked) == 2 and asked[1].startswith("Ana asked for “kitchen wet”"), asked
+    assert step.sentence.endswith(f"/m-1 asked for “kitchen tidy”, with priority 0. {asked[1]}")
 
 
 def test_why_of_a_plan_for_facts_that_no_frame_has(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

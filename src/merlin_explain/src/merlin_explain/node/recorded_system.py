@@ -15,6 +15,7 @@ from merlin_explain.claims import EVENT, Claim, Evidence, QuestionError, Words
 from merlin_explain.core.why import Doing, Request
 from merlin_explain.happening.moment import RUNNING, Moment, clock, key_of
 from merlin_explain.happening.recorded_past import PANEL, RecordedPast
+from merlin_monitor.text.request_words import sender_of
 from merlin_pddl.analysis.plan_run import plan_fault
 from merlin_pddl.checks.installed_planners import is_preset
 from merlin_pddl.knowledge import Fact, FunctionValue, Timed
@@ -94,7 +95,12 @@ class RecordedSystem:
             bool(running or asked),
             [step.text for step in running],
             [
-                Request(each["request"], each["goals"], each.get("by") or "", each["priority"])
+                Request(
+                    each["request"],
+                    each["goals"],
+                    each.get("by") or sender_of(each["request"]),
+                    each["priority"],
+                )
                 for each in (*asked, *self._moment.queue)
             ],
         )
