@@ -3,7 +3,6 @@
 
 import contextlib
 import functools
-import itertools
 import tempfile
 from dataclasses import replace
 from pathlib import Path
@@ -23,6 +22,7 @@ from merlin_pddl.plan_text import NO_DURATION, PlanStep, format_plan
 from merlin_pddl.problem import Problem
 from merlin_pddl.problem_reader import parse_condition, parse_problem
 from merlin_pddl.problem_writer import object_lines, write_problem
+from merlin_pddl.text_reader import PddlError
 from merlin_ros.ports.service_server import while_wanted
 
 #: Nice value of what plans: the robot's own planning goes first.
@@ -171,10 +171,15 @@ class RecordedSystem:
                 break
             before += [] if then is None or then.state in [each.state for each in before] else [then]
         made = float((shown.section(PANEL).get("problem") or {}).get("at", 0.0))
-        states = (problem_of(each, shown) for each in (*reversed(before), shown))
-        for problem in itertools.chain(states, _earlier(shown, begin)):
-            _add_rest(problem, shown, made)
-            yield problem
+        for each in (*reversed(before), shown):
+            with contextlib.suppress(PddlError):  # the monitor began with the plan, and had no objects yet
+                problem = problem_of(each, shown)
+                _add_rest(problem, shown, made)
+                yield problem
+        with contextlib.suppress(PddlError):
+            for problem in _earlier(shown, begin):
+                _add_rest(problem, shown, made)
+                yield problem
 
 
 def _add_rest(problem: Problem, moment: Moment, at: float) -> None:
