@@ -86,7 +86,7 @@ class Explained(unittest.TestCase):
 
     def test_why_a_goal(self):
         answer = self.answer(ExplainRequest.WHY, about=GOALS[0])
-        self.assertIn("A client of the Executor asked for", answer.sentence)
+        self.assertIn(f"{rospy.get_name()} asked for", answer.sentence)
         self.assertEqual({claim.kind for claim in answer.claims}, {"request", "achieved"})
 
     def test_why_not(self):

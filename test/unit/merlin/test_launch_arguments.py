@@ -122,6 +122,20 @@ def test_each_robot_has_a_host_and_stands_in_the_world(file, arguments, robots):
     assert config.params["/merlin_sim/robots"].value == ["ann", "bob"]
 
 
+@pytest.mark.parametrize(
+    "file, arguments",
+    [("include/application.launch", ROBOTS), ("restaurant.launch", {}), ("include/robot.launch", ROBOT)],
+)
+def test_each_robot_hears_what_it_is_asked_aloud(file, arguments):
+    config = load(file, **arguments, robots="ann,bob", voice_questions="true")
+    ears = [node.namespace for node in config.nodes if node.type == "voice_questions"]
+    assert sorted(ears) == ["/ann/", "/bob/"]
+    assert config.params["/ann/voice_questions/robot"].value == "ann"
+    assert config.params["/bob/voice_questions/explain"].value == "/merlin/explain"
+    alone = load(file, **arguments, voice_questions="true")
+    assert [node.namespace for node in alone.nodes if node.type == "voice_questions"] == ["/"]
+
+
 @pytest.mark.parametrize("robots", ["", "[]", " "])
 def test_none_is_one_robot_without_a_name(robots):
     config = load("include/application.launch", **ROBOTS, robots=robots)

@@ -4,7 +4,7 @@
 from typing import Callable, List, NamedTuple
 
 import pytest
-from merlin_msgs.msg import ExecuteResult
+from merlin_msgs.msg import ExecuteResult, PlannerStatus
 from robot_story import BRIDGES, RobotStory
 
 from merlin_explain.claims import Answer, QuestionError, Words
@@ -219,6 +219,20 @@ def test_the_cancel_names_its_client(story: RobotStory) -> None:
     (first, *_) = ask(story).claims
     assert "/tablet cancels" in first.text
     assert [each.text for each in first.evidence][1] == "cancelled by its client"
+
+
+def test_a_planner_that_is_heard_after_its_request_is_not_another_failure(story: RobotStory) -> None:
+    said = {"planner": "kairos", "reason": "no action can make (tidy kitchen) true", "seconds": 0.2}
+    story.model.plan.planner(PlannerStatus(state=PlannerStatus.RUNNING, **said), story.now)
+    no_plan(story)
+    story.model.plan.planner(PlannerStatus(state=PlannerStatus.UNSOLVABLE, **said), story.now)
+    story.record()
+    assert ask(story).sentence.startswith(f"“{GOAL}” has no plan: ")
+    story.wait(5.0)
+    story.model.plan.planner(PlannerStatus(state=PlannerStatus.TIMEOUT, **said), story.now)
+    story.record()
+    alone = ask(story)
+    assert alone.sentence.startswith("No plan was found at ") and kinds(alone) == ["planner"]
 
 
 def test_of_a_past_moment_the_failure_that_was_last_then(story: RobotStory) -> None:

@@ -38,11 +38,11 @@ def test_a_step_waits_for_an_action_that_runs(story: RobotStory) -> None:
     assert kinds(answer) == ["order", "condition", "bringer"]
     assert (
         answer.claims[0].text
-        == f"“{DRIVE}” has to end first, it runs since {clock(BEGIN)} and ends at {due} as planned"
+        == f"“{DRIVE}” has to end first, it has run since {clock(BEGIN)} and as planned ends at {due}"
     )
     assert "“(at kitchen)” does not hold" in answer.sentence
     assert [each.step for each in answer.claims[2].evidence][0] == 1
-    assert f"waits since {clock(BEGIN)}: " in answer.sentence
+    assert f"has waited since {clock(BEGIN)}: " in answer.sentence
     assert ask(story, MOP) == answer
 
 
@@ -70,7 +70,7 @@ def test_behind_steps_that_wait_it_names_the_one_that_runs(story: RobotStory) ->
     story.begins(0)
     orders = [claim.text for claim in ask(story, "(mop attic)").claims if claim.kind == "order"]
     assert ["drive d2" in orders[0], "drive d1" in orders[1]] == [True, True]
-    assert "has not begun" in orders[0] and "runs since" in orders[1]
+    assert "has not begun" in orders[0] and "has run since" in orders[1]
 
 
 def test_a_condition_that_a_timed_fact_makes_true(story: RobotStory) -> None:
@@ -110,7 +110,7 @@ def test_a_robot_that_takes_no_actions(story: RobotStory) -> None:
 
 def test_a_step_that_does_not_wait(story: RobotStory) -> None:
     drive(story)
-    assert "does not wait: it runs since" in ask(story, DRIVE).sentence
+    assert "does not wait: it has run since" in ask(story, DRIVE).sentence
     story.succeeds(0)
     assert "does not wait: it has succeeded" in ask(story, DRIVE).sentence
 
@@ -170,7 +170,7 @@ def test_of_a_past_moment(story: RobotStory) -> None:
     story.wait(20.0)
     story.succeeds(0)
     story.begins(1)
-    assert "“(mop kitchen)” waits" in ask(story, seconds=2.0).sentence
+    assert "“(mop kitchen)” has waited" in ask(story, seconds=2.0).sentence
     assert ask(story).sentence.startswith("Nothing waits")
     with pytest.raises(QuestionError, match="the recording is of"):
         ask(story, seconds=-100.0)

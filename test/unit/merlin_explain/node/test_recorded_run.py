@@ -185,6 +185,23 @@ def test_why_a_step_of_requests_that_run_together(tmp_path: Path) -> None:
     asked = [claim.text for claim in step.claims if claim.kind == "request"]
     assert "is there for “kitchen tidy” and “kitchen wet”" in step.sentence
     assert len(asked) == 2 and asked[1].startswith("Ana asked for “kitchen wet”"), asked
+    assert step.sentence.endswith(f"/m-1 asked for “kitchen tidy”, with priority 0. {asked[1]}")
+
+
+def test_why_of_a_plan_that_was_there_before_the_knowledge_was_read(tmp_path: Path) -> None:
+    story = RobotStory(tmp_path)
+    tell = story.model.tree.set
+    tell("why", "domain", DOMAIN.splitlines())
+    objects = dict(story.model.tree.get("knowledge", "objects"))
+    tell("knowledge", "objects", {})
+    story.wait(1.0)
+    story.runs("/m-1", [GOAL])
+    story.plans((DRIVE, 0.0, 10.0), ("(mop kitchen)", 10.001, 4.0), edges=[(0, 1)])
+    tell("knowledge", "objects", objects)
+    story.wait(1.0)
+    story.model.settle()
+    story.close()
+    assert "is there for “kitchen tidy”" in ask(tmp_path, "why", DRIVE).sentence
 
 
 def test_why_of_a_plan_for_facts_that_no_frame_has(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Questions that are asked aloud: their phrases, and what of an answer is said."""
 
-from typing import Any
+from typing import Any, List, Tuple
 
+import genpy
 import pytest
-from merlin_msgs.msg import Claim
-from merlin_msgs.srv import ExplainResponse
+from merlin_msgs.msg import Claim, Evidence
+from merlin_msgs.srv import ExplainRequest, ExplainResponse
 
-from merlin_explain.node.voice_questions import PHRASES, questions_of, spoken
+from merlin_explain.node.voice_questions import PHRASES, asked, questions_of, spoken
 from merlin_reactive.listening.speech_recognizer import available, unknown_words
 from merlin_ros.parameters import ParameterError
 
@@ -43,9 +44,40 @@ def test_phrases_that_cannot_be_used_are_named(phrases: Any, said: str) -> None:
 
 def test_the_first_sentence_is_said_and_when_it_ends() -> None:
     long = "Navigating to the kitchen for “kitchen checked”. It is expected to end at 15:06:44; 3.5 s late."
-    claims = [Claim(kind="doing", text="x"), Claim(kind="estimate", text="it is expected to end at 15:06:44")]
+    end = Evidence(kind="request", time=genpy.Time(500))
+    claims = [Claim(kind="doing", text="x"), Claim("estimate", "it is expected to end at 15:06:44", [end])]
     answer = ExplainResponse(True, long, claims)
-    assert spoken("doing", answer) == "Navigating to the kitchen for kitchen checked."
-    assert spoken("when", answer) == "It is expected to end at 15:06:44"
-    assert spoken("when", ExplainResponse(True, "Nothing is done.", [])) == "Nothing is done."
-    assert spoken("why", ExplainResponse(False, "nothing runs now; name a step", [])) == ""
+    assert spoken("doing", answer, 470.0) == "Navigating to the kitchen for kitchen checked."
+    for now, said in (
+        (470.4, "I will be ready in about 30 seconds."),
+        (200.0, "I will be ready in about 5 minutes."),
+        (520.0, "I wanted to be ready 20 seconds ago."),
+    ):
+        assert spoken("when", answer, now) == said
+    unknown = [Claim("estimate", "when it ends is not known: there is no plan yet", [Evidence()])]
+    assert spoken("when", ExplainResponse(True, long, unknown), 1.0).startswith("When it ends is not known")
+    assert spoken("when", ExplainResponse(True, "Nothing is done.", []), 1.0) == "Nothing is done."
+    assert spoken("why", ExplainResponse(False, "nothing runs now; name a step", []), 1.0) == ""
+
+
+def running(text: str, words: str) -> Claim:
+    return Claim("running", f"“{words}” has run since 15:06:11", [Evidence(kind="step", text=text)])
+
+
+def test_of_two_robots_the_one_that_is_asked_answers_of_itself() -> None:
+    steps = [running("(navigate ann hall kitchen)", "ann drives"), running("(ask bob_2 attic)", "bob_2 asks")]
+    requests: List[Tuple[str, str]] = []
+
+    def explain(request: ExplainRequest) -> ExplainResponse:
+        requests.append((request.question, request.about))
+        return ExplainResponse(True, f"{request.question} {request.about}.", steps)
+
+    assert spoken("doing", asked("doing", "bob_2", explain), 0.0) == "Bob 2 asks."
+    assert asked("why", "bob_2", explain).sentence == "why (ask bob_2 attic)."
+    assert asked("why", "ann", explain).sentence == "why (navigate ann hall kitchen)."
+    assert asked("why", "bob", explain).sentence == "bob does nothing now."
+    requests.clear()
+    assert asked("when", "bob_2", explain).ok and asked("why", "", explain).ok
+    assert requests == [("doing", ""), ("why", "")]
+    silent = ExplainResponse(False, "the monitor has recorded nothing for 9 s", [])
+    assert asked("doing", "ann", lambda _: silent) == silent

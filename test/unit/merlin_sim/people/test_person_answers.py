@@ -4,9 +4,11 @@
 import math
 
 import pytest
+import rospy
 
 from merlin_reactive.seeded_random import draw
-from merlin_sim.people.listener import Answers, HearingPerson, nearest
+from merlin_ros.parameters import ParameterError
+from merlin_sim.people.listener import Answers, HearingPerson, nearest, read_listeners
 
 
 def random():
@@ -20,6 +22,27 @@ def test_next_answers_come_first_then_patterns_then_chance():
     assert answers.to("Please follow me", random()) == ""
     assert answers.to("Hello", random()) == "maybe"
     assert Answers().to("Hello", random()) == ""
+
+
+def with_parameters(monkeypatch, **given):
+    parameters = {f"~{name}": value for name, value in given.items()}
+    monkeypatch.setattr(rospy, "get_param", lambda name, default=None: parameters.get(name, default))
+
+
+def test_replies_are_for_what_they_fit(monkeypatch):
+    with_parameters(monkeypatch, answers=[], replies=[["^Hello", "what are you doing"], ["^Step", "why"]])
+    (person,) = read_listeners()
+    heard = ("Hello. Do you need something?", "Step 1 is there for it.", "I said hello.")
+    assert [person.answers.to(each, random()) for each in heard] == ["what are you doing", "why", ""]
+
+
+@pytest.mark.parametrize(
+    "replies", ["^Hello", {"^Hello": "why"}, [["^Hello"]], [["^Hello", 3]], [["(", "why"]]]
+)
+def test_replies_that_cannot_be_used_are_named(monkeypatch, replies):
+    with_parameters(monkeypatch, replies=replies)
+    with pytest.raises(ParameterError, match=r"^parameter .*(~replies|'\(')"):
+        read_listeners()
 
 
 @pytest.mark.parametrize(

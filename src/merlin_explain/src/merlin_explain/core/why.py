@@ -29,7 +29,7 @@ class Request(NamedTuple):
     """A request of the Executor.
 
     :ivar goals: PDDL text.
-    :ivar by: person on whose behalf it is; empty: its client's own.
+    :ivar by: person on whose behalf it is, or node that has sent it; empty: not known.
     """
 
     id: str
@@ -121,7 +121,7 @@ def _of_step(number: int, causes: Causes, doing: Doing, words: Words) -> Answer:
     if first.taker != plan_run.GOAL:
         taker = f"step {first.taker + 1}, “{words.step(str(causes.steps[first.taker]))}”,"
         sentence += f" Without it, “{words.fact(first.text)}” would not hold, which {taker} needs."
-    return Answer(" ".join([sentence, *(claim.text for claim in asked[:1])]), tuple(claims))
+    return Answer(" ".join([sentence, *(claim.text for claim in asked[:2])]), tuple(claims))
 
 
 def _place(number: int, causes: Causes, doing: Doing) -> Claim:

@@ -22,8 +22,8 @@ def doing(moment: Moment, about: str, words: Words) -> Answer:
     claims = [Claim("doing", what, (Evidence(EVENT, said, time=moment.at),))]
     for step in moment.steps:
         if step.state in RUNNING:
-            since = "" if step.began is None else f" since {clock(step.began)}"
-            claims.append(Claim("running", f"“{words.step(step.text)}” runs{since}", (step.evidence(),)))
+            runs = "runs" if step.began is None else f"has run since {clock(step.began)}"
+            claims.append(Claim("running", f"“{words.step(step.text)}” {runs}", (step.evidence(),)))
     estimate = _estimate(moment) if executor.get("request") else []
     told = [said, *(["; ".join(claim.text for claim in estimate)] if estimate else [])]
     return Answer(" ".join(f"{each[:1].upper()}{each[1:]}." for each in told), (*claims, *estimate))
@@ -63,6 +63,7 @@ def _pace(moment: Moment, left: float) -> Claim:
     least, most = min(paces.values()), max(paces.values())
     count = f"{len(paces)} steps have" if len(paces) > 1 else "one step has"
     taken = f"{least:.1f}" if f"{least:.1f}" == f"{most:.1f}" else f"{least:.1f} to {most:.1f}"
-    ends = " and ".join(clock(moment.at + left * pace) for pace in (least, most))
-    text = f"{count} taken {taken} times the planned time; at that pace it ends between {ends}"
+    first, last = (clock(moment.at + left * pace) for pace in (least, most))
+    ends = f"at {first}" if first == last else f"between {first} and {last}"
+    text = f"{count} taken {taken} times the planned time; at that pace it ends {ends}"
     return Claim("sureness", text, tuple(step.evidence() for step in paces))

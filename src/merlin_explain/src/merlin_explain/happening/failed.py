@@ -68,13 +68,31 @@ def failed(moment: Moment, past: RecordedPast, about: str, words: Words) -> Answ
     :raises QuestionError: nothing like that has failed.
     """
     wanted = key_of(checked_about(about))
-    for event in past.failures(KINDS):
+    for event in _failures(past):
         texts = ATOM.findall(f"{event['detail'].get('label') or ''} {reason_of(event)}")
         if not wanted or wanted in map(key_of, texts):
             events = past.events(KINDS, event["wall"])
             return _Chain(past, events, event, words, moment.domain).answer()
     what = about or "anything"
     raise QuestionError(f"the recording knows no failure of {what} up to {clock(moment.at)}")
+
+
+def _failures(past: RecordedPast) -> Iterator[Event]:
+    """What failed, newest first, without what a planner said of a request that ended by it."""
+    said: Optional[Event] = None  # by a planner: its topic may be later than that of the result
+    for event in past.failures(KINDS):
+        if said is not None and not (event["kind"] == "goal" and said["at"] - event["at"] <= NEAR):
+            yield said
+        said = event if _no_plan(event) else None
+        if said is None:
+            yield event
+    if said is not None:
+        yield said
+
+
+def _no_plan(event: Event) -> bool:
+    """Whether a planner found none."""
+    return (event["kind"], event["mark"]) == ("plan", "failure")
 
 
 def reason_of(event: Event) -> str:
@@ -107,6 +125,7 @@ class _Chain:
         event, action = self._event, self._action
         root = reason_of(action or event)
         part, ended = _ENDS.get(self._outcome, ("", "failed"))
+        part = "planner" if _no_plan(event) else part
         cause = Cause(part, root) if part else cause_of(root)
         cancels = [each for each in self._within if _is_cancel(each)] if cause.part == "client" else []
         shown = tuple(map(_shown, cancels)) + (_shown(action or event, root),)
@@ -120,7 +139,8 @@ class _Chain:
             claims += [*self._states(action), Claim("action", text, (_shown(action),))]
         claims += replans
         if not self._is_goal:
-            first = "" if action is not None else f"The plan was replaced at {clock(event['at'])}: "
+            what = "No plan was found" if _no_plan(event) else "The plan was replaced"
+            first = "" if action is not None else f"{what} at {clock(event['at'])}: "
             return Answer(f"{first}{because}.", tuple(claims))
         goal = self._label(event)
         text = f"“{goal}” ended at {clock(event['at'])}: {self._outcome}"

@@ -57,13 +57,13 @@ class _Teller:
         what = self._words.fact(to_pddl(condition))
         if not self._moment.true(condition):
             claims = [claim for part in conjuncts(condition) for claim in self._why_not(part)]
-            return Answer(f"“{what}” does not hold: {_told(claims)}.", tuple(claims))
+            return Answer(f"“{what}” does not hold: {_told(claims, what)}.", tuple(claims))
         found = proof(self._moment, condition)
         if found is None:
             return Answer(f"“{what}” holds; its proof is too long to be shown.")
         claims = [self._leaf(part) for part in found]
         if found == [condition] or not found:
-            return Answer(f"“{what}” holds: {_told(claims) or 'by the domain alone'}.", tuple(claims))
+            return Answer(f"“{what}” holds: {_told(claims, what) or 'by the domain alone'}.", tuple(claims))
         facts = and_list([f"“{self._words.fact(to_pddl(part))}”" for part in found[:MOST]])
         more = f" and {len(found) - MOST} more" if len(found) > MOST else ""
         shown = tuple(each for part in found for each in self._moment.condition_evidence(part))
@@ -160,5 +160,6 @@ def _texts(part: Condition) -> List[str]:
     return [to_pddl(term) for term in terms(part) if isinstance(term, (Atom, Fluent))]
 
 
-def _told(claims: List[Claim]) -> str:
-    return "; ".join(claim.text for claim in claims[:3])
+def _told(claims: List[Claim], what: str) -> str:
+    """The first claims, which name a fact that was named before no second time."""
+    return "; ".join(claim.text for claim in claims[:3]).replace(f"“{what}”", "it")

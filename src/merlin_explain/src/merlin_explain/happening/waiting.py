@@ -105,12 +105,12 @@ def _before(moment: Moment, step: Step, words: Words) -> List[Claim]:
 
 def _going(moment: Moment, step: Step) -> str:
     """Since when a step runs, and when it ends as planned."""
-    began = f"runs since {clock(step.began)}" if step.began is not None else "runs"
+    began = f"has run since {clock(step.began)}" if step.began is not None else "runs"
     if step.due is None:
         return f"{began}; how long it takes is not planned"
     if step.due < moment.at:
         return f"{began} and is {moment.at - step.due:.0f} s over its planned {step.duration:.0f} s"
-    return f"{began} and ends at {clock(step.due)} as planned"
+    return f"{began} and as planned ends at {clock(step.due)}"
 
 
 def _condition(
@@ -205,4 +205,5 @@ def _answer(what: str, claims: List[Claim], since: float) -> Answer:
     if not claims:
         return Answer(f"{what} has not begun, and nothing is known to keep it.")
     told = "; ".join(claim.text for claim in claims[:TOLD])
-    return Answer(f"{what} waits{f' since {clock(since)}' if since else ''}: {told}.", tuple(claims))
+    waits = f"has waited since {clock(since)}" if since else "waits"
+    return Answer(f"{what} {waits}: {told}.", tuple(claims))

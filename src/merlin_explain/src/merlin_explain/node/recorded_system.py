@@ -3,7 +3,6 @@
 
 import contextlib
 import functools
-import itertools
 import tempfile
 from dataclasses import replace
 from pathlib import Path
@@ -15,6 +14,7 @@ from merlin_explain.claims import EVENT, Claim, Evidence, QuestionError, Words
 from merlin_explain.core.why import Doing, Request
 from merlin_explain.happening.moment import RUNNING, Moment, clock, key_of
 from merlin_explain.happening.recorded_past import PANEL, RecordedPast
+from merlin_monitor.text.request_words import sender_of
 from merlin_pddl.analysis.plan_run import plan_fault
 from merlin_pddl.checks.installed_planners import is_preset
 from merlin_pddl.knowledge import Fact, FunctionValue, Timed
@@ -22,6 +22,7 @@ from merlin_pddl.plan_text import NO_DURATION, PlanStep, format_plan
 from merlin_pddl.problem import Problem
 from merlin_pddl.problem_reader import parse_condition, parse_problem
 from merlin_pddl.problem_writer import object_lines, write_problem
+from merlin_pddl.text_reader import PddlError
 from merlin_ros.ports.service_server import while_wanted
 
 #: Nice value of what plans: the robot's own planning goes first.
@@ -94,7 +95,12 @@ class RecordedSystem:
             bool(running or asked),
             [step.text for step in running],
             [
-                Request(each["request"], each["goals"], each.get("by") or "", each["priority"])
+                Request(
+                    each["request"],
+                    each["goals"],
+                    each.get("by") or sender_of(each["request"]),
+                    each["priority"],
+                )
                 for each in (*asked, *self._moment.queue)
             ],
         )
@@ -165,10 +171,15 @@ class RecordedSystem:
                 break
             before += [] if then is None or then.state in [each.state for each in before] else [then]
         made = float((shown.section(PANEL).get("problem") or {}).get("at", 0.0))
-        states = (problem_of(each, shown) for each in (*reversed(before), shown))
-        for problem in itertools.chain(states, _earlier(shown, begin)):
-            _add_rest(problem, shown, made)
-            yield problem
+        for each in (*reversed(before), shown):
+            with contextlib.suppress(PddlError):  # the monitor began with the plan, and had no objects yet
+                problem = problem_of(each, shown)
+                _add_rest(problem, shown, made)
+                yield problem
+        with contextlib.suppress(PddlError):
+            for problem in _earlier(shown, begin):
+                _add_rest(problem, shown, made)
+                yield problem
 
 
 def _add_rest(problem: Problem, moment: Moment, at: float) -> None:

@@ -11,6 +11,7 @@ from std_msgs.msg import String
 
 from merlin_explain.claims import QuestionError, Words
 from merlin_explain.core.why import Doing, Request
+from merlin_monitor.text.request_words import sender_of
 from merlin_pddl.domain import Domain
 from merlin_pddl.domain_reader import parse_domain
 from merlin_pddl.text_reader import text_of
@@ -89,7 +90,10 @@ class RobotSystem:
         return Doing(
             status is not None and status.state != DispatchStatus.IDLE,
             [action_text(each.name, each.parameters) for each in (status.running if status else ())],
-            [Request(each.request, each.goals, each.by, each.priority) for each in asked],
+            [
+                Request(each.request, each.goals, each.by or sender_of(each.request), each.priority)
+                for each in asked
+            ],
         )
 
     def goals(self) -> List[str]:

@@ -8,7 +8,7 @@ a goal of the application's actions runs, and gives both up when one begins.
 import re
 import threading
 from functools import partial
-from typing import Any, Dict, List, Mapping
+from typing import Any, Callable, Dict, List, Mapping
 
 import rospy
 from actionlib_msgs.msg import GoalStatus, GoalStatusArray
@@ -68,12 +68,50 @@ def questions_of(phrases: Any) -> Dict[str, str]:
     return found
 
 
-def spoken(question: str, answer: ExplainResponse) -> str:
-    """What is said of an answer: its first sentence, or when the work ends; empty: it was not found out."""
-    estimates = [claim.text for claim in answer.claims if claim.kind == "estimate"]
-    text = estimates[0] if question == "when" and estimates else answer.sentence if answer.ok else ""
+def spoken(question: str, answer: ExplainResponse, now: float) -> str:
+    """What is said of an answer: its first sentence, or when the work ends; empty: it was not found out.
+
+    :param now: ROS time, s: a person has no watch that shows it.
+    """
+    text = answer.sentence if answer.ok else ""
+    estimate = next((claim for claim in answer.claims if claim.kind == "estimate"), None)
+    if question == "when" and estimate is not None:
+        end = max((each.time.to_sec() for each in estimate.evidence), default=0.0)
+        text = _when(end - now) if end else estimate.text
     first = re.split(r"(?<=[.!?])\s+(?=[A-Z“])", text, maxsplit=1)[0]
-    return re.sub("[“”]", "", first[:1].upper() + first[1:])
+    said = re.sub("[“”]", "", first).replace("_", " ")
+    return said[:1].upper() + said[1:]
+
+
+def _when(left: float) -> str:
+    """:param left: s until the end; below 0: since then."""
+    span = max(2.0, abs(left))
+    said = f"{span:.0f} seconds" if span < 100.0 else f"{span / 60.0:.0f} minutes"
+    return f"I will be ready in about {said}." if left > 0.0 else f"I wanted to be ready {said} ago."
+
+
+def asked(question: str, robot: str, explain: Callable[[ExplainRequest], ExplainResponse]) -> ExplainResponse:
+    """The answer to a question; of several robots that of the one which was asked.
+
+    :param question: one of :data:`ASKED`.
+    :param robot: its name in the plan; empty: there is only one.
+    :param explain: answers.
+    """
+    about = ""
+    if robot and question in ("why", "doing"):
+        answer = explain(ExplainRequest(question=ExplainRequest.DOING))
+        steps = {
+            each.text: claim for claim in answer.claims if claim.kind == "running" for each in claim.evidence
+        }
+        about = next((text for text in steps if robot in text.strip("()").split()), "")
+        if not about:
+            return ExplainResponse(
+                answer.ok, f"{robot} does nothing now." if answer.ok else answer.sentence, []
+            )
+        if question == "doing":
+            own = steps[about]
+            return ExplainResponse(True, f"{own.text.partition('”')[0]}”.", [own])
+    return explain(ExplainRequest(question=ASKED[question], about=about))
 
 
 class Moments:
@@ -121,14 +159,19 @@ class VoiceQuestions:
     :param phrases: phrase → question.
     :param moments: those that are free.
     :param listener: name of the action that hears.
+    :param explain: name of the service that answers.
+    :param robot: that is asked, of several in one plan; empty: there is only one.
     """
 
-    def __init__(self, phrases: Mapping[str, str], moments: Moments, listener: str) -> None:
+    def __init__(
+        self, phrases: Mapping[str, str], moments: Moments, listener: str, explain: str, robot: str
+    ) -> None:
         self._phrases = phrases
+        self._robot = robot
         self._moments = moments
         self._grammar = f"#JSGF V1.0; grammar questions; public <question> = {' | '.join(phrases)};"
         self._listener = ActionClient(listener, ListenAction)
-        self._explain = ServiceProxy("merlin/explain", Explain, timeout=ANSWER_LIMIT)
+        self._explain = ServiceProxy(explain, Explain, timeout=ANSWER_LIMIT)
         # One after the other, and behind the goals of sound_play, which also end it.
         self._sound = rospy.Publisher("robotsound", SoundRequest, queue_size=5)
         self._trouble = ""  # why it does not hear
@@ -183,12 +226,12 @@ class VoiceQuestions:
         if question is None:
             return
         try:
-            answer = self._explain(ExplainRequest(question=ASKED[question]))
+            answer = asked(question, self._robot, self._explain)
         except ServiceError as error:
             answer = ExplainResponse(ok=False, sentence=str(error))
         rospy.loginfo(f"asked “{phrase}”: {answer.sentence}")
         if self._moments.wait_free(PATIENCE):
-            self._say(spoken(question, answer) or UNKNOWN)
+            self._say(spoken(question, answer, rospy.get_time()) or UNKNOWN)
 
     def _say(self, text: str) -> None:
         """Speaks until the end, or until the application listens or speaks."""
@@ -213,6 +256,8 @@ def _start() -> None:
     if not isinstance(actions, list) or not all(isinstance(each, str) and each for each in actions):
         raise ParameterError(f"parameter ~yield_to is {actions!r}, not a list of names of actions")
     phrases = questions_of(rospy.get_param("~questions", PHRASES))
-    voice = VoiceQuestions(phrases, Moments(actions), graph_name("~listener", "questions/listen"))
+    listener, explain = graph_name("~listener", "questions/listen"), graph_name("~explain", "merlin/explain")
+    robot = str(rospy.get_param("~robot", ""))
+    voice = VoiceQuestions(phrases, Moments(actions), listener, explain, robot)
     voice.start()
     HealthReporter({"voice questions": voice.health}).start()

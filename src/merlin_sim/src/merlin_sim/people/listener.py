@@ -61,7 +61,7 @@ HEARING = 4.0  # m
 FACED = 0.5  # cosine of the angle to either side within which a robot faces a person
 ASIDE = 2.0
 VOICE = "en-us"
-KEYS = ("voice", "answers", "hearing", "position")
+KEYS = ("voice", "answers", "replies", "hearing", "position")
 
 
 @dataclass
@@ -134,6 +134,7 @@ def read_listeners() -> List[HearingPerson]:
     shared: Dict[str, Any] = {
         "voice": rospy.get_param("~voice", VOICE),
         "answers": [] if answers is None else answers,
+        "replies": rospy.get_param("~replies", []),
         "hearing": number("~hearing", HEARING, 0.1),
     }
     people = rospy.get_param("~people", {})
@@ -154,9 +155,14 @@ def _keys(name: str, fields: Any) -> Dict[str, Any]:
 
 
 def _listener(where: str, name: str, fields: Dict[str, Any]) -> HearingPerson:
-    hearing, position = fields["hearing"], fields.get("position")
+    hearing, position, replies = fields["hearing"], fields.get("position"), fields["replies"]
+    if not isinstance(replies, list) or not all(
+        isinstance(pair, list) and len(pair) == 2 for pair in replies
+    ):
+        raise ParameterError(f"parameter {where}replies is {replies!r}, not pairs of a pattern and an answer")
     try:
-        answers = texts(f"{where}answers", fields["answers"])
+        patterns, said = (texts(f"{where}replies", [pair[part] for pair in replies]) for part in (0, 1))
+        answers = Answers(texts(f"{where}answers", fields["answers"]), (), patterns, said)
     except ValueError as error:
         raise ParameterError(f"parameter {error}") from None
     if not isinstance(hearing, (int, float)) or not hearing > 0:
@@ -168,7 +174,7 @@ def _listener(where: str, name: str, fields: Dict[str, Any]) -> HearingPerson:
         position = (float(position[0]), float(position[1]))
     return HearingPerson(
         name,
-        Answers(answers),
+        answers,
         str(fields["voice"]),
         float(hearing),
         position,
