@@ -150,7 +150,7 @@ def test_a_newcomer_that_has_no_plan_waits_and_is_told_when_it_is_alone(bench: B
     first = bench.driving("(checked kitchen)")
     second = bench.send("(checked attic)")
     robot.wait(lambda: robot.asked == 3 and robot.stored == ["(checked kitchen)"])
-    assert bench.engine.together == [first] and robot.cancelled == []
+    assert bench.engine.agenda.together == [first] and robot.cancelled == []
     bench.carry_on(first)
     assert end(first)[1] == "SUCCEEDED"
     assert end(second)[1] == "UNSOLVABLE"
@@ -447,7 +447,7 @@ def test_one_whose_goals_hold_is_in_time_whatever_runs(bench: Bench, robot: Robo
     first = bench.driving("(checked kitchen)")
     robot.facts.add("(checked hall)")
     second = bench.send("(checked hall)", deadline=by(4))
-    assert end(second)[1] == "SUCCEEDED" and bench.engine.together == [first]
+    assert end(second)[1] == "SUCCEEDED" and bench.engine.agenda.together == [first]
     bench.carry_on(first)
 
 
