@@ -353,7 +353,7 @@ class Bench:
 
     def members(self, *requests: Request) -> None:
         """Waits until these run together."""
-        self.robot.wait(lambda: self.engine.together == list(requests))
+        self.robot.wait(lambda: self.engine.agenda.together == list(requests))
 
     def driving(self, goal: str, **fields: Any) -> Request:
         request = self.send(goal, **fields)

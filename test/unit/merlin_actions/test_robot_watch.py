@@ -3,7 +3,7 @@
 
 import threading
 from types import SimpleNamespace
-from typing import Any, Dict, Iterator, List, Sequence
+from typing import Any, Callable, Dict, Iterator, List, Optional, Sequence
 
 import pytest
 from diagnostic_msgs.msg import KeyValue
@@ -19,6 +19,7 @@ from merlin_ros.robot_values import AVAILABLE
 from merlin_ros.service_proxy import ServiceUnavailable
 
 LONG = 60.0
+Announce = Callable[..., None]
 
 
 class Knowledge:
@@ -55,16 +56,25 @@ class Knowledge:
 
 
 @pytest.fixture(autouse=True)
-def without_ros(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def announce(monkeypatch: pytest.MonkeyPatch) -> Iterator[Announce]:
+    """Without ROS: a node announces the host of a robot to the watch of the test."""
     ends = threading.Event()
+    read: List[Callable[[RobotHost], None]] = []
+
+    def announced(robot: str, node: Optional[str] = None, sender: str = "/other") -> None:
+        node = f"/{robot}/host" if node is None else node
+        message = RobotHost(robot=robot, node=node, life="one")
+        message._connection_header = {"callerid": sender}
+        read[0](message)
+
     rospy = SimpleNamespace(
         is_shutdown=ends.is_set,
-        Subscriber=lambda *_, **__: None,
+        Subscriber=lambda topic, _, callback, **__: read.append(callback),
         **dict.fromkeys(("loginfo", "logwarn", "logerr", "logwarn_throttle"), lambda *_: None),
     )
     monkeypatch.setattr(robot_watch, "rospy", rospy)
     monkeypatch.setattr(robot_watch, "RETRY", 0.01)
-    yield
+    yield announced
     ends.set()
 
 
@@ -95,7 +105,7 @@ def test_a_fact_about_no_robot_keeps_no_other_one_from_being_written() -> None:
     assert knowledge.wait(r1=False, r2=False)
 
 
-def test_a_listener_that_fails_hides_no_later_change() -> None:
+def test_a_listener_that_fails_hides_no_later_change(announce: Announce) -> None:
     watch = RobotWatch(Knowledge("r1", "r2"))  # type: ignore[arg-type]
     heard, both = [], threading.Event()
 
@@ -107,26 +117,22 @@ def test_a_listener_that_fails_hides_no_later_change() -> None:
 
     watch.listen(listen)
     for robot in ("r1", "r2"):
-        watch._receive(RobotHost(robot=robot, node=f"/{robot}/host", life="a"))
+        announce(robot)
     assert both.wait(LONG), heard
 
 
-def sent(robot: str, sender: str) -> RobotHost:
-    message = RobotHost(robot=robot, node=f"/{robot}/host", life="one")
-    message._connection_header = {"callerid": sender}
-    return message
-
-
-def test_a_node_that_names_robots_without_end_hides_no_robot(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_node_that_names_robots_without_end_hides_no_robot(
+    announce: Announce, monkeypatch: pytest.MonkeyPatch
+) -> None:
     told: List[str] = []
     monkeypatch.setattr(robot_watch.rospy, "logwarn", told.append)
     ghosts = [f"ghost{number}" for number in range(2000)]
     knowledge = Knowledge("r1", "r2", *ghosts)
     watch = RobotWatch(knowledge)  # type: ignore[arg-type]
-    watch._receive(sent("r1", "/r1/host"))
+    announce("r1", sender="/r1/host")
     for ghost in ghosts:
-        watch._receive(sent(ghost, "/flood"))
-    watch._receive(sent("r2", "/r2/host"))
+        announce(ghost, sender="/flood")
+    announce("r2", sender="/r2/host")
     known = watch.why_not_each()
     assert len(known) < 100 and known["r1"] == known["r2"] == ""
     assert knowledge.wait(r1=True, r2=True)
@@ -163,7 +169,9 @@ def test_a_wait_for_the_knowledge_does_not_count_a_stall_of_its_own(monkeypatch:
     assert not knowledge.available["r1"]
 
 
-def test_a_robot_that_is_forgotten_is_told_to_those_that_listen(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_robot_that_is_forgotten_is_told_to_those_that_listen(
+    announce: Announce, monkeypatch: pytest.MonkeyPatch
+) -> None:
     clock = SimpleNamespace(monotonic=lambda: clock.now, sleep=lambda _: None, now=0.0)
     monkeypatch.setattr(robot_watch, "time", clock)
     guests = [f"guest{number}" for number in range(OF_ONE + 1)]
@@ -178,17 +186,17 @@ def test_a_robot_that_is_forgotten_is_told_to_those_that_listen(monkeypatch: pyt
     watch.listen(listen)
     for guest in guests:
         clock.now += 60.0
-        watch._receive(sent(guest, "/relay"))
+        announce(guest, sender="/relay")
     assert told.wait(LONG) and ("guest0", True) in heard
     assert "guest0" not in watch.why_not_each()
 
 
 @pytest.mark.parametrize("node", ["", "host", "/two words/host", "//host", "/a\nb/host"])
 def test_a_host_of_an_impossible_name_is_told_and_no_robot(
-    monkeypatch: pytest.MonkeyPatch, node: str
+    announce: Announce, monkeypatch: pytest.MonkeyPatch, node: str
 ) -> None:
     told: List[str] = []
     monkeypatch.setattr(robot_watch.rospy, "logwarn_throttle", lambda _, text: told.append(text))
     watch = RobotWatch(Knowledge("r1"))  # type: ignore[arg-type]
-    watch._receive(RobotHost(robot="r1", node=node, life="a"))
+    announce("r1", node)
     assert watch.why_not_each() == {} and len(told) == 1 and repr(node) in told[0]

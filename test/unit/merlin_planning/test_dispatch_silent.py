@@ -57,7 +57,7 @@ def test_a_dispatcher_that_is_silent_is_cancelled_and_given_up(dispatcher: Any, 
 
 
 @pytest.mark.parametrize(
-    "change", [{"let_go": True}, {"state": LeaseState.SUSPENDED}, {}], ids=["let go", "late", "earlier life"]
+    "change", [{"released": True}, {"state": LeaseState.SUSPENDED}, {}], ids=["released", "late", "life"]
 )
 def test_one_that_lives_is_not(dispatcher: Any, sent: Sent, change: Dict[str, Any]) -> None:
     held: List[str] = [] if change else ["1/plan"]  # restarted, it carries out this plan

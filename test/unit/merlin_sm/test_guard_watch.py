@@ -4,6 +4,7 @@
 import threading
 
 import pytest
+from fakes.topics import Topics
 from merlin_msgs.msg import GuardStatus
 
 from merlin_ros.master.master_link import MasterSilent
@@ -12,8 +13,14 @@ from merlin_sm.guard_watch import SILENT, GuardWatch
 
 
 @pytest.fixture
-def expect(monkeypatch):
-    monkeypatch.setattr(guard_watch.rospy, "Subscriber", lambda *_, **__: None)
+def says(monkeypatch):
+    """The guard says something."""
+    topics = Topics(monkeypatch)
+    return lambda status: topics.send("/merlin/guard", status)
+
+
+@pytest.fixture
+def expect(says, monkeypatch):
     monkeypatch.setattr(guard_watch, "WAIT", 0.05)
     monkeypatch.setattr(guard_watch, "FRESH", 600.0)  # the test may stand still between word and question
     return lambda value: monkeypatch.setattr(guard_watch, "get_param", lambda *_: value)
@@ -31,25 +38,25 @@ def test_an_expected_guard_has_to_speak(expect):
 
 
 @pytest.mark.parametrize("state", [GuardStatus.IDLE, GuardStatus.PASSING, GuardStatus.HOLDING])
-def test_a_guard_that_speaks_lets_begin(expect, state):
+def test_a_guard_that_speaks_lets_begin(expect, says, state):
     expect(True)
     watch = GuardWatch()
-    watch._receive(GuardStatus(state=state))
+    says(GuardStatus(state=state))
     assert watch.why_not() == ""
 
 
-def test_the_master_is_not_asked_about_a_guard_that_speaks(expect, monkeypatch):
+def test_the_master_is_not_asked_about_a_guard_that_speaks(expect, says, monkeypatch):
     expect(True)
     monkeypatch.setattr(guard_watch, "get_param", lambda *_: pytest.fail("the master was asked"))
     watch = GuardWatch()
-    watch._receive(GuardStatus(state=GuardStatus.IDLE))
+    says(GuardStatus(state=GuardStatus.IDLE))
     assert watch.why_not() == ""
 
 
-def test_what_it_said_long_ago_does_not_count(expect, monkeypatch):
+def test_what_it_said_long_ago_does_not_count(expect, says, monkeypatch):
     expect(True)
     watch = GuardWatch()
-    watch._receive(GuardStatus())
+    says(GuardStatus())
     monkeypatch.setattr(guard_watch, "FRESH", 0.0)
     assert watch.why_not() == SILENT
 
@@ -61,28 +68,28 @@ class Clock:
         return self.now
 
 
-def test_what_waited_in_a_process_that_was_held_up_says_nothing_of_now(expect, monkeypatch):
+def test_what_waited_in_a_process_that_was_held_up_says_nothing_of_now(expect, says, monkeypatch):
     expect(True)
     clock = Clock()
     monkeypatch.setattr(guard_watch, "time", clock)
     monkeypatch.setattr(guard_watch, "FRESH", 1.5)
     watch = GuardWatch()
-    watch._receive(GuardStatus())
+    says(GuardStatus())
     assert watch.why_not() == ""
     clock.now += 10.0
     for _ in range(5):  # of a guard that hung meanwhile
-        watch._receive(GuardStatus())
+        says(GuardStatus())
         clock.now += 0.001
     assert watch.why_not() == SILENT
     clock.now += 0.5
-    watch._receive(GuardStatus())
+    says(GuardStatus())
     assert watch.why_not() == ""
 
 
-def test_a_guard_that_stopped_the_base_fails_at_once_with_its_reason(expect):
+def test_a_guard_that_stopped_the_base_fails_at_once_with_its_reason(expect, says):
     expect(True)
     watch = GuardWatch()
-    watch._receive(GuardStatus(state=GuardStatus.STOPPED, reason="stopped by /page"))
+    says(GuardStatus(state=GuardStatus.STOPPED, reason="stopped by /page"))
     assert watch.why_not() == "the velocity guard has stopped the base: stopped by /page"
 
 
@@ -91,41 +98,41 @@ def heard(**fields):
     return GuardStatus(**{"servers": ["/ann/move_base"], "heard": ["/ann/move_base"], **fields})
 
 
-def test_a_server_that_the_guard_hears_may_drive(expect, monkeypatch):
+def test_a_server_that_the_guard_hears_may_drive(expect, says, monkeypatch):
     expect(True)
     monkeypatch.setattr(guard_watch, "get_param", lambda *_: pytest.fail("the master was asked"))
     watch = GuardWatch()
-    watch._receive(heard())
+    says(heard())
     assert watch.why_not(server="/ann/move_base") == ""
 
 
 @pytest.mark.parametrize("server", ["/move_base", "/bob/move_base", "/ann/dock"])
-def test_a_server_that_the_guard_does_not_know_is_named_at_once(expect, monkeypatch, server):
+def test_a_server_that_the_guard_does_not_know_is_named_at_once(expect, says, monkeypatch, server):
     expect(True)
     monkeypatch.setattr(guard_watch, "WAIT", 600.0)
     watch = GuardWatch()
-    watch._receive(heard())
+    says(heard())
     assert watch.why_not(server=server) == (
         f"the velocity guard passes no velocities of {server}: it is not among its motion_servers "
         "[/ann/move_base]"
     )
 
 
-def test_a_server_that_the_guard_does_not_hear_is_named(expect):
+def test_a_server_that_the_guard_does_not_hear_is_named(expect, says):
     expect(True)
     watch = GuardWatch()
-    watch._receive(heard(heard=[]))
+    says(heard(heard=[]))
     assert "does not hear /ann/move_base/status" in watch.why_not(server="/ann/move_base")
 
 
-def test_a_guard_without_which_the_robot_may_drive_forbids_nothing(expect):
+def test_a_guard_without_which_the_robot_may_drive_forbids_nothing(expect, says):
     expect(False)
     watch = GuardWatch()
-    watch._receive(heard(heard=[]))
+    says(heard(heard=[]))
     assert watch.why_not(server="/ann/move_base") == watch.why_not(server="/other") == ""
 
 
-def test_a_guard_that_has_just_begun_is_waited_for(expect, monkeypatch):
+def test_a_guard_that_has_just_begun_is_waited_for(expect, says, monkeypatch):
     expect(True)
     monkeypatch.setattr(guard_watch, "WAIT", 600.0)
     watch, said = GuardWatch(), []
@@ -138,10 +145,10 @@ def test_a_guard_that_has_just_begun_is_waited_for(expect, monkeypatch):
     waiting = threading.Thread(target=lambda: said.append(watch.why_not(interrupted, "/ann/move_base")))
     waiting.start()
     assert asked.wait(60.0)
-    watch._receive(heard(heard=[]))
+    says(heard(heard=[]))
     asked.clear()
     assert asked.wait(60.0), "it does not wait for a guard that has yet to hear the server"
-    watch._receive(heard())
+    says(heard())
     waiting.join(60.0)
     assert said == [""]
 
@@ -150,7 +157,7 @@ ARRIVED = "/move_base says that it has arrived, but the velocity guard passed no
 
 
 @pytest.fixture
-def drive(expect, monkeypatch):
+def drive(expect, says, monkeypatch):
     """What a watch says of a drive in which it hears these statuses."""
     expect(True)
     monkeypatch.setattr(guard_watch, "LONG_DRIVE", 0.0)
@@ -160,10 +167,10 @@ def drive(expect, monkeypatch):
     def drive(*statuses):
         watch = GuardWatch()
         for before in (GuardStatus.HOLDING, GuardStatus.PASSING):
-            watch._receive(heard(state=before, reason="of another drive", moving=True))
+            says(heard(state=before, reason="of another drive", moving=True))
         mark = watch.mark()
         for status in statuses:
-            watch._receive(status)
+            says(status)
         return watch.why_unmoved(mark, "/move_base"), warned
 
     return drive
@@ -208,18 +215,18 @@ def test_a_silent_master_is_named(expect, monkeypatch):
     assert GuardWatch().why_not() == "cannot read the parameter"
 
 
-def test_the_actions_that_move_the_base_are_known_from_the_guard(expect):
+def test_the_actions_that_move_the_base_are_known_from_the_guard(expect, says):
     expect(True)
     watch = GuardWatch()
     assert not watch.names("/ann/move_base")
-    watch._receive(heard(heard=[]))
+    says(heard(heard=[]))
     assert watch.names("/ann/move_base") and not watch.names("/ann/speak")
 
 
-def test_who_follows_the_guard_hears_it_for_so_long(expect):
+def test_who_follows_the_guard_hears_it_for_so_long(expect, says):
     expect(True)
     watch, said = GuardWatch(), []
     with watch.followed(lambda status: said.append(status.reason)):
-        watch._receive(heard(reason="first"))
-    watch._receive(heard(reason="second"))
+        says(heard(reason="first"))
+    says(heard(reason="second"))
     assert said == ["first"]

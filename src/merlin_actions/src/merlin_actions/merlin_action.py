@@ -5,14 +5,13 @@ import threading
 from typing import Any, Dict, Optional, Tuple
 
 import rospy
-from actionlib_msgs.msg import GoalStatus
 from merlin_msgs.msg import RunActionGoal
 
 from merlin_actions.action_interface import ActionInterface
 from merlin_actions.action_servers import ActionServers
 from merlin_actions.core.ending import Ending
 from merlin_actions.core.execution import Execution, Key
-from merlin_actions.core.machine_end import GoalEnd, MachineEnd, ending_of
+from merlin_actions.core.machine_end import MachineEnd, ending_of
 from merlin_actions.core.robot_book import RobotChange
 from merlin_actions.robot_watch import RobotWatch
 from merlin_actions.stopped_robots import EffectsOfDrives, StoppedRobots
@@ -21,14 +20,7 @@ from merlin_ros.actions.action_client import ActionClient
 from merlin_ros.actions.client_goal import ClientGoal
 from merlin_ros.deadline import limit
 from merlin_ros.health import Health
-
-_HOW = {
-    GoalStatus.SUCCEEDED: GoalEnd.SUCCEEDED,
-    GoalStatus.PREEMPTED: GoalEnd.PREEMPTED,
-    GoalStatus.RECALLED: GoalEnd.RECALLED,
-    GoalStatus.REJECTED: GoalEnd.REJECTED,
-    GoalStatus.LOST: GoalEnd.LOST,
-}
+from merlin_ros.work.goal_end import GoalEnd
 
 
 class MerlinAction(ActionInterface):
@@ -133,12 +125,12 @@ class MerlinAction(ActionInterface):
                 f"{execution.text} {what}, and {client.name} does not stop ({self._cancel_limit:g} s)",
                 unstopped=client.name,
             )
-        if late and sent.status != GoalStatus.SUCCEEDED:
+        if late and sent.status != GoalEnd.SUCCEEDED:
             reason = f"{execution.text} did not end within {self._run_limit:g} s and was stopped"
             return Ending(False, reason, unstopped=_result_of(sent).unstopped)
-        if sent.status == GoalStatus.LOST and execution.lane and not execution.lost:
+        if sent.status == GoalEnd.LOST and execution.lane and not execution.lost:
             self._servers.suspect(execution.lane, sent.text)
-        return ending_of(_HOW.get(sent.status, GoalEnd.ABORTED), _result_of(sent), execution, sent.text)
+        return ending_of(GoalEnd(sent.status), _result_of(sent), execution, sent.text)
 
     def _wait(self, ended: threading.Event) -> bool:
         """Waits for the end or a cancel; True when the run limit passed."""

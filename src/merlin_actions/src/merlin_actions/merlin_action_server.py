@@ -10,13 +10,14 @@ from merlin_msgs.msg import RunActionAction, RunActionFeedback, RunActionResult
 
 import smach
 from merlin_actions.core.ending import GIVEN_UP, NOT_BEGUN
-from merlin_actions.core.machine_end import GoalEnd, MachineEnd, answer_of
+from merlin_actions.core.machine_end import MachineEnd, answer_of
 from merlin_actions.core.names import CONCURRENT, DECLARED, action_param, ros_name
 from merlin_actions.merlin_action_sm import MerlinActionSM
 from merlin_ros.actions.action_server import ActionServer, ServerGoal
 from merlin_ros.alarms import wait_ticks
 from merlin_ros.deadline import call_when_passed, limit
 from merlin_ros.health import ERROR, OK, WARN, Health
+from merlin_ros.work.goal_end import GoalEnd
 from merlin_ros.work.threads import log_failure, start_thread
 from merlin_ros.work.work_book import Decision, Policy, Step, WorkBook
 from merlin_sm.autonomy import label_text

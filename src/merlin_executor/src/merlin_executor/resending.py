@@ -7,12 +7,13 @@ Executor never took, because it died in that moment, is sent to the next one in 
 """
 
 import time
-from enum import Enum, IntEnum
+from enum import Enum
 from typing import Callable, NamedTuple, Optional
 
 from merlin_executor.core.agenda import client_was_lost
 from merlin_executor.core.awaited import Absence
 from merlin_executor.core.outcome import Outcome, StopKind, Verdict
+from merlin_ros.work.goal_end import GoalEnd
 
 #: The goal ends with the reason.
 END = "end"
@@ -42,37 +43,26 @@ def checked(on_lost: str) -> str:
 _SERVER_ENDS = "the action server shuts down"
 
 
-class RequestEnd(IntEnum):
-    """How a goal ends, as actionlib_msgs/GoalStatus has it."""
-
-    PREEMPTED = 2
-    SUCCEEDED = 3
-    ABORTED = 4
-    REJECTED = 5
-    RECALLED = 8
-    LOST = 9
-
-
 def was_lost(status: int, text: str, reason: str) -> bool:
     """Whether a goal has ended because the Executor is gone, goes down, or has missed this client.
 
-    :param status: as of :class:`RequestEnd`.
+    :param status: as of :class:`.GoalEnd`.
     :param text: of that status.
     :param reason: in the Executor's result; empty: it gives none.
     """
     ends = reason.startswith(StopKind.SHUTDOWN.value) or text == _SERVER_ENDS
-    return status == RequestEnd.LOST or ends or client_was_lost(reason)
+    return status == GoalEnd.LOST or ends or client_was_lost(reason)
 
 
 def was_begun(active: bool, status: int, lost: bool) -> bool:
     """Whether the Executor had begun a goal that has ended.
 
     :param active: it said so while the goal ran.
-    :param status: as of :class:`RequestEnd`.
+    :param status: as of :class:`.GoalEnd`.
     :param lost: as of :func:`was_lost`; an action server that goes down aborts what waits, too.
     """
-    ran = (RequestEnd.PREEMPTED, RequestEnd.SUCCEEDED)
-    return active or status in ran or (status == RequestEnd.ABORTED and not lost)
+    ran = (GoalEnd.PREEMPTED, GoalEnd.SUCCEEDED)
+    return active or status in ran or (status == GoalEnd.ABORTED and not lost)
 
 
 class Next(Enum):
@@ -173,12 +163,12 @@ class Resending:
         :param status, text, reason: as of :func:`was_lost`.
         :param said: why the goal was ended here; empty: it was not.
         """
-        if status == RequestEnd.LOST or said:
+        if status == GoalEnd.LOST or said:
             outcome = Outcome.CANCELLED if self.given_up and said else Outcome.INTERNAL
             return Verdict(outcome, said or text)
         # Without a reason the action server has answered for the Executor.
-        if status == RequestEnd.RECALLED and not reason:
+        if status == GoalEnd.RECALLED and not reason:
             return Verdict(Outcome.CANCELLED, text)
-        if status == RequestEnd.ABORTED and not reason:
+        if status == GoalEnd.ABORTED and not reason:
             return Verdict(Outcome.INTERNAL, text)
         return None

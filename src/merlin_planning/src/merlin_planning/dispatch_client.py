@@ -477,7 +477,7 @@ class DispatchClient:
             self._on_change()
 
     def _dispatcher_changed(self, change: LeaseChange) -> None:
-        if change.state is not LeaseState.LOST or change.let_go:
+        if change.state is not LeaseState.LOST or change.released:
             return
         # A restarted dispatcher may lose what it held before while it carries out this plan.
         if not self._watch.goals_of(self._watch.owner(change.goal)):

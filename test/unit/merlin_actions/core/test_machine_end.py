@@ -8,7 +8,8 @@ import pytest
 
 from merlin_actions.core.ending import GIVEN_UP, NOT_BEGUN, Ending, information_of
 from merlin_actions.core.execution import Execution
-from merlin_actions.core.machine_end import GoalEnd, MachineEnd, answer_of, ending_of
+from merlin_actions.core.machine_end import MachineEnd, answer_of, ending_of
+from merlin_ros.work.goal_end import GoalEnd
 
 ABORTED = MachineEnd("aborted", "the door is closed")
 
@@ -62,7 +63,7 @@ def test_a_goal_that_never_ran_has_changed_nothing(how: GoalEnd, execution: Exec
     assert (ending.succeeded, ending.begun, ending.reason) == (False, False, "busy")
     assert (
         ending_of(how, MachineEnd(), execution).reason
-        == f"(bring box_1 attic) was {how.value} without a reason"
+        == f"(bring box_1 attic) was {how.name.lower()} without a reason"
     )
 
 
@@ -86,3 +87,9 @@ def test_a_dispatcher_is_told_what_does_not_stop() -> None:
         "stopped": "no",
     }
     assert information_of(Ending(True, "done", unstopped="move_base")) == {}
+
+
+@pytest.mark.parametrize("status", [0, 1, 7, 200])
+def test_a_number_that_ends_no_goal_is_an_abort(status: int, execution: Execution) -> None:
+    ending = ending_of(GoalEnd(status), MachineEnd(), execution)
+    assert ending.reason == "(bring box_1 attic) was aborted without a reason" and ending.begun

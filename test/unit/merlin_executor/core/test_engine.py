@@ -134,7 +134,7 @@ def test_clients_of_many_threads(seed: int, together: int) -> None:
     engine.shutdown(LONG)
     assert all(wish.ended.wait(LONG) for wish in wishes)
     assert all(len(wish.verdicts) == 1 for wish in wishes)
-    assert engine.running is None and engine.waiting == []
+    assert engine.agenda.running is None and engine.waiting == []
     assert len(told) == work.runs if together == 1 else len(told) >= work.runs
     assert work.cleaned == sum(error is not None for error in told)
 
@@ -157,14 +157,14 @@ def test_one_of_several_that_run_together_ends_before_the_others() -> None:
         engine.decide(lambda agenda, wish=wish: agenda.receive(wish))
     engine.decide(lambda agenda: agenda.pause(False))
     assert stages.begun.acquire(timeout=LONG)
-    assert engine.together == wishes
+    assert engine.agenda.together == wishes
     holds = Verdict(Outcome.SUCCEEDED, "the goal holds")
     engine.achieved(wishes[:1], holds)
     assert wishes[0].verdicts == [holds] and said == ["the goal holds", "status"]
     engine.decide_on(lambda wish: wish is wishes[2], lambda agenda, found: agenda.cancel(found))
     assert wishes[2].ended.wait(LONG)
     assert stages.begun.acquire(timeout=LONG), "the other one goes on"
-    assert engine.together == [wishes[1]] and not wishes[1].verdicts
+    assert engine.agenda.together == [wishes[1]] and not wishes[1].verdicts
     engine.shutdown(LONG)
     assert [len(wish.verdicts) for wish in wishes] == [1, 1, 1]
 
@@ -199,7 +199,7 @@ def test_a_queue_and_a_status_that_cannot_be_published_keep_no_answer() -> None:
     assert second.ended.wait(LONG)
     engine.decide_on(first.__eq__, lambda agenda, found: agenda.cancel(found))
     assert first.ended.wait(LONG)
-    engine.breakpoints.set(["(stop here)"])
+    engine.agenda.breakpoints.set(["(stop here)"])
     third.goals = "(stop here)"
     engine.decide(lambda agenda: agenda.receive(third))
     engine.shutdown(LONG)

@@ -5,6 +5,7 @@ import threading
 from typing import Any, Iterator, List
 
 import pytest
+from fakes.topics import Topics
 from merlin_msgs.msg import RobotHost
 
 from merlin_executor.node import guard_client
@@ -43,13 +44,17 @@ class Guard:
 
 
 @pytest.fixture
-def client(monkeypatch: pytest.MonkeyPatch) -> Iterator[GuardClient]:
+def topics(monkeypatch: pytest.MonkeyPatch) -> Topics:
+    return Topics(monkeypatch)
+
+
+@pytest.fixture
+def client(topics: Topics, monkeypatch: pytest.MonkeyPatch) -> Iterator[GuardClient]:
     for event in (registers, master_answers):
         event.clear()
     braked.clear()
     ended.clear()
     monkeypatch.setattr(guard_client, "_Guard", Guard)
-    monkeypatch.setattr(guard_client.rospy, "Subscriber", lambda *_, **__: None)
     yield GuardClient("/kb")
     master_answers.set()
 
@@ -60,8 +65,8 @@ def in_thread(call: Any, *args: Any) -> threading.Thread:
     return thread
 
 
-def test_a_brake_does_not_wait_for_the_master(client: GuardClient) -> None:
-    meeting = in_thread(client._meet, RobotHost(robot="r1", node="/r1/host"))
+def test_a_brake_does_not_wait_for_the_master(client: GuardClient, topics: Topics) -> None:
+    meeting = in_thread(announce, topics, "/r1/host", "/r1/host")
     assert registers.wait(LONG)
     braking = in_thread(client.brake, "cancelled")
     braking.join(LONG)
@@ -72,42 +77,40 @@ def test_a_brake_does_not_wait_for_the_master(client: GuardClient) -> None:
     assert braked == ["", "", "/r1/"]
 
 
-def sent(node: str, sender: str) -> RobotHost:
-    message = RobotHost(robot="r", node=node)
-    message._connection_header = {"callerid": sender}
-    return message
+def announce(topics: Topics, node: str, sender: str) -> None:
+    topics.send("/kb/robots", RobotHost(robot="r", node=node), {"callerid": sender})
 
 
 def test_a_node_that_names_robots_without_end_gets_no_guards_without_end(
-    client: GuardClient, monkeypatch: pytest.MonkeyPatch
+    client: GuardClient, topics: Topics, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     master_answers.set()
     told: List[str] = []
     monkeypatch.setattr(guard_client.rospy, "logwarn", told.append)
     for number in range(1000):
-        client._meet(sent(f"/ghost{number}/host", "/flood"))
-    client._meet(sent("/r1/host", "/r1/host"))
+        announce(topics, f"/ghost{number}/host", "/flood")
+    announce(topics, "/r1/host", "/r1/host")
     client.brake("cancelled")
     assert len(braked) < 100 and braked[0] == "" and braked[-1] == "/r1/"
     assert len(told) == 1 and "/flood" in told[0]
 
 
 def test_the_guard_of_a_robot_that_is_gone_makes_room(
-    client: GuardClient, monkeypatch: pytest.MonkeyPatch
+    client: GuardClient, topics: Topics, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     master_answers.set()
     monkeypatch.setattr(guard_client.time, "monotonic", lambda: now)
     now = 0.0
     for number in range(60):
         now += 60.0
-        client._meet(sent(f"/guest{number}/host", "/relay"))
+        announce(topics, f"/guest{number}/host", "/relay")
     client.brake("cancelled")
     assert len(braked) < 60 and braked[-1] == "/guest59/" and "/guest0/" in ended and "/guest0/" not in braked
 
 
 @pytest.mark.parametrize("node", ["", "host", "/two words/host", "//host"])
-def test_a_node_of_an_impossible_name_has_no_guard(client: GuardClient, node: str) -> None:
+def test_a_node_of_an_impossible_name_has_no_guard(client: GuardClient, topics: Topics, node: str) -> None:
     master_answers.set()
-    client._meet(sent(node, "/flood"))
+    announce(topics, node, "/flood")
     client.brake("cancelled")
     assert braked == [""]

@@ -121,7 +121,7 @@ def test_a_newcomer_that_has_no_plan_waits_and_is_told_when_it_is_alone(bench: B
     first = bench.driving("(checked kitchen)")
     second = bench.send("(checked attic)")
     robot.wait(lambda: robot.asked == 3 and robot.stored == ["(checked kitchen)"])
-    assert bench.engine.together == [first] and robot.cancelled == []
+    assert bench.engine.agenda.together == [first] and robot.cancelled == []
     bench.carry_on(first)
     assert end(first)[1] == "SUCCEEDED"
     assert end(second)[1] == "UNSOLVABLE"

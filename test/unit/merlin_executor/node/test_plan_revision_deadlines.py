@@ -65,7 +65,7 @@ def test_one_whose_goals_hold_is_in_time_whatever_runs(bench: Bench, robot: Robo
     first = bench.driving("(checked kitchen)")
     robot.facts.add("(checked hall)")
     second = bench.send("(checked hall)", deadline=by(4))
-    assert end(second)[1] == "SUCCEEDED" and bench.engine.together == [first]
+    assert end(second)[1] == "SUCCEEDED" and bench.engine.agenda.together == [first]
     bench.carry_on(first)
 
 

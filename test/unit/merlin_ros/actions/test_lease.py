@@ -229,7 +229,7 @@ def test_the_oldest_names_of_a_lease_without_measure_are_lost_and_say_so():
     book.renew("/client", "a", names, [])
     reason = f"/client holds more than {NAMES} goals"
     assert book.renew("/client", "a", [*names, "next"], []) == [
-        LeaseChange("0", LeaseState.LOST, reason, let_go=True)
+        LeaseChange("0", LeaseState.LOST, reason, released=True)
     ]
 
 

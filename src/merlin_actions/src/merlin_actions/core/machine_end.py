@@ -1,35 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the end of a machine's goal says: at the host, which runs it, and at the bridge, which has sent it."""
 
-from enum import Enum
 from typing import NamedTuple, Optional
 
 from merlin_actions.core.ending import GIVEN_UP, NOT_BEGUN, Ending, no_retry
 from merlin_actions.core.execution import Execution
+from merlin_ros.work.goal_end import GoalEnd
 
 #: Outcome of a machine that has done its work.
 SUCCEEDED = "succeeded"
 #: Outcome of a machine that was stopped.
 PREEMPTED = "preempted"
-
-
-class GoalEnd(Enum):
-    """How the goal of a machine ended, as actionlib says it."""
-
-    SUCCEEDED = "succeeded"
-    PREEMPTED = "preempted"
-    """Cancelled while it ran."""
-    RECALLED = "recalled"
-    """Cancelled before it ran."""
-    REJECTED = "rejected"
-    ABORTED = "aborted"
-    LOST = "lost"
-    """Its server is gone."""
-
-    @property
-    def begun(self) -> bool:
-        """Whether the machine may have done something."""
-        return self not in (GoalEnd.RECALLED, GoalEnd.REJECTED)
 
 
 class MachineEnd(NamedTuple):
@@ -81,7 +62,7 @@ def ending_of(how: GoalEnd, end: MachineEnd, execution: Execution, text: str = "
         return Ending(False, execution.cancel_reason, how.begun)
     if how is GoalEnd.LOST:
         return Ending(False, f"the state machine of {execution.text} is gone: {text}")
-    reason = end.reason or text or f"{execution.text} was {how.value} without a reason"
+    reason = end.reason or text or f"{execution.text} was {how.name.lower()} without a reason"
     begun = how.begun and end.outcome != NOT_BEGUN
     hopeless = ""
     if end.outcome in (GIVEN_UP, NOT_BEGUN):

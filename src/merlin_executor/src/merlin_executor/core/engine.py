@@ -14,7 +14,6 @@ from merlin_executor.core.agenda import Agenda, AgendaAnswer, Decision, Refusal,
 from merlin_executor.core.outcome import Outcome, Stop, StopKind, Verdict, crashed
 from merlin_executor.core.ticket import Ticket
 from merlin_executor.core.time_window import Outlook
-from merlin_pddl.breakpoints import Breakpoints
 from merlin_ros.alarms import wait_ticks
 from merlin_ros.work.threads import log_failure, start_thread
 
@@ -91,6 +90,8 @@ class Engine(Generic[J]):
         and, for the first ones of a run that crashed, the error.
     :param agenda: decides; None: one without a clock.
     :param wake_at: called with the ROS time, s, at which :meth:`look` has to be called; None: not at all.
+    :ivar agenda: what runs, stops or is paused may be read at any time, and breakpoints be set before a
+        :meth:`look`. For what waits ask the engine; for a change :meth:`decide`.
     """
 
     def __init__(
@@ -108,8 +109,8 @@ class Engine(Generic[J]):
         self._on_queue = on_queue
         self._on_end = on_end
         self._on_answered = on_answered
-        self._changed = threading.Condition()  # guards the agenda
-        self._agenda: Agenda[J] = agenda or Agenda()
+        self._changed = threading.Condition()  # held for each event, and to ask what waits
+        self.agenda: Agenda[J] = agenda or Agenda()
         self._wake_at = wake_at
         self._over = threading.Event()  # the worker has ended
 
@@ -126,45 +127,20 @@ class Engine(Generic[J]):
         wait_ticks(self._over.wait, timeout)
 
     @property
-    def paused(self) -> bool:
-        """Whether no further request begins."""
-        return self._agenda.paused
-
-    @property
-    def breakpoints(self) -> Breakpoints:
-        """Goals before whose request the engine is held; after a change it has to :meth:`decide`."""
-        return self._agenda.breakpoints
-
-    @property
-    def running(self) -> Optional[J]:
-        """The request that runs; of several the first."""
-        return self._agenda.running
-
-    @property
-    def together(self) -> List[J]:
-        """All requests that run, in one plan."""
-        return self._agenda.together
-
-    @property
-    def stopping(self) -> bool:
-        """Whether all of what runs stops, see :attr:`.Agenda.stopping`."""
-        return self._agenda.stopping
-
-    @property
     def waiting(self) -> List[J]:
         """The requests that wait, in the order in which they would run."""
         with self._changed:
-            return self._agenda.waiting
+            return self.agenda.waiting
 
     def outlooks(self) -> List[Tuple[J, Outlook]]:
         """The requests that wait, as :attr:`waiting`, and what can be expected of each."""
         with self._changed:
-            return self._agenda.outlooks()
+            return self.agenda.outlooks()
 
     def lines(self) -> List[Tuple[J, Tuple[int, ...]]]:
         """The requests that wait, and what is before each, see :meth:`.Agenda.lines`."""
         with self._changed:
-            return self._agenda.lines()
+            return self.agenda.lines()
 
     def look(self) -> None:
         """Time has passed: decides what that changes."""
@@ -173,7 +149,7 @@ class Engine(Generic[J]):
     def decide(self, event: Callable[[Agenda[J]], List[Decision]]) -> None:
         """Puts an event on the agenda and carries out what that decides; from any thread."""
         with self._changed:
-            answers = self._carry_out([*self._agenda.elapse(), *event(self._agenda)])
+            answers = self._carry_out([*self.agenda.elapse(), *event(self.agenda)])
             self._changed.notify_all()
         self._tell(self._on_queue)
         for request, verdict in answers.items():
@@ -192,7 +168,7 @@ class Engine(Generic[J]):
     def achieved(self, requests: Sequence[J], verdict: Verdict) -> None:
         """The goals of some of the requests that run together hold: each but the last one ends now."""
         with self._changed:
-            answers = self._carry_out(self._agenda.achieved(requests, verdict))
+            answers = self._carry_out(self.agenda.achieved(requests, verdict))
         self._conclude(answers, {}, None)
 
     def planned_again(self) -> List[J]:
@@ -201,13 +177,13 @@ class Engine(Generic[J]):
         :return: all that run now.
         """
         with self._changed:
-            wanted = self._agenda.planned_again()
+            wanted = self.agenda.planned_again()
         return self.revised(wanted)
 
     def revision(self) -> List[J]:
         """The requests for which the plan that is carried out should be, see :attr:`.Agenda.revision`."""
         with self._changed:
-            return self._agenda.revision
+            return self.agenda.revision
 
     def revised(self, wanted: Sequence[J], refusal: Optional[Refusal] = None) -> List[J]:
         """The plan that is carried out is for these requests from now on, or cannot be.
@@ -216,7 +192,7 @@ class Engine(Generic[J]):
         :return: all that run now.
         """
         with self._changed:
-            before, agenda = self._agenda.together, self._agenda
+            before, agenda = self.agenda.together, self.agenda
             decided = agenda.not_revised(wanted, refusal) if refusal else agenda.revised(wanted)
             answers = self._carry_out(decided)
             members = agenda.together
@@ -232,7 +208,7 @@ class Engine(Generic[J]):
         """Stops or revises the run, with the lock held; returns the answers, to be given without it."""
         stops = any(isinstance(decision, StopRun) for decision in decisions)
         if not stops and any(isinstance(decision, ReviseRun) for decision in decisions):
-            stops = not self._stages.revise() and bool(self._agenda.not_revised(self._agenda.revision))
+            stops = not self._stages.revise() and bool(self.agenda.not_revised(self.agenda.revision))
         if stops:
             self._tell(self._stages.cancel)
         self._set_alarm()
@@ -243,12 +219,12 @@ class Engine(Generic[J]):
         reported = ""  # the hold that was reported last
         while True:
             with self._changed:
-                request = self._agenda.begin()
-                requests = self._agenda.together
+                request = self.agenda.begin()
+                requests = self.agenda.together
                 self._set_alarm()
-                held = self._agenda.breakpoints.held
+                held = self.agenda.breakpoints.held
                 if request is None and held == reported:
-                    if self._agenda.closing:
+                    if self.agenda.closing:
                         self._over.set()
                         return
                     left = self._stages.left
@@ -268,7 +244,7 @@ class Engine(Generic[J]):
 
     def _set_alarm(self) -> None:
         """Called with the lock held, whenever the agenda has changed."""
-        self._tell(lambda: self._wake_at(self._agenda.next_change))
+        self._tell(lambda: self._wake_at(self.agenda.next_change))
 
     def _prepare(self, requests: Sequence[J]) -> Optional[BaseException]:
         """Prepares a run, before a cancel can reach it; called with the lock held.
@@ -305,8 +281,8 @@ class Engine(Generic[J]):
     def _finish(self, verdict: Verdict, error: Optional[BaseException]) -> None:
         """Ends a run, and its requests unless they run again."""
         with self._changed:
-            members = self._agenda.together
-            final = self._carry_out(self._agenda.ended(verdict))
+            members = self.agenda.together
+            final = self._carry_out(self.agenda.ended(verdict))
             self._changed.notify_all()
         again = {
             request: Verdict(Outcome.CANCELLED, (request.stop or _AGAIN).reason)

@@ -183,7 +183,7 @@ class Executor:
         self._publish_status()
         self._publish_queue()
         self._pauses = PauseServices(self._pause)
-        self._points = BreakpointService(self._engine.breakpoints, self._breakpoints_changed).offer(
+        self._points = BreakpointService(self._engine.agenda.breakpoints, self._breakpoints_changed).offer(
             "merlin/breakpoints"
         )
         self._guard.follow(self._hold_changed)
@@ -199,7 +199,7 @@ class Executor:
 
     def health(self) -> Health:
         """What it does; a warning when the last request failed because of software."""
-        running = [text for request in self._engine.together for text in request.texts]
+        running = [text for request in self._engine.agenda.together for text in request.texts]
         report = self._activity.report(running, len(self._engine.waiting))
         return Health(WARN if report.ill else OK, report.text, report.values)
 
@@ -212,7 +212,7 @@ class Executor:
         self._publish_status()
 
     def _breakpoints_changed(self) -> None:
-        self._engine.decide(lambda agenda: [])
+        self._engine.look()
         self._publish_status()
 
     def _dispatch_changed(self) -> None:
@@ -370,19 +370,19 @@ class Executor:
 
     def _publish_status(self) -> None:
         with self._publishing:
-            together = self._engine.together
+            together = self._engine.agenda.together
             request = together[0] if together else None
             freed = False  # whether something more urgent may interrupt it now, or no longer
             status = ExecutorStatus(state=ExecutorStatus.IDLE, reason=self._activity.reason)
-            status.paused = self._engine.paused
+            status.paused = self._engine.agenda.paused
             status.waits = self._guard.hold
             hold = self._dispatcher.hold
-            status.breakpoints = [*self._engine.breakpoints.texts, *hold.breakpoints]
-            status.held = self._engine.breakpoints.held or hold.held
+            status.breakpoints = [*self._engine.agenda.breakpoints.texts, *hold.breakpoints]
+            status.held = self._engine.agenda.breakpoints.held or hold.held
             status.header.stamp = rospy.Time.now()
             if request is not None:
                 ends = any(each.stop and each.stop.kind is not StopKind.JOINED for each in together)
-                stops = ends and self._engine.stopping
+                stops = ends and self._engine.agenda.stopping
                 status.state = ExecutorStatus.CANCELLING if stops else ExecutorStatus.RUNNING
                 status.request = request.goal.id
                 status.goals = request.texts
@@ -420,7 +420,7 @@ class Executor:
 
     def _publish_queue(self) -> None:
         with self._publishing:
-            together = self._engine.together
+            together = self._engine.agenda.together
             self._expected_end = together[0].expected_end if together else None
             outlooks = self._engine.outlooks()
             changed = bool(together) and _urgent_waits(together, outlooks) != self._urgent_waits

@@ -115,7 +115,7 @@ class Forecasts:
             return None
         lines = self._engine.lines()[:MOST]
         timed = [number for number, (request, _) in enumerate(lines) if request.window.is_limited]
-        running = self._engine.running
+        running = self._engine.agenda.running
         if not timed or (running is not None and not running.plan):
             return None
         for request, ahead in lines[: timed[-1] + 1]:
@@ -179,7 +179,7 @@ class Forecasts:
                 break
             free = free if other.forecast is not None and other.forecast.late else outlook.end
         begin = max(rospy.get_time(), request.window.not_before, free or 0.0)
-        running = self._engine.running
+        running = self._engine.agenda.running
         actions = self._actions() if running is not None else []
         begun = self._succeeded() | {action.action_id for action in actions}
         plan = running.plan if running is not None else []
@@ -205,7 +205,7 @@ class Forecasts:
         return rivals if len(rivals) > 1 and self._key(rivals) != self._chosen else []
 
     def _key(self, rivals: Sequence[Request]) -> Tuple[int, ...]:
-        running = self._engine.running
+        running = self._engine.agenda.running
         return (-1 if running is None else running.order, *sorted(request.order for request in rivals))
 
     def _choose(self, rivals: List[Request]) -> None:

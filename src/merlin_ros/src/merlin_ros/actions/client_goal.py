@@ -8,18 +8,10 @@ from actionlib_msgs.msg import GoalID, GoalStatus
 
 from merlin_ros.actions.lease import LASTING
 from merlin_ros.deadline import Deadline
+from merlin_ros.work.goal_end import GoalEnd
 from merlin_ros.work.threads import log_failure
 
-TERMINAL = frozenset(
-    (
-        GoalStatus.PREEMPTED,
-        GoalStatus.SUCCEEDED,
-        GoalStatus.ABORTED,
-        GoalStatus.REJECTED,
-        GoalStatus.RECALLED,
-        GoalStatus.LOST,
-    )
-)
+TERMINAL = frozenset(GoalEnd)
 _BEGUN = (GoalStatus.ACTIVE, GoalStatus.PREEMPTING)
 
 

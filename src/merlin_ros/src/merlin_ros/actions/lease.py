@@ -43,7 +43,7 @@ class LeaseChange(NamedTuple):
     state: LeaseState
     reason: str
     """Part of a sentence about the goal, empty when it is held."""
-    let_go: bool = False
+    released: bool = False
     """Whether it is lost because its living owner no longer names it."""
 
 
@@ -124,7 +124,7 @@ class LeaseBook:
         if self._owners.heard(owner, life) is Word.IGNORED:
             return []
         changes: List[LeaseChange] = []
-        let_go = (
+        released = (
             f"{owner} has let go of it" if len(held) <= NAMES else f"{owner} holds more than {NAMES} goals"
         )
         held, suspended = held[-NAMES:], frozenset(suspended)
@@ -137,7 +137,7 @@ class LeaseBook:
             if goal.life != life:
                 self._set(changes, name, goal, LeaseState.LOST, f"{owner} was restarted")
             elif name not in named:
-                self._set(changes, name, goal, LeaseState.LOST, let_go, let_go=True)
+                self._set(changes, name, goal, LeaseState.LOST, released, released=True)
         for name in held:
             goal = self._goals.setdefault(name, _Goal(owner, life))
             if not goal.life:
@@ -212,7 +212,7 @@ class LeaseBook:
         goal: _Goal,
         state: LeaseState,
         reason: str,
-        let_go: bool = False,
+        released: bool = False,
     ) -> None:
         if goal.state is state:
             return
@@ -221,4 +221,4 @@ class LeaseBook:
         if state is LeaseState.LOST:
             goal.age = 0.0
         if not first:
-            changes.append(LeaseChange(name, state, reason, let_go))
+            changes.append(LeaseChange(name, state, reason, released))

@@ -41,7 +41,7 @@ class GoalLeases:
         self._watch.shutdown()
 
     def _changed(self, change: LeaseChange) -> None:
-        if change.state is not LeaseState.LOST or change.let_go:
+        if change.state is not LeaseState.LOST or change.released:
             return
         # A client that was restarted may want the same goal again.
         wanted = {
