@@ -119,6 +119,7 @@ class Explained(unittest.TestCase):
             {"question": ExplainRequest.WHY, "about": "(fly kitchen)"},
             {"question": ExplainRequest.WHY, "about": "(ask main_door)"},
             {"question": ExplainRequest.WHY, "about": self.running, "at": rospy.Time(1)},
+            {"question": ExplainRequest.WHY, "about": "x" * 5000},
             {"question": ExplainRequest.WHY_NOT},
             {"question": ExplainRequest.WHY_NOT, "include": ["(ask moon)"]},
             {"question": ExplainRequest.WHAT_IF, "facts": ["(checked"]},
@@ -128,6 +129,7 @@ class Explained(unittest.TestCase):
             answer = self.ask(**fields)
             self.assertFalse(answer.ok, (fields, answer.sentence))
             self.assertTrue(answer.sentence and "Error" not in answer.sentence, (fields, answer.sentence))
+            self.assertLess(len(answer.sentence), 600)
 
     def test_the_command(self):
         asked = self.why(self.running, "--evidence")

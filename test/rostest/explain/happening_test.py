@@ -124,7 +124,7 @@ class Happening(unittest.TestCase):
         first = self.client.send("(checked kitchen)", priority=1)
         self.held.wait_driving()
         second = self.client.send("(checked bathroom)")
-        doing = self.told(ExplainRequest.DOING, "expected to end")
+        doing = self.told(ExplainRequest.DOING, "expected to end", kinds=("running",))
         self.assertEqual(self.kinds(doing)[:2], ["doing", "running"])
         self.assertIn("estimate", self.kinds(doing))
         request = self.told(ExplainRequest.WAITING, "has to end first", "(checked bathroom)")
@@ -152,7 +152,7 @@ class Happening(unittest.TestCase):
 
     def test_why_a_fact_is_so(self):
         self.assertIn(self.client.execute("(checked kitchen)", LONG).outcome, ACHIEVED)
-        answer = self.told(ExplainRequest.SO, "holds: ", "(checked kitchen)")
+        answer = self.told(ExplainRequest.SO, "holds: ", "(checked kitchen)", kinds=("action",))
         self.assertEqual(self.kinds(answer), ["action"], answer)
         fact, step = answer.claims[0].evidence
         self.assertGreater(fact.version, 0)
@@ -167,9 +167,9 @@ class Happening(unittest.TestCase):
         self.held.wait_driving()
         request.cancel()
         self.assertTrue(request.wait(LONG))
-        answer = self.told(ExplainRequest.FAILED, "cancelled")
+        # The recording hears of the cancel on a topic of its own.
+        answer = self.told(ExplainRequest.FAILED, f"{rospy.get_name()} cancels")
         self.assertEqual(answer.claims[0].kind, "client")
-        self.assertIn(f"{rospy.get_name()} cancels", answer.sentence)
 
     def wait_until_states_are_heard(self):
         """Waits until the monitor hears of the machines' states: what comes before is not recorded."""

@@ -105,6 +105,14 @@ def test_a_goal_first_is_checked_in_the_plan():
     assert "better: 4 steps and 18.0 s instead of 5 steps and 27.2 s" in answer.sentence
 
 
+@pytest.mark.parametrize("text", ["()", "(and)", "(lit yard)", "(and (lit hall) (lit yard))"])
+def test_only_a_goal_can_be_first(text):
+    """Of others it is not known when a plan reaches them."""
+    goals = "(in box_1 ward) (lit hall)"
+    with pytest.raises(QuestionError, match=r"is not one of the goals, which are .*\(lit hall\)"):
+        why_not(Wish(first=[text]), judge(goals), found(PLAN, goals), found(PLAN, goals), Words())
+
+
 def test_a_plan_that_does_not_stand_a_check_is_not_told():
     with pytest.raises(QuestionError, match="does not stand a check"):
         ask(Wish(include=["(drive hall yard)"]), other="0.0: (drive hall yard) [10.0]")

@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from robot_story import BEGIN, BRIDGES, DOMAIN, RobotStory
 
-from merlin_explain.claims import Answer, Words
+from merlin_explain.claims import Answer, QuestionError, Words
 from merlin_explain.happening.moment import Moment, clock, key_of
 from merlin_explain.happening.proof import proof
 from merlin_explain.happening.provenance import provenance
@@ -189,3 +189,13 @@ def test_the_history_of_another_program_is_refused(tmp_path: Path) -> None:
     for path in (tmp_path, tmp_path / "other"):
         with pytest.raises(HistoryError, match="history"):
             RecordedPast(path, parse_domain(DOMAIN))
+
+
+def test_a_condition_that_names_no_fact_is_refused(story: RobotStory) -> None:
+    with pytest.raises(QuestionError, match=r"^\(and\) names no fact$"):
+        ask(story, "(and)")
+
+
+def test_a_condition_of_which_nothing_more_is_known_is_named_once(story: RobotStory) -> None:
+    answer = ask(story, "(forall (?r - room) (tidy ?r))")
+    assert answer.sentence.count("does not hold") == 1 and answer.sentence.endswith("does not hold.")

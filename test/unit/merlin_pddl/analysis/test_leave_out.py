@@ -66,7 +66,7 @@ def test_the_objects_of_a_problem_keep_their_spelling() -> None:
 
 
 @pytest.mark.parametrize(
-    "action", ["(fly ann)", "(ask)", "(ask ann bob)", "ask ann", "(ask ann", "(ask (ann))"]
+    "action", ["(fly ann)", "(ask)", "(ask ann bob)", "ask ann", "(ask ann", "(ask (ann))", "(ask cleo)"]
 )
 def test_what_is_not_an_action_is_refused(action: str) -> None:
     with pytest.raises(PddlError):

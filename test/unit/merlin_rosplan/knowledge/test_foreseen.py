@@ -89,7 +89,7 @@ def test_other_facts_and_values_take_the_place_of_those_that_are() -> None:
 
 
 @pytest.mark.parametrize(
-    "text", ["(in moon)", "(flies a)", "(in a", "(> (battery) 3)", "(or (in a) (in b))", ""]
+    "text", ["(in moon)", "(flies a)", "(in a", "(> (battery) 3)", "(or (in a) (in b))", "", "()", "(and)"]
 )
 def test_what_is_no_fact_is_said(text: str) -> None:
     domain = parse_domain(NUMBERS)

@@ -82,6 +82,11 @@ def why_not(wish: Wish, judge: Judge, usual: Found, other: Found, words: Words) 
     :raises QuestionError: there is nothing to compare, or a plan does not stand a check.
     """
     plan = f"plan {wish.text(words)}"
+    goals = [to_pddl(goal) for goal in judge.problem.goals]
+    for text in wish.first:
+        named = [to_pddl(goal) for goal in judge.read(text)]
+        if not named or not set(named) <= set(goals):
+            raise QuestionError(f"{text} is not one of the goals, which are {and_list(goals)}")
     if usual.steps is None:
         raise QuestionError(f"there is no plan to compare with: {usual.reason}; `why --no-plan` asks why")
     _check(usual.steps, judge)

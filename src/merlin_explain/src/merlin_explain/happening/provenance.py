@@ -29,7 +29,10 @@ def provenance(
     teller = _Teller(moment, past, words, interfaces)
     if key_of(about)[0] in moment.domain.functions and len(about.split("(")) == 2:
         return teller.value(about)
-    return teller.condition(parse_condition(about, moment.domain, moment.typed(), "the question"))
+    condition = parse_condition(about, moment.domain, moment.typed(), "the question")
+    if not conjuncts(condition):
+        raise QuestionError(f"{about} names no fact")
+    return teller.condition(condition)
 
 
 class _Teller:
@@ -57,7 +60,9 @@ class _Teller:
         what = self._words.fact(to_pddl(condition))
         if not self._moment.true(condition):
             claims = [claim for part in conjuncts(condition) for claim in self._why_not(part)]
-            return Answer(f"“{what}” does not hold: {_told(claims, what)}.", tuple(claims))
+            told = _told(claims, what)
+            because = "" if told == "it does not hold" else f": {told}"
+            return Answer(f"“{what}” does not hold{because}.", tuple(claims))
         found = proof(self._moment, condition)
         if found is None:
             return Answer(f"“{what}” holds; its proof is too long to be shown.")

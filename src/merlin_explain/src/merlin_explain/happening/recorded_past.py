@@ -21,6 +21,7 @@ MOST_EVENTS = 1000  # that a question looks at
 LOOK_BACK = 2.0  # s of wall time for the search of a change
 KEPT = 3  # segments that are held besides the last one that was read: one has 1 MB
 PANEL = "why"  # section of the panel that this package offers
+DAY = 86400.0  # s
 LATER = 0.5  # s in which the monitor notes what has happened
 
 
@@ -153,7 +154,9 @@ class RecordedPast:
         low, high = float(self._run["began"]), float(self._run["ended"])
         begin, end = self.span()
         if not begin - LATER <= at <= end + LATER:
-            raise QuestionError(f"the recording is of {clock(begin)} to {clock(end)}, and has no {clock(at)}")
+            asked = time.strftime("%Y-%m-%d ", time.localtime(at)) if abs(end - at) > DAY and at > DAY else ""
+            of = f"{clock(begin)} to {clock(end)}"
+            raise QuestionError(f"the recording is of {of}, and has no {asked}{clock(at)}")
         middle = (
             at if low <= at <= high else (low + high) / 2
         )  # a robot's ROS time is nearly that of the computer

@@ -9,6 +9,8 @@ from merlin_monitor.text.sentences import Sentences
 from merlin_monitor.text.wording import Wording
 from merlin_pddl.domain import Domain, Signature
 
+_COMPOUND = tuple(f"({name} " for name in ("and", "or", "imply", "forall", "exists"))
+
 
 class ApplicationWords(Words):
     """Words as the page has them.
@@ -41,7 +43,9 @@ class ApplicationWords(Words):
         return in_english(self._wording.action(name, list(zip(labels, objects))))
 
     def fact(self, text: str) -> str:
-        """A fact or a condition that holds."""
+        """A fact or a condition that holds; one of several parts as PDDL."""
+        if text.startswith(_COMPOUND):
+            return text
         return in_english(self._wording.fact(text))
 
     def goal(self, text: str) -> str:

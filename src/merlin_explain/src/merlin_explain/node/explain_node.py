@@ -11,7 +11,7 @@ from merlin_msgs.srv import Explain, ExplainRequest, ExplainResponse
 
 from merlin_explain.claims import Answer, Evidence, QuestionError
 from merlin_explain.node.robot_system import USUAL, Names, RobotSystem
-from merlin_pddl.text_reader import PddlError
+from merlin_pddl.text_reader import PddlError, shortened
 from merlin_planning.knowledge_client import KnowledgeError
 from merlin_ros.call_scope import CallScope
 from merlin_ros.class_path import load_function
@@ -65,8 +65,8 @@ class Explainer:
         try:
             with CallScope() as scope, while_wanted(scope.end):
                 found = self._answer(request)
-        except REFUSALS as error:
-            return ExplainResponse(ok=False, sentence=str(error))
+        except REFUSALS as error:  # which may repeat what was asked
+            return ExplainResponse(ok=False, sentence=shortened(str(error)))
         except Exception:  # what one question meets must not keep the node from answering others
             said = log_failure(f"explain: {request.question}")
             return ExplainResponse(ok=False, sentence=f"not found out: {said}")

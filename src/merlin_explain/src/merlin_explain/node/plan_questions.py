@@ -111,7 +111,7 @@ def what_if(question: ExplainRequest, system: System) -> Answer:
     judge = Judge(system.domain_text(), other.problem)
     facts = and_list([f"“{words.fact(text)}”" for text in question.facts])
     goals = and_list([f"“{words.goal(text)}”" for text in question.goals])
-    changes = " and ".join(filter(None, [facts and f"If {facts} were so", goals and f"for {goals}"]))
+    changes = ", ".join(filter(None, [facts and f"If {facts} were so", goals and f"for {goals}"]))
     return other_plan.what_if(f"{changes[:1].upper()}{changes[1:]}", judge, usual, other, words)
 
 

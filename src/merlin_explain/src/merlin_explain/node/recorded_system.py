@@ -6,7 +6,7 @@ import functools
 import tempfile
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Iterator, List, Tuple
+from typing import Any, Dict, Iterator, List, Tuple
 
 from merlin_msgs.srv import PreviewPlanRequest, PreviewPlanResponse
 
@@ -148,7 +148,9 @@ class RecordedSystem:
         previews = Previews(niceness=NICENESS, while_wanted=while_wanted)
         self._ends.callback(previews.shutdown)
         recorded, (command, named) = self._moment.section(PANEL).get("planner", {}), self._command()
-        limits = {name: float(recorded[name]) for name in ("anytime", "time_limit") if name in recorded}
+        limits: Dict[str, Any] = {
+            name: float(recorded[name]) for name in ("anytime", "time_limit") if name in recorded
+        }
         settings = PlannerSettings(command=command if named else "", **limits)
 
         def look(request: PreviewPlanRequest) -> PreviewPlanResponse:

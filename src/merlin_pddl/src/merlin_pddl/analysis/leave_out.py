@@ -4,14 +4,14 @@
 Each operator concerned gets a predicate that says what is left out, and the condition that it does not hold.
 """
 
-from typing import Dict, List, Sequence, Set, Tuple
+from typing import Dict, Iterable, List, Sequence, Set, Tuple
 
 from merlin_pddl.analysis.domain_text import head_of, require, section
 from merlin_pddl.domain import Domain, Operator
 from merlin_pddl.domain_reader import DomainReader
 from merlin_pddl.formula import types_text
 from merlin_pddl.problem_reader import parse_problem
-from merlin_pddl.text_reader import Expression, Word, name_of, read_expression
+from merlin_pddl.text_reader import Expression, Word, name_of, read_expression, suggestion
 
 ANY = "*"
 #: Begins the predicates that say which actions are left out.
@@ -25,14 +25,14 @@ def leave_out(domain: str, problem: str, actions: Sequence[str]) -> Tuple[str, s
 
     :param domain, problem: PDDL text.
     :param actions: as PDDL text; ``*`` stands for any argument: ``(navigate * kitchen)``.
-    :raises PddlError: the text is not PDDL, or an action is not one of the domain.
+    :raises PddlError: the text is not PDDL, or an action is not one of domain and problem.
     """
     node = read_expression(domain, "domain")
     model = DomainReader(read_expression(domain, "domain")).read()
     objects = {**model.constants, **parse_problem(problem, model, constraints=True).objects}
     left_out: Dict[str, Set[Ground]] = {}
     for text in actions:
-        operator, patterns = _pattern(text, model)
+        operator, patterns = _pattern(text, model, objects)
         left_out.setdefault(operator.name, set()).update(_expanded(operator, patterns, model, objects))
     for name in left_out:
         _forbid(node, model.operators[name])
@@ -45,7 +45,7 @@ def leave_out(domain: str, problem: str, actions: Sequence[str]) -> Tuple[str, s
     return node.text(), _after_init(problem, facts)
 
 
-def _pattern(text: str, domain: Domain) -> Tuple[Operator, List[str]]:
+def _pattern(text: str, domain: Domain, objects: Iterable[str]) -> Tuple[Operator, List[str]]:
     """The operator of an action, and its arguments."""
     node = read_expression(text, "action")
     operator = domain.operators.get(node.head)
@@ -54,6 +54,10 @@ def _pattern(text: str, domain: Domain) -> Tuple[Operator, List[str]]:
     words = [str(word) if word == ANY else str(name_of(word, "an object")) for word in node[1:]]
     if len(words) != len(operator.parameters):
         raise node.error(f"'{node.head}' takes {len(operator.parameters)} arguments, not {len(words)}")
+    known = {ANY, *(name.lower() for name in objects)}
+    for word in words:
+        if word.lower() not in known:
+            raise node.error(f"there is no object '{word}'{suggestion(word, known)}")
     return operator, words
 
 

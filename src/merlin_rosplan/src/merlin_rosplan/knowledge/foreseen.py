@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The state that is expected when actions that run now have ended, and one in which other facts hold."""
 
+import itertools
 from typing import Dict, Sequence
 
 from merlin_pddl.domain import Domain
@@ -55,8 +56,12 @@ def with_facts(domain: Domain, problem: Problem, texts: Sequence[str]) -> None:
     objects = {**domain.constants, **{name.lower(): kinds for name, kinds in problem.objects.items()}}
     facts: Dict[Key, Fact] = {fact.key: fact for fact in problem.facts}
     values: Dict[Key, FunctionValue] = {value.key: value for value in problem.values}
-    conditions = [parse_condition(text, domain, objects, "fact") for text in texts]
-    for part in (part for condition in conditions for part in conjuncts(condition)):
+    parts = [conjuncts(parse_condition(text, domain, objects, "fact")) for text in texts]
+    if not all(parts):
+        raise UpdateRefused(
+            f"{texts[parts.index([])]} sets neither a fact nor a value; write (robot_at hall)"
+        )
+    for part in itertools.chain.from_iterable(parts):
         atom = part.part if isinstance(part, Not) else part
         if isinstance(atom, Atom):
             if atom.name in domain.derived:
