@@ -82,9 +82,12 @@ class PlanRevision(PlanningState):
         if self._run.request in leaving:  # its client may end before it has left: nothing would move then
             self._dispatcher.hand_over(left[0].goal.id)
         with self._turn:
-            if self._joins():
+            joins = self._joins()
+            if joins:
                 self.request_preempt()
-        call_later(self._system.leave_limit, partial(self._limits.put, self._stay, leaving))
+        if joins:  # what it waits for may hang
+            late = partial(self._stays, leaving, left)
+            call_later(self._system.leave_limit, partial(self._limits.put, late))
         call_later(GATHER, partial(self._calls_put, self._work))
         return True
 
@@ -142,7 +145,9 @@ class PlanRevision(PlanningState):
         """Exchanges the plan for one for the requests that are wanted."""
         wanted, self._comes_late = self._wanted, False
         parts = all(request in self._run.requests for request in wanted)
-        alarm = None if parts else call_later(JOIN_LIMIT, partial(self._limits.put, self._late, wanted))
+        alarm = call_later(
+            self._system.leave_limit if parts else JOIN_LIMIT, partial(self._limits.put, self._late, wanted)
+        )
         try:
             # A plan that is parsed before would be taken for the one that is to be dispatched.
             self._wait_for(lambda: self.preempt_requested() or self._dispatcher.begun)
@@ -153,8 +158,7 @@ class PlanRevision(PlanningState):
                     self._run.expect([])
             return self.fail(str(error))
         finally:
-            if alarm:
-                alarm.cancel()
+            alarm.cancel()
         ids = {each.action_id for each in dropped}
         # The dispatch fails when what the new plan lacks does not stop in time.
         self._wait_for(lambda: not ids & {each.action_id for each in self._dispatcher.running})
@@ -181,13 +185,12 @@ class PlanRevision(PlanningState):
             self.request_preempt()
         self._requests.revised(wanted, Refusal(TOO_LONG))
 
-    def _stay(self, leaving: List[Request]) -> None:
-        """The limit for a leave is over: the run is stopped for what has not left."""
-        if self._closed or not any(request in self._run.requests for request in leaving):
-            return
+    def _stays(self, leaving: List[Request], left: List[Request]) -> None:
+        """The limit for a leave is over; where it still waits for the end of a join, it stops the run."""
         with self._turn:
-            self.request_preempt()
-        self._requests.revised([], Refusal(TOO_LONG))
+            joins = self._joins()
+        if joins and not self._closed and any(request in self._run.requests for request in leaving):
+            self._requests.revised(left, Refusal(TOO_LONG))
 
     def _exchange(self, wanted: List[Request], parts: bool) -> List[RunningAction]:
         """Returns the actions that are stopped; raises StageError and what its calls raise."""
