@@ -8,7 +8,8 @@ the look for a plan with newcomers, which are tried again behind it.
 
 import threading
 from functools import partial
-from typing import TYPE_CHECKING, Any, Callable, List, Sequence
+from time import monotonic
+from typing import TYPE_CHECKING, Any, Callable, Dict, List, Sequence
 
 import rospy
 from diagnostic_msgs.msg import KeyValue
@@ -59,8 +60,9 @@ class PlanRevision(PlanningState):
         self._limits = CallQueue("limit of another plan")
         self._working = threading.Lock()  # held by the thread that revises; guards the field below
         self._comes_late = False  # whether it is proven that not all that are wanted would be in time
-        self._turn = threading.Lock()  # guards the field below, and that a preempt is for what stands there
+        self._turn = threading.Lock()  # guards the fields below, and that a preempt is for what is wanted
         self._wanted: List[Request] = []
+        self._leave_by: Dict[str, float] = {}  # by id of those that leave; monotonic
         self._changed = threading.Condition()  # notified when an action has ended, or nothing is waited for
         self._closed = False
 
@@ -82,6 +84,8 @@ class PlanRevision(PlanningState):
         if self._run.request in leaving:  # its client may end before it has left: nothing would move then
             self._dispatcher.hand_over(left[0].goal.id)
         with self._turn:
+            for request in leaving:
+                self._leave_by.setdefault(request.goal.id, monotonic() + self._system.leave_limit)
             joins = self._joins()
             if joins:
                 self.request_preempt()
@@ -141,13 +145,20 @@ class PlanRevision(PlanningState):
         """Whether what is worked on has newcomers."""
         return any(request not in self._run.requests for request in self._wanted)
 
+    def _left_to_leave(self) -> float:
+        """Returns s until the first of those that leave has to have left, whatever it has waited for."""
+        now, limit = monotonic(), self._system.leave_limit
+        with self._turn:
+            here = [request.goal.id for request in self._run.requests]
+            self._leave_by = {each: self._leave_by[each] for each in here if each in self._leave_by}
+            return max(0.0, min(self._leave_by.values(), default=now + limit) - now)
+
     def run(self, userdata: Any) -> str:
         """Exchanges the plan for one for the requests that are wanted."""
         wanted, self._comes_late = self._wanted, False
         parts = all(request in self._run.requests for request in wanted)
-        alarm = call_later(
-            self._system.leave_limit if parts else JOIN_LIMIT, partial(self._limits.put, self._late, wanted)
-        )
+        limit = self._left_to_leave() if parts else JOIN_LIMIT
+        alarm = call_later(limit, partial(self._limits.put, self._late, wanted))
         try:
             # A plan that is parsed before would be taken for the one that is to be dispatched.
             self._wait_for(lambda: self.preempt_requested() or self._dispatcher.begun)
