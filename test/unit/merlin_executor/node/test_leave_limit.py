@@ -1,33 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """How long one that leaves a run waits for a plan for the others."""
 
-from typing import Any, Iterator
-
 import pytest
-import rospy
 from fakes.revision_bench import LONG, Bench, Robot, end
 
 from merlin_executor.node import plan_revision
 from merlin_sm.states import planning
-
-
-@pytest.fixture
-def robot() -> Robot:
-    return Robot()
-
-
-@pytest.fixture
-def bench(robot: Robot, tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
-    monkeypatch.setattr("merlin_sm.states.planning.master_answers", lambda: True)
-    monkeypatch.setattr(rospy.Time, "now", lambda: rospy.Time(1))
-    for level in ("loginfo", "logwarn", "logerr", "logerr_throttle_identical"):
-        monkeypatch.setattr(rospy, level, lambda *_: None)
-    made = Bench(robot, str(tmp_path / "goals"))
-    yield made
-    robot.answer()
-    made.engine.shutdown(LONG)
-    assert robot.stored == [], "no goal is left in the knowledge base"
-    assert made.ended == [], "a goal of a request that has succeeded did not hold"
 
 
 def test_the_limit_of_a_leave_counts_from_its_cancel(
