@@ -45,7 +45,7 @@ def test_the_evening_of_a_closed_restaurant_is_written(
     results = Path(robot.parameters["~results"])
     assert sorted(path.name for path in results.iterdir()) == ["guests.csv", "robots.csv", "timeline.png"]
     (arguments,) = robot.waited
-    assert arguments[-2:] == (("move_base", "sound_play", "listen", "recognize", "calls/listen"), 90.0)
+    assert arguments[-2:] == (("move_base", "sound_play", "listen", "recognize", "calls/listen"), 240.0)
     assert robot.published[-1].mission == "Evening"
 
 

@@ -363,12 +363,12 @@ def test_a_wide_screen_is_used(visits: Any) -> None:
 def test_the_plan_in_time_and_what_was_said_heard_and_seen(visits: Any, served: Served) -> None:
     fill(served, 40)
     page = visits()
-    page.wait("() => document.querySelectorAll('.gantt .planned').length === 40")
+    page.wait("() => document.querySelectorAll('#plan-time .planned').length === 40")
     page.wait("() => document.querySelectorAll('.gantt .real').length === 2")
     # The one line of a plan without parallel steps is wider than its box, and shows the present.
     box = "document.getElementById('plan-time')"
     assert page.page.evaluate(f"{box}.scrollWidth > 3 * {box}.clientWidth")
-    assert len(page.texts(".gantt text")) > 40
+    assert len(page.texts("#plan-time text")) > 40
     page.page.focus("#plan-time")
     before = page.page.evaluate(f"{box}.scrollLeft")
     for _ in range(5):
