@@ -157,7 +157,7 @@ def test_the_page_has_lanes_for_each_robot_and_its_name_on_the_map(browser: Any,
     assert page.texts(".gantt .robot") == ["ann", "bob"]
     assert page.texts("#said-list .said") == ["bob: cup", "ann: Hello."]
     tops = page.page.evaluate(
-        "() => [...document.querySelectorAll('.gantt .planned')].map((bar) => +bar.getAttribute('y'))"
+        "() => [...document.querySelectorAll('#plan-time .planned')].map((bar) => +bar.getAttribute('y'))"
     )
     names = page.page.evaluate(
         "() => [...document.querySelectorAll('.gantt .robot')].map((name) => +name.getAttribute('y'))"

@@ -364,7 +364,7 @@ def test_the_plan_in_time_and_what_was_said_heard_and_seen(visits: Any, served: 
     fill(served, 40)
     page = visits()
     page.wait("() => document.querySelectorAll('#plan-time .planned').length === 40")
-    page.wait("() => document.querySelectorAll('.gantt .real').length === 2")
+    page.wait("() => document.querySelectorAll('#plan-time .real').length === 2")
     # The one line of a plan without parallel steps is wider than its box, and shows the present.
     box = "document.getElementById('plan-time')"
     assert page.page.evaluate(f"{box}.scrollWidth > 3 * {box}.clientWidth")
