@@ -205,7 +205,7 @@ class PlanRevision(PlanningState):
 
     def _exchange(self, wanted: List[Request], parts: bool) -> List[RunningAction]:
         """Returns the actions that are stopped; raises StageError and what its calls raise."""
-        run, done, running = self._run, self._dispatcher.succeeded, self._dispatcher.running
+        run, running = self._run, self._dispatcher.running
         if not self._dispatcher.begun:
             raise StageError("the dispatch has not begun, or has ended")
         kept = self._needed(running, wanted) if parts else running
@@ -218,6 +218,7 @@ class PlanRevision(PlanningState):
         self._own.keep(items)
         there = {to_pddl(goal).lower() for goal in self._knowledge.goals()}
         self._own.add([item for item in items if to_pddl(item).lower() not in there])
+        done = self._dispatcher.succeeded  # the problem knows of these
         self._planning.generate_problem()
         limited = [r for r in wanted if r.window.is_limited and (r not in run.requests or not r.outlook.late)]
         begin = max(rospy.get_time(), run.request.end_of(kept))
