@@ -41,7 +41,7 @@ def test_replies_are_for_what_they_fit(monkeypatch):
 )
 def test_replies_that_cannot_be_used_are_named(monkeypatch, replies):
     with_parameters(monkeypatch, replies=replies)
-    with pytest.raises(ParameterError, match=r"^parameter .*(~replies|'\(')"):
+    with pytest.raises(ParameterError, match=r"^parameter ~replies"):
         read_listeners()
 
 

@@ -157,14 +157,19 @@ def _keys(name: str, fields: Any) -> Dict[str, Any]:
 def _listener(where: str, name: str, fields: Dict[str, Any]) -> HearingPerson:
     hearing, position, replies = fields["hearing"], fields.get("position"), fields["replies"]
     if not isinstance(replies, list) or not all(
-        isinstance(pair, list) and len(pair) == 2 for pair in replies
+        isinstance(pair, list) and len(pair) == 2 and all(isinstance(each, (str, bool)) for each in pair)
+        for pair in replies
     ):
         raise ParameterError(f"parameter {where}replies is {replies!r}, not pairs of a pattern and an answer")
     try:
-        patterns, said = (texts(f"{where}replies", [pair[part] for pair in replies]) for part in (0, 1))
-        answers = Answers(texts(f"{where}answers", fields["answers"]), (), patterns, said)
+        spoken = texts(f"{where}answers", fields["answers"])
     except ValueError as error:
         raise ParameterError(f"parameter {error}") from None
+    patterns, said = (texts(f"{where}replies", [pair[part] for pair in replies]) for part in (0, 1))
+    try:
+        answers = Answers(spoken, (), patterns, said)
+    except ValueError as error:
+        raise ParameterError(f"parameter {where}replies: {error}") from None
     if not isinstance(hearing, (int, float)) or not hearing > 0:
         raise ParameterError(f"parameter {where}hearing is {hearing!r}, not a distance in m")
     if position is not None:
