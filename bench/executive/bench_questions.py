@@ -69,6 +69,6 @@ def measure() -> Dict[str, Any]:
     return {
         "without questions": {name: alone[name] for name in NAMES},
         "questions": {name: asked[name] for name in NAMES},
-        "questions_answered_per_s": round(count["answered"] / count["seconds"], 1),
+        "questions_answered_per_s": round(count.get("answered", 0.0) / count["seconds"], 1),
         "questions_asked_per_s": round(count["asked"] / count["seconds"], 1),
     }

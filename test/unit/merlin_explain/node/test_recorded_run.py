@@ -27,6 +27,7 @@ from merlin_explain.claims import QuestionError
 from merlin_explain.node.recorded_run import ask_recording
 from merlin_explain.node.why_panel import WhyPanel
 from merlin_monitor.bag import BAG, KNOWLEDGE, PARAMETERS
+from merlin_rosplan.planning import planner_engines
 from merlin_test.node_path import node_path
 
 GOAL = "(tidy kitchen)"
@@ -349,6 +350,27 @@ def test_a_program_of_the_robots_computer_does_not_plan_here(with_problems: Any,
     assert "the plan would have 2 steps" in answer.sentence
     assert "“touch " in answer.sentence and "is not run here" in answer.sentence
     assert not ran.exists()
+
+
+@pytest.mark.parametrize(
+    ("planner", "metric", "said"),
+    [
+        ("popf", "", "the planner popf-of-no-computer is not installed; kairos plans instead"),
+        ("", f"(:metric minimize {'(+ 1 ' * 12}1{')' * 12})", "are not recorded of that time"),
+    ],
+    ids=["a planner that is not here", "a metric that is too deep"],
+)
+def test_what_a_plan_leaves_out_is_said(
+    with_problems: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, planner: str, metric: str, said: str
+) -> None:
+    monkeypatch.setattr(planner_engines, "expand", lambda name: f"{name}-of-no-computer DOMAIN PROBLEM")
+    story = with_problems(planner_command=planner)
+    story.hears(problem(metric=metric))
+    story.wait(1.0)
+    story.model.settle()
+    story.close()
+    answer = ask(tmp_path, "what_if", goals=["(wet kitchen)"])
+    assert "the plan would have 2 steps" in answer.sentence and said in answer.sentence
 
 
 def test_the_command_plans_without_a_robot(planned: Path) -> None:

@@ -127,7 +127,8 @@ def what_if(changes: str, judge: Judge, usual: Optional[Found], other: Found, wo
     if usual.steps is None:
         return Answer(f"{sentence}; as things are none was found.", (claim, said_by_planner(usual)))
     now = Claim("plan", "This is the plan as things are.", (plan_evidence(usual.steps),))
-    if list(map(str, other.steps)) == list(map(str, usual.steps)):
+    same = list(map(str, other.steps)) == list(map(str, usual.steps))
+    if same and _size(other.steps) == _size(usual.steps):
         return Answer(f"{changes}, the plan would be the same: {_size(other.steps)}.", (claim, now))
     return Answer(f"{sentence} instead of {_size(usual.steps)}.", (claim, now))
 

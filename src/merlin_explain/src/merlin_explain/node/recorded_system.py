@@ -117,6 +117,9 @@ class RecordedSystem:
         command, named = self._command()
         if command and not named:
             told.append(f"It was planned by kairos: the planner of the robot, “{command}”, is not run here.")
+        missing = _missing(command) if named else ""
+        if missing:
+            told.append(f"Of the robot's planners not all are here: {missing}.")
         return [Claim("unknown", text, (Evidence(EVENT, text, time=self._moment.at),)) for text in told]
 
     def _command(self) -> Tuple[str, bool]:
@@ -182,6 +185,17 @@ class RecordedSystem:
             for problem in _earlier(shown, begin):
                 _add_rest(problem, shown, made)
                 yield problem
+
+
+def _missing(command: str) -> str:
+    """What is not as at the robot where a planner's name is run on this computer; empty: nothing."""
+    from merlin_rosplan.planning.planner_command import PlannerCommandError
+    from merlin_rosplan.planning.planner_engines import engines
+
+    try:
+        return engines(command, True).warning or ""
+    except PlannerCommandError as error:
+        return str(error)
 
 
 def _add_rest(problem: Problem, moment: Moment, at: float) -> None:

@@ -59,6 +59,9 @@ class WhyPanel(Panel):
     def _note_problem(self, message: String, at: float) -> None:
         text = message.data
         metric = _METRIC.search(text)
+        if not metric and "(:metric" in text.lower():  # with more parentheses than are read: not known
+            self.set("problem", None)
+            return
         timed = _TIMED.findall(text)
         self.set("problem", {"at": at, "metric": metric[0] if metric else "", "timed": timed})
 
