@@ -9,6 +9,7 @@ const LANE = 46; // px
 const NAME = 14; // px, of the robot above its lanes
 const BAR = 16; // px
 const TOP = 20; // px, of the times
+const WIDEST = 20000; // px
 const READABLE = 84; // px of a step of middle length, at least
 const LETTER = 6.4; // px
 const TICKS = [1, 2, 5, 10, 30, 60, 120, 300, 600, 1800, 3600];
@@ -32,17 +33,18 @@ export class Gantt {
     this.paint(steps.map((step) => ({ step, ...stepSpan(step, times, now) })), times && now, robots, t("The plan in time, {count} steps", { count: steps.length }) + late);
   }
 
-  // spans: [{step, planned: [from, to], real: the same or null, due: a time or 0}]; now: 0 where times are not of a clock.
-  paint(spans, now, robots, label) {
-    this.last = [spans, now, robots, label];
+  // spans: [{step, planned: [from, to], real: the same, due: a time}], of which any may be missing; now: 0 where times are not of a clock.
+  paint(given, now, robots, label) {
+    this.last = [given, now, robots, label];
+    const spans = given.map((span) => ({ ...span, at: span.planned || span.real }));
     this.box.hidden = spans.length === 0;
     if (this.box.hidden) return;
-    const ends = spans.flatMap(({ planned, real, due }) => [...planned, ...(real || []), ...(due ? [due] : [])]);
+    const ends = spans.flatMap(({ at, real, due }) => [...at, ...(real || []), ...(due ? [due] : [])]);
     const [from, to] = [Math.min(...ends), Math.max(...ends, now || -Infinity)];
-    const lengths = spans.map(({ planned }) => planned[1] - planned[0]).sort((a, b) => a - b);
+    const lengths = spans.map(({ at }) => at[1] - at[0]).sort((a, b) => a - b);
     const room = Math.max(300, this.box.clientWidth - 4);
     const middle = Math.max(0.5, lengths[lengths.length >> 1]);
-    const width = Math.max(room, ((to - from) / middle) * READABLE) * this.zoom;
+    const width = Math.min(WIDEST, Math.max(room, ((to - from) / middle) * READABLE)) * this.zoom;
     const x = (at) => 4 + ((width - 60) * (at - from)) / Math.max(0.1, to - from);
     const { tops, names, height } = layOut(spans, robots || {});
     const items = ticks(from, to, x, height, now);
@@ -68,12 +70,12 @@ function layOut(spans, { parameters = {}, robots = {} }) {
     if (owner) { names.push([owner, height]); height += NAME; }
     const free = [];
     const order = spans.map((span, index) => index).filter((index) => owners[index] === owner);
-    order.sort((a, b) => spans[a].planned[0] - spans[b].planned[0]);
+    order.sort((a, b) => spans[a].at[0] - spans[b].at[0]);
     for (const index of order) {
-      const { planned } = spans[index];
-      let lane = free.findIndex((end) => end <= planned[0] + 0.01);
+      const { at } = spans[index];
+      let lane = free.findIndex((end) => end <= at[0] + 0.01);
       if (lane < 0) lane = free.length;
-      free[lane] = planned[1];
+      free[lane] = at[1];
       tops[index] = height + LANE * lane;
     }
     height += LANE * free.length;
@@ -81,15 +83,15 @@ function layOut(spans, { parameters = {}, robots = {} }) {
   return { tops, names, height };
 }
 
-function bars({ step, planned, real, due }, x, y) {
+function bars({ step, planned, real, due, at }, x, y) {
   const rect = (kind, [from, to], top) => svg("rect", { class: kind, x: x(from), y: top, width: Math.max(2, x(to) - x(from) - 1), height: BAR, rx: 4, "data-state": step.state });
   const words = say(step.does || step.words) || step.text;
   const seconds = real ? t("{state} in {time}", { state: t(step.state), time: secondsText(real[1] - real[0]) }) : t(step.state);
-  const title = svg("title", {}, `${words}: ${t("planned {time}", { time: secondsText(planned[1] - planned[0]) })}, ${seconds}`);
-  const shapes = [svg("g", {}, title, rect("planned", planned, y + 2), real ? rect("real", real, y + 4 + BAR) : null)];
+  const title = svg("title", {}, `${words}: ${planned ? `${t("planned {time}", { time: secondsText(planned[1] - planned[0]) })}, ` : ""}${seconds}`);
+  const shapes = [svg("g", {}, title, planned ? rect("planned", planned, y + 2) : null, real ? rect("real", real, y + 4 + BAR) : null)];
   if (due) shapes.push(svg("line", { class: "due", x1: x(due), x2: x(due), y1: y, y2: y + 6 + 2 * BAR }));
-  const letters = Math.floor((x(planned[1]) - x(planned[0]) - 10) / LETTER);
-  if (letters >= 4) shapes.push(svg("text", { x: x(planned[0]) + 5, y: y + 14 }, words.length > letters ? `${words.slice(0, letters - 1)}…` : words));
+  const letters = Math.floor((x(at[1]) - x(at[0]) - 10) / LETTER);
+  if (letters >= 4) shapes.push(svg("text", { x: x(at[0]) + 5, y: y + 14 }, words.length > letters ? `${words.slice(0, letters - 1)}…` : words));
   return shapes;
 }
 

@@ -4,6 +4,8 @@ import { byId, clockText, el, keyed, part, setHidden, setText } from "../dom.js"
 import { Gantt } from "../gantt.js";
 import { say, t } from "../texts.js";
 
+const SHOWN = 3600; // s before and after the present
+
 export function show(section, { store, control }) {
   section.append(el("ol", { id: "queue-list", class: "rows" }), el("p", { id: "queue-empty", class: "empty" }, t("No goals wait.")), el("div", { id: "queue-time", class: "gantt", tabindex: 0, role: "group", "aria-label": t("The queue in time"), hidden: true }));
   const gantt = new Gantt(byId("queue-time"));
@@ -14,25 +16,25 @@ export function show(section, { store, control }) {
     const executor = now.executor || {};
     const requests = [];
     if (executor.request) {
-      requests.push({ request: executor.request, goals: executor.goals, words: executor.words, priority: executor.priority, running: true, note: [t(executor.state), t("{done} of {count} steps done", { done: executor.done, count: executor.total }), ...times(executor)].filter(Boolean).join(", ") });
+      requests.push({ ...executor, running: true, note: [t(executor.state), t("{done} of {count} steps done", { done: executor.done, count: executor.total }), ...times(executor)].filter(Boolean).join(", ") });
     }
     for (const waiting of [...(executor.together || []), ...(queue.waiting || [])]) {
       const words = [waiting.interrupted && t("interrupted"), say(waiting.waits) || t("waits"), waiting.on_interrupt === "drop" && t("dropped when interrupted"), waiting.survives && t("survives"), t("asked for by {client}", { client: waiting.by }), ...times(waiting)];
       requests.push({ ...waiting, note: words.filter(Boolean).join(", ") });
     }
-    const clock = meta.time || 0;
-    const span = (item, planned, real) => ({ step: { ...item, text: item.request, words: say(item.words) }, planned, real, due: item.deadline });
-    const running = (executor.request ? [executor, ...(executor.together || [])] : []).filter((item) => item.began);
-    const spans = [
-      ...(queue.ended || []).filter(({ planned, real }) => planned || real).map((item) => span(item, item.planned || item.real, item.real)),
-      ...running.map((item) => span({ ...item, state: "running" }, (item.planned || [])[1] ? item.planned : [item.began, clock], [item.began, clock])),
-      ...(queue.waiting || []).filter((item) => item.expected_end).map((item) => span({ ...item, state: "waiting" }, [item.expected_begin, item.expected_end], null)),
-    ];
-    gantt.paint(spans, clock, {}, t("The queue in time"));
     const count = (queue.waiting || []).length;
     setText(byId("queue-note"), count ? t("{count} waiting", { count }) : "");
     setHidden(byId("queue-empty"), requests.length > 0);
     keyed(byId("queue-list"), requests, (item) => item.request, create, update);
+    const clock = meta.time || 0;
+    const [from, to] = [clock - SHOWN, clock + SHOWN];
+    const inside = (times) => times && times[1] && times[1] >= from && times[0] <= to ? times.map((time) => Math.min(to, Math.max(from, time))) : null;
+    const span = (item, state, planned, real) => ({ step: { ...item, state, text: item.request, words: say(item.words) }, planned: inside(planned), real: inside(real), due: item.deadline > from && item.deadline < to && item.deadline });
+    gantt.paint([
+      ...(queue.ended || []).map((item) => span(item, item.state, item.planned, item.real)),
+      ...requests.filter((item) => item.running && item.began).map((item) => span(item, "running", item.planned, [item.began, clock])),
+      ...(queue.waiting || []).map((item) => span(item, "waiting", [item.expected_begin, item.expected_end], null)),
+    ].filter(({ planned, real }) => planned || real), clock, {}, t("The queue in time"));
   };
 
   function create(item) {

@@ -8,7 +8,7 @@ from merlin_monitor.state.guard_section import GUARD, HELD_WORDS, KEPT
 from merlin_monitor.state.history_events import Reporter, sentence
 from merlin_monitor.state.machine_section import MachineSection, held_words, unconfirmed_words
 from merlin_monitor.state.plan_section import PlanSection
-from merlin_monitor.state.request_times import RequestTimes
+from merlin_monitor.state.request_times import RequestTimes, Told
 from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.text.fact_text import action_text
 from merlin_monitor.text.phrase import Phrase, in_english, say, with_reason
@@ -108,7 +108,7 @@ class NowSection:
         if not self._executor and before.get("request"):
             self._plan_request = before["request"]
             for each in self._running(before):
-                self._request_times.begin(each["request"], before.get("began", at), list(each["goals"]))
+                self._request_times.remember({"began": before.get("began", at), **each})
         known = {each["request"] for each in self._running(before)}
         words = self._goals(message.goals)
         self._executor = {
@@ -128,7 +128,7 @@ class NowSection:
             "held": message.held,
             "waits": getattr(message, "waits", ""),
             "breakpoints": list(message.breakpoints),
-            **self._running_times(message, at),
+            **self._running_times(message, words, at),
             "running": [
                 {
                     "id": action.action_id,
@@ -165,10 +165,7 @@ class NowSection:
         outcome = name_of(OUTCOMES, message.result.outcome)
         reason = message.result.reason or message.status.text
         words = self._goals(goals)
-        known = [*self._running(self._executor), *(self._queued or {}).values()]
-        last: Mapping[str, Any] = next((each for each in known if each["request"] == identity), {})
-        shown = words or last.get("words", [])
-        self._request_times.end(identity, at, outcome, shown, last.get("deadline", 0.0))
+        self._request_times.end(identity, at, outcome)
         self._tree.set(QUEUE, "ended", self._request_times.ended())
         if identity == self._plan_request:
             self._plan.request_ended()
@@ -414,15 +411,16 @@ class NowSection:
 
     def _with(self, words: List[Phrase], other: Any, at: float) -> Dict[str, Any]:
         """A further request that runs in the plan of the one with these words."""
+        own = self._goals(other.goals)
         shown = {
             "request": other.request,
             "goals": list(other.goals),
-            "words": self._goals(other.goals),
+            "words": own,
             "priority": other.priority,
             "by": other.by,
             "running": True,
             "waits": say("runs with “{goals}”", goals=words),
-            **self._running_times(other, at),
+            **self._running_times(other, own, at),
         }
         return {**shown, "by": self._asked_by(shown)}
 
@@ -481,20 +479,20 @@ class NowSection:
             chain.append(["stage", say(STAGES[stage]) if stage in STAGES else stage])
         return chain
 
-    def _running_times(self, message: Any, at: float) -> Dict[str, Any]:
+    def _running_times(self, message: Any, words: List[Phrase], at: float) -> Dict[str, Any]:
         times = self._times(message, "deadline", "expected_end")
-        began = (self._request_times.began(message.request) or (at if message.request else 0.0,))[0]
-        planned = self._request_times.expect(message.request, began, times["expected_end"])
-        return {**times, "began": began, "planned": planned}
+        told = Told(words, times["deadline"])
+        return {**times, **self._request_times.run(message.request, at, times["expected_end"], told)}
 
     def _waiting_times(self, request: Any) -> Dict[str, Any]:
         times = self._times(request, "not_before", "deadline", "expected_begin", "expected_end")
-        self._request_times.expect(request.request, times["expected_begin"], times["expected_end"])
+        told = Told(self._goals(request.goals), times["deadline"])
+        self._request_times.expect(request.request, times["expected_begin"], times["expected_end"], told)
         return times
 
     def _times(self, message: Any, *names: str) -> Dict[str, Any]:
-        """Times of a request, s of ROS time, zero where there is none, and why it is late."""
+        """Times of a request, s without what the clock was set by; zero: none. And why it is late."""
         times = {name: getattr(message, name, None) for name in names}  # a bag may be older
-        late = getattr(message, "late", "")
-        shown = {name: time.to_sec() if time else 0.0 for name, time in times.items()}
+        late, jump = getattr(message, "late", ""), self._tree.get("meta", "clock_set") or 0.0
+        shown = {name: time.to_sec() - jump if time else 0.0 for name, time in times.items()}
         return {**shown, "late": self._wording.reason(late) if late else ""}

@@ -4,7 +4,7 @@
 Times are ROS time, s.
 """
 
-from typing import Any, Dict, List, NamedTuple, Optional, Tuple
+from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Tuple
 
 #: Requests that have ended and are shown, and requests that are remembered at the most.
 SHOWN, REMEMBERED = 12, 2000
@@ -21,20 +21,34 @@ class Begun(NamedTuple):
     goals: List[str]
 
 
+class Told(NamedTuple):
+    """What is shown of a request, which ends when its status and the queue no longer name it.
+
+    :ivar words: of its goals, phrases.
+    :ivar deadline: 0 where it has none.
+    """
+
+    words: List[Any]
+    deadline: float
+
+
 class RequestTimes:
     """Expectation and truth of requests, by their actionlib goal id. Not for several threads."""
 
     def __init__(self) -> None:
         self._begun: Dict[str, Begun] = {}
+        self._told: Dict[str, Told] = {}
         self._expected: Dict[str, Tuple[float, float]] = {}
         self._ended: Dict[str, Dict[str, Any]] = {}
 
-    def expect(self, request: str, begin: float, end: float) -> List[float]:
+    def expect(self, request: str, begin: float, end: float, told: Told) -> List[float]:
         """Takes when a request is expected to run, and returns what was expected first.
 
         :param begin: of it; of one that runs, when it began.
         :param end: 0 where it is not known, which is then returned.
         """
+        _bounded(self._told)
+        self._told[request] = told
         if end:
             _bounded(self._expected)
             self._expected.setdefault(request, (begin, end))
@@ -47,25 +61,38 @@ class RequestTimes:
         self._begun.setdefault(request, Begun(at, goals))
         return before
 
+    def remember(self, kept: Mapping[str, Any]) -> None:
+        """Takes a request that ran in an earlier life of the monitor, as the state had it."""
+        request, (begin, end) = kept["request"], kept.get("planned") or (0.0, 0.0)
+        self.begin(request, kept["began"], list(kept["goals"]))
+        self.expect(request, begin, end, Told(kept.get("words", []), 0.0))
+
+    def run(self, request: str, at: float, end: float, told: Told) -> Dict[str, Any]:
+        """Takes what is expected of a request that runs, or of none (empty).
+
+        :return: when it began, and what was expected first.
+        """
+        if not request:
+            return {"began": 0.0, "planned": [0.0, 0.0]}
+        began = self._begun.get(request, Begun(at, [])).at
+        return {"began": began, "planned": self.expect(request, began, end, told)}
+
     def began(self, request: str) -> Optional[Begun]:
         """What is known of a request that has begun and not ended."""
         return self._begun.get(request)
 
-    def end(self, request: str, at: float, outcome: str, words: List[Any], deadline: float) -> None:
-        """Takes the end of a request.
-
-        :param words: of its goals, phrases.
-        :param deadline: 0 where it has none.
-        """
+    def end(self, request: str, at: float, outcome: str) -> None:
+        """Takes the end of a request."""
         begun = self._begun.pop(request, None)
         planned = self._expected.pop(request, None)
+        told = self._told.pop(request, Told([], 0.0))
         self._ended[request] = {
             "request": request,
-            "words": words,
+            "words": told.words,
             "goals": begun.goals if begun else [],
             "planned": list(planned) if planned else None,
             "real": [begun.at, at] if begun else None,
-            "deadline": deadline,
+            "deadline": told.deadline,
             "state": outcome,
         }
         if len(self._ended) > SHOWN:
