@@ -211,7 +211,7 @@ def _add_rest(problem: Problem, moment: Moment, at: float) -> None:
     domain, passed = moment.domain, round((at - rest["at"]) * 1e9)
     objects, timed = " ".join(object_lines(problem, domain)), " ".join(rest["timed"])
     head = f"(define (problem rest) (:domain {domain.name}) (:objects {objects})"
-    found = parse_problem(f"{head} (:init {timed}) (:goal (and)) {rest['metric']})", domain)
+    found = parse_problem(f"{head} (:init {timed}) (:goal (and)) {' '.join(rest['metric'])})", domain)
     problem.metric = found.metric
     problem.timed = [Timed(row.at - passed, row.item) for row in found.timed if row.at > passed]
 

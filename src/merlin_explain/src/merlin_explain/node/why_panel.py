@@ -24,11 +24,22 @@ LIMIT = 60.0  # s of wall time for an answer: longer than any question takes
 KEPT = 5  # answers
 LONGEST = 4000  # characters of what is asked about
 SETTINGS = ("planner_command", "anytime", "time_limit")  # of the planner, for plans of past runs
-_INSIDE = r"[^()]*"
-for _ in range(6):  # deep enough for any metric
-    _INSIDE = rf"(?:[^()]|\({_INSIDE}\))*"
-_METRIC = re.compile(rf"\(:metric\b{_INSIDE}\)", re.IGNORECASE)
-_TIMED = re.compile(rf"\(at\s+[\d.][\d.e+-]*\s+\({_INSIDE}\)\s*\)", re.IGNORECASE)
+_METRIC = re.compile(r"\(:metric\b", re.IGNORECASE)
+_TIMED = re.compile(r"\(at\s+[\d.][\d.e+-]*\s+\(", re.IGNORECASE)
+_PARENTHESIS = re.compile(r"[()]")
+
+
+def _expressions(begin: "re.Pattern[str]", text: str) -> List[str]:
+    """The expressions of a PDDL text that begin so. They are not parsed: a problem may have 10 000 facts."""
+    found = []
+    for match in begin.finditer(text):
+        depth = 0
+        for each in _PARENTHESIS.finditer(text, match.start()):
+            depth += 1 if each[0] == "(" else -1
+            if not depth:
+                found.append(text[match.start() : each.end()])
+                break
+    return found
 
 
 class WhyPanel(Panel):
@@ -57,13 +68,9 @@ class WhyPanel(Panel):
         self.subscribe(f"{self._problem}/problem_instance", String, self._note_problem)
 
     def _note_problem(self, message: String, at: float) -> None:
-        text = message.data
-        metric = _METRIC.search(text)
-        if not metric and "(:metric" in text.lower():  # with more parentheses than are read: not known
-            self.set("problem", None)
-            return
-        timed = _TIMED.findall(text)
-        self.set("problem", {"at": at, "metric": metric[0] if metric else "", "timed": timed})
+        metric, timed = (_expressions(begin, message.data) for begin in (_METRIC, _TIMED))
+        words = [word for each in metric for word in each.split()]  # a text of the state is bounded
+        self.set("problem", {"at": at, "metric": words, "timed": timed})
 
     def look(self, topics: Dict[str, str]) -> None:
         """Takes the texts of the domain and of the sentences, anew with another domain."""
