@@ -250,6 +250,28 @@ def test_what_hangs_for_a_newcomer_does_not_keep_a_leave_from_its_limit(
     assert [end(each)[1] for each in (first, third)] == ["SUCCEEDED"] * 2
 
 
+def test_the_limit_of_a_leave_counts_from_its_cancel(
+    bench: Bench, robot: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now, limits, call_later = [0.0], [], plan_revision.call_later
+    monkeypatch.setattr(plan_revision, "monotonic", lambda: now[0])
+    for module, name in ((planning, "CALL_GRACE"), (plan_revision, "JOIN_LIMIT")):
+        monkeypatch.setattr(module, name, 10 * LONG)
+    first = bench.driving("(checked kitchen)")
+    second = bench.send("(checked bath)")
+    bench.members(first, second)
+    robot.hanging = "generate_problem"
+    third = bench.send("(checked attic)")
+    assert robot.hangs.wait(LONG)
+    monkeypatch.setattr(plan_revision, "call_later", lambda s, call: limits.append(s) or call_later(s, call))
+    bench.cancel(second)
+    now[0] = 0.75 * LONG  # before the look for a plan with the newcomer has ended
+    robot.answer()
+    assert end(second)[1] == "CANCELLED"
+    assert 0.25 * LONG in limits
+    bench.carry_on(first, third)
+
+
 def test_an_error_of_its_own_stops_the_run(
     bench: Bench, robot: Robot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
