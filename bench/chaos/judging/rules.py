@@ -32,9 +32,9 @@ STAND_LIMIT_HUNG = 1.5
 STAND_LIMIT_MASTER = 6.0
 #: s after a request's end in which messages of before may still arrive.
 END_GRACE = 0.25
-#: s of simulated time after a request's end in which a base that was commanded to stop may brake: 0.3 m/s at
-#: 1 m/s².
-BRAKING = 0.5
+#: s of simulated time after a request's end in which a base that was commanded to stop may brake: 1 rad/s at
+#: 2 rad/s² takes 0.5; the rest is the age of the truth that the end is seen with, and the command's way.
+BRAKING = 0.75
 #: s from a cancel, or from a fault that ends the request, until the client gets the result.
 ANSWER_LIMIT = 10.0
 #: The same when only a planner has to end, whatever it does: nothing it writes delays a cancel.

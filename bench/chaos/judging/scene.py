@@ -6,8 +6,8 @@ from typing import Dict, FrozenSet, List, Optional
 from chaos.judging import events
 from chaos.judging.events import Event
 
-#: m/s below which the base stands.
-STANDING_SPEED = 0.01
+#: m/s below which the base stands: one that has braked rocks back on its wheels with 0.01.
+STANDING_SPEED = 0.02
 #: rad/s below which it does not turn.
 STANDING_TURN = 0.05
 #: m/s from which it counts as driving, for the moment of a fault.

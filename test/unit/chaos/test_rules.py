@@ -218,6 +218,17 @@ def test_a_base_may_brake_after_the_end_but_nothing_may_command_it() -> None:
     only(braking.judge(), "cmd_vel is not zero until 2.00 s")
 
 
+def test_a_base_that_has_turned_may_brake_and_rock_back() -> None:
+    """1 rad/s at 2 rad/s² takes half a second; the physics of the wheels rock a base back with 0.01 m/s."""
+    story = Story().drive(6.0, 10.1, 20.0).add(10.0, events.CANCEL, label=REQUEST)
+    story.add(10.0, events.GOALS, server="move_base", active=[], ended={"a": 2}).told(10.02)
+    for event in story.events:
+        if event.kind == events.TRUTH and event.at >= 10.1:
+            event.data["turn"] = max(0.0, 1.0 - 2.0 * (event.at - 10.1))
+            event.data["speed"] = -0.01 if event.at < 11.0 else 0.0
+    assert story.judge().violations == ()
+
+
 def test_a_slow_world_brakes_slowly() -> None:
     """At a fifth of real time a base needs five times as long to brake, and is not blamed for it."""
     story = Story().drive(6.0, 11.6, 20.0).add(10.0, events.CANCEL, label=REQUEST).told(10.1)
