@@ -312,7 +312,7 @@ class SimpleDispatching(Dispatching, unittest.TestCase):
         publisher.publish(CompletePlan([ActionDispatch(action_id=9, name="paint", parameters=other)]))
 
         def call():
-            while "no new plan" in exchange(goal=sent.id, keep=[]).refused and not sent.wait(0.0):
+            while "no new plan" in exchange(goal=sent.id, known=[0]).refused and not sent.wait(0.0):
                 pass  # it travels beside the request, which waits for it a moment
 
         thread = threading.Thread(target=call, daemon=True)

@@ -5,7 +5,7 @@ import itertools
 import math
 import threading
 from types import SimpleNamespace
-from typing import Any, Callable, FrozenSet, List, Optional, Sequence, Set
+from typing import AbstractSet, Any, Callable, FrozenSet, List, Optional, Sequence, Set
 
 import rospy
 from diagnostic_msgs.msg import KeyValue
@@ -62,7 +62,7 @@ class Robot:
         self.moves_on = False  # for what was cancelled
         self.slow_to_begin = self.awaited = False
         self.steps_done = 0
-        self.succeeded: FrozenSet[int] = frozenset()
+        self.ended: FrozenSet[int] = frozenset()
         self.on_planned: Callable[[], None] = lambda: None
         self.hanging = ""  # the call that does not answer
         self.hangs = threading.Event()
@@ -206,7 +206,7 @@ class Robot:
             self.changed.notify_all()
             assert self.changed.wait_for(lambda: self.interrupted or not self.slow_to_begin, LONG)
             self.plan_of_run, self.active = list(plan), True
-            self.steps_done, self.succeeded = 0, frozenset()
+            self.steps_done, self.ended = 0, frozenset()
             self.next()
             assert self.changed.wait_for(lambda: self.interrupted or not self.busy(), LONG)
             self.stop(self.under_way)
@@ -253,7 +253,7 @@ class Robot:
             self.facts.add(f"(robot_at {room})" if action.name == "drive" else f"(checked {room})")
             self.under_way.clear()
             self.steps_done += 1
-            self.succeeded |= {action.action_id}
+            self.ended |= {action.action_id}
             self.next()
         self.on_change()
         return True
@@ -264,7 +264,9 @@ class Robot:
             self.next()
         self.on_change()
 
-    def exchange(self, plan: Sequence[ActionDispatch], keep: Sequence[RunningAction]) -> str:
+    def exchange(
+        self, plan: Sequence[ActionDispatch], keep: Sequence[RunningAction], known: AbstractSet[int]
+    ) -> str:
         refused = self.on_exchange()
         with self.changed:
             self.changed.notify_all()
@@ -273,11 +275,15 @@ class Robot:
             if refused:
                 return refused
             ids = {action.action_id for action in keep}
+            new = [action for action in self.under_way if action.action_id not in ids | known]
+            if self.ended - ids - known or [*map(text, new)] != [*map(text, plan[: len(new)])]:
+                return "it has gone on since the plan was made"
+            ids |= {action.action_id for action in new}
             dropped = [action for action in self.under_way if action.action_id not in ids]
             self.stop(dropped)
             self.under_way = [action for action in self.under_way if action.action_id in ids]
             self.leaving = dropped if self.slow_to_stop else []
-            self.plan_of_run = list(plan)
+            self.plan_of_run = list(plan[len(new) :])
             self.next()
         return ""
 

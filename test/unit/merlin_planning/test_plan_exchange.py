@@ -84,12 +84,26 @@ def test_the_dispatch_goes_on_with_the_new_plan(dispatcher: Any, driven: Driven)
     dispatcher.on_exchange = exchange
     assert driven.client.can_exchange
     assert driven.exchange(PLAN, [driven.drive]) == ""
-    assert asked == {"goal": "goal 1", "keep": [0]}
+    assert asked == {"goal": "goal 1", "keep": [0], "known": [0, 1]}
     assert dispatcher.calls == ["goal", "exchange_plan"]
     assert [action.name for action in driven.client.running] == ["drive"]
     driven.feedback(0, 2)
     result = driven.end()
     assert result.goal_achieved and driven.client.steps_done == 1
+
+
+def test_the_dispatcher_gets_what_was_known_when_the_plan_was_asked_for(
+    dispatcher: Any, driven: Driven
+) -> None:
+    asked: list[Any] = []
+    dispatcher.on_exchange = lambda **fields: asked.append(fields["known"]) or SimpleNamespace(refused="")
+    assert driven.exchange(PLAN, [driven.drive], {0}) == ""
+    driven.feedback(1, 10)  # dropped by that plan
+    assert driven.client.ended == {1}
+    assert driven.exchange(PLAN, [driven.drive], {0, *driven.client.ended}) == ""
+    assert driven.exchange(PLAN, [driven.drive]) == ""
+    assert asked == [[0], [0, 1], [0, 1]]
+    driven.end()
 
 
 def test_what_runs_is_in_the_order_in_which_it_is_to_end(dispatcher: Any, driven: Driven) -> None:

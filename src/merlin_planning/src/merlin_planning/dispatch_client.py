@@ -3,7 +3,7 @@
 
 import threading
 from functools import partial
-from typing import Callable, FrozenSet, List, Optional, Sequence, Tuple
+from typing import AbstractSet, Callable, FrozenSet, List, Optional, Sequence, Tuple
 
 import rospy
 from merlin_msgs.msg import DispatchStatus, RunningAction
@@ -124,6 +124,12 @@ class DispatchClient:
             return frozenset(self._progress.succeeded)
 
     @property
+    def ended(self) -> FrozenSet[int]:
+        """Ids of all actions of this dispatch that have ended, also those of plans that were exchanged."""
+        with self._changed:
+            return frozenset(self._progress.ended)
+
+    @property
     def begun(self) -> bool:
         """Whether the dispatcher has taken the plan of the present dispatch; known of one with a status."""
         with self._changed:
@@ -230,7 +236,12 @@ class DispatchClient:
         """Whether the dispatcher can replace the rest of a plan while actions go on; ROSPlan's own cannot."""
         return self._kind.reports
 
-    def exchange(self, plan: Sequence[ActionDispatch], keep: Sequence[RunningAction]) -> str:
+    def exchange(
+        self,
+        plan: Sequence[ActionDispatch],
+        keep: Sequence[RunningAction],
+        known: Optional[AbstractSet[int]] = None,
+    ) -> str:
         """Replaces the rest of the plan that another thread dispatches, without a stop of what goes on.
 
         First the new plan is made: :attr:`running` is looked at, these actions are given to
@@ -244,6 +255,8 @@ class DispatchClient:
         :param plan: the one that was parsed last.
         :param keep: of :attr:`running`: the actions that the new plan counts on. One that has succeeded
             meanwhile does no harm; with one that has failed the exchange is refused.
+        :param known: ids of the actions that had begun when the plan was asked for. It is refused when
+            another one has ended, or runs and is not a first step of it. None: all that have begun by now.
         :return: why the plan is not exchanged, as a sentence; empty: the new plan runs.
         """
         kept = {action.action_id for action in keep}
@@ -251,9 +264,10 @@ class DispatchClient:
             goal = self._kind.goal() if self._active and not self._cancelling else ""
             if not goal:
                 return f"{PART} {self.name} carries out no plan of this node that it could exchange"
+            known = self._progress.ended | self._progress.running.keys() if known is None else known
             take_back = self._progress.exchange({*kept, *(action.action_id for action in plan)})
         try:
-            refused = str(self._exchange(goal=goal, keep=sorted(kept)).refused)
+            refused = str(self._exchange(goal=goal, keep=sorted(kept), known=sorted(known)).refused)
         except ServiceError as error:
             refused = f"{PART} does not exchange its plan: {error}"
         if refused:

@@ -113,6 +113,8 @@ class DispatchProgress:
         """Ids of those of them for which a more urgent request has to wait."""
         self.succeeded: Set[int] = set()
         """Ids of the actions that have succeeded, since the present plan began."""
+        self.ended: Set[int] = set()
+        """Ids of all actions that have ended, also those of plans that were exchanged."""
         self.failed = ""
         """The action that failed last, as PDDL text."""
         self.failed_reason = ""
@@ -208,6 +210,7 @@ class DispatchProgress:
             (self.kept.add if kept == NO else self.kept.discard)(action_id)
             return kept is not None
         del self.running[action_id]
+        self.ended.add(action_id)
         self.kept.discard(action_id)
         if answer is DispatchAnswer.SUCCEEDED:
             self.succeeded.add(action_id)

@@ -158,6 +158,24 @@ def test_what_has_been_done_while_a_newcomer_was_planned_is_not_done_again(
     assert robot.cancelled == [] and len(robot.began) == len(set(robot.began)) == 6
 
 
+def test_what_began_while_a_newcomer_was_planned_and_comes_later_in_the_new_plan_is_done_once(
+    bench: Bench, robot: Robot
+) -> None:
+    def go_on() -> None:
+        robot.on_planned = lambda: None
+        plan = robot.plans[-1]  # of (check kitchen), (drive kitchen attic), …
+        plan += [plan.pop(0)]
+        assert robot.end_action()
+
+    first = bench.driving("(and (checked kitchen) (checked attic))")
+    robot.on_planned = go_on
+    second = bench.send("(checked bath)")
+    bench.members(first, second)
+    bench.carry_on(first, second)
+    assert [end(each)[1] for each in (first, second)] == ["SUCCEEDED"] * 2
+    assert robot.cancelled == [] and len(robot.began) == len(set(robot.began)) == 6
+
+
 def test_a_newcomer_taken_back_while_it_is_planned_leaves_nothing(bench: Bench, robot: Robot) -> None:
     first = bench.driving("(checked kitchen)")
     asked, go_on = threading.Event(), threading.Event()

@@ -6,9 +6,12 @@ import dataclasses
 import pytest
 from dispatch_world import LONG, WORK, Run, World, actions, parallel
 
+from merlin_pddl.plan_text import PlanStep
 from merlin_rosplan.dispatch.dispatch_environment import DispatchState, Exchange, FeedbackStatus
-from merlin_rosplan.dispatch.dispatch_schedule import Ongoing, PlanError, SequentialSchedule
-from merlin_rosplan.rest.exchange import continued_list
+from merlin_rosplan.dispatch.dispatch_schedule import Ongoing, PlanError, PlannedAction, SequentialSchedule
+from merlin_rosplan.dispatch.operator_model import ActionModel, Conditions, PlanTerm, TimedEffects
+from merlin_rosplan.dispatch.plan_graph_builder import build_graph
+from merlin_rosplan.rest.exchange import continued_graph, continued_list
 
 
 def further(*objects, first=10):
@@ -19,14 +22,14 @@ def further(*objects, first=10):
     ]
 
 
-def wish(plan, *keep):
+def wish(plan, *keep, known=None):
     return Exchange(
-        frozenset(keep), lambda ongoing: (SequentialSchedule(continued_list(plan, ongoing)), None)
+        frozenset(keep), lambda ongoing: (SequentialSchedule(continued_list(plan, ongoing)), None), known
     )
 
 
-def exchanged(run, plan, *keep):
-    asked = wish(plan, *keep)
+def exchanged(run, plan, *keep, known=None):
+    asked = wish(plan, *keep, known=known)
     run.dispatch.exchange(asked)
     assert asked.ended.wait(LONG)
     return asked.refusal
@@ -91,6 +94,69 @@ def test_an_action_that_the_new_plan_begins_with_goes_on_as_its_first_step():
     report = run.report()
     assert report.success and report.steps_done == 2
     assert sent(world) == [("action", 0), ("action", 11), ("tombstone", 11)]
+
+
+@pytest.mark.parametrize("plan, goes_on", [("o1 b", True), ("b o1", False), ("b", False)])
+def test_a_plan_has_to_begin_with_what_has_begun_since_it_was_made(plan, goes_on):
+    world, run = begun("work", "work")
+    run.feedback(0, FeedbackStatus.SUCCEEDED)
+    world.wait("action", 1)
+    run.feedback(1, FeedbackStatus.ENABLED)
+    refused = exchanged(run, further(*plan.split()), 0, known=frozenset({0}))
+    assert ("(work o1) has begun since it was made" in refused) is not goes_on
+    run.feedback(1, FeedbackStatus.SUCCEEDED)
+    if goes_on:
+        succeed(world, run, 11)
+    assert run.report().success
+    assert [kind for kind, _ in sent(world)] == ["action"] * (2 + goes_on) + ["tombstone"]
+
+
+def test_a_plan_does_not_repeat_what_has_begun_and_ended_since_it_was_made():
+    world, run = begun("work", "work", "work")
+    run.feedback(0, FeedbackStatus.SUCCEEDED)
+    succeed(world, run, 1)
+    world.wait("action", 2)
+    run.feedback(2, FeedbackStatus.ENABLED)
+    refused = exchanged(run, further("o2"), 0, known=frozenset({0}))
+    assert refused == "action 1 has begun and ended since the plan was made"
+    assert exchanged(run, further("o2"), known=frozenset({0, 1})) == ""
+    run.feedback(2, FeedbackStatus.SUCCEEDED)
+    assert run.report().success and ("cancel", 2) not in sent(world)
+
+
+@pytest.mark.parametrize("begun_since, goes_on", [("x", True), ("y", False), ("z", True)])
+def test_what_a_plan_begins_with_is_what_waits_for_no_other_step_of_it(begun_since, goes_on):
+    """Whatever its place in the list: y waits for the hand that x has, and z for nothing."""
+    free = PlanTerm("free", ("h",))
+    model = ActionModel(
+        "work",
+        ("h", "x"),
+        at_start=Conditions(positive=(free,)),
+        start_effects=TimedEffects(delete=(free,)),
+        end_effects=TimedEffects(add=(free,)),
+    )
+
+    def operator(action):
+        return model.ground(dict(action.parameters))
+
+    listed = [("left", "x", 0.0), ("left", "y", 1.1), ("right", "z", 5.0)]
+    plan = [
+        PlannedAction(10 + number, "work", (("h", hand), ("x", thing)), 1.0, time)
+        for number, (hand, thing, time) in enumerate(listed)
+    ]
+    steps = [PlanStep(time, "work", (hand, thing), 1.0) for hand, thing, time in listed]
+    graph = build_graph(steps, [operator(action) for action in plan])
+    running = next(
+        dataclasses.replace(action, id=3)
+        for action in plan
+        if begun_since in dict(action.parameters).values()
+    )
+    ongoing = Ongoing(others=(running,), used=frozenset({3}), new=frozenset({3}))
+    if goes_on:
+        assert running in continued_graph(graph, plan, ongoing, operator)
+        return
+    with pytest.raises(PlanError, match="has begun since it was made"):
+        continued_graph(graph, plan, ongoing, operator)
 
 
 def test_an_action_that_does_not_stop_fails_the_plan():

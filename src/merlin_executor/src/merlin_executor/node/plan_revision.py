@@ -218,7 +218,8 @@ class PlanRevision(PlanningState):
         self._own.keep(items)
         there = {to_pddl(goal).lower() for goal in self._knowledge.goals()}
         self._own.add([item for item in items if to_pddl(item).lower() not in there])
-        done = self._dispatcher.succeeded  # the problem knows of these
+        ids = {action.action_id for action in running}
+        known = ids | self._dispatcher.ended  # the problem knows of these
         self._planning.generate_problem()
         limited = [r for r in wanted if r.window.is_limited and (r not in run.requests or not r.outlook.late)]
         begin = max(rospy.get_time(), run.request.end_of(kept))
@@ -233,13 +234,9 @@ class PlanRevision(PlanningState):
             self.given_up = self._comes_late = found.verdict is Planned.LATE
             raise StageError(found.reason or found.verdict.value)
         plan = self._planning.parse_plan()
-        ids = {action.action_id for action in running}
-        steps = {action_text(step.name, step.parameters) for step in plan}
-        begun = [_text(each) for each in self._dispatcher.running if each.action_id not in ids]
-        over = self._dispatcher.succeeded - done - ids  # the plan would have these done again
-        if over or self._requests.revision() != wanted or not steps.issuperset(begun):
-            raise StageError("the plan went on meanwhile")
-        refused = self._dispatcher.exchange(plan, kept)
+        if self._requests.revision() != wanted:
+            raise StageError("other requests are wanted meanwhile")
+        refused = self._dispatcher.exchange(plan, kept, known)
         if refused:
             raise StageError(refused)
         kept_ids = {action.action_id for action in kept}

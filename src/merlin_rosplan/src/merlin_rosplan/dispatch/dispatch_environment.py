@@ -325,14 +325,17 @@ class Exchange:
     :param keep: ids of the actions that go on.
     :param make: called in the dispatch's thread; gives the new schedule, in which what runs and is part of it
         has kept its ids, and its watch. May raise PlanError or DispatchError: the plan of before goes on.
+    :param known: ids of the actions that had begun when the plan was made; None: all that have begun now.
     """
 
     def __init__(
         self,
         keep: FrozenSet[int],
         make: Callable[[Ongoing], Tuple[Schedule, Optional[RestWatch]]],
+        known: Optional[FrozenSet[int]] = None,
     ) -> None:
         self.keep = keep
+        self._known = known
         self.make = make
         self.ended = threading.Event()
         self.refusal = ""  # of use once it has ended: why it was not carried out, one sentence
@@ -367,14 +370,21 @@ class Exchange:
 
         :param succeeded: ids of the actions that have.
         :param used: all ids that any action has had.
-        :raises PlanError: one that shall go on neither runs nor is among those that have succeeded, by ids.
+        :raises PlanError: one that shall go on neither runs nor is among those that have succeeded, by ids;
+            or one has begun and ended since the plan was made, which would be done again.
         """
         lost = self.keep - succeeded - {action.id for action in running}
         if lost:
             ids = ", ".join(map(str, sorted(lost)))
             raise PlanError(f"the plan counts on action {ids}, which neither runs nor has succeeded")
+        known = used if self._known is None else self._known | self.keep
+        over = succeeded - known
+        if over:
+            ids = ", ".join(map(str, sorted(over)))
+            raise PlanError(f"action {ids} has begun and ended since the plan was made")
         kept = tuple(action for action in running if action.id in self.keep)
-        return Ongoing(kept, tuple(action for action in running if action.id not in self.keep), used)
+        others = tuple(action for action in running if action.id not in self.keep)
+        return Ongoing(kept, others, used, {action.id for action in others} - known)
 
 
 class Tick(NamedTuple):

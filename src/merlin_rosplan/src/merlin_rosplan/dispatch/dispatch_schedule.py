@@ -45,6 +45,8 @@ class Ongoing(NamedTuple):
     """They go on where the plan begins with them."""
     used: AbstractSet[int] = frozenset()
     """Ids that the actions of the plan may not have."""
+    new: AbstractSet[int] = frozenset()
+    """Ids of those of the others with which the plan has to begin: it was made before they began."""
 
 
 class Overtaken(NamedTuple):

@@ -213,7 +213,8 @@ class PlanDispatcher(Component):
             plan = self._take_plan()
         except PlanError as error:
             return ExchangePlanResponse(str(error))
-        wish = Exchange(frozenset(request.keep), functools.partial(self._continue, plan))
+        make = functools.partial(self._continue, plan)
+        wish = Exchange(frozenset(request.keep), make, frozenset(request.known))
         dispatch.exchange(wish)
         if not Deadline(EXCHANGE_LIMIT).wait_event(wish.ended) and wish.take_back():
             return ExchangePlanResponse(f"the dispatch took no other plan within {EXCHANGE_LIMIT:g} s")

@@ -16,7 +16,7 @@ LONG_PLAN = 50  # actions; behind a running one a longer plan has no edges that 
 def continued_list(actions: Sequence[PlannedAction], ongoing: Ongoing) -> List[PlannedAction]:
     """A plan of one action after the other, behind those that go on.
 
-    :raises PlanError: an action of the plan has the id of another one.
+    :raises PlanError: as :func:`continued_graph`.
     """
     first = _taken_up(actions, ongoing, lambda index: index == 0 and not ongoing.kept)
     return [*_before(ongoing.kept), *first]
@@ -36,7 +36,8 @@ def continued_graph(
     :param actions: its actions, by index.
     :param operator: gives the ground model of an action.
     :return: the actions by index, in `graph` as it is then.
-    :raises PlanError: an action of the plan has the id of another one.
+    :raises PlanError: an action of the plan has the id of another one, or it does not begin with one that is
+        new.
     """
     starts = {node.action: node for node in graph.nodes if node.type == NodeType.ACTION_START}
     ends = {node.action: node for node in graph.nodes if node.type == NodeType.ACTION_END}
@@ -98,4 +99,7 @@ def _taken_up(
             if found[index] is action and str(action).lower() == str(running).lower() and is_first(index):
                 found[index] = dataclasses.replace(action, id=running.id)
                 break
+        else:
+            if running.id in ongoing.new:
+                raise PlanError(f"{running} has begun since it was made, and it does not begin with that")
     return found
