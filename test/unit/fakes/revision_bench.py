@@ -217,7 +217,8 @@ class Robot:
             unstopped, self.unstopped = tuple(self.unstopped), ()
         interruptible(None)
         done = not unmet and not self.interrupted
-        return DispatchResult(done, self.interrupted, unmet=unmet, unstopped=unstopped)
+        reason = f"these goals do not hold: {', '.join(unmet)}" if unmet else ""
+        return DispatchResult(done, self.interrupted, reason=reason, unmet=unmet, unstopped=unstopped)
 
     def stop(self, actions: Sequence[RunningAction]) -> None:
         self.cancelled += map(text, actions)

@@ -398,10 +398,27 @@ def test_the_plan_that_ends_while_a_newcomer_is_planned_is_a_success(bench: Benc
     assert robot.hangs.wait(LONG)
     robot.end_action()
     robot.end_action()
-    assert end(first)[1] == "SUCCEEDED" and first.course.replans == 0
+    assert end(first)[1:] == ("SUCCEEDED", "") and first.course.replans == 0
     robot.answer()
     bench.carry_on(second)
     assert end(second)[1] == "SUCCEEDED"
+
+
+def test_a_plan_that_has_not_reached_its_goals_is_not_blamed_on_a_newcomer(
+    bench: Bench, robot: Robot
+) -> None:
+    first = bench.driving("(and (checked kitchen) (checked attic))")
+    robot.hanging = "plan"
+    second = bench.send("(checked bath)")
+    assert robot.hangs.wait(LONG)
+    assert all(robot.end_action() for _ in range(3))
+    robot.facts.discard("(checked kitchen)")
+    robot.hanging = ""
+    assert robot.end_action()
+    robot.wait(lambda: first.course.replans)
+    assert first.course.replan_reason == "these goals do not hold: (checked kitchen)"
+    bench.carry_on(first, second)
+    assert [end(each)[1] for each in (first, second)] == ["SUCCEEDED"] * 2
 
 
 def test_a_dispatcher_that_cannot_exchange_lets_newcomers_wait(bench: Bench, robot: Robot) -> None:

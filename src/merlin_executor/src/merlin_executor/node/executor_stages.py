@@ -183,12 +183,17 @@ class Dispatch(DispatchPlanState):
         if outcome != SUCCEEDED and not unmet:
             return outcome
         try:
+            items = self._run.run.items
             with CallScope(LOOK_LIMIT):
-                if all(self._knowledge.query(self._run.run.items)):
-                    return SUCCEEDED
+                answers = self._knowledge.query(items)
         except ServiceError as error:
             return self.fail_stage(_of_knowledge_base(error))
+        missing = [to_pddl(item) for item, holds in zip(items, answers) if not holds]
+        if not missing:
+            self.reason = ""  # the dispatcher's tells of the goals of a newcomer
+            return SUCCEEDED
         if unmet:
+            self.reason = self.reason.replace(", ".join(course.unmet), ", ".join(missing))
             return outcome
         self.reason = GOALS_GONE
         return PREEMPTED if self.preempt_requested() else FAILED

@@ -368,7 +368,8 @@ class PlanDispatcher(Component):
         log = rospy.logerr if report.state == DispatchState.FAILED else rospy.loginfo
         log("%s: %s: %s", self.scope, report.state.name, report.reason)
         if report.success and judged.reason:
-            rospy.logwarn("%s: every action succeeded, but %s", self.scope, judged.reason)
+            now = "of all goals that the knowledge base has now"  # its owner knows which are of the plan
+            rospy.loginfo("%s: every action succeeded; %s: %s", self.scope, now, judged.reason)
 
     def _run_plan(self) -> DispatchReport:
         from merlin_rosplan.dispatch.dispatch import PlanDispatch
