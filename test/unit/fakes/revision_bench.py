@@ -60,7 +60,7 @@ class Robot:
         self.owners: List[Optional[str]] = []
         self.active = self.interrupted = self.slow_to_stop = False
         self.moves_on = False  # for what was cancelled
-        self.slow_to_begin = self.awaited = False
+        self.slow_to_begin = self.awaited = self.end_awaited = False
         self.steps_done = 0
         self.ended: FrozenSet[int] = frozenset()
         self.on_planned: Callable[[], None] = lambda: None
@@ -191,6 +191,8 @@ class Robot:
     @property
     def running(self) -> List[RunningAction]:
         with self.changed:
+            self.end_awaited = bool(self.leaving)
+            self.changed.notify_all()
             return [*self.under_way, *self.leaving] if self.active else []
 
     def dispatch(self, interruptible: Any, plan: Sequence[ActionDispatch], owner: str) -> DispatchResult:

@@ -1,8 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Requests join and leave a run in mid-drive: Executor's engine and machine over a robot of the test's."""
 
+import itertools
 import random
 import threading
+from types import SimpleNamespace
+from typing import Any, Callable, List
 
 import pytest
 from diagnostic_msgs.msg import KeyValue
@@ -348,6 +351,40 @@ def test_who_leaves_is_answered_when_what_ran_for_it_has_stopped(bench: Bench, r
     assert end(second)[1] == "CANCELLED"
     bench.carry_on(first)
     assert end(first)[1] == "SUCCEEDED"
+
+
+def test_the_limit_of_a_leave_is_one_for_its_plan_and_not_for_what_stops_slowly(
+    bench: Bench, robot: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = bench.driving("(checked kitchen)")
+    second = bench.send("(checked bath)")
+    bench.members(first, second)
+    robot.slow_to_stop = True
+    with robot.changed:
+        robot.under_way.append(
+            RunningAction(action_id=1000, name="check", parameters=[KeyValue("room", "bath")])
+        )
+    limits: List[Any] = []
+    call_later = plan_revision.call_later
+
+    def later(seconds: float, call: Callable[[], object]) -> Any:
+        if seconds <= plan_revision.GATHER:
+            return call_later(seconds, call)
+        open_ = [call]
+        limits.append(open_)
+        return SimpleNamespace(cancel=open_.clear)
+
+    monkeypatch.setattr(plan_revision, "call_later", later)
+    bench.cancel(second)
+    robot.wait(lambda: robot.end_awaited)
+    assert limits
+    for call in itertools.chain(*limits):  # the limit passes
+        call()
+    assert not second.goal.ends  # type: ignore[attr-defined]
+    robot.stop_leaving()
+    assert end(second)[1] == "CANCELLED"
+    bench.carry_on(first)
+    assert end(first)[1] == "SUCCEEDED" and robot.cancelled == ["(check bath)"]
 
 
 def test_who_leaves_is_not_cancelled_when_what_ran_for_it_does_not_stop(bench: Bench, robot: Robot) -> None:
