@@ -20,7 +20,7 @@ from chaos.campaign import Campaign
 from chaos.faults import NODES, all_faults
 from chaos.judging.evidence import PATIENCE
 from chaos.moments import Moment
-from chaos.trials import Trial, draw, known_failures
+from chaos.trials import JOINS, Trial, draw, known_failures
 from chaos.under_test.network import why_impossible, why_slow
 from chaos.under_test.system import StartError
 from merlin_ros.processes.process_tree import adopt_orphans
@@ -62,6 +62,13 @@ def arguments(words: List[str]) -> argparse.Namespace:
         "--respawn", choices=["both", "yes", "no"], default="both", help="do dead nodes come back"
     )
     parser.add_argument(
+        "--joins",
+        type=int,
+        default=JOINS,
+        metavar="N",
+        help="one in N trials with a drive sends three requests that join (%(default)d)",
+    )
+    parser.add_argument(
         "--results",
         type=Path,
         nargs="+",
@@ -91,7 +98,10 @@ def arguments(words: List[str]) -> argparse.Namespace:
         "--why", action="store_true", help="ask the robot why each request failed: does it name the fault"
     )
     parser.add_argument("--list", action="store_true", help="print the names of all faults; no trials")
-    return parser.parse_args(words)
+    options = parser.parse_args(words)
+    if options.joins < 1:
+        parser.error("--joins is how many trials there are for each one of that kind: 1 or more")
+    return options
 
 
 def main(words: List[str]) -> int:
@@ -114,7 +124,7 @@ def main(words: List[str]) -> int:
     respawn = {"both": (True, False), "yes": (True,), "no": (False,)}[options.respawn]
     moments = [Moment(name) for name in options.moments]
     try:
-        trials = draw(options.seed, options.faults, moments, respawn, absent_nodes())
+        trials = draw(options.seed, options.faults, moments, respawn, absent_nodes(), options.joins)
         first = next(trials)
     except ValueError as error:
         print(f"chaos: {error}", file=sys.stderr)

@@ -12,7 +12,7 @@ from chaos.faults import CLIENT, DISK_FULL, MASTER, NONE, SECOND_NODE
 from chaos.injector import SIGNALS, Injector
 from chaos.judging import events
 from chaos.judging.events import Event, LogClosed
-from chaos.judging.evidence import NEXT, PATIENCE, REQUEST, Evidence, settled
+from chaos.judging.evidence import JOINED, NEXT, PATIENCE, REQUEST, Evidence, settled
 from chaos.judging.knowledge_rules import FACTS_LIMIT
 from chaos.judging.rules import ANSWER_LIMIT, NEXT_LIMIT_HELPED, STAND_LIMIT_HUNG, Judgement, judge
 from chaos.judging.scene import DRIVING_SPEED, Scene, scene_at
@@ -55,6 +55,8 @@ TRIAL_LIMIT = 180.0
 PLANNER_CHILD = "planner_child"
 #: m that a place to drive to is away at least.
 FAR = 2.0
+#: What requests say that join another one, and by when one of them has to be done, s.
+JOINED_NOTES, DEADLINES = ("f1", "f2"), (8.0, 60.0)
 #: Predicates of the other ways to drive to a place.
 DRIVES = ("deaf_at", "touchy_at", "plain_at")
 
@@ -146,12 +148,19 @@ class _Course(Watching):
             before = self._log.since(0)  # what the request does may come while it is being sent
             if goals:
                 self._send(REQUEST, goals)
+            at_once = trial.joined and self._random.random() < 0.5
+            if at_once:
+                self._send_joined()
             self._await_moment(before)
+            if trial.joined and not at_once:
+                self._send_joined()
             self._injector = Injector(self._system, trial.fault, trial.alone)
             fault_at = self._await_delay_and_strike()
             if REQUESTS[trial.moment] is None and trial.goals:
                 self._send(REQUEST, self._goals())
             self._follow_request(fault_at)
+            if trial.joined:
+                self._follow_joined()
             helped = self._repair(fault_at)
             if trial.variant.planner:
                 # Without a planner there is no next goal, but there are processes.
@@ -192,6 +201,7 @@ class _Course(Watching):
         remove += [f"({name} {place})" for name in DRIVES for place in self._points]
         if self._trial.variant.robots:
             remove = []  # of another domain
+        remove += [f"(said {note})" for note in JOINED_NOTES if self._trial.joined]
         if self._trial.stop:
             self._system.tell_witness(do="locate", services=["merlin/stop", "merlin/release"])
         if self._trial.fault.kind == DISK_FULL:
@@ -232,6 +242,11 @@ class _Course(Watching):
 
     def _send(self, label: str, goals: List[str]) -> None:
         self._system.tell_client(do="send", label=label, goals=goals)
+
+    def _send_joined(self) -> None:
+        deadlines = [self._random.choice(DEADLINES), None]
+        for label, note, deadline in zip(JOINED, JOINED_NOTES, deadlines):
+            self._system.tell_client(do="send", label=label, goals=[f"(said {note})"], deadline=deadline)
 
     def _await_moment(self, before: List[Event]) -> None:
         trial, scene, position = self._trial, Scene(), len(before)
@@ -284,6 +299,8 @@ class _Course(Watching):
         at = self._injector.strike()
         if trial.cancel:
             self._system.tell_client(do="cancel", label=REQUEST)
+        elif trial.joined and trial.moment is not Moment.CANCELLING and self._random.random() < 0.5:
+            self._system.tell_client(do="cancel", label=self._random.choice(JOINED))
         return at
 
     # ------------------------------------------------------------------------------------ after the fault
@@ -310,6 +327,15 @@ class _Course(Watching):
             self._system.tell_client(do="cancel", label=REQUEST)
         # What a starved machine may need, too: help would end what hangs, and hide that it does.
         self._ended(REQUEST, max(ANSWER_WATCH, self._patience * ANSWER_LIMIT + SETTLE))
+
+    def _follow_joined(self) -> None:
+        """Until the others have ended, too; what continues too long is cancelled."""
+        if CLIENT in self._trial.fault.targets and self._trial.fault.lasts is None:
+            return
+        for label in JOINED:
+            if not self._ended(label, ANSWER_WATCH):
+                self._system.tell_client(do="cancel", label=label)
+                self._ended(label, max(ANSWER_WATCH, self._patience * ANSWER_LIMIT + SETTLE))
 
     def _repair(self, fault_at: float) -> List[str]:
         """Waits for the end of a fault that ends by itself; repairs one that does not."""
@@ -389,7 +415,7 @@ class _Course(Watching):
         position = self._log.position()
         self._looks += 1
         number = self._looks
-        self._system.tell_client(do="look", number=number)
+        self._system.tell_client(do="look", number=number, said=self._trial.joined)
         found = self._log.wait_for(
             position,
             lambda event: event if event.kind == events.FACTS and event["look"] == number else None,

@@ -91,6 +91,8 @@ GOALS: Dict[str, Tuple[str, ...]] = {PLAIN_GOAL: ("(plain_at {place})",)}
 NOT_CANCELLED = (AGAIN, HALF_OPEN, PAGE_STOP)
 #: One in so many drawn trials has a stop.
 STOPS = 10
+#: One in so many of the drawn trials that can has three requests in one plan.
+JOINS = 4
 
 
 @dataclass(frozen=True)
@@ -104,6 +106,7 @@ class Trial:
     :param seed: of the delay within the moment, and of the place to drive to.
     :param wait: s by which the fault comes later still, so that what misbehaves has begun to.
     :param stop: before the next goal the base is stopped by `merlin/stop`, and released.
+    :param joined: two further requests, one with a deadline, join the one that drives.
     """
 
     name: str
@@ -116,6 +119,7 @@ class Trial:
     wait: float = 0.0
     alone: bool = False
     stop: bool = False
+    joined: bool = False
 
     @property
     def delay(self) -> float:
@@ -132,6 +136,8 @@ class Trial:
             parts.append("alone")
         if self.stop:
             parts.append("stop")
+        if self.joined:
+            parts.append("joined")
         return " ".join(parts)
 
 
@@ -220,24 +226,35 @@ def fits(fault: Fault, moment: Moment, respawn: bool) -> bool:
     return True
 
 
+def can_join(trial: Trial) -> bool:
+    """Whether the robot of a trial drives, and can speak meanwhile for others."""
+    known = trial.name in known_failures()
+    about_drives = trial.goals or trial.fault.kind in ABOUT_DRIVES
+    variant = trial.variant
+    other = variant.robots or variant.planner or variant.navigation or variant.state_file == "full"
+    return REQUESTS[trial.moment] == DRIVE and not (known or about_drives or other)
+
+
 def draw(
     seed: int,
     faults: Sequence[str] = ("*",),
     moments: Sequence[Moment] = tuple(Moment),
     respawn: Sequence[bool] = (True, False),
     absent: Sequence[str] = (),
+    joins: int = JOINS,
 ) -> Iterator[Trial]:
     """Trials without end, drawn from a seed: every combination once, in random order, then again.
 
     :param faults: patterns of names; a known failure is drawn when it is named, `known` stands for all.
     :param absent: nodes that the system does not have.
+    :param joins: one in so many of those that can has three requests in one plan.
     :raises ValueError: when nothing fits the patterns.
     """
     pool = _pool(faults, moments, respawn, set(absent))
     if not pool:
         raise ValueError(f"no fault fits {', '.join(faults)} at these moments; --list shows all")
     numbers = random.Random(f"trials {seed}")
-    number = 0
+    number = able = 0
     while True:
         order = list(pool)
         numbers.shuffle(order)
@@ -249,7 +266,9 @@ def draw(
                 cancel = cancel and trial.fault.kind not in NOT_CANCELLED
             number += 1
             stop = trial.fault.takes_what_nodes_need or (number % STOPS == 0 and not named)
-            yield replace(trial, cancel=cancel, seed=numbers.randrange(2**31), stop=stop)
+            able += can_join(trial)
+            joined = can_join(trial) and able % joins == 0
+            yield replace(trial, cancel=cancel, seed=numbers.randrange(2**31), stop=stop, joined=joined)
 
 
 def _pool(

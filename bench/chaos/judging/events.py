@@ -23,7 +23,7 @@ DISPATCH = "dispatch"
 FEEDBACK = "feedback"
 #: The guard's state changed: state, reason, moving.
 GUARD = "guard"
-#: The client sent a request: label, goals.
+#: The client sent a request: label, goals, deadline (s from then; None: it has none).
 SENT = "sent"
 #: The client cancelled a request: label.
 CANCEL = "cancel"
@@ -37,7 +37,8 @@ AGAIN = "again"
 OVER = "over"
 #: The campaign repaired what does not come back by itself: what.
 HELPED = "helped"
-#: What the knowledge base answered: robot_at (list), notes (list), goals (list); or error.
+#: What the knowledge base answered: robot_at (list), notes (list), goals (list), where wanted said (list); or
+#: error.
 FACTS = "facts"
 #: A process of the campaign has ended: child.
 GONE = "gone"

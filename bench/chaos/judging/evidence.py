@@ -16,6 +16,8 @@ STARVED = 0.5
 PATIENCE = 2.0
 #: Labels of the request that the fault strikes, and of the one after it.
 REQUEST, NEXT = "request", "next"
+#: Labels of those that join the first one, in a trial with several.
+JOINED = ("second", "third")
 
 
 class Evidence:
@@ -107,6 +109,17 @@ def settled(facts: Event, robots: Sequence[str] = ()) -> bool:
     if "error" in facts.data or facts["goals"]:
         return False
     return all(len(places_of(facts, robot)) == 1 for robot in robots or ("",))
+
+
+def used_by_others(evidence: Evidence, ended: Event) -> Set[str]:
+    """The servers of requests that go on when one has ended: the first one drives, what joins it speaks."""
+    found: Set[str] = set()
+    for label in (REQUEST, *JOINED):
+        sent, end = evidence.first(events.SENT, label), evidence.first(events.ENDED, label)
+        if label != ended["label"] and sent is not None and sent.at < ended.at:
+            goes_on = evidence.trial.joined and (end is None or end.at > ended.at)
+            found |= {"move_base" if label == REQUEST else "sound_play"} if goes_on else set()
+    return found
 
 
 def places_of(facts: Event, robot: str = "") -> List[str]:

@@ -17,7 +17,18 @@ from chaos.judging.answer_rules import (
     what_the_page_says_is_true,
 )
 from chaos.judging.events import Event
-from chaos.judging.evidence import NEXT, REQUEST, Evidence, action_began, stood_at, way, world_time
+from chaos.judging.evidence import (
+    JOINED,
+    NEXT,
+    REQUEST,
+    Evidence,
+    action_began,
+    stood_at,
+    used_by_others,
+    way,
+    world_time,
+)
+from chaos.judging.joined_rules import each_ends_for_itself, what_has_succeeded_holds
 from chaos.judging.knowledge_rules import nothing_is_lost, one_true_place, what_is_full_is_said
 from chaos.judging.scene import CANCEL_ACTION, IDLE, commands_motion, scene_at, stands
 from chaos.moments import Moment
@@ -32,6 +43,8 @@ STAND_LIMIT_HUNG = 1.5
 STAND_LIMIT_MASTER = 6.0
 #: s after a request's end in which messages of before may still arrive.
 END_GRACE = 0.25
+#: s until the plan for the others is known, behind which what runs for one that leaves them stops.
+LEAVE_LIMIT = 2.0
 #: s of simulated time after a request's end in which a base that was commanded to stop may brake: 1 rad/s at
 #: 2 rad/s² takes 0.5; the rest is the age of the truth that the end is seen with, and the command's way.
 BRAKING = 0.75
@@ -125,6 +138,8 @@ def _stands(evidence: Evidence, base: str) -> List[str]:
     limit = STAND_LIMIT_HUNG if trial.fault.hangs or not trial.fault.takes_owner else STAND_LIMIT
     if trial.fault.targets == (MASTER,) and not trial.cancel:
         limit = STAND_LIMIT_MASTER
+    if trial.joined and not trial.fault.takes_owner:
+        limit += LEAVE_LIMIT
     stood = stood_at(evidence, evidence.zero)
     deadline = evidence.deadline(evidence.zero, limit)
     if stood is not None and stood - _slow_braking(evidence, stood) <= deadline:
@@ -156,6 +171,8 @@ def no_motion_after_the_end(evidence: Evidence) -> List[str]:
         begin, end = evidence.deadline(ended.at, END_GRACE), sent.at if sent is not None else evidence.end
         if evidence.trial.moment is Moment.IDLE and ended.get("label") == REQUEST:
             continue
+        if "move_base" in used_by_others(evidence, ended):
+            continue
         braked = world_time(evidence, ended.at) + BRAKING
         moving = [
             event
@@ -181,15 +198,13 @@ def no_motion_after_the_end(evidence: Evidence) -> List[str]:
 def the_end_is_reported(evidence: Evidence) -> List[str]:
     """The client gets the result in time, and a request that has not ended does something."""
     trial, found = evidence.trial, []
-    for label in (REQUEST, NEXT):
+    for label in (REQUEST, *JOINED, NEXT):
         asked = evidence.first(events.CANCEL, label)
-        if asked is None or (
-            label == REQUEST and CLIENT in trial.fault.targets and trial.fault.lasts is None
-        ):
+        if asked is None or (label != NEXT and CLIENT in trial.fault.targets and trial.fault.lasts is None):
             continue
         ended = evidence.first(events.ENDED, label)
         begin = max(asked.at, evidence.zero) if label == REQUEST else asked.at
-        name = "a cancelled request" if label == REQUEST else "the next request, cancelled,"
+        name = "the next request, cancelled," if label == NEXT else "a cancelled request"
         limit = ANSWER_LIMIT_PLANNER if trial.variant.planner else ANSWER_LIMIT
         deadline = evidence.deadline(begin, limit)
         if ended is None and evidence.end > deadline:
@@ -267,6 +282,8 @@ RULES: Tuple[Callable[[Evidence], List[str]], ...] = (
     no_motion_after_the_end,
     the_end_is_reported,
     the_end_is_true,
+    each_ends_for_itself,
+    what_has_succeeded_holds,
     one_true_place,
     nothing_is_lost,
     what_is_full_is_said,
@@ -347,16 +364,16 @@ def _outlives_its_client(evidence: Evidence) -> List[str]:
 
 def _cancelled_truly(evidence: Evidence, ended: Event) -> List[str]:
     found = []
-    at = evidence.when(ended.at)
+    at, others = evidence.when(ended.at), used_by_others(evidence, ended)
     scene = scene_at(evidence.log, evidence.deadline(ended.at, END_GRACE))
     braked = world_time(evidence, ended.at) + BRAKING
     later = evidence.all(events.TRUTH, ended.at, evidence.end)
     after = next((event for event in later if event.get("ros", event.at) > braked), None)
-    if after is not None and not stands(after):
+    if after is not None and not stands(after) and "move_base" not in others:
         found.append(f"CANCELLED is reported at {at}, and the base moves with {scene.speed:.2f} m/s")
     servers = {"move_base": "navigation", "sound_play": "soundplay_node", "listen": "listen"}
     over = _over(evidence, ended.at)
-    busy = [server for server in scene.busy() if servers[server] not in over]
+    busy = [server for server in scene.busy() if servers[server] not in over and server not in others]
     if busy:
         found.append(f"CANCELLED is reported at {at}, and {', '.join(busy)} has not ended its goal")
     return found

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Process: the robot's client in a campaign. It sends requests, cancels them, and looks what the robot knows.
 
-Commands are lines of JSON with `do`: ready (servers), send (label, goals), cancel (label), prepare (add,
-remove), look (number), why (goal), write (facts), and those of :mod:`.stranger`. Each runs in a thread of its
-own, so that one that gets no answer does not hold up the others.
+Commands are lines of JSON with `do`: ready (servers), send (label, goals, deadline), cancel (label), prepare
+(add, remove), look (number, said), why (goal), write (facts), and those of :mod:`.stranger`. Each runs in a
+thread of its own, so that one that gets no answer does not hold up the others.
 """
 
 import os
@@ -11,7 +11,7 @@ import sys
 import threading
 import time
 from pathlib import Path
-from typing import Any, Callable, Dict, List
+from typing import Any, Callable, Dict, List, Optional
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
@@ -68,12 +68,12 @@ class Pilot(Stranger):
             missing += missing_servers(servers, max(1.0, end - time.monotonic()))
         self._report("ready", missing=missing)
 
-    def _send(self, label: str, goals: List[str]) -> None:
+    def _send(self, label: str, goals: List[str], deadline: Optional[float] = None) -> None:
         self._client.wait_for_executor(READY_LIMIT)
-        request = self._client.send(goals, on_done=lambda ended: self._ended(label, ended))
+        request = self._client.send(goals, deadline=deadline, on_done=lambda ended: self._ended(label, ended))
         with self._lock:
             self._requests[label] = request
-        self._report(events.SENT, label=label, goals=[goal[:60] for goal in goals])
+        self._report(events.SENT, label=label, goals=[goal[:60] for goal in goals], deadline=deadline)
 
     def _cancel(self, label: str) -> None:
         with self._lock:
@@ -97,7 +97,7 @@ class Pilot(Stranger):
         self._knowledge.change_facts(add=add, remove=remove)
         self._report("prepared", add=add, remove=remove)
 
-    def _look(self, number: int) -> None:
+    def _look(self, number: int, said: bool) -> None:
         end = time.monotonic() + ANSWER_LIMIT
         while True:
             try:
@@ -107,6 +107,7 @@ class Pilot(Stranger):
                     robot_at=self._knowledge.facts("robot_at"),
                     notes=self._knowledge.facts("noted"),
                     goals=self._knowledge.goals(),
+                    **({"said": self._knowledge.facts("said")} if said else {}),
                 )
                 return
             except (ServiceError, KnowledgeError, rospy.ROSException) as error:

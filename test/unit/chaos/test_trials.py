@@ -2,6 +2,7 @@
 """Which trials are drawn, and that a seed gives the same ones again."""
 
 import io
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 from typing import Any, Iterable, List
@@ -22,7 +23,7 @@ from chaos.faults import (
 from chaos.judging.rules import Judgement
 from chaos.moments import Moment
 from chaos.result import Result
-from chaos.trials import Trial, draw, known_failures
+from chaos.trials import JOINS, Trial, can_join, draw, known_failures
 
 
 @pytest.fixture(scope="module")
@@ -44,6 +45,18 @@ def test_every_node_meets_every_signal_at_every_moment_respawning_and_alone(draw
             for moment in Moment:
                 for respawn in (True, False):
                     assert (f"{node}:{signal}", moment, respawn) in seen
+
+
+def test_one_in_some_drives_is_of_several_requests(drawn: List[Trial]) -> None:
+    able = [trial for trial in drawn if can_join(trial)]
+    joined = [trial for trial in drawn if trial.joined]
+    assert len(joined) == len(able) // JOINS and all(map(can_join, joined))
+    assert {trial.moment for trial in joined} == {Moment.DRIVING, Moment.PLANNING, Moment.CANCELLING}
+    assert {trial.cancel for trial in joined} == {True, False}
+    assert all(trial.joined == can_join(trial) for trial in islice(draw(1, joins=1), 500))
+    assert [replace(trial, joined=False) for trial in islice(draw(1, joins=1), 500)] == [
+        replace(trial, joined=False) for trial in drawn[:500]
+    ]
 
 
 def test_each_known_failure_can_be_run_alone() -> None:
