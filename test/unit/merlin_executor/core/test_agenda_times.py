@@ -232,20 +232,31 @@ def test_what_can_be_expected_of_the_requests(agenda: "Agenda[Errand]") -> None:
 
 def test_the_end_of_a_plan_is_expected_later_when_its_actions_begin_late() -> None:
     times = PlanTimes()
-    assert times.end is None
+    assert times.end(100.0) is None
     times.begin([(0, 0.0, 20.0), (1, 20.0, 5.0)], 100.0)
-    assert times.end == 125.0
+    assert times.end(100.0) == 125.0
     times.dispatched([(1, 130.0), (7, 500.0)])
-    assert times.end == 135.0
+    assert times.end(130.0) == 135.0
     times.dispatched([])
-    assert times.end == 135.0, "between two actions"
+    assert times.end(130.0) == 135.0, "between two actions"
     late = "its plan is expected to end at 135.0 s, after its deadline 130.0 s"
-    assert outlook_running(TimeWindow(deadline=130.0), times.end) == Outlook(end=135.0, late=late)
-    assert outlook_running(TimeWindow(deadline=135.0), times.end) == Outlook(end=135.0)
+    assert outlook_running(TimeWindow(deadline=130.0), times.end(130.0)) == Outlook(end=135.0, late=late)
+    assert outlook_running(TimeWindow(deadline=135.0), times.end(130.0)) == Outlook(end=135.0)
     times.begin([(0, 0.0, 0.001)], 100.0)
-    assert times.end is None, "a plan without durations"
+    assert times.end(100.0) is None, "a plan without durations"
     times.begin([], 100.0)
-    assert times.end is None
+    assert times.end(100.0) is None
+
+
+def test_an_action_that_takes_longer_than_planned_makes_the_end_later_at_once() -> None:
+    times = PlanTimes()
+    times.begin([(0, 0.0, 20.0), (1, 0.0, 10.0), (2, 20.0, 5.0)], 100.0)
+    times.dispatched([(0, 100.0), (1, 100.0)])
+    assert [times.end(now) for now in (100.0, 110.0, 111.0, 130.0)] == [125.0, 125.0, 126.0, 145.0]
+    times.dispatched([(0, 100.0)])
+    assert [times.end(now) for now in (111.0, 120.0, 121.0, 130.0)] == [125.0, 125.0, 126.0, 135.0]
+    times.dispatched([])
+    assert [times.end(now) for now in (124.0, 126.0)] == [125.0, 126.0], "never in the past"
 
 
 @settings(max_examples=100, deadline=None)

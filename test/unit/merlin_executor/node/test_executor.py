@@ -298,6 +298,14 @@ def test_a_request_that_runs_is_told_and_stopped_at_its_deadline(bench: Bench) -
     assert goal.end() == (GoalStatus.ABORTED, "LATE", missed)
 
 
+def test_a_request_that_runs_is_never_expected_to_have_ended(bench: Bench) -> None:
+    bench.run(Goal("(checked kitchen)"))
+    bench.machine.running[0].take_plan([ActionDispatch(name="drive", duration=60.0)])
+    for bench.now, end in ((2.0, 61), (90.0, 90)):
+        bench.pause(False)
+        assert bench.status().expected_end == rospy.Time(end)
+
+
 def test_a_request_begins_when_its_time_has_come_without_another_event(bench: Bench) -> None:
     goal = bench.send(Goal("(checked kitchen)", not_before=rospy.Time(1, 50_000_000)))
     assert not bench.machine.begun.acquire(blocking=False)

@@ -129,9 +129,10 @@ def outlook_foreseen(
 
 
 class _Timed(NamedTuple):
-    starts: Dict[int, float]  # of each action, s since the begin of the plan
+    steps: Dict[int, Tuple[float, float]]  # start and end of each action, s since the begin of the plan
     length: float  # s; zero: not known
     origin: float
+    running: Tuple[int, ...] = ()
 
 
 class PlanTimes:
@@ -152,17 +153,21 @@ class PlanTimes:
         timed = any(duration > SHORTEST for _, _, duration in listed)
         end = max((start + duration for _, start, duration in listed), default=0.0)
         length = (end if reached is None else max(reached, SHORTEST)) if timed else 0.0
-        self._plan = _Timed({number: start for number, start, _ in listed}, length, now)
+        steps = {number: (start, start + duration) for number, start, duration in listed}
+        self._plan = _Timed(steps, length, now)
 
     def dispatched(self, actions: Iterable[Tuple[int, float]]) -> None:
         """Takes the actions under way: of each its id, and when it was dispatched."""
         plan = self._plan
-        origins = [at - plan.starts[number] for number, at in actions if number in plan.starts]
-        if origins:
-            self._plan = plan._replace(origin=max(origins))
+        origins = {number: at - plan.steps[number][0] for number, at in actions if number in plan.steps}
+        origin = max(origins.values(), default=plan.origin)
+        self._plan = plan._replace(origin=origin, running=tuple(origins))
 
-    @property
-    def end(self) -> Optional[float]:
-        """When it is expected to end; None: there is no plan, or its actions have no durations."""
+    def end(self, now: float) -> Optional[float]:
+        """When it is expected to end; None: there is no plan, or its actions have no durations.
+
+        :param now: s of ROS time; what still runs ends then at the earliest, and what follows it later.
+        """
         plan = self._plan
-        return plan.origin + plan.length if plan.length else None
+        late = max((now - plan.origin - plan.steps[number][1] for number in plan.running), default=0.0)
+        return max(now, plan.origin + plan.length + max(0.0, late)) if plan.length else None

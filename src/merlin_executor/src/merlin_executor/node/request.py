@@ -79,7 +79,7 @@ class Request(Job):
     @property
     def expected_end(self) -> Optional[float]:
         """When its plan is expected to end, s of ROS time; None: not known."""
-        return self._times.end
+        return self._times.end(rospy.get_time())
 
     @property
     def outlook(self) -> Outlook:
@@ -231,10 +231,11 @@ class Request(Job):
 
 def ends_by(plan: str, deadline: float) -> bool:
     """Whether a plan that begins now, as text, ends by then, s of ROS time, or has no times."""
-    times = PlanTimes()
+    times, now = PlanTimes(), rospy.get_time()
     with contextlib.suppress(PlanTextError):  # the parser tells of it
-        times.begin(((0, step.time, step.duration) for step in parse_plan(plan)), rospy.get_time())
-    return times.end is None or times.end <= deadline
+        times.begin(((0, step.time, step.duration) for step in parse_plan(plan)), now)
+    end = times.end(now)
+    return end is None or end <= deadline
 
 
 def goals_of(requests: Iterable[Request]) -> List[KnowledgeItem]:
