@@ -1,4 +1,3 @@
-#!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
 """Another plan takes the place of the rest of one that runs, and the robot drives on."""
 
@@ -17,7 +16,6 @@ from move_base_msgs.msg import MoveBaseActionGoal
 from rosplan_dispatch_msgs.msg import ActionDispatch
 from std_msgs.msg import String
 
-import rostest
 from merlin_executor.executor_client import MerlinExecutorClient, outcome_name
 from merlin_planning.dispatch_client import DispatchClient
 from merlin_planning.planning_client import Planned, PlanningClient
@@ -288,8 +286,3 @@ class Exchange(unittest.TestCase):
         self.assertOutcome(first, "SUCCEEDED")
         self.assertOutcome(second, "SUCCEEDED")
         self.assertEqual(self.cancels.messages, [])
-
-
-if __name__ == "__main__":
-    rospy.init_node("exchange_test")
-    rostest.rosrun("merlin_test", "exchange", Exchange)

@@ -1,4 +1,3 @@
-#!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
 """The Executor over real nodes: goals in, robot moved, knowledge true, whatever happens in between."""
 
@@ -20,7 +19,6 @@ from merlin_msgs.msg import DispatchStatus, ExecuteActionResult, ExecutorStatus,
 from move_base_msgs.msg import MoveBaseActionGoal
 from std_srvs.srv import SetBool, Trigger
 
-import rostest
 from merlin_executor.executor_client import DROP, MerlinExecutorClient, outcome_name
 from merlin_executor.goal_check import GoalError
 from merlin_executor.mission.goal_state import ACHIEVED
@@ -489,8 +487,3 @@ class Executor(unittest.TestCase):
             self.assertOutcome(request.result, "REFUSED")
             self.assertIn(why, request.result.reason)
         self.assertOutcome(self.client.execute("(checked kitchen)", LONG), "SUCCEEDED")
-
-
-if __name__ == "__main__":
-    rospy.init_node("executor_test")
-    rostest.rosrun("merlin_test", "executor", Executor)

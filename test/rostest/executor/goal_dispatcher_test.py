@@ -1,4 +1,3 @@
-#!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
 """Missions as a plain node and as a state machine, over the Executor."""
 
@@ -13,7 +12,6 @@ from smach_msgs.msg import SmachContainerStructure
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-import rostest
 import smach
 from merlin_executor.executor_client import MerlinExecutorClient
 from merlin_executor.mission.goal_dispatcher import GoalDispatcher, MissionFailed, MissionSM
@@ -308,8 +306,3 @@ class GoalDispatchers(unittest.TestCase):
         thread.join(LONG)
         self.assertEqual(outcomes, ["preempted"])
         self.wait(lambda: not self.running)
-
-
-if __name__ == "__main__":
-    rospy.init_node("goal_dispatcher_test")
-    rostest.rosrun("merlin_test", "goal_dispatcher", GoalDispatchers)

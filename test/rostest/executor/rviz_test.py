@@ -1,4 +1,3 @@
-#!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
 """What rviz shows and sends: markers, and clicked places that become goals at the Executor."""
 
@@ -14,7 +13,6 @@ from rosgraph_msgs.msg import Log
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
-import rostest
 from merlin_executor.core.outcome import outcome_name
 from merlin_executor.executor_client import MerlinExecutorClient
 from merlin_ros.service_proxy import ServiceProxy
@@ -130,8 +128,3 @@ class Rviz(unittest.TestCase):
         self.click(1.0, 2.0, frame="odom")
         self.log.wait(lambda line: "frame 'odom'" in line.msg)
         self.assertEqual(len(self.goals.of_rviz()), before)
-
-
-if __name__ == "__main__":
-    rospy.init_node("rviz_test")
-    rostest.rosrun("merlin_test", "rviz", Rviz)

@@ -35,6 +35,10 @@ class GuardCase(unittest.TestCase):
         cls.witness.wait(lambda: cls.witness.status is not None and cls.connected())
 
     @classmethod
+    def tearDownClass(cls):
+        cls.witness.close()
+
+    @classmethod
     def connected(cls):
         links = [publisher.get_num_connections() for publisher in cls.publishers()]
         return all(links) and cls.cancel.get_num_connections() > 1

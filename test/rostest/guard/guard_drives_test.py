@@ -1,4 +1,3 @@
-#!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
 """Drives that go wrong though nothing forbids them, and velocities that no base may get."""
 
@@ -12,7 +11,6 @@ from guard_fixture import LONG
 from move_base_msgs.msg import MoveBaseAction
 from nav_msgs.msg import Odometry
 
-import rostest
 from merlin_sm.states.merlin_state import ABORTED
 from merlin_sm.states.navigation import NavigationState
 
@@ -93,8 +91,3 @@ class GuardDrives(GuardCase):
 
         self.witness.wait(stuck)  # which is asked at each velocity
         self.witness.state(PASSING)
-
-
-if __name__ == "__main__":
-    rospy.init_node("guard_drives_test")
-    rostest.rosrun("merlin_test", "guard_drives", GuardDrives)

@@ -1,4 +1,3 @@
-#!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
 """Guards that are started wrongly say so."""
 
@@ -8,7 +7,6 @@ import unittest
 import rospy
 from guard_fixture import refused_guard
 
-import rostest
 from merlin_test.node_path import node_path
 
 
@@ -50,8 +48,3 @@ class GuardStart(unittest.TestCase):
         while not any("no motion server /dock after 1 s" in line and "/move_base" in line for line in said):
             said.append(process.stdout.readline())
             self.assertTrue(said[-1], said)
-
-
-if __name__ == "__main__":
-    rospy.init_node("guard_start_test")
-    rostest.rosrun("merlin_test", "guard_start", GuardStart)

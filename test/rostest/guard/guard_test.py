@@ -1,4 +1,3 @@
-#!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
 """The guard's node: what reaches the base while goals, their owners and the guard itself come and go."""
 
@@ -18,7 +17,6 @@ from sensor_msgs.msg import Joy
 from std_msgs.msg import Empty
 from std_srvs.srv import Empty as EmptyService
 
-import rostest
 from merlin_sm import guard_watch
 from merlin_sm.states.merlin_state import ABORTED
 from merlin_sm.states.navigation import NavigationState
@@ -277,8 +275,3 @@ class Guard(GuardCase):
         self.addCleanup(direct.unregister)
         text = f"{rospy.get_name()} publishes on /cmd_vel, past the guard"
         self.witness.wait(lambda: any(text in line for line in self.witness.log))
-
-
-if __name__ == "__main__":
-    rospy.init_node("guard_test")
-    rostest.rosrun("merlin_test", "guard", Guard)

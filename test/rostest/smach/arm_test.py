@@ -1,4 +1,3 @@
-#!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
 """The ready states of an arm over action servers of several kinds: how they end, and what is said then."""
 
@@ -16,7 +15,6 @@ from actionlib_msgs.msg import GoalStatusArray
 from merlin_msgs.msg import ManipulateAction
 from std_srvs.srv import SetBool, SetBoolResponse
 
-import rostest
 from merlin_sm.merlin_sm import MerlinSM
 from merlin_sm.state_factory import MerlinStateFactory
 from merlin_test.knowledge_fixture import LONG, Received
@@ -151,8 +149,3 @@ class Arm(unittest.TestCase):
         sm = machine("place", "mug", "desk", action="/dora/place")
         self.assertEqual(sm.execute(), "aborted")
         self.assertEqual(sm.reason, "/dora/place aborted: no vacuum")
-
-
-if __name__ == "__main__":
-    rospy.init_node("arm_test")
-    rostest.rosrun("merlin_test", "arm", Arm)

@@ -1,4 +1,3 @@
-#!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
 """State machines of MERLIN: what the robot knows, what the ready states do, and how they stop."""
 
@@ -11,7 +10,6 @@ from sound_play.msg import SoundRequestActionGoal
 from std_msgs.msg import String
 from std_srvs.srv import Trigger, TriggerResponse
 
-import rostest
 import smach
 from merlin_planning.knowledge_client import KnowledgeError
 from merlin_planning.knowledge_text import PDDLSyntaxError
@@ -208,8 +206,3 @@ class States(unittest.TestCase):
 
 class MerlinSMSuite(Knowledge, States):
     pass
-
-
-if __name__ == "__main__":
-    rospy.init_node("merlin_sm_test")
-    rostest.rosrun("merlin_test", "merlin_sm", MerlinSMSuite)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The launch-prefix that starts a crashed node again, and ends with one that could not begin."""
+"""Launch-prefixes: of nodes that are started again or cannot begin, and of those that wake up too often."""
 
 import contextlib
 import os
@@ -14,7 +14,10 @@ import pytest
 
 pytestmark = pytest.mark.processes
 
-RESPAWN = Path(__file__).parents[3] / "src" / "merlin" / "scripts" / "respawn"
+SCRIPTS = Path(__file__).parents[3] / "src" / "merlin" / "scripts"
+RESPAWN = SCRIPTS / "respawn"
+COARSE_TIMERS = SCRIPTS / "coarse_timers"
+SLACK = Path("/proc/self/timerslack_ns")
 LONG = 120.0
 
 # Adds its pid to a file, then does what its life's word says; the last word holds for all further lives. A
@@ -270,3 +273,15 @@ def test_the_c_library_keeps_no_memory_for_each_thread_unless_it_is_told_to(give
     command = [str(RESPAWN), "sh", "-c", 'echo "$GLIBC_TUNABLES $RESPAWN_TUNED"; exit 2']
     told = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=LONG).stdout
     assert told == f"{seen}\n"
+
+
+@pytest.mark.skipif(not SLACK.exists(), reason=f"this kernel has no {SLACK}")
+def test_coarse_timers_wake_a_program_up_to_20_ms_late() -> None:
+    done = subprocess.run([COARSE_TIMERS, "cat", SLACK], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "20000000\n", "")
+
+
+def test_coarse_timers_pass_on_words_and_exit_code() -> None:
+    words = ["sh", "-c", 'printf "%s|" "$@"; exit 7', "sh", "a b", "__name:=node", ""]
+    done = subprocess.run([COARSE_TIMERS, *words], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (7, "a b|__name:=node||", "")

@@ -67,17 +67,28 @@ class Roles:
         return (Right(READ, keys.root), *(Right(READ_WRITE, key) for key in own))
 
     def _role(self, name: str, role: str, rights: Iterable[Right]) -> None:
-        self._ask("RoleAdd", "role name already exists", name=role)
+        """Gives a user these rights where it lacks them: each change has etcd compute those of all users."""
+        known = self._ask("RoleGet", "role name not found", role=role)
+        if known is None:
+            self._ask("RoleAdd", "role name already exists", name=role)
+        has = [(each.permType, each.key, each.range_end) for each in known.perm] if known else []
         for right in rights:
-            end = behind(right.key.encode()) if right.key.endswith("/") else b""
-            permission = message("Permission", permType=right.what, key=right.key.encode(), range_end=end)
-            self._ask("RoleGrantPermission", name=role, perm=permission)
-        self._ask("UserAdd", "user name already exists", name=name, password=secrets.token_hex(32))
-        self._ask("UserGrantRole", user=name, role=role)
+            key = right.key.encode()
+            end = behind(key) if right.key.endswith("/") else b""
+            if (right.what, key, end) not in has:
+                permission = message("Permission", permType=right.what, key=key, range_end=end)
+                self._ask("RoleGrantPermission", name=role, perm=permission)
+        one = self._ask("UserGet", "user name not found", name=name)
+        if one is None:
+            self._ask("UserAdd", "user name already exists", name=name, password=secrets.token_hex(32))
+        if one is None or role not in one.roles:
+            self._ask("UserGrantRole", user=name, role=role)
 
-    def _ask(self, method: str, allowed: str = "", /, **fields: Any) -> None:
+    def _ask(self, method: str, allowed: str = "", /, **fields: Any) -> Any:
+        """The answer; None: it is the error that is allowed."""
         try:
-            self._hub.ask(f"Auth/{method}", message(f"Auth{method}Request", **fields))
+            return self._hub.ask(f"Auth/{method}", message(f"Auth{method}Request", **fields))
         except HubError as error:
             if not allowed or allowed not in str(error):
                 raise
+            return None

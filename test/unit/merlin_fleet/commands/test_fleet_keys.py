@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Certificates and roles over a real etcd: what a robot can write, how wrong certificates are refused."""
 
+import os
 import queue
 import re
 import shlex
@@ -128,6 +129,25 @@ def test_any_certificate_renews_the_lease_of_a_robot_and_keeps_it_from_ending_it
     bob.transact(Txn(deletes=(key,)))
 
 
+def test_rights_that_the_hub_has_lost_come_back_with_the_next_allow(lab: Lab, hubs: Any) -> None:
+    tls = lab.folder.tls("root")
+    etcdctl = ["etcdctl", "--endpoints", lab.etcd.endpoint, "--cacert", tls.ca]
+    etcdctl += ["--cert", tls.certificate, "--key", tls.key]
+    claims = KEYS.key(records.CLAIMS, "ann", "")
+    for words in (
+        ["role", "revoke-permission", "--prefix", "merlin.lab.robot.ann", claims],
+        ["user", "revoke-role", "robot.bob", "merlin.lab.robot.bob"],
+    ):
+        command = [*etcdctl, *words]
+        subprocess.run(command, env={**os.environ, "ETCDCTL_API": "3"}, check=True, capture_output=True)
+    for robot in ("ann", "bob"):
+        with pytest.raises(HubRefuses):
+            hubs(f"robot.{robot}").transact(Txn(puts=(Put(every_key(robot)[0], "x"),)))
+    lab.allow("lab")
+    for robot in ("ann", "bob"):
+        assert hubs(f"robot.{robot}").transact(Txn(puts=(Put(every_key(robot)[0], "x"),))).done
+
+
 def test_a_client_writes_goals_and_cancels_only(hubs: Any) -> None:
     desk = hubs("client.desk")
     for kind in ("goals", "cancels"):
@@ -194,12 +214,12 @@ def test_a_hub_with_certificates_tells_its_time(lab: Lab) -> None:
 
 
 def test_a_robot_with_the_certificate_of_another_one_says_so_once(lab: Lab, tmp_path: Path) -> None:
-    lab.allow("mixed")
+    lab.allow("real")
     outbox = SqliteOutbox(f"{tmp_path}/outbox")
     outbox.add(Report("g1", "ann", 5, "SUCCEEDED", "", 1.0), True)
-    robot, said = robot_of(lab, "ann", "mixed", "robot.bob", outbox)
+    robot, said = robot_of(lab, "ann", "real", "robot.bob", outbox)
     try:
-        assert "is it that of the robot 'ann', made for the fleet 'mixed'?" in said.get(timeout=LIMIT)
+        assert "is it that of the robot 'ann', made for the fleet 'real'?" in said.get(timeout=LIMIT)
     finally:
         robot.close()
     assert [report.goal for report, _ in outbox.reports()] == ["g1"]

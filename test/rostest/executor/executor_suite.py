@@ -1,0 +1,24 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""The cases of executor.test, over one start of its nodes."""
+
+import unittest
+
+import rospy
+from exchange_test import Exchange
+from executor_test import Executor
+from goal_dispatcher_test import GoalDispatchers
+from rviz_test import Rviz
+
+import rostest
+
+CASES = (Exchange, Executor, GoalDispatchers, Rviz)
+
+
+def suite():
+    return unittest.TestSuite(map(unittest.defaultTestLoader.loadTestsFromTestCase, CASES))
+
+
+if __name__ == "__main__":
+    rospy.init_node("executor_test")
+    rostest.rosrun("merlin_test", "executor", "__main__.suite")

@@ -1,0 +1,22 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""The cases of merlin_sm.test, over one start of its nodes."""
+
+import unittest
+
+import rospy
+from arm_test import Arm
+from merlin_sm_test import MerlinSMSuite
+
+import rostest
+
+CASES = (Arm, MerlinSMSuite)
+
+
+def suite():
+    return unittest.TestSuite(map(unittest.defaultTestLoader.loadTestsFromTestCase, CASES))
+
+
+if __name__ == "__main__":
+    rospy.init_node("merlin_sm_test")
+    rostest.rosrun("merlin_test", "merlin_sm", "__main__.suite")
