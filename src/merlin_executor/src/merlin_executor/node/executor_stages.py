@@ -190,7 +190,7 @@ class Dispatch(DispatchPlanState):
             return self.fail_stage(_of_knowledge_base(error))
         missing = [to_pddl(item) for item, holds in zip(items, answers) if not holds]
         if not missing:
-            self.reason = ""  # the dispatcher's tells of the goals of a newcomer
+            self.reason = ""  # that of the dispatcher names goals of a newcomer
             return SUCCEEDED
         if unmet:
             self.reason = self.reason.replace(", ".join(course.unmet), ", ".join(missing))
