@@ -75,4 +75,3 @@ def test_a_call_that_is_ended_ends_its_work_and_the_next_one_is_answered(master:
     client.expect("ended")
     server.expect("given up")
     client.expect("ANSWER done")
-    server.expect("wanted")
