@@ -153,8 +153,8 @@ class PlanTimes:
         timed = any(duration > SHORTEST for _, _, duration in listed)
         end = max((start + duration for _, start, duration in listed), default=0.0)
         length = (end if reached is None else max(reached, SHORTEST)) if timed else 0.0
-        steps = {number: (start, start + duration) for number, start, duration in listed}
-        self._plan = _Timed(steps, length, now)
+        spans = {number: (start, start + duration) for number, start, duration in listed}
+        self._plan = _Timed(spans, length, now)
 
     def dispatched(self, actions: Iterable[Tuple[int, float]]) -> None:
         """Takes the actions under way: of each its id, and when it was dispatched."""
