@@ -30,6 +30,24 @@ def test_one_with_a_deadline_is_joined_and_stays_in_time(bench: Bench, robot: Ro
     assert [end(each)[1] for each in (first, second, third)] == ["SUCCEEDED"] * 3
 
 
+def test_what_a_new_plan_begins_with_and_has_begun_before_counts_for_its_end(
+    bench: Bench, robot: Robot
+) -> None:
+    def go_on() -> None:
+        robot.on_planned = lambda: None
+        assert robot.end_action()  # the drive, sooner than planned; the check begins
+
+    first = bench.driving("(checked kitchen)")
+    robot.on_planned = go_on
+    second = bench.send("(checked bath)")
+    bench.members(first, second)
+    assert second.runs(robot.running) is False
+    assert robot.asked == 2 and second.expected_end == 16.0, "three actions from now"
+    bench.carry_on(first, second)
+    assert robot.began == ["(drive hall kitchen)", "(check kitchen)", "(drive kitchen bath)", "(check bath)"]
+    assert robot.cancelled == []
+
+
 @pytest.mark.parametrize("answer", [Planned.LATE, Planned.TIMEOUT])
 def test_one_that_would_make_another_one_late_waits_and_says_why(
     bench: Bench, robot: Robot, answer: Planned

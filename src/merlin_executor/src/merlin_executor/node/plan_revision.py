@@ -236,6 +236,10 @@ class PlanRevision(PlanningState):
         plan = self._planning.parse_plan()
         if self._requests.revision() != wanted:
             raise StageError("other requests are wanted meanwhile")
+        begun = self._dispatcher.running
+        new = {_text(each).lower(): each.action_id for each in begun if each.action_id not in known}
+        for step in plan:  # the dispatcher has these go on as its first steps
+            step.action_id = new.pop(action_text(step.name, step.parameters).lower(), step.action_id)
         refused = self._dispatcher.exchange(plan, kept, known)
         if refused:
             raise StageError(refused)
