@@ -79,21 +79,29 @@ class Robot:
         self.on_change: Callable[[], None] = lambda: None
 
     def call(self, name: str) -> None:
-        if name != self.hanging:
+        over = self.hang(name)
+        if over is None:
             return
-        over = threading.Event()
-        self.calls.append(over)
         with current_scope().calling(over.set):
             self.hangs.set()
             assert over.wait(LONG), "it was waited for"
             if self.hanging:
                 raise ServiceUnavailable(f"{name} does not answer")
 
+    def hang(self, name: str) -> Optional[threading.Event]:
+        """What a call that hangs waits for; None: it does not hang."""
+        with self.changed:
+            if name != self.hanging:
+                return None
+            self.calls.append(threading.Event())
+            return self.calls[-1]
+
     def answer(self) -> None:
         """What hung answers again."""
-        self.hanging = ""
-        for call in self.calls:
-            call.set()
+        with self.changed:
+            self.hanging = ""
+            for call in self.calls:
+                call.set()
 
     # --- knowledge base
 
@@ -144,12 +152,14 @@ class Robot:
     ) -> PlanningResult:
         self.asked += 1
         self.after, self.deadlines = list(after or ()), list(deadlines)
-        if self.hanging == "plan":
+        over = self.hang("plan")
+        if over is not None:
             interrupted = threading.Event()
-            interruptible(interrupted.set)
+            interruptible(lambda: (interrupted.set(), over.set()))
             self.hangs.set()
-            assert interrupted.wait(LONG), "it was waited for"
-            return PlanningResult(Planned.CANCELLED)
+            assert over.wait(LONG), "it was waited for"
+            if interrupted.is_set():
+                return PlanningResult(Planned.CANCELLED)
         if self.impossible in self.stored:
             return PlanningResult(Planned.UNSOLVABLE, "the problem has no plan")
         driven = [each.strip("()").split()[-1] for each in after or () if each.startswith("(drive")]
