@@ -8,6 +8,7 @@ MISSION ?= 1
 APPROACH ?= merlin
 CYCLES ?= 10000
 ROBOT_CYCLES ?= 1100
+JOINED_CYCLES ?= 1000
 CANCEL_AFTER ?= 10
 RECORD ?= false
 GUESTS ?= 6
@@ -40,7 +41,7 @@ help:
 	@echo "make chaos-table   its table into docs/reliability-measurements.md (RESULTS='folder folder …')"
 	@echo "make mutants  which small changes of the cores no unit test notices (MODULES='pattern …' SAMPLE= SEED= MINUTES=)"
 	@echo "make pins   which pinned packages of profile robot can be had for which Python and processor (PROFILE= DOCS=1)"
-	@echo "make soak   10 000 cancels and interruptions, 1 000 with robots that come and go, the long tests, unit tests with other random examples, mutants, an hour of faults, 3 000 goals (CYCLES= ROBOT_CYCLES= MINUTES=)"
+	@echo "make soak   10 000 cancels and interruptions, 1 000 with robots that come and go, 1 000 with requests that join, the long tests, unit tests with other random examples, mutants, an hour of faults, 3 000 goals (CYCLES= ROBOT_CYCLES= JOINED_CYCLES= MINUTES=)"
 	@echo "make lint   ruff, mypy, vermin, the map of imports, tests that assert nothing, catkin_lint, roslaunch-check"
 	@echo "make docs   the documents and an API reference as a site in results/docs/html, links checked"
 	@echo "make screenshots  the monitor's pictures in docs/images, over a running mission"
@@ -138,6 +139,7 @@ pins: build
 soak: build
 	@CYCLES=$(CYCLES) LIMIT=20000 $(IN) python bench/run.py cancel_stress
 	@CYCLES=$(ROBOT_CYCLES) SEED=$(SEED) LIMIT=20000 $(IN) python bench/run.py robots_stress
+	@CYCLES=$(JOINED_CYCLES) SEED=$(SEED) LIMIT=20000 $(IN) python bench/run.py joined_stress
 	@$(IN) python -m pytest -m long test
 	@HYPOTHESIS_PROFILE=search $(IN) python -m pytest test/unit
 	@$(IN) python tools/pins.py

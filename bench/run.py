@@ -38,6 +38,7 @@ LONG = {
     "errands": 600.0,
     "errands_cancelled": 1800.0,
     "fleet": 3600.0,
+    "joined_stress": 3600.0,
     "mission_together": 1800.0,
     "profile": 1200.0,
     "restaurant_lost": 3600.0,

@@ -125,7 +125,11 @@ class CancelStress:
     def _pause(self) -> None:
         """Half of the cancels come while the Executor plans, half while the robot moves."""
         short = self._random.random() < 0.5
-        duration = self._random.uniform(0.0, 0.1 if short else self._longest)
+        self._let_pass(self._random.uniform(0.0, 0.1 if short else self._longest))
+
+    @staticmethod
+    def _let_pass(duration: float) -> None:
+        """s of ROS time."""
         if duration > 0.002:
             over = threading.Event()
             timer = rospy.Timer(rospy.Duration(duration), lambda _: over.set(), oneshot=True)

@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What stress tests draw and measure in each cycle, and how they fail. Without ROS."""
+"""What stress tests draw and measure in each cycle, and how they fail. Without a ROS node."""
 
 import random
-from typing import Dict, List, NamedTuple, Optional, Sequence
+from typing import Any, Dict, List, NamedTuple, Optional, Sequence, Tuple
+
+from merlin_msgs.msg import ExecuteGoal
 
 
 class CycleTimes(NamedTuple):
@@ -35,6 +37,81 @@ class Cycle(NamedTuple):
     how: str
     """``kill``, ``stop`` (its host hangs) or ``out`` (its operator takes it out)."""
     cancel: bool
+
+
+class Deed(NamedTuple):
+    """What is done to one of several requests."""
+
+    do: str
+    """``send``, ``cancel``, or ``fact``: its goal is made true."""
+    request: int
+    pause: float
+    """s of wall time before that."""
+
+
+class JointCycle(NamedTuple):
+    """Several requests that may run together; the same for the same seed."""
+
+    requests: Sequence[Dict[str, Any]]
+    """Of each its ``goals``, and how it is sent: parameters of :meth:`.MerlinExecutorClient.send`."""
+    deeds: Sequence[Deed]
+
+
+#: Parameter → its value, and how many of the requests have it.
+_SOME_HAVE: Dict[str, Tuple[Any, float]] = {
+    "priority": (1, 0.15),
+    "on_interrupt": (ExecuteGoal.NEVER, 0.15),
+    "alone": (True, 0.1),
+    "survives": (True, 0.15),
+}
+
+
+def draw_joint(chance: random.Random, goals: Sequence[str], longest: float) -> JointCycle:
+    """The next cycle with several requests.
+
+    :param longest: s between two deeds at the most.
+    """
+    drawn: List[Dict[str, Any]] = []
+    deeds: List[Deed] = []
+
+    def deed(do: str, request: int) -> None:
+        deeds.append(Deed(do, request, chance.uniform(0.0, chance.choice((0.02, longest)))))
+
+    for number in range(chance.randint(2, 8)):
+        options: Dict[str, Any] = {"goals": chance.choice(list(goals))}
+        if chance.random() < 0.4:
+            options["deadline"] = chance.uniform(2.0, 300.0)
+        if chance.random() < 0.1:
+            options["not_before"] = chance.uniform(0.1, 1.0)
+        options.update(
+            {option: value for option, (value, share) in _SOME_HAVE.items() if chance.random() < share}
+        )
+        drawn.append(options)
+        deed("send", number)
+        if chance.random() < 0.35:
+            deed("cancel", chance.randint(0, number))
+        if chance.random() < 0.2:
+            deed("fact", chance.randint(0, number))
+    if chance.random() < 0.5:
+        for number in chance.sample(range(len(drawn)), len(drawn)):
+            deed("cancel", number)
+    return JointCycle(drawn, deeds)
+
+
+def untrue(
+    outcome: str, reason: str, options: Dict[str, Any], cancelled: bool, facts: Sequence[str]
+) -> Optional[str]:
+    """What is wrong with the end of a request, as a sentence; None: nothing is.
+
+    :param options: how it was sent.
+    :param cancelled: whether its client has cancelled it.
+    :param facts: that hold since it has ended.
+    """
+    if outcome in ("SUCCEEDED", "ALREADY_TRUE"):
+        return None if options["goals"] in facts else f"{outcome}, and {options['goals']} does not hold"
+    may_be = {"ACTION_FAILED": True, "CANCELLED": cancelled}
+    may_be.update(dict.fromkeys(("LATE", "REFUSED"), "deadline" in options))
+    return None if may_be.get(outcome) else f"{options} ended as {outcome}: {reason}"
 
 
 def draw(chance: random.Random, robots: Sequence[str], places: Sequence[str], longest: float) -> Cycle:

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the stress of several robots draws, and how it reads the knowledge."""
+"""What the stress of several robots and of several requests draws, and how it judges."""
 
 import random
-from typing import List
+from typing import Dict, List
 
 import pytest
-from stress.stress_cycles import Cycle, arguments_of, draw, places_of, twice
+from stress.stress_cycles import Cycle, arguments_of, draw, draw_joint, places_of, twice, untrue
 
 ROBOTS = ["ann", "bob"]
 PLACES = ["kitchen", "hall", "yard", "attic"]
@@ -52,3 +52,41 @@ def test_facts_are_read() -> None:
 )
 def test_names_that_occur_twice(names: List[str], doubled: List[str]) -> None:
     assert twice(names) == doubled
+
+
+def test_each_of_several_requests_is_sent_before_something_is_done_to_it() -> None:
+    chance = random.Random(1)
+    drawn = [draw_joint(chance, PLACES, 2.0) for _ in range(300)]
+    again = random.Random(1)
+    assert drawn == [draw_joint(again, PLACES, 2.0) for _ in range(300)]
+    for cycle in drawn:
+        sent = [deed.request for deed in cycle.deeds if deed.do == "send"]
+        assert sent == list(range(len(cycle.requests))) and len(sent) > 1
+        for number, deed in enumerate(cycle.deeds):
+            assert 0.0 <= deed.pause <= 2.0
+            before = [each.request for each in cycle.deeds[: number + 1] if each.do == "send"]
+            assert deed.request in before
+    assert {deed.do for cycle in drawn for deed in cycle.deeds} == {"send", "cancel", "fact"}
+    options = {option for cycle in drawn for request in cycle.requests for option in request}
+    assert options == {"goals", "deadline", "not_before", "priority", "on_interrupt", "alone", "survives"}
+
+
+@pytest.mark.parametrize(
+    ("outcome", "options", "cancelled", "facts", "wrong"),
+    [
+        ("SUCCEEDED", {}, False, ["(checked p1)"], False),
+        ("ALREADY_TRUE", {}, True, ["(checked p2)"], True),
+        ("CANCELLED", {}, True, [], False),
+        ("CANCELLED", {}, False, [], True),
+        ("LATE", {"deadline": 5.0}, False, [], False),
+        ("LATE", {}, False, [], True),
+        ("ACTION_FAILED", {}, False, [], False),
+        ("INTERNAL", {}, False, [], True),
+        ("CANCEL_TIMEOUT", {}, True, [], True),
+    ],
+)
+def test_an_end_that_is_not_true_is_seen(
+    outcome: str, options: Dict[str, float], cancelled: bool, facts: List[str], wrong: bool
+) -> None:
+    said = untrue(outcome, "why", {"goals": "(checked p1)", **options}, cancelled, facts)
+    assert bool(said) == wrong

@@ -1,0 +1,73 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Sends several requests that may run together, with times, and cancels them and changes facts meanwhile."""
+
+import random
+from typing import Counter, Dict, List, Sequence, Set
+
+import rospy
+from merlin_msgs.msg import ExecutorStatus, GoalQueue
+
+from merlin_executor.executor_client import ExecutorRequest, outcome_name
+from stress.cancel_stress import CancelStress
+from stress.stress_cycles import CycleTimes, Violation, draw_joint, untrue
+
+
+class JoinedStress(CancelStress):
+    """One robot under stress by several requests. Needs an initialised node.
+
+    Each has to end, for a reason of its own, and with what is true; then the robot is as after one request.
+    """
+
+    def __init__(self, goals: Sequence[str], seed: int = 0, longest: float = 0.4) -> None:
+        self._waiting = 0
+        self._together: Set[str] = set()  # ids of all that have run with others
+        self.outcomes: Counter[str] = Counter()
+        super().__init__(goals, seed, longest=longest)
+        self._chance = random.Random(f"joined {seed}")
+        rospy.Subscriber("merlin/queue", GoalQueue, self._receive_queue, tcp_nodelay=True)
+
+    @property
+    def together(self) -> int:
+        """How many requests have run with others."""
+        with self._changed:
+            return len(self._together)
+
+    def _cycle(self) -> CycleTimes:
+        self._knowledge.remove_facts(self._goals)
+        drawn = draw_joint(self._chance, self._goals, self._longest)
+        sent: List[ExecutorRequest] = []
+        cancelled: Set[int] = set()
+        for deed in drawn.deeds:
+            self._let_pass(deed.pause)
+            if deed.do == "send":
+                sent.append(self._client.send(**drawn.requests[deed.request]))
+            elif deed.do == "cancel":
+                cancelled.add(deed.request)
+                sent[deed.request].cancel()
+            else:
+                self._knowledge.add_facts(drawn.requests[deed.request]["goals"])
+        for request in sent:
+            self._wait_for_end(request)
+        self._wait("an idle executor and an empty queue", lambda: self._idle() and not self._waiting)
+        facts = self._knowledge.facts("checked")
+        for number, request in enumerate(sent):
+            if request.result is None:
+                raise Violation(f"{request.id} has ended without a result")
+            outcome = outcome_name(request.result.outcome)
+            self.outcomes[outcome] += 1
+            options: Dict[str, object] = dict(drawn.requests[number])
+            wrong = untrue(outcome, request.result.reason, options, number in cancelled, facts)
+            if wrong:
+                raise Violation(wrong)
+        return CycleTimes(None, None, None, None, "")
+
+    def _receive_status(self, status: ExecutorStatus) -> None:
+        super()._receive_status(status)
+        with self._changed:
+            if status.together:
+                self._together |= {status.request, *(each.request for each in status.together)}
+
+    def _receive_queue(self, queue: GoalQueue) -> None:
+        with self._changed:
+            self._waiting = len(queue.requests)
+            self._changed.notify_all()
