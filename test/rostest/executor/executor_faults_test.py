@@ -13,11 +13,12 @@ import tempfile
 import threading
 import unittest
 from contextlib import contextmanager
+from pathlib import Path
 
 import rospy
 from actionlib_msgs.msg import GoalStatusArray
 from executor_faults_fixture import Changes, Guard, Watch, client_process, kill, pid_of, start
-from merlin_msgs.msg import DispatchStatus, ExecutorStatus, GoalQueue, PlannerStatus
+from merlin_msgs.msg import DispatchStatus, ExecuteActionGoal, ExecutorStatus, GoalQueue, PlannerStatus
 from rosplan_dispatch_msgs.srv import DispatchService
 from std_srvs.srv import Empty
 
@@ -159,6 +160,45 @@ class Faults(unittest.TestCase):
         self.assertTrue(follower.wait(LONG))
         self.assertTrue(self.knowledge.holds("(checked main_door)"), follower.result)
         self.assertNextGoalWorks()
+
+    def test_an_errand_of_a_day_survives_its_mission_and_the_executor(self):
+        folder = tempfile.mkdtemp()
+        self.addCleanup(shutil.rmtree, folder)
+        day = Path(folder, "day.yaml")
+        day.write_text("- every: 1s\n  goals: (checked kitchen)\n  survives: true\n")
+        self.restart_executor(f"_goals_file:={folder}/goals")
+        goals = Watch("merlin/execute/goal", ExecuteActionGoal)
+        self.drives.hold()
+        with self.day(day) as mission:
+            self.drives.wait_driving()
+            errand = self.status.wait(lambda status: status.running).request
+            kill(mission)
+        kill(self.executor)
+        self.drives.wait_stopped()
+        self.wait_executor_gone()
+        self.drives.hold()
+        self.start_executor()
+        self.drives.wait_driving()
+        begun = rospy.Time.now()
+        with self.day(day):
+            found = goals.wait(lambda sent: sent.goal_id.id == errand, begun)
+            status = self.status.wait(lambda status: status.running)
+            self.assertEqual((status.request, status.together), (errand, []))
+            self.drives.end()
+            # Its next time: the mission knows that the one that it has found has ended.
+            goals.wait(lambda sent: sent.goal.not_before > found.goal.not_before)
+            self.assertTrue(self.knowledge.holds("(checked kitchen)"))
+
+    @staticmethod
+    @contextmanager
+    def day(file):
+        """A mission that sends the errands of a file."""
+        kind = "mission:=merlin_executor.mission:Day"
+        mission = start("merlin_executor", "mission", "__name:=day", kind, f"_file:={file}")
+        try:
+            yield mission
+        finally:
+            kill(mission)
 
     def test_the_goals_of_a_hung_executor_are_removed_before_it_goes_on(self):
         changes = Changes("(checked kitchen)")
