@@ -2,6 +2,7 @@
 """Trials: a fault at a moment of a request. Those of the known failures, and those drawn from a seed."""
 
 import fnmatch
+import functools
 import random
 from dataclasses import dataclass, field, replace
 from typing import Dict, Iterator, List, Optional, Sequence, Set, Tuple
@@ -191,6 +192,7 @@ def _known() -> Iterator[Trial]:
         yield Trial(planner, nothing, Moment.PLANNING, cancel, variant=variant, wait=PLANNER_TIME)
 
 
+@functools.lru_cache(maxsize=None)
 def known_failures() -> Dict[str, Trial]:
     """The failures that were found by hand, as trials, by name."""
     return {trial.name: trial for trial in _known()}
@@ -266,8 +268,9 @@ def draw(
                 cancel = cancel and trial.fault.kind not in NOT_CANCELLED
             number += 1
             stop = trial.fault.takes_what_nodes_need or (number % STOPS == 0 and not named)
-            able += can_join(trial)
-            joined = can_join(trial) and able % joins == 0
+            joins_one = can_join(trial)
+            able += joins_one
+            joined = joins_one and able % joins == 0
             yield replace(trial, cancel=cancel, seed=numbers.randrange(2**31), stop=stop, joined=joined)
 
 
