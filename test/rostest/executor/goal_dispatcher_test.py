@@ -264,7 +264,7 @@ class GoalDispatchers(unittest.TestCase):
             self.addCleanup(follower.unregister)
         node_holds.offer()
         console = rospy.Publisher(CONSOLES_TOPIC, String, queue_size=1)
-        follows = rospy.Timer(rospy.Duration(1.0), lambda _: console.publish("/goal_dispatcher_test"))
+        follows = rospy.Timer(rospy.Duration(1.0), lambda _: console.publish(rospy.get_name()))
         self.addCleanup(follows.shutdown)
         states = MachineNodes()
         self.addCleanup(states.set_autonomy, "full")
