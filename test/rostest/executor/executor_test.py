@@ -411,7 +411,7 @@ class Executor(unittest.TestCase):
         result = self.client.execute("(checked bathroom)", LONG, deadline=5.5)  # asking alone takes 5 s
         self.assertOutcome(result, "LATE")
         self.assertRegex(
-            result.reason, r"cannot be in time: \(checked bathroom\) needs [\d.]+ s, its deadline is in 5"
+            result.reason, r"cannot be in time: \(checked bathroom\) needs [\d.]+ s, its deadline is in [0-5]"
         )
         self.assertEqual(self.driven(begun), 0)
 
