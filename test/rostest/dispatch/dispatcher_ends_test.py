@@ -4,6 +4,7 @@
 
 import contextlib
 import os
+import queue
 import signal
 import tempfile
 import threading
@@ -65,9 +66,10 @@ class DispatcherEnds(unittest.TestCase):
 
         :param sent: what it gets instead.
         """
-        client = DispatchClient(dispatcher, cancel_deadline=deadline)
+        changes = queue.Queue()
+        client = DispatchClient(dispatcher, cancel_deadline=deadline, on_change=lambda: changes.put(None))
         self.assertTrue(client.wait_status(LONG))
-        interfaces = self.begin(dispatcher, **answers)
+        interfaces = self.begin(dispatcher, paint=[], **answers)
         wait_for_publishers(interfaces.subscriber, count=2)  # the dispatcher, and the client
         results = []
         thread = threading.Thread(target=lambda: results.append(client.dispatch(lambda interrupt: None)))
@@ -77,9 +79,9 @@ class DispatcherEnds(unittest.TestCase):
             thread.join(LONG)
             return results[0]
 
-        interfaces.wait(named("paint"))
-        with client._changed:
-            self.assertTrue(client._changed.wait_for(lambda: client._progress.unanswered, LONG))
+        interfaces.answer(interfaces.wait(named("paint")), 1, interruptible="no")
+        while not any(action.uninterruptible for action in client.running):  # it has seen the answer
+            changes.get(timeout=LONG)
         uri = rosnode.get_api_uri(rosgraph.Master(rospy.get_name()), dispatcher)
         _, _, pid = ServerProxy(uri).getPid("/test")
         os.kill(pid, sent)

@@ -1,9 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """Suspended goals of a process: which ones, and what is said about each change."""
 
-from typing import List
+import threading
+from typing import List, Optional
 
-from merlin_ros.actions.ownership import Ownership
+import pytest
+import rospy
+from actionlib_msgs.msg import GoalID
+from fakes.topics import Topics
+from merlin_msgs.msg import Lease, ListenAction, ListenActionGoal
+
+from merlin_ros.actions import lease_watch
+from merlin_ros.actions.action_server import ActionServer, ServerGoal
+from merlin_ros.actions.lease import LeaseState
+from merlin_ros.actions.ownership import Ownership, ownership
+from merlin_ros.alarms import Alarm
+
+LONG = 60.0
 
 
 def test_a_goal_is_suspended_from_the_silence_of_its_owner_to_its_return() -> None:
@@ -49,3 +62,32 @@ def test_a_listener_that_was_removed_hears_nothing() -> None:
     goals.ignore(listener)
     goals.suspend("drive 1")
     assert (first, second) == ([], [True])
+
+
+def test_an_owner_that_comes_back_while_its_goal_is_taken_is_not_taken_for_silent(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    topics, taker, back = Topics(monkeypatch), threading.current_thread(), threading.Event()
+    monkeypatch.setattr(rospy.Time, "now", lambda: rospy.Time(1))
+    monkeypatch.setattr(lease_watch, "every", lambda period, call: Alarm(call, period))  # no time passes
+
+    def lease(*suspended: str) -> None:
+        topics.send("/listen/lease", Lease(owner="/other", life="1", held=["goal"], suspended=suspended))
+
+    def on_owner(_: ServerGoal, state: LeaseState, __: str) -> Optional[bool]:
+        if threading.current_thread() is not taker:  # that of the watch, which is first with all that it says
+            if state is LeaseState.HELD:
+                back.set()
+            return False
+        if state is LeaseState.SUSPENDED:
+            lease()
+            assert back.wait(LONG)
+        return None
+
+    server = ActionServer("listen", ListenAction, lambda goal: None, lambda goal: None, on_owner)
+    server.start()
+    lease("goal")
+    topics.send("/listen/goal", ListenActionGoal(goal_id=GoalID(id="goal", stamp=rospy.Time(1))))
+    suspended = ownership.suspended("goal")
+    server.shutdown()
+    assert back.is_set() and not suspended

@@ -1,238 +1,320 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The owner of a dispatch changes while the dispatcher looks away; and what nothing foresaw is answered."""
+"""One dispatcher and several clients: whose turn it is, what ends it, and that each client is answered."""
 
+import contextlib
 import threading
+from queue import Queue
 from types import SimpleNamespace
-from typing import Any, Callable, Iterator, List, Tuple
+from typing import Any, Callable, Dict, Iterator, List
 
 import pytest
 import rospy
 from actionlib_msgs.msg import GoalID, GoalStatus
-from rosplan_dispatch_msgs.msg import NonBlockingDispatchAction
+from fakes.topics import Topics
+from merlin_msgs.msg import DispatchStatus, Lease
+from rosplan_dispatch_msgs.msg import CompletePlan, NonBlockingDispatchActionGoal
+from rosplan_dispatch_msgs.srv import DispatchServiceRequest, DispatchServiceResponse
+from std_srvs.srv import EmptyRequest
 
-from merlin_ros.actions.action_server import ActionServer, ServerGoal
-from merlin_ros.actions.lease import LeaseChange, LeaseState
-from merlin_ros.actions.lease_watch import LeaseWatch
+from merlin_ros.actions import lease_watch
+from merlin_ros.actions.lease import LEASED
 from merlin_ros.actions.ownership import ownership
+from merlin_ros.alarms import Alarm
+from merlin_ros.deadline import Deadline
 from merlin_rosplan.dispatch.dispatch import DispatchReport, DispatchState
+from merlin_rosplan.dispatch.dispatch_schedule import Schedule
 from merlin_rosplan.dispatcher import plan_dispatcher
-from merlin_rosplan.dispatcher.plan_dispatcher import PlanDispatcher
+from merlin_rosplan.dispatcher.dispatcher_kinds import SimplePlanDispatcher
+from merlin_rosplan.transport import component
+from merlin_rosplan.transport.handover import Handover
 
 LONG = 60.0
-HELD, SUSPENDED, LOST = LeaseState.HELD, LeaseState.SUSPENDED, LeaseState.LOST
-
-
-class Book:
-    """A book of leases that says what the test says."""
-
-    def __init__(self) -> None:
-        self.now = HELD
-        self.on_read: Callable[[], None] = lambda: None
-        self.goals: List[str] = []
-
-    def state(self, goal: str) -> LeaseState:
-        return self.now
-
-    def reason(self, goal: str) -> str:
-        read, self.on_read = self.on_read, lambda: None
-        reason = "" if self.now is HELD else "/client is silent"
-        read()
-        return reason
-
-    def goals_of(self, owner: str) -> List[str]:
-        return self.goals
-
-    def owner(self, goal: str) -> str:
-        return "/client"
-
-    def leases(self, client: str) -> bool:
-        return False
-
-    def arrive(self, goal: str, owner: str) -> None:
-        pass
-
-    def forget(self, goal: str) -> None:
-        pass
-
-    watching = False
-
-
-class Leases(LeaseWatch):
-    """A watch without a topic."""
-
-    def __init__(self, topic: str, on_change: Callable, **_: Any) -> None:
-        self._on_change, self._lock, self.book = on_change, threading.RLock(), Book()  # type: ignore[assignment]
-        self._looks = None
-        self._book = self.book  # type: ignore[assignment]
+NAME = "/dispatcher"
+ACTION = f"{NAME}/dispatch_plan_action"
+GOAL = f"goal{LEASED}"
 
 
 class Dispatch:
-    """One run of a plan; it ends when the test says so."""
+    """One run of a plan: at its end at once, or when it is cancelled."""
 
     plan_id = 1
 
-    def __init__(self, schedule: Any, topics: Any, *_: Any, **__: Any) -> None:
-        self._topics = topics
-        self.suspended = False
+    def __init__(self, lasts: bool) -> None:
+        self._lasts = lasts
+        self._report = DispatchReport(DispatchState.SUCCEEDED, "")
         self.reasons: List[str] = []
-        self.ended = threading.Event()
-
-    def run(self) -> DispatchReport:
-        self._topics.begun.release()
-        assert self.ended.wait(LONG)
-        return DispatchReport(DispatchState.SUCCEEDED, "")
-
-    def suspend(self, suspended: bool) -> None:
-        self.suspended = suspended
+        self.suspended, self.resumed, self.ended = threading.Event(), threading.Event(), threading.Event()
 
     def cancel(self, reason: str) -> None:
         self.reasons.append(reason)
+        self._report = DispatchReport(DispatchState.CANCELLED, reason)
         self.ended.set()
 
+    def suspend(self, suspended: bool) -> None:
+        (self.suspended if suspended else self.resumed).set()
 
-@pytest.fixture(autouse=True)
-def quiet(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    monkeypatch.setattr("merlin_rosplan.dispatch.dispatch.PlanDispatch", Dispatch)
-    for level in ("loginfo", "logwarn", "logerr"):
-        monkeypatch.setattr(rospy, level, lambda *_: None)
-    monkeypatch.setattr(rospy.Time, "now", lambda: rospy.Time(1))
-    yield
-    ownership.resume("goal")
+    def run(self) -> DispatchReport:
+        assert not self._lasts or self.ended.wait(LONG)
+        self.ended.set()
+        return self._report
 
 
-def server_of(on_goal: Callable, on_owner: Callable) -> Tuple[ActionServer, Book]:
-    server = ActionServer("a", NonBlockingDispatchAction, on_goal, lambda goal: None, on_owner)
-    silent = SimpleNamespace(publish=lambda message: None)
-    server._status_publisher = server._result_publisher = silent  # type: ignore[assignment]
-    server._leases = leases = Leases("a/lease", server._owner_changed)
-    return server, leases.book
+class Dispatcher(SimplePlanDispatcher):
+    """Calls `on_schedule` when it has taken a plan, and carries out nothing yet."""
+
+    on_schedule: Callable[[], object] = staticmethod(lambda: None)
+
+    def make_schedule(self, plan: CompletePlan, *_: Any) -> Schedule:
+        self.on_schedule()
+        return super().make_schedule(plan)
 
 
-def send(server: ActionServer) -> None:
-    server._receive_goal(SimpleNamespace(goal_id=GoalID(id="goal", stamp=rospy.Time(1)), goal=None))
+class Call:
+    """A client that calls the service, in a thread of its own."""
+
+    def __init__(self, call: Callable[[], DispatchServiceResponse]) -> None:
+        self._call = call
+        self._answers: Queue[str] = Queue()
+        self.thread = threading.Thread(target=self._work, daemon=True)
+
+    def begin(self) -> "Call":
+        self.thread.start()
+        return self
+
+    def answer(self) -> str:
+        return self._answers.get(timeout=LONG)
+
+    def _work(self) -> None:
+        try:
+            self._answers.put(f"success: {self._call().success}")
+        except rospy.ServiceException as refused:
+            self._answers.put(str(refused))
 
 
-# --- a server and an owner that comes back just now -----------------------------------------------------
+class Bench:
+    """A dispatcher, its clients, and what it publishes. Without a master."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.topics = Topics(monkeypatch)
+        self.dispatches: Queue[Dispatch] = Queue()
+        self.last = False  # whether runs last until they are cancelled
+        self.lives: Callable[[str], bool] = lambda client: True
+        self.unmet_goals: Callable[[], List[str]] = lambda: []
+        self._services: Dict[str, Callable[[Any], Any]] = {}
+        knowledge = SimpleNamespace(unmet_goals=lambda: self.unmet_goals())
+        for place, name, made in (
+            (component, "Service", self._service),
+            (component, "offer", lambda *_: None),
+            (component, "announced_together", contextlib.nullcontext),
+            (component, "keep_params", lambda scope: {"watch_rest": False, "cancel_deadline": 0.0}),
+            (plan_dispatcher, "bounded_master", lambda: None),
+            (plan_dispatcher, "living_namesake", lambda name, _: name if self.lives(name) else None),
+            (lease_watch, "every", lambda period, call: Alarm(call, period)),  # for owners no time passes
+            (rospy.Time, "now", lambda: rospy.Time(1)),
+            *((rospy, level, lambda *_: None) for level in ("loginfo", "logwarn", "logerr")),
+        ):
+            monkeypatch.setattr(place, name, made)
+        monkeypatch.setattr("merlin_rosplan.dispatch.dispatch.PlanDispatch", self._dispatch)
+        monkeypatch.setattr("merlin_rosplan.dispatcher.plan_knowledge.PlanKnowledge", lambda name: knowledge)
+        self._parser = Handover.sender(f"{NAME}/complete_plan")
+        self.dispatcher = Dispatcher(NAME)
+
+    def _service(self, name: str, _: type, answer: Callable[[Any], Any]) -> Any:
+        self._services[name] = answer
+        return SimpleNamespace(shutdown=lambda: None)
+
+    def _dispatch(self, *_: Any, **__: Any) -> Dispatch:
+        made = Dispatch(self.last)
+        self.dispatches.put(made)
+        return made
+
+    def call(self, client: str) -> Call:
+        """A client that calls `dispatch_plan` when it begins."""
+        return Call(lambda: self.dispatch(client))
+
+    def dispatch(self, client: str = "/client") -> DispatchServiceResponse:
+        """Gives it a plan, and has that carried out."""
+        self._parser.hand_over(CompletePlan())
+        request = DispatchServiceRequest()
+        request._connection_header = {"callerid": client}
+        return self._services[f"{NAME}/dispatch_plan"](request)
+
+    def cancel(self) -> None:
+        self._services[f"{NAME}/cancel_dispatch"](EmptyRequest())
+
+    def next(self) -> Dispatch:
+        """The next dispatch that has begun."""
+        return self.dispatches.get(timeout=LONG)
+
+    def send_goal(self, goal: str = GOAL) -> None:
+        """Gives it a plan, and sends a goal to have that carried out."""
+        self._parser.hand_over(CompletePlan())
+        message = NonBlockingDispatchActionGoal(goal_id=GoalID(id=goal, stamp=rospy.Time(1)))
+        self.topics.send(f"{ACTION}/goal", message)
+
+    def lease(self, *suspended: str) -> None:
+        """The client of the goal names it."""
+        self.topics.send(f"{ACTION}/lease", Lease(owner="/other", life="1", held=[GOAL], suspended=suspended))
+
+    def result(self) -> GoalStatus:
+        """How the goal has ended."""
+        return self.topics.published(f"{ACTION}/result").get(timeout=LONG).status
+
+    def close(self) -> None:
+        self.dispatcher.shutdown()
+        self._parser.shutdown()
 
 
-def test_an_owner_that_comes_back_while_its_goal_is_taken_is_not_taken_for_silent() -> None:
-    server, leases = server_of(lambda goal: None, lambda *_: None)
-
-    def back() -> None:  # its watch says so in another thread
-        leases.now = HELD
-        server._owner_changed(LeaseChange("goal", HELD, ""))
-
-    leases.now, leases.on_read = SUSPENDED, back
-    send(server)
-    assert not ownership.suspended("goal")
+@pytest.fixture
+def bench(monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
+    made = Bench(monkeypatch)
+    yield made
+    made.close()
 
 
-# --- a dispatcher ---------------------------------------------------------------------------------------
+# --- between two plans ----------------------------------------------------------------------------------
 
 
-class Dispatcher(PlanDispatcher):
-    """Its plans run until they are cancelled."""
+def test_one_that_has_told_its_end_is_waited_for(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    waits = threading.Event()
 
-    closed = False
+    class Watched(Deadline):
+        def wait(self, condition: threading.Condition, predicate: Callable[[], bool]) -> bool:
+            if threading.current_thread() is second.thread and not predicate():
+                waits.set()
+            return super().wait(condition, predicate)
 
-    def __init__(self) -> None:
-        self.scope, self._state = "/dispatcher", threading.Condition()
-        self._dispatch = self._goal = None
-        self._busy = self._ending = self._unwanted = False
-        self._client, self._begun = "", 0
-        self._limits = SimpleNamespace(cancel=LONG)
-        self._topics = SimpleNamespace(
-            report_status=lambda report: None,
-            begin=lambda owner: 1,
-            unanswered=lambda: [],
-            begun=threading.Semaphore(0),
-        )
-        self._settler = SimpleNamespace(settle=lambda plan_id, actions: None)
-        self._breakpoints = self._plan = None  # type: ignore[assignment]
-        self._missed, self._watches_rest = frozenset(), False
-        self._knowledge = SimpleNamespace(unmet_goals=lambda: [])
-        self._server, self.leases = server_of(self._accept, self._goal_owner_changed)
-        self.begun = self._topics.begun
+    def at_the_end(topic: str, message: Any) -> None:
+        if topic == f"{NAME}/dispatch_status" and second.thread.ident is None:
+            second.begin()
+            assert waits.wait(LONG)
 
-    def _take_plan(self) -> Any:
-        return None
-
-    def make_schedule(self, plan: Any) -> Any:
-        return None
+    second = bench.call("/second")
+    monkeypatch.setattr(plan_dispatcher, "Deadline", Watched)
+    bench.topics.before = at_the_end
+    assert bench.dispatch().success
+    assert second.answer() == "success: True"
 
 
-def called(dispatcher: Dispatcher, client: str) -> threading.Thread:
-    """A client calls the service; its plan runs when this returns."""
-    request = SimpleNamespace(_connection_header={"callerid": client})
-    thread = threading.Thread(target=lambda: dispatcher._serve(request))
-    thread.start()
-    assert dispatcher.begun.acquire(timeout=LONG)
-    return thread
+def test_a_cancel_while_the_plan_is_taken_is_not_lost(bench: Bench) -> None:
+    bench.cancel()  # a stray one, with nothing to cancel
+    bench.dispatcher.on_schedule = bench.cancel  # type: ignore[method-assign]
+    assert not bench.dispatch().success
+    statuses = bench.topics.published(f"{NAME}/dispatch_status")
+    assert [status.reason for status in statuses.queue][-1] == "cancelled before it began"
+    assert statuses.queue[-1].state == DispatchStatus.IDLE
+    bench.dispatcher.on_schedule = lambda: None  # type: ignore[method-assign]
+    assert bench.dispatch().success
 
 
-def test_a_client_that_hung_while_its_goal_waited_suspends_its_dispatch(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    dispatcher = Dispatcher()
-    first = called(dispatcher, "/first")
-    asked = threading.Event()
-
-    def dead(*_: Any) -> None:
-        assert asked.wait(LONG)
-
-    monkeypatch.setattr(plan_dispatcher, "living_namesake", dead)
-    monkeypatch.setattr(plan_dispatcher, "bounded_master", lambda: None)
-    send(dispatcher._server)
-    dispatcher.leases.now = SUSPENDED  # its client is stopped: SIGSTOP
-    dispatcher._server._owner_changed(LeaseChange("goal", SUSPENDED, "/client is silent"))
-    before: Any = dispatcher._dispatch
-    assert not before.suspended  # that goal is not the one that runs
-    asked.set()  # the client of the first one is dead
-    first.join(LONG)
-    assert before.reasons == ["its owner /first is gone"]
-    assert dispatcher.begun.acquire(timeout=LONG)
-    second: Any = dispatcher._dispatch
-    assert second.suspended
-    dispatcher._server._owner_changed(LeaseChange("goal", HELD, ""))
-    assert not second.suspended
-    second.cancel("test")
+# --- whose turn it is -----------------------------------------------------------------------------------
 
 
-def test_a_dispatch_that_began_while_the_client_of_the_last_was_looked_for_goes_on(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    dispatcher = Dispatcher()
-    first, others = called(dispatcher, "/first"), []
+def test_the_end_of_a_dispatch_that_is_cancelled_is_waited_for(bench: Bench) -> None:
+    bench.last = True
+    first = bench.call("/first").begin()
+    running = bench.next()
+    bench.last = False
+    with pytest.raises(rospy.ServiceException, match="a plan is being dispatched already, for /first"):
+        bench.dispatch("/second")
+    bench.cancel()
+    assert bench.dispatch("/second").success
+    assert first.answer() == "success: False"
+    assert running.reasons == ["cancelled by cancel_dispatch"]
 
-    def dead(*_: Any) -> None:  # it takes 2 s to find that out
-        running: Any = dispatcher._dispatch
+
+def test_one_that_waited_first_has_the_turn_of_a_dead_client(bench: Bench) -> None:
+    looking: Queue[threading.Event] = Queue()
+
+    def lives(client: str) -> bool:
+        if client == "/first":  # it takes time to find out that it is dead
+            found = threading.Event()
+            looking.put(found)
+            assert found.wait(LONG)
+        return client != "/first"
+
+    bench.lives, bench.last = lives, True
+    bench.call("/first").begin()
+    running = bench.next()
+    second = bench.call("/second").begin()
+    found_by_second = looking.get(timeout=LONG)
+    third = bench.call("/third").begin()
+    found_by_third = looking.get(timeout=LONG)
+    found_by_third.set()
+    assert third.answer() == "a plan is being dispatched already, for /second"
+    assert running.reasons == ["its owner /first is gone"]
+    found_by_second.set()
+    bench.next().cancel("test")
+    assert second.answer() == "success: False"
+
+
+def test_a_dispatch_that_ends_while_its_client_is_looked_for_leaves_its_turn(bench: Bench) -> None:
+    def lives(client: str) -> bool:
         running.cancel("it ends")
-        first.join(LONG)
-        others.append(called(dispatcher, "/second"))
+        assert first.answer() == "success: False"
+        return True
 
-    monkeypatch.setattr(plan_dispatcher, "living_namesake", dead)
-    monkeypatch.setattr(plan_dispatcher, "bounded_master", lambda: None)
-    with pytest.raises(rospy.ServiceException, match="already, for /second"):
-        dispatcher._serve(SimpleNamespace(_connection_header={"callerid": "/third"}))
-    second: Any = dispatcher._dispatch
-    assert second.reasons == []
+    bench.last = True
+    first = bench.call("/first").begin()
+    running = bench.next()
+    bench.lives, bench.last = lives, False
+    assert bench.dispatch("/second").success
+
+
+def test_a_client_that_hung_while_its_goal_waited_suspends_its_dispatch(bench: Bench) -> None:
+    asked, silent = threading.Event(), threading.Event()
+
+    def lives(client: str) -> bool:
+        assert asked.wait(LONG)
+        return False
+
+    def changed() -> None:
+        if ownership.suspended(GOAL):
+            silent.set()
+
+    bench.lives, bench.last = lives, True
+    bench.call("/first").begin()
+    first = bench.next()
+    bench.send_goal()
+    ownership.listen(changed)
+    bench.lease(GOAL)  # the client of its client is stopped: SIGSTOP
+    assert silent.wait(LONG)
+    ownership.ignore(changed)
+    assert not first.suspended.is_set()  # that goal is not the one that runs
+    asked.set()
+    second = bench.next()
+    assert second.suspended.wait(LONG)
+    assert first.reasons == ["its owner /first is gone"]
+    bench.lease()
+    assert second.resumed.wait(LONG)
     second.cancel("test")
-    others[0].join(LONG)
+    assert bench.result().status == GoalStatus.PREEMPTED
 
 
-@pytest.mark.parametrize("part", ["unmet_goals", "report_status", "_take_over", "tell_owner"])
-def test_a_client_gets_its_answer_whatever_fails(monkeypatch: pytest.MonkeyPatch, part: str) -> None:
-    def broken(*_: Any) -> None:
+@pytest.mark.parametrize("part", ["goals", "status", "schedule", "look"])
+def test_a_client_gets_its_answer_whatever_fails(bench: Bench, part: str) -> None:
+    def broken(*_: Any) -> Any:
         raise IndexError("a goal that is not text")
 
-    dispatcher = Dispatcher()
-    monkeypatch.setattr(Dispatch, "run", lambda _: DispatchReport(DispatchState.SUCCEEDED, ""))
-    place: Any = {"unmet_goals": dispatcher._knowledge, "report_status": dispatcher._topics}
-    place["tell_owner"] = dispatcher._server
-    monkeypatch.setattr(place.get(part, dispatcher), part, broken)
-    goal = ServerGoal(dispatcher._server, GoalID(id="goal"), None)
-    dispatcher._run_goal(goal, part != "_take_over" and dispatcher._occupy(goal))
-    assert goal.done
-    assert "a goal that is not text" in goal._status.text
-    assert goal.status == (GoalStatus.SUCCEEDED if part == "unmet_goals" else GoalStatus.ABORTED)
-    assert dispatcher._occupy(None)  # the next client is not concerned
+    if part == "look":  # for the client of the dispatch before it
+        bench.last = True
+        other = bench.call("/first").begin()
+        first = bench.next()
+        bench.lives = broken
+    elif part == "status":
+        bench.topics.before = lambda topic, _: broken() if topic == f"{NAME}/dispatch_status" else None
+    elif part == "schedule":
+        bench.dispatcher.on_schedule = broken  # type: ignore[method-assign]
+    else:
+        bench.unmet_goals = broken
+    bench.send_goal()
+    result = bench.result()
+    assert "a goal that is not text" in result.text
+    assert result.status == (GoalStatus.SUCCEEDED if part == "goals" else GoalStatus.ABORTED)
+    bench.topics.before = lambda topic, _: None
+    bench.dispatcher.on_schedule = lambda: None  # type: ignore[method-assign]
+    bench.last = False
+    if part == "look":
+        first.cancel("test")
+        assert other.answer() == "success: False"
+    assert bench.dispatch("/next").success  # the next client is not concerned

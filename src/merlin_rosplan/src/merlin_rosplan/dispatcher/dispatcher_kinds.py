@@ -73,7 +73,7 @@ class EsterelPlanDispatcher(PlanDispatcher):
     def received(self, plan: EsterelPlan) -> None:
         """Draws a plan that has just come, unless one runs."""
         with self._state:
-            idle = self._dispatch is None
+            idle = self._turn.dispatch is None
         if idle and self._drawer is not None:
             self._drawer.show_plan(plan)
 

@@ -4,7 +4,7 @@
 import dataclasses
 import functools
 import threading
-from typing import TYPE_CHECKING, Any, Callable, FrozenSet, Optional, Tuple, Type
+from typing import TYPE_CHECKING, Any, FrozenSet, Optional, Tuple, Type
 
 import rospy
 from merlin_msgs.srv import Breakpoints as BreakpointsSrv
@@ -32,6 +32,7 @@ from merlin_ros.master.master_link import ERRORS, bounded_master
 from merlin_ros.master.namesake import living_namesake
 from merlin_ros.ports.service_server import after_answer
 from merlin_ros.work.threads import log_failure, start_thread
+from merlin_ros.work.work_book import Policy, WorkBook
 from merlin_rosplan.dispatch.dispatch_environment import (
     DispatchLimits,
     DispatchReport,
@@ -63,6 +64,44 @@ NOTHING = Ongoing()
 SLACK = 1.0  # s beyond the cancel deadline for the dispatch of a lost owner to end
 
 
+class DispatchRefused(rospy.ServiceException):
+    """The plan of another client is being dispatched."""
+
+
+class _Turn:
+    """A dispatch of one client, which runs or waits for its turn.
+
+    :param client: the node that it is for; empty: not known.
+    :param goal: None: a call of the service.
+    """
+
+    def __init__(self, client: str = "", goal: Optional[ServerGoal] = None) -> None:
+        self.client = client
+        self.goal = goal
+        self.dispatch: Optional[PlanDispatch] = None
+        self.stopped = False
+
+    @property
+    def ends(self) -> bool:
+        """Whether it has to stop, or its end is published: another one may wait for its turn."""
+        return self.stopped or (self.goal is not None and self.goal.cancel_requested)
+
+    def has_owner(self) -> bool:
+        """Whether its client lives; one that is not known, or hangs, does.
+
+        The action server watches a client that leases. Any other one is asked, which takes 2 s at most.
+        """
+        if not self.client or (self.goal is not None and self.goal.id.endswith(LEASED)):
+            return True
+        try:
+            return living_namesake(self.client, bounded_master()) is not None
+        except ERRORS:
+            return True
+
+
+IDLE = _Turn()
+
+
 class PlanDispatcher(Component):
     """Base of both dispatchers.
 
@@ -75,17 +114,11 @@ class PlanDispatcher(Component):
 
     def __init__(self, scope: str = SCOPE) -> None:
         super().__init__(scope)
-        self._state = threading.Condition()  # guards the fields down to _unwanted
+        self._state = threading.Condition()  # guards the fields down to _missed
         self._plan: Optional[Any] = None
         self._fresh = False
         self._failure = ""  # of the last dispatch
-        self._dispatch: Optional[PlanDispatch] = None
-        self._busy = False
-        self._ending = False  # the end of a dispatch is published shortly before it is no longer busy
-        self._goal: Optional[ServerGoal] = None
-        self._client = ""  # the node whose dispatch it is; empty: not known
-        self._begun = 0  # dispatches
-        self._unwanted = False  # cancelled before there was a dispatch to stop
+        self._turns: WorkBook[_Turn] = WorkBook(Policy.IN_TURN)
         self._missed: FrozenSet[str] = frozenset()  # names that have changed since the last dispatch
         self._watches_rest = self.flag("watch_rest", True)
         self._limits = DispatchLimits(
@@ -150,7 +183,7 @@ class PlanDispatcher(Component):
     def on_shutdown(self) -> None:
         """Cancels the dispatch and waits a moment for its end."""
         with self._state:
-            dispatch = self._dispatch
+            dispatch = self._turn.dispatch
             self._state.notify_all()
         if dispatch is not None:
             dispatch.cancel("the dispatcher ends")
@@ -159,7 +192,7 @@ class PlanDispatcher(Component):
     def health(self) -> Health:
         """Whether a plan is dispatched; a warning with the reason when the last one failed."""
         with self._state:
-            busy, failure = self._busy, self._failure
+            busy, failure = not self._turns.idle, self._failure
         if failure and not busy:
             return Health(WARN, f"the last dispatch failed: {failure}")
         return Health(OK, "dispatching" if busy else "idle")
@@ -184,29 +217,22 @@ class PlanDispatcher(Component):
     # --- services and action ------------------------------------------------------------------------
 
     def _serve(self, request: DispatchServiceRequest) -> DispatchServiceResponse:
-        client = caller(request)
-        refusal = "" if self._occupy(None, client) else self._take_over(None, client)
-        if refusal:
-            raise rospy.ServiceException(refusal)
-        report = self._run()
+        report = self._run(self._arrive(_Turn(caller(request))))
         return DispatchServiceResponse(success=report.success, goal_achieved=report.goal_achieved)
 
     def _serve_cancel(self, _: EmptyRequest) -> EmptyResponse:
         with self._state:
-            dispatch = self._dispatch
-            self._unwanted = begins = self._busy and dispatch is None
-        if begins:
-            rospy.loginfo("%s: cancel_dispatch: the plan is not begun", self.scope)
-        elif dispatch is None:
+            turn = self._turn
+        if turn is IDLE:
             rospy.loginfo("%s: cancel_dispatch: nothing is dispatched", self.scope)
         else:
             # As in ROSPlan the answer is not news of the end: that comes from dispatch_plan.
-            dispatch.cancel("cancelled by cancel_dispatch")
+            self._stop(turn, "cancelled by cancel_dispatch")
         return EmptyResponse()
 
     def _serve_exchange(self, request: ExchangePlanRequest) -> ExchangePlanResponse:
         with self._state:
-            dispatch, goal = self._dispatch, self._goal
+            dispatch, goal = self._turn.dispatch, self._turn.goal
         if dispatch is None or goal is None or (goal.id, goal.sender) != (request.goal, caller(request)):
             return ExchangePlanResponse("the dispatcher carries out no plan for this goal of this client")
         try:
@@ -232,46 +258,38 @@ class PlanDispatcher(Component):
         return schedule, PlanWatch(schedule, self._topics, None) if self._watches_rest else None
 
     def _accept(self, goal: ServerGoal) -> None:
-        is_free = self._occupy(goal)
-        start_thread(f"dispatch {self.scope}", self._run_goal, goal, is_free)
+        turn = self._arrive(_Turn(goal.sender, goal))
+        start_thread(f"dispatch {self.scope}", self._run_goal, turn, goal)
 
-    def _run_goal(self, goal: ServerGoal, is_free: bool) -> None:
+    def _run_goal(self, turn: _Turn, goal: ServerGoal) -> None:
         try:
-            refusal = "" if is_free else self._take_over(goal)
-            if refusal:
-                goal.reject(NonBlockingDispatchResult(), refusal)
+            report = self._run(turn)
+            text = report.reason or "every action succeeded"
+            result = NonBlockingDispatchResult(success=report.success, goal_achieved=report.goal_achieved)
+            if report.success:
+                goal.succeed(result, text)
+            elif report.state == DispatchState.CANCELLED:
+                goal.cancelled(result, text)
             else:
-                self._dispatch_goal(goal)
+                goal.abort(result, text)
+        except DispatchRefused as refused:
+            goal.reject(NonBlockingDispatchResult(), str(refused))
         except Exception:  # the client gets its answer all the same
             goal.abort(NonBlockingDispatchResult(), log_failure(self.scope))
 
-    def _dispatch_goal(self, goal: ServerGoal) -> None:
-        report = self._run(goal.accept)
-        text = report.reason or "every action succeeded"
-        result = NonBlockingDispatchResult(success=report.success, goal_achieved=report.goal_achieved)
-        if report.success:
-            goal.succeed(result, text)
-        elif report.state == DispatchState.CANCELLED:
-            goal.cancelled(result, text)
-        else:
-            goal.abort(result, text)
-
     def _cancel_goal(self, goal: ServerGoal) -> None:
         with self._state:
-            dispatch = self._dispatch if self._goal is goal else None
-        if dispatch is not None:
+            turn = self._turn
+        if turn.goal is goal:
             lost = goal.cancel_reason != "cancelled"
-            dispatch.cancel(
-                f"its owner is gone: {goal.cancel_reason}"
-                if lost
-                else "cancelled through dispatch_plan_action"
-            )
+            why = f"its owner is gone: {goal.cancel_reason}"
+            self._stop(turn, why if lost else "cancelled through dispatch_plan_action")
 
     def _goal_owner_changed(self, goal: ServerGoal, state: LeaseState, reason: str) -> None:
         """No action starts while the owner is silent. What runs is suspended by the server, which also
         cancels the goal of a lost owner."""
         with self._state:
-            dispatch = self._dispatch if self._goal is goal else None
+            dispatch = self._turn.dispatch if self._turn.goal is goal else None
         if dispatch is None or state is LeaseState.LOST:
             return
         dispatch.suspend(state is LeaseState.SUSPENDED)
@@ -280,88 +298,73 @@ class PlanDispatcher(Component):
 
     # --- one dispatch -------------------------------------------------------------------------------
 
-    def _take_over(self, goal: Optional[ServerGoal], client: str = "") -> str:
-        """Makes a busy dispatcher the caller's when its dispatch is cancelled, or its owner is gone.
+    @property
+    def _turn(self) -> _Turn:
+        """The one that runs; read with the lock held."""
+        return next(iter(self._turns.running), IDLE)
 
-        Returns why not, as a sentence; empty when it is.
-        """
-        stays = self._why_it_stays()
-        if not stays and self._occupy(goal, client, wait=True):
-            return ""
-        return f"a plan is being dispatched already, {stays or 'and does not end'}"
+    def _arrive(self, turn: _Turn) -> _Turn:
+        with self._state:
+            self._turns.arrive(turn)
+        return turn
 
-    def _why_it_stays(self) -> str:
-        """Cancels the present dispatch when its client is gone.
+    def _stop(self, turn: _Turn, reason: str) -> None:
+        with self._state:
+            dispatch, turn.stopped = turn.dispatch, True
+        if dispatch is not None:  # else it is cancelled when there is one
+            dispatch.cancel(reason)
 
-        The action server watches a client that leases. Any other node is asked whether it lives, which takes
-        2 s at most; one that hangs is not gone.
+    def _comes(self, turn: _Turn) -> bool:
+        """Whether the turn of a client that has arrived is there; else waits for the end of the one before.
 
-        Returns why the dispatch goes on, as part of a sentence; empty: it ends.
+        The dispatch of a dead client is cancelled for it.
+
+        :raises DispatchRefused: the client before it lives, or its dispatch does not end.
         """
         with self._state:
-            goal, client, number = self._goal, self._client, self._begun
-        if goal is not None and goal.cancel_requested:
-            return ""
-        if not client or (goal is not None and goal.id.endswith(LEASED)):
-            return _for(client)
-        try:
-            if living_namesake(client, bounded_master()) is not None:
-                return _for(client)
-        except ERRORS:
-            return _for(client)
-        with self._state:
-            if self._busy and self._begun != number:
-                return _for(self._client)
-            dispatch, self._unwanted = self._dispatch, self._busy and self._dispatch is None
-        if dispatch is not None:
-            dispatch.cancel(f"its owner {client} is gone")
-        return ""
-
-    def _occupy(self, goal: Optional[ServerGoal], client: str = "", wait: bool = False) -> bool:
-        """Makes the dispatcher busy; False when it is.
-
-        :param client: the node that has called the service; a goal has its own.
-        :param wait: for the end of a dispatch that is being cancelled. A published end is always
-            waited for: a client that reads it may call at once.
-        """
-        patience = self._limits.cancel
-        with self._state:
-            wait = wait or self._ending
-            deadline = Deadline((None if patience is None else patience + SLACK) if wait else 0.0)
-            deadline.wait(self._state, lambda: not self._busy or self.closed)
-            if self._busy:
-                return False
-            self._busy = True
-            self._goal = goal
-            self._client = goal.sender if goal is not None else client
-            self._begun += 1
-            self._unwanted = False
+            first = self._turn
+        if first is turn:
             return True
+        stays = not first.ends and first.has_owner()
+        if not (stays or first.ends):
+            self._stop(first, f"its owner {first.client} is gone")
+        patience = self._limits.cancel
+        deadline = Deadline(0.0 if stays else None if patience is None else patience + SLACK)
+        with self._state:
+            deadline.wait(self._state, lambda: self._turn is not first or self.closed)
+            if self._turn is first:
+                owner = f"for {first.client or 'a client that is not known'}"
+                why = owner if stays else "and does not end"
+                raise DispatchRefused(f"a plan is being dispatched already, {why}")
+        return False
 
-    def _run(self, begin: Callable[[], object] = lambda: None) -> DispatchReport:
-        """Dispatches the plan received last; the caller has occupied the dispatcher.
+    def _run(self, turn: _Turn) -> DispatchReport:
+        """Dispatches the plan received last when the turn of a client has come.
 
-        :param begin: what it raises does not keep the dispatcher busy.
+        :raises DispatchRefused: it does not come.
         """
         try:
+            while not self._comes(turn):
+                pass
             try:
-                begin()
-                report = self._run_plan()
+                if turn.goal is not None:
+                    turn.goal.accept()
+                report = self._run_plan(turn)
             except PlanError as error:
                 report = DispatchReport(DispatchState.FAILED, str(error))
             except Exception:  # the caller gets its answer, and the dispatcher continues
                 report = DispatchReport(DispatchState.FAILED, log_failure(self.scope))
             judged = self._judged(report)
             with self._state:
-                self._ending = True
+                turn.stopped = True
+                self._failure = report.reason if report.state == DispatchState.FAILED else ""
             self._topics.report_status(judged)
             after_answer(lambda: self._log(report, judged))
         finally:
             with self._state:
-                self._dispatch = self._goal = None
-                self._busy = self._ending = False
+                self._turns.cancel(turn, "refused")  # where it waits
+                self._turns.end(turn)
                 self._state.notify_all()
-                self._failure = report.reason if report.state == DispatchState.FAILED else ""
         return judged
 
     def _log(self, report: DispatchReport, judged: DispatchReport) -> None:
@@ -371,14 +374,14 @@ class PlanDispatcher(Component):
             now = "of all goals that the knowledge base has now"  # its owner knows which are of the plan
             rospy.loginfo("%s: every action succeeded; %s: %s", self.scope, now, judged.reason)
 
-    def _run_plan(self) -> DispatchReport:
+    def _run_plan(self, turn: _Turn) -> DispatchReport:
         from merlin_rosplan.dispatch.dispatch import PlanDispatch
         from merlin_rosplan.rest.rest_watch import PlanWatch
 
         plan = self._take_plan()
         schedule = self.make_schedule(plan)
+        goal = turn.goal
         with self._state:
-            goal = self._goal
             missed, self._missed = self._missed, frozenset()
         dispatch = PlanDispatch(
             schedule,
@@ -389,9 +392,8 @@ class PlanDispatcher(Component):
             watch=PlanWatch(schedule, self._topics, missed) if self._watches_rest else None,
         )
         with self._state:
-            self._dispatch, unwanted = dispatch, self._unwanted
-        # A cancel before this point found no dispatch to stop.
-        if self.closed or unwanted or (goal is not None and goal.cancel_requested):
+            turn.dispatch = dispatch
+        if self.closed or turn.ends:  # a cancel before this point found no dispatch to stop
             dispatch.cancel("cancelled before it began")
         if goal is not None:
             self._server.tell_owner(goal)  # it may have fallen silent before
@@ -439,7 +441,7 @@ class PlanDispatcher(Component):
         if any(entry.key == OWN_MARK for entry in message.information):
             return
         with self._state:
-            dispatch, goal = self._dispatch, self._goal
+            dispatch, goal = self._turn.dispatch, self._turn.goal
         if dispatch is None:
             return
         final = message.status in (FeedbackStatus.SUCCEEDED, FeedbackStatus.FAILED)
@@ -453,7 +455,7 @@ class PlanDispatcher(Component):
 
     def _forward(self, message: ActionFeedback) -> None:
         with self._state:
-            goal = self._goal
+            goal = self._turn.goal
         if goal is not None:
             goal.feedback(NonBlockingDispatchFeedback(feedback=message))
 
@@ -467,12 +469,8 @@ class PlanDispatcher(Component):
     def _put(self, event: Event) -> None:
         """Passes an event to the dispatch that runs; the next one gets what it would miss."""
         with self._state:
-            dispatch = self._dispatch
+            dispatch = self._turn.dispatch
             if dispatch is None and isinstance(event, KnowledgeChanged) and event.names:
                 self._missed |= event.names
         if dispatch is not None:
             dispatch.put(event)
-
-
-def _for(client: str) -> str:
-    return f"for {client or 'a client that is not known'}"
