@@ -14,7 +14,7 @@ from nav_msgs.msg import OccupancyGrid, Odometry
 from sensor_msgs.msg import LaserScan
 
 from merlin_reactive import robot_state
-from merlin_reactive.navigation import navigation_node, velocity_gate
+from merlin_reactive.navigation import navigation_node, velocity_publisher
 from merlin_reactive.navigation.navigation_node import SENSOR_AGE, NavigationNode
 from merlin_reactive.pose import Pose
 from merlin_reactive.ros_messages import transform
@@ -60,7 +60,7 @@ class Robot:
         self.velocities: queue.Queue[Twist] = queue.Queue()
         self.buffer: Any = None
         self._clock, self._time = clock, 100.0
-        for module in (navigation_node, robot_state, velocity_gate):
+        for module in (navigation_node, robot_state, velocity_publisher):
             monkeypatch.setattr(module.rospy, "Subscriber", self._subscribe)
             monkeypatch.setattr(module.rospy, "Publisher", self._advertise)
         monkeypatch.setattr(rospy, "Service", lambda *_: None)
@@ -72,7 +72,7 @@ class Robot:
         monkeypatch.setattr(robot_state.tf2_ros, "Buffer", lambda: made)
         monkeypatch.setattr(robot_state.tf2_ros, "TransformListener", lambda _: None)
         monkeypatch.setattr(navigation_node, "SerialActionServer", self._serve)
-        monkeypatch.setattr(velocity_gate, "publish", lambda publisher, message: publisher.publish(message))
+        monkeypatch.setattr(velocity_publisher, "publish", lambda publisher, twist: publisher.publish(twist))
         NavigationNode()
         made.set_transform_static(self._transform("base", "laser", 0.0), "test")
         self.buffer = made

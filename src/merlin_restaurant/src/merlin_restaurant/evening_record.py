@@ -111,10 +111,10 @@ class EveningRecord:
         """
         self._knowledge, self._held, self._blocked = dict(states), list(held), list(blocked)
         for account in self.guests.values():
-            if self._in_vain(account):
+            if self._is_blocked(account):
                 account.errors.append("a robot that takes no actions stands in the way")
 
-    def _in_vain(self, account: GuestAccount) -> bool:
+    def _is_blocked(self, account: GuestAccount) -> bool:
         """Whether a guest waited for what no robot could do."""
         needed = ("bar", account.table) if account.table else ("entrance",)
         return account.reason.startswith(WAITED) and any(place in self._blocked for place in needed)
@@ -127,7 +127,7 @@ class EveningRecord:
         """Why the books do not balance; empty: they do."""
         found = [] if self.closed is not None else ["the evening did not come to its end"]
         for account in self.guests.values():
-            found += _account_problems(account) if not self._in_vain(account) else []
+            found += _account_problems(account) if not self._is_blocked(account) else []
         given = Counter(
             (account.table, account.served_items)
             for account in self.guests.values()

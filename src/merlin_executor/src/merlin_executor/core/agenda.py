@@ -183,7 +183,7 @@ class Agenda(Generic[T]):
         why = full or ticket.window.why_refused(self._waiting.now)
         if why and not again:
             return [AgendaAnswer(ticket, Verdict(Outcome.REFUSED, why))]
-        chosen = [t.rank + 1 for t in self._waiting.rivals(ticket) if t.rank or t.left_out]
+        chosen = [t.rank + 1 for t in self._waiting.of_priority(ticket) if t.rank or t.left_out]
         ticket.rank = max(chosen, default=0)  # behind those that were chosen, until it is chosen anew
         self._waiting.put(ticket)
         return self._interrupt()

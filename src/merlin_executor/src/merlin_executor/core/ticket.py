@@ -165,15 +165,15 @@ class WaitingLine(Generic[T]):
 
     # --- where not all can be in time ---------------------------------------------------------------------
 
-    def rivals(self, ticket: T) -> List[T]:
+    def of_priority(self, ticket: T) -> List[T]:
         """Those that wait, of the priority of one with a deadline."""
         return [t for t in self._tickets if ticket.window.is_limited and t.priority == ticket.priority]
 
     def choose_anew(self, tickets: Sequence[T]) -> None:
         """Takes back what :meth:`arrange` has decided: there may be time for others than these now."""
         for ticket in tickets:
-            for rival in self.rivals(ticket):
-                rival.rank, rival.left_out = 0, ""
+            for other in self.of_priority(ticket):
+                other.rank, other.left_out = 0, ""
         self.look()
 
     def arrange(self, ranks: Mapping[int, Tuple[int, str]]) -> None:

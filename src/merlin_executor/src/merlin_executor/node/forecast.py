@@ -72,7 +72,7 @@ class Forecasts:
 
     def look(self) -> None:
         """What waits or runs has changed: plans what is not planned yet. Never blocks."""
-        if self._next() is None and not self._rivals():
+        if self._next() is None and not self._competing():
             return
         with self._lock:
             if self._asked:
@@ -101,7 +101,7 @@ class Forecasts:
             if request is not None:
                 self._plan(request)
             else:
-                self._choose(self._rivals())
+                self._choose(self._competing())
         except ServiceError as error:  # the next change asks again
             rospy.logwarn_throttle_identical(60.0, f"no request is planned ahead: {error}")
         except _Changed:
@@ -191,7 +191,7 @@ class Forecasts:
 
     # --- which ones, where not all can be in time --------------------------------------------------------
 
-    def _rivals(self) -> List[Request]:
+    def _competing(self) -> List[Request]:
         """Requests of one priority of which one is late because of the others; none: there are none."""
         if self._engine.revision():
             return []
@@ -201,24 +201,24 @@ class Forecasts:
             if request.window.is_limited and not _hopeless(request)
         ]
         late = [request for request, late in known if late and not request.left_out]
-        rivals = [request for request, _ in known if late and request.priority == late[0].priority]
-        return rivals if len(rivals) > 1 and self._key(rivals) != self._chosen else []
+        competing = [request for request, _ in known if late and request.priority == late[0].priority]
+        return competing if len(competing) > 1 and self._key(competing) != self._chosen else []
 
-    def _key(self, rivals: Sequence[Request]) -> Tuple[int, ...]:
+    def _key(self, requests: Sequence[Request]) -> Tuple[int, ...]:
         running = self._engine.agenda.running
-        return (-1 if running is None else running.order, *sorted(request.order for request in rivals))
+        return (-1 if running is None else running.order, *sorted(request.order for request in requests))
 
-    def _choose(self, rivals: List[Request]) -> None:
-        if not rivals:
+    def _choose(self, competing: List[Request]) -> None:
+        if not competing:
             return
-        key = self._key(rivals)
-        first = rivals[0]
+        key = self._key(competing)
+        first = competing[0]
         start = self._start(first, dict(self._engine.lines()).get(first, ()))
-        requests = {f"{request.text} ({request.order})": request for request in rivals}
+        requests = {f"{request.text} ({request.order})": request for request in competing}
         plans: Dict[Optional[str], Sequence[str]] = {None: ()}
 
         def planned(name: str, before: Optional[str]) -> Answer:
-            if self._key([request for request in self._engine.waiting if request in rivals]) != key:
+            if self._key([request for request in self._engine.waiting if request in competing]) != key:
                 raise _Changed
             request = requests[name]
             within = request.window.deadline - start.begin if before is None else math.inf

@@ -25,7 +25,7 @@ from merlin_reactive.navigation.navigator import (
 from merlin_reactive.navigation.path_follower import Cruise
 from merlin_reactive.navigation.path_planner import NoPath, PathPlanner
 from merlin_reactive.navigation.right_of_way import RightOfWay
-from merlin_reactive.navigation.velocity_gate import VelocityGate
+from merlin_reactive.navigation.velocity_publisher import VelocityPublisher
 from merlin_reactive.navigation.way_exchange import WayExchange
 from merlin_reactive.pose import Point, Pose, wrap
 from merlin_reactive.robot_state import RobotState, StateError, velocity_of
@@ -117,7 +117,7 @@ class NavigationNode:
         self._age = number("~sensor_age", SENSOR_AGE, 0.05)
         self._navigator: Optional[Navigator] = None  # replaced with each map; `_state.changed` is its lock
         self._state = RobotState(self._frame)
-        self._gate = VelocityGate("cmd_vel")
+        self._velocity = VelocityPublisher("cmd_vel")
         self._rules, self._exchange = self._meet_others()
         self._server = SerialActionServer("move_base", MoveBaseAction, self._execute, self._cancel)
         name = self._server.name
@@ -167,11 +167,11 @@ class NavigationNode:
         self._goals.publish(goal)
 
     def _cancel(self, goal: ServerGoal) -> None:
-        self._gate.close(goal)
+        self._velocity.close(goal)
         self._state.wake()
 
     def _execute(self, goal: ServerGoal) -> None:
-        self._gate.open(goal)
+        self._velocity.open(goal)
         try:
             navigator = self._ready(goal)
             if navigator is not None:
@@ -181,7 +181,7 @@ class NavigationNode:
         except NoPath as error:
             goal.abort(text=f"{NO_PLAN_TEXT} {str(error)[0].upper()}{str(error)[1:]}.")
         finally:
-            self._gate.close(goal)
+            self._velocity.close(goal)
             if self._exchange is not None:
                 self._exchange.end()
 
@@ -231,7 +231,7 @@ class NavigationNode:
             if missing:
                 if patience.expired:
                     raise StateError(f"{NO_CONTROL_TEXT} {missing[0].upper()}{missing[1:]}.")
-                self._gate.send(goal, 0.0, 0.0)
+                self._velocity.send(goal, 0.0, 0.0)
                 if started and not standing:
                     rospy.logwarn(f"navigation: the robot stands: {missing}")
                     goal.tell(f"stands: {missing}")
@@ -256,7 +256,7 @@ class NavigationNode:
                 return
             if result.ended:
                 raise StateError(result.text)
-            self._gate.send(goal, result.speed, result.turn)
+            self._velocity.send(goal, result.speed, result.turn)
             if self._exchange is not None:
                 self._exchange.publish(navigator.announcement(pose), stamp)
             if step % FEEDBACK_EVERY == 0:
@@ -296,7 +296,7 @@ class NavigationNode:
         return EmptyResponse()
 
     def _shutdown(self) -> None:
-        self._gate.stop()
+        self._velocity.stop()
         self._server.shutdown()
 
 

@@ -102,9 +102,9 @@ class Entrance:
             self._listening.close()
 
     def _close_oldest(self) -> None:
-        self._let_go(next(iter(self._silent))).connection.close()
+        self._unwatch(next(iter(self._silent))).connection.close()
 
-    def _let_go(self, number: int) -> _Silent:
+    def _unwatch(self, number: int) -> _Silent:
         with contextlib.suppress(OSError):
             self._events.unregister(number)  # a child of this process may have the connection for a moment
         return self._silent.pop(number)
@@ -125,7 +125,7 @@ class Entrance:
         if len(self._silent) >= MOST_SILENT:
             self._close_oldest()
         connection.settimeout(None)  # rospy sets one for all sockets
-        # Told of each change once: half of the first words would be told again and again.
+        # Each change is reported once: else half of the first words would be reported again and again.
         self._events.register(connection, select.EPOLLIN | select.EPOLLRDHUP | select.EPOLLET)
         self._silent[connection.fileno()] = _Silent(connection, address, self._clock.now + STALLED)
 
@@ -145,9 +145,9 @@ class Entrance:
             said, ended = b"", True
         length = self._length(said)
         if length is not None and len(said) >= length:
-            self._hand_on(self._let_go(number))
+            self._hand_on(self._unwatch(number))
         elif ended or len(said) >= LONGEST or (length is not None and length > LONGEST):
-            self._let_go(number).connection.close()
+            self._unwatch(number).connection.close()
 
     def _hand_on(self, silent: _Silent) -> None:
         try:

@@ -12,8 +12,8 @@ from merlin_ros.actions.action_server import ServerGoal
 from merlin_ros.publishing import publish
 
 
-class VelocityGate:
-    """Publishes velocities for the goal that owns the gate.
+class VelocityPublisher:
+    """Publishes velocities for the goal that owns the topic.
 
     The lock is a leaf: it is held around one publish and nothing else is locked inside, so that a cancel
     never waits for a control loop.
@@ -30,7 +30,7 @@ class VelocityGate:
             self._owner = goal
 
     def send(self, goal: ServerGoal, speed: float, turn: float) -> bool:
-        """Sends a velocity (m/s, rad/s) unless the goal no longer owns the gate or shall stop."""
+        """Sends a velocity (m/s, rad/s) unless the goal no longer owns the topic or shall stop."""
         with self._lock:
             if self._owner is not goal or goal.cancel_requested:
                 return False
@@ -40,7 +40,7 @@ class VelocityGate:
             return True
 
     def close(self, goal: ServerGoal) -> None:
-        """Stops the robot, unless another goal owns the gate by now."""
+        """Stops the robot, unless another goal owns the topic by now."""
         with self._lock:
             if self._owner is goal:
                 self._owner = None
@@ -48,7 +48,7 @@ class VelocityGate:
                 publish(self._publisher, Twist())
 
     def stop(self) -> None:
-        """Stops the robot, also when another goal owns the gate."""
+        """Stops the robot, also when another goal owns the topic."""
         with self._lock:
             self._owner = None
             with contextlib.suppress(rospy.ROSException):  # the topic may have closed before
