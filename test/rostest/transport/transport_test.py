@@ -43,7 +43,7 @@ class Deadlines(unittest.TestCase):
         earlier = rospy.Subscriber(deadline.SIM_STATUS_TOPIC, SimStatus, lambda _: received.set())
         self.addCleanup(earlier.unregister)
         self.assertTrue(received.wait(LONG))
-        watch = deadline._PauseWatch()  # that of the process has begun long ago
+        watch = deadline.PauseWatch()  # that of the process has begun long ago
         read = threading.Thread(target=watch.paused_time, daemon=True)
         read.start()
         read.join(LONG)

@@ -46,48 +46,68 @@ class Clock:
         return self.now
 
 
+class Simulator:
+    """What this thread subscribes of a simulator, and the connection to it."""
+
+    def __init__(self, monkeypatch, simulated=True):
+        self.topics, self.connection = [], SimpleNamespace(socket=object())
+        self._callbacks, self._thread = [], threading.current_thread()
+        monkeypatch.setattr(deadline.rospy, "Subscriber", self._subscribe)
+        monkeypatch.setattr(deadline.rospy.core, "is_initialized", lambda: True)
+        monkeypatch.setattr(deadline.rospy.rostime, "is_rostime_initialized", lambda: True)
+        monkeypatch.setattr(deadline.rospy.rostime, "is_wallclock", lambda: not simulated)
+
+    def says(self, paused):
+        for callback in self._callbacks:
+            callback(SimStatus(paused=paused))
+
+    def _subscribe(self, topic, _, callback, **__):
+        if threading.current_thread() is self._thread:  # others may read the watch of the process
+            self.topics.append(topic)
+            self._callbacks.append(callback)
+        return SimpleNamespace(impl=SimpleNamespace(connections=[self.connection]))
+
+
 @pytest.fixture
 def watch(monkeypatch):
-    """A watch of a simulator to which the connection is open, and the clock."""
+    """A watch of a simulator, the simulator, and the clock."""
     clock = Clock()
     monkeypatch.setattr(deadline, "time", clock)
     monkeypatch.setattr(deadline.rospy, "get_time", lambda: clock.ros)
-    made = deadline._PauseWatch()
-    made._started = True
-    connection = SimpleNamespace(socket=object())
-    made._subscriber = SimpleNamespace(impl=SimpleNamespace(connections=[connection]))
-    return made, connection, clock
+    made, simulator = deadline.PauseWatch(), Simulator(monkeypatch)
+    assert made.paused_time() == 0.0  # it begins with its first reader
+    return made, simulator, clock
 
 
 def test_time_stands_still_while_the_simulator_is_paused(watch):
-    paused, _, clock = watch
-    paused._update(SimStatus(paused=True))
+    paused, simulator, clock = watch
+    simulator.says(paused=True)
     clock.now += 5.0
     assert paused.paused_time() == 5.0
-    paused._update(SimStatus(paused=False))
+    simulator.says(paused=False)
     clock.now += 5.0
     assert paused.paused_time() == 5.0
 
 
 def test_time_goes_on_when_a_paused_simulator_has_ended(watch):
-    paused, connection, clock = watch
-    paused._update(SimStatus(paused=True))
+    paused, simulator, clock = watch
+    simulator.says(paused=True)
     clock.now += 5.0
-    connection.socket = None
+    simulator.connection.socket = None
     assert paused.paused_time() == 5.0
     clock.now += 7.0
     assert paused.paused_time() == 5.0
-    connection.socket = object()
-    paused._update(SimStatus(paused=True))  # of the next one
+    simulator.connection.socket = object()
+    simulator.says(paused=True)  # of the next one
     clock.now += 1.0
     assert paused.paused_time() == 6.0
 
 
 @pytest.mark.parametrize("rate", [0.2, 1.0, 5.0])
 def test_a_pause_is_not_believed_while_the_clock_goes_on(watch, rate):
-    paused, _, clock = watch
+    paused, simulator, clock = watch
     for _ in range(10):
-        paused._update(SimStatus(paused=True))
+        simulator.says(paused=True)
         clock.now += 1.0
         clock.ros += rate
     assert paused.paused_time() == pytest.approx(max(0.0, 10.0 - 10.0 * rate))
@@ -98,13 +118,9 @@ def test_a_pause_is_not_believed_while_the_clock_goes_on(watch, rate):
 
 @pytest.mark.parametrize("simulated", [True, False])
 def test_a_robot_does_not_listen_to_a_simulator(monkeypatch, simulated):
-    topics = []
-    monkeypatch.setattr(deadline.rospy, "Subscriber", lambda topic, *_, **__: topics.append(topic))
-    monkeypatch.setattr(deadline.rospy.core, "is_initialized", lambda: True)
-    monkeypatch.setattr(deadline.rospy.rostime, "is_rostime_initialized", lambda: True)
-    monkeypatch.setattr(deadline.rospy.rostime, "is_wallclock", lambda: not simulated)
-    deadline._PauseWatch().paused_time()
-    assert topics == ([deadline.SIM_STATUS_TOPIC] if simulated else [])
+    simulator = Simulator(monkeypatch, simulated)
+    deadline.PauseWatch().paused_time()
+    assert simulator.topics == ([deadline.SIM_STATUS_TOPIC] if simulated else [])
 
 
 class Wait:

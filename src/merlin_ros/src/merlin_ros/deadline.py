@@ -30,7 +30,7 @@ def simulated() -> bool:
     return not rospy.rostime.is_wallclock()
 
 
-class _PauseWatch:
+class PauseWatch:
     """Adds up how long the simulator has been paused. One per process, started by its first reader.
 
     :func:`merlin_ros.node.init_node` is that one: later the master may be lost.
@@ -89,7 +89,7 @@ class _PauseWatch:
         )
 
 
-_pause_watch = _PauseWatch()
+_pause_watch = PauseWatch()
 
 
 def running_time() -> float:
