@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which work runs, which waits, and which has to stop: events in, decisions out.
 
-The book of every server that runs something for a client: the executions of an operator, the goals of a state
-machine, the goals of a serial action server. What differs between them is a :class:`Policy`. Pure and not
-thread-safe: the owner's lock is held around each call, and decisions are carried out without it.
+The book of every server that runs something for a client: plans of a dispatcher, executions of an operator,
+goals of a state machine, goals of a serial action server. What differs between them is a :class:`Policy`.
+Pure and not thread-safe: the owner's lock is held around each call, and decisions are carried out without it.
 """
 
 from enum import Enum
