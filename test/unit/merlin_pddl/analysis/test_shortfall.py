@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Why a task has no plan, and that nothing is called unreachable that a plan can reach."""
 
+import itertools
 import time
 from pathlib import Path
 from typing import Tuple
@@ -12,7 +13,7 @@ from hypothesis import strategies as st
 from merlin_pddl.analysis.leave_out import leave_out
 from merlin_pddl.analysis.ranges import Range, arithmetic, can_compare
 from merlin_pddl.analysis.reachability import Reachability
-from merlin_pddl.analysis.shortfall import TOGETHER, shortfall
+from merlin_pddl.analysis.shortfall import CUT_OFF, TOGETHER, shortfall
 from merlin_pddl.domain_reader import parse_domain
 from merlin_pddl.evaluation import compare
 from merlin_pddl.formula import Atom
@@ -36,6 +37,12 @@ INIT = "(at hall) (in box_1 hall) (door hall ward) (= (needed hall ward) 5) (= (
 def task(goal: str, init: str = INIT) -> str:
     return f"""(define (problem day) (:domain courier) (:objects hall ward roof - place box_1 - box)
       (:init {init}) (:goal (and {goal})))"""
+
+
+def test_a_machine_that_stalls_cuts_nothing_off(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(time, "monotonic", itertools.count(0.0, LONG).__next__)
+    assert shortfall(COURIER, task("(safe)")) == (True, "cannot be reached: (safe); no action can make it true")
+    assert shortfall(COURIER, task("(safe)"), limit=0.0) == (False, CUT_OFF.format(limit=0))
 
 
 @pytest.mark.parametrize(
@@ -129,7 +136,7 @@ def test_everything_that_the_applications_do_can_be_reached(name: str) -> None:
     if "client" in domain.types:  # those of the restaurant come later
         problem_text = problem_text.replace("(:objects", "(:objects ann - client", 1)
     problem = parse_problem(problem_text, domain, constraints=True)
-    reach = Reachability(domain, problem, time.monotonic() + LONG)
+    reach = Reachability(domain, problem, time.thread_time() + LONG)
     effects = [effect for action in domain.operators.values() for effect in action.effects]
     made = {effect.atom.name for effect in effects if effect.atom and not effect.negative}
     for predicate in domain.predicates.values():
@@ -179,7 +186,7 @@ def test_every_place_of_a_walk_can_be_reached(doors: list, choices: list) -> Non
     problem = f"""(define (problem walk) (:domain courier) (:objects {objects} - place box_1 - box)
       (:init (at p0) (= (battery) 10) {facts}) (:goal (safe)))"""
     domain = parse_domain(COURIER)
-    reach = Reachability(domain, parse_problem(problem, domain), time.monotonic() + LONG)
+    reach = Reachability(domain, parse_problem(problem, domain), time.thread_time() + LONG)
     reach.run()
     place, battery = 0, 10
     for choice in choices:

@@ -25,7 +25,7 @@ def conditions_of(operator: Operator) -> List[Condition]:
 class Reachability:
     """Applies actions until no new fact comes true; :attr:`state` then holds all reachable facts.
 
-    :param end: of the analysis, s of ``time.monotonic``.
+    :param end: of the analysis, s of ``time.thread_time``.
     """
 
     def __init__(self, domain: Domain, problem: Problem, end: float) -> None:

@@ -42,7 +42,7 @@ class CutOffError(Exception):
 class RelaxedState:
     """The facts and numbers that were reached so far.
 
-    :param end: of the analysis, s of ``time.monotonic``.
+    :param end: of the analysis, s of ``time.thread_time``.
     """
 
     def __init__(self, domain: Domain, problem: Problem, end: float) -> None:
@@ -79,7 +79,7 @@ class RelaxedState:
 
         :raises CutOffError: the time is over.
         """
-        if time.monotonic() > self._end:
+        if time.thread_time() > self._end:
             raise CutOffError()
 
     # --- what comes true ----------------------------------------------------------------------------------

@@ -31,7 +31,7 @@ from merlin_pddl.problem import Problem
 from merlin_pddl.problem_reader import parse_problem
 from merlin_pddl.text_reader import PddlError
 
-#: s of wall time for the analysis.
+#: s of processor time for the analysis.
 LIMIT = 0.2
 #: How many goals are named.
 NAMED = 2
@@ -68,15 +68,15 @@ def shortfall(domain: str, problem: str, limit: float = LIMIT) -> Tuple[bool, st
     """Why there is no plan.
 
     :param domain, problem: PDDL text.
-    :param limit: s of wall time.
+    :param limit: s of processor time of this thread.
     :return: whether a condition was found that cannot be reached, and a sentence; empty when the text is not
         PDDL that this reader knows.
     """
-    end = time.monotonic() + limit
+    end = time.thread_time() + limit
     try:
         model = parse_domain(domain)
         task = parse_problem(problem, model, constraints=True)
-        found = Shortfall(model, task, end - time.monotonic())
+        found = Shortfall(model, task, end - time.thread_time())
         sentences = [_sentence(found.gap(goal)) for goal in found.goals[:NAMED]]
     except CutOffError:
         return False, CUT_OFF.format(limit=limit)
@@ -97,13 +97,13 @@ def _sentence(gap: Gap) -> str:
 class Shortfall:
     """The goals that no action can reach; follows one back to a condition that no action explains.
 
-    :param limit: s of wall time for all that is asked of it.
+    :param limit: s of processor time for all that is asked of it.
     :raises CutOffError: the time is over.
     :ivar goals: those goals; none: each can be reached for itself, were nothing ever lost.
     """
 
     def __init__(self, domain: Domain, task: Problem, limit: float = LIMIT) -> None:
-        reach = Reachability(domain, task, time.monotonic() + limit)
+        reach = Reachability(domain, task, time.thread_time() + limit)
         reach.run()
         self._domain = domain
         self._state: RelaxedState = reach.state

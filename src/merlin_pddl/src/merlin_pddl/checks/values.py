@@ -14,16 +14,16 @@ from merlin_pddl.problem import Problem
 #: How many missing values of a function are named.
 NAMED = 3
 LIMIT = 2.0
-"""s of wall time for the analysis."""
+"""s of processor time for the analysis."""
 CUT_OFF = "values of functions were not looked at: the problem is too large for it"
 
 
 def missing_values(domain: Domain, problem: Problem, limit: float = LIMIT) -> List[str]:
     """One sentence for each operator and function; values that an action may set before are not missing.
 
-    :param limit: s of wall time.
+    :param limit: s of processor time of this thread.
     """
-    reach = Reachability(domain, problem, time.monotonic() + limit)
+    reach = Reachability(domain, problem, time.thread_time() + limit)
     found: Dict[Tuple[str, str], Dict[str, None]] = {}
     try:
         reach.run()
