@@ -66,6 +66,8 @@ class Faults(unittest.TestCase):
             type(self).planning = self.start_planning()
             self.assertTrue(KnowledgeClient("rosplan_knowledge_base").wait(LONG))
         self.client = MerlinExecutorClient()
+        self.folder = tempfile.mkdtemp()
+        self.addCleanup(shutil.rmtree, self.folder)  # behind the end of what writes there
         self.addCleanup(lambda: kill(self.executor))
         self.addCleanup(self.drives.end)
         self.start_executor()
@@ -132,9 +134,7 @@ class Faults(unittest.TestCase):
         self.assertNextGoalWorks()
 
     def test_what_survives_goes_on_after_a_power_cut_and_its_client_finds_it(self):
-        folder = tempfile.mkdtemp()
-        self.addCleanup(shutil.rmtree, folder)
-        kept = f"_goals_file:={folder}/goals"
+        kept = f"_goals_file:={self.folder}/goals"
         self.restart_executor(kept)
         request = self.driving(survives=True)
         orphan = self.client.send("(checked main_door)", survives=True)
@@ -162,11 +162,9 @@ class Faults(unittest.TestCase):
         self.assertNextGoalWorks()
 
     def test_an_errand_of_a_day_survives_its_mission_and_the_executor(self):
-        folder = tempfile.mkdtemp()
-        self.addCleanup(shutil.rmtree, folder)
-        day = Path(folder, "day.yaml")
+        day = Path(self.folder, "day.yaml")
         day.write_text("- every: 1s\n  goals: (checked kitchen)\n  survives: true\n")
-        self.restart_executor(f"_goals_file:={folder}/goals")
+        self.restart_executor(f"_goals_file:={self.folder}/goals")
         goals = Watch("merlin/execute/goal", ExecuteActionGoal)
         self.drives.hold()
         with self.day(day) as mission:
