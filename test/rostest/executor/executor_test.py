@@ -391,9 +391,9 @@ class Executor(unittest.TestCase):
         way = "travel_time", "kitchen", "bathroom"
         self.addCleanup(self.knowledge.set_value, *way, value=self.knowledge.value(*way))
         self.knowledge.set_value(*way, value=0.5)  # as planned it is in time
-        begin = rospy.Time.now() + rospy.Duration(9.0)
+        begin = rospy.Time.now() + rospy.Duration(15.0)
         waiting = self.client.send("(checked kitchen)", not_before=begin)
-        late = self.driving("(robot_at bathroom)", deadline=6.0)  # the other one does not keep it waiting
+        late = self.driving("(robot_at bathroom)", deadline=12.0)  # the other one does not keep it waiting
         known = self.status.wait(lambda status: status.request == late.id and status.expected_end.to_sec())
         self.assertEqual(known.late, "")
         self.assertTrue(late.wait(LONG))
