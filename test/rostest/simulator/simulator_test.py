@@ -13,6 +13,7 @@ from geometry_msgs.msg import Twist
 from merlin_msgs.msg import SimStatus
 from merlin_msgs.srv import SetRealTimeFactor, SetSeed
 from nav_msgs.msg import OccupancyGrid, Odometry
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import LaserScan
 from std_srvs.srv import Trigger
 
@@ -20,6 +21,7 @@ import rostest
 from merlin_ros.service_proxy import ServiceProxy
 
 LONG = 120.0  # s of wall time
+ODOMETRY_PERIOD = 50_000_000  # ns
 
 
 class Latest:
@@ -140,6 +142,22 @@ class Simulator(unittest.TestCase):
         self.assertTrue(resume().success)
         self.status.wait(lambda m: not m.paused)
         self.truth["r1"].wait(lambda m: m.header.stamp > two)
+
+    def test_the_clock_of_a_fast_simulation_comes_as_odometry_does(self):
+        ticks = []
+        clock = Latest("/clock", Clock)
+        self.addCleanup(clock.subscriber.unregister)
+        recorder = rospy.Subscriber("/clock", Clock, lambda message: ticks.append(message.clock))
+        self.addCleanup(recorder.unregister)
+        change = ServiceProxy("/merlin_sim/set_real_time_factor", SetRealTimeFactor)
+        self.addCleanup(change, 4.0)
+        self.assertTrue(change(1.0).success)
+        clock.wait(lambda message: message.clock.to_nsec() % ODOMETRY_PERIOD != 0)
+        self.assertTrue(change(0.0).success)
+        fast = self.status.wait(lambda message: message.requested_factor == 0.0).header.stamp
+        fast += rospy.Duration(0.1)  # the step under way began before
+        clock.wait(lambda message: message.clock > fast + rospy.Duration(1.0))
+        self.assertEqual([t for t in list(ticks) if t > fast and t.to_nsec() % ODOMETRY_PERIOD != 0], [])
 
     def test_a_factor_beyond_the_machine_is_in_the_diagnostics(self):
         change = ServiceProxy("/merlin_sim/set_real_time_factor", SetRealTimeFactor)

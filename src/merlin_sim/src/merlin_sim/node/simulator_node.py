@@ -36,7 +36,7 @@ from merlin_ros.processes.process_priority import lower_priority
 from merlin_ros.publishing import publish
 from merlin_ros.work.threads import start_thread
 from merlin_sim.engine.physics import PhysicsError
-from merlin_sim.engine.simulation import PHYSICS_RATE, Simulation
+from merlin_sim.engine.simulation import ODOMETRY_EVERY, PHYSICS_RATE, Simulation
 from merlin_sim.node.pacer import Pacer
 from merlin_sim.node.pending_pictures import PendingPictures
 from merlin_sim.node.robot_interface import RobotInterface, grid_message
@@ -50,6 +50,9 @@ from merlin_sim.world.survey import map_of
 from merlin_sim.world.world_file import WorldError, load_world
 
 CLOCK_PERIOD = 2  # physics steps: 50 Hz
+#: Factor above which the clock comes with odometry: each of its messages wakes every node of the robot.
+FAST = 2.0
+BEAT = CLOCK_PERIOD * ODOMETRY_EVERY  # physics steps
 KEPT_UP = 0.9  # share of the factor asked for that counts as reached
 STATUS_PERIOD = 1.0  # s of wall time
 NICENESS = 5  # the robot's nodes go first: a late world catches up, a late decision costs its task time
@@ -153,7 +156,7 @@ class SimulatorNode:
             specs = [robot.spec for robot in old.robots.values()]
             new = Simulation(self._world, specs, self._robot_urdf, seed)
             # The clock keeps its beat.
-            self._begun, self.simulation = self._begun + old.tick + old.tick % CLOCK_PERIOD, new
+            self._begun, self.simulation = math.ceil((self._begun + old.tick) / BEAT) * BEAT, new
             self._seed = seed
             for name, robot in self.simulation.robots.items():
                 self._robots[name].attach(self.simulation, robot, self._localization(name))
@@ -185,7 +188,7 @@ class SimulatorNode:
             return CaptureImageResponse(success=False, message=str(error))
 
     def _publish(self, tick: int) -> None:
-        if tick % CLOCK_PERIOD == 0:
+        if tick % (CLOCK_PERIOD if 0.0 < self._pacer.factor <= FAST else ODOMETRY_EVERY) == 0:
             self._publish_clock(self._begun + tick)
         stamp = _time(self._begun + tick)
         transforms = [
