@@ -201,8 +201,8 @@ def test_a_tree_in_which_nothing_happens_is_not_ticked() -> None:
     run.tree.wake()
     with watch.ticked:
         assert watch.ticked.wait_for(lambda: watch.ticks == before + 1, LIMIT)
-    drive.end(lambda: SUCCEEDED)
     watch.says = Status.SUCCESS
+    drive.end(lambda: SUCCEEDED)
     assert run.ended() == (SUCCEEDED, "")
     assert watch.ticks <= before + 3
 
