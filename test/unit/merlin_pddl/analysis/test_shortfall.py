@@ -41,7 +41,8 @@ def task(goal: str, init: str = INIT) -> str:
 
 def test_a_machine_that_stalls_cuts_nothing_off(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(time, "monotonic", itertools.count(0.0, LONG).__next__)
-    assert shortfall(COURIER, task("(safe)")) == (True, "cannot be reached: (safe); no action can make it true")
+    why = "cannot be reached: (safe); no action can make it true"
+    assert shortfall(COURIER, task("(safe)")) == (True, why)
     assert shortfall(COURIER, task("(safe)"), limit=0.0) == (False, CUT_OFF.format(limit=0))
 
 
