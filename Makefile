@@ -100,14 +100,14 @@ fleet-chaos: build
 	@$(IN) python bench/fleet/campaign.py $(call given,TRIALS,trials) $(call given,FAULT,faults) $(call given,CLOCKS,clocks) --seed $(SEED)
 
 # docs/testing.md: what belongs to check, to test and to soak.
-PYTEST = $(IN) python -m pytest --dist loadfile --no-loadscope-reorder --progress -rs
+RUN_TESTS = $(IN) python -m pytest --dist loadfile --no-loadscope-reorder --progress -rs
 check: build
 	@$(IN) tools/check.sh $(if $(ALL),--all) $(call given,SINCE,since)
 
 # Tests wait for processes most of the time, so there are more workers than processors.
 JOBS ?= $(shell expr 3 \* $$(nproc))
 test: build
-	@$(PYTEST) -n $(JOBS) --junitxml=results/tests.xml test
+	@$(RUN_TESTS) -n $(JOBS) --junitxml=results/tests.xml test
 
 TESTS ?= test
 TIMES ?= 20
