@@ -18,7 +18,14 @@ from pathlib import Path
 import rospy
 from actionlib_msgs.msg import GoalStatusArray
 from executor_faults_fixture import Changes, Guard, Watch, client_process, kill, pid_of, start
-from merlin_msgs.msg import DispatchStatus, ExecuteActionGoal, ExecutorStatus, GoalQueue, PlannerStatus
+from merlin_msgs.msg import (
+    DispatchStatus,
+    ExecuteActionGoal,
+    ExecutorStatus,
+    GoalQueue,
+    MissionStatus,
+    PlannerStatus,
+)
 from rosplan_dispatch_msgs.srv import DispatchService
 from std_srvs.srv import Empty
 
@@ -166,11 +173,11 @@ class Faults(unittest.TestCase):
         day.write_text("- every: 1s\n  goals: (checked kitchen)\n  survives: true\n")
         self.restart_executor(f"_goals_file:={self.folder}/goals")
         goals = Watch("merlin/execute/goal", ExecuteActionGoal)
+        mission = Watch("merlin/mission", MissionStatus)
         self.drives.hold()
-        with self.day(day) as mission:
+        with self.day(day):
             self.drives.wait_driving()
             errand = self.status.wait(lambda status: status.running).request
-            kill(mission)
         kill(self.executor)
         self.drives.wait_stopped()
         self.wait_executor_gone()
@@ -179,12 +186,13 @@ class Faults(unittest.TestCase):
         self.drives.wait_driving()
         begun = rospy.Time.now()
         with self.day(day):
-            found = goals.wait(lambda sent: sent.goal_id.id == errand, begun)
+            mission.wait(lambda status: status.state == MissionStatus.RUNNING, begun)
             status = self.status.wait(lambda status: status.running)
             self.assertEqual((status.request, status.together), (errand, []))
+            ended = rospy.Time.now()
             self.drives.end()
             # Its next time: the mission knows that the one that it has found has ended.
-            goals.wait(lambda sent: sent.goal.not_before > found.goal.not_before)
+            goals.wait(lambda sent: sent.goal_id.id == errand, ended)
             self.assertTrue(self.knowledge.holds("(checked kitchen)"))
 
     @staticmethod
@@ -194,7 +202,7 @@ class Faults(unittest.TestCase):
         kind = "mission:=merlin_executor.mission:Day"
         mission = start("merlin_executor", "mission", "__name:=day", kind, f"_file:={file}")
         try:
-            yield mission
+            yield
         finally:
             kill(mission)
 
