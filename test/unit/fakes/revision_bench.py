@@ -23,7 +23,7 @@ from merlin_executor.node.executor_sm import ExecutorSM
 from merlin_executor.node.joint_run import PlanningSystem
 from merlin_executor.node.own_goals import OwnGoals
 from merlin_executor.node.request import Request
-from merlin_planning.dispatch_progress import DispatchResult
+from merlin_planning.dispatch_progress import DispatchResult, unmet_reason
 from merlin_planning.knowledge_client import ADD_GOAL
 from merlin_planning.knowledge_text import action_text, parse_goal, to_pddl
 from merlin_planning.planning_client import Planned, PlanningResult
@@ -229,7 +229,7 @@ class Robot:
             unstopped, self.unstopped = tuple(self.unstopped), ()
         interruptible(None)
         done = not unmet and not self.interrupted
-        reason = f"these goals do not hold: {', '.join(unmet)}" if unmet else ""
+        reason = unmet_reason(unmet) if unmet else ""
         return DispatchResult(done, self.interrupted, reason=reason, unmet=unmet, unstopped=unstopped)
 
     def stop(self, actions: Sequence[RunningAction]) -> None:

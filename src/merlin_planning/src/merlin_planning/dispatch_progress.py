@@ -314,6 +314,14 @@ class DispatchProgress:
         return DispatchResult(False, self._stopping, True, ", ".join(names), reason, names or (PART,))
 
 
+def unmet_reason(goals: Sequence[str]) -> str:
+    """Why a dispatch has failed whose actions have all succeeded.
+
+    :param goals: those that do not hold, as PDDL text.
+    """
+    return f"these goals do not hold: {', '.join(goals)}"
+
+
 def ground_text(text: str) -> str:
     """PDDL text for comparison: names do not depend on case."""
     return " ".join(text.lower().split())

@@ -19,7 +19,7 @@ from merlin_executor.node.recovery import Recovery
 from merlin_executor.node.request import ends_by
 from merlin_planning.dispatch_client import PART as DISPATCHER
 from merlin_planning.dispatch_client import DispatchClient
-from merlin_planning.dispatch_progress import DispatchResult
+from merlin_planning.dispatch_progress import DispatchResult, unmet_reason
 from merlin_planning.knowledge_client import KnowledgeError
 from merlin_planning.knowledge_text import to_pddl
 from merlin_planning.planning_client import Planned, PlanningClient, StageError
@@ -193,7 +193,8 @@ class Dispatch(DispatchPlanState):
             self.reason = ""  # that of the dispatcher names goals of a newcomer
             return SUCCEEDED
         if unmet:
-            self.reason = self.reason.replace(", ".join(course.unmet), ", ".join(missing))
+            if self.reason == unmet_reason(course.unmet):
+                self.reason = unmet_reason(missing)
             return outcome
         self.reason = GOALS_GONE
         return PREEMPTED if self.preempt_requested() else FAILED

@@ -22,7 +22,7 @@ from std_srvs.srv import Empty, EmptyRequest, EmptyResponse
 from merlin_pddl.breakpoints import Breakpoints
 from merlin_planning.action_messages import OWN_MARK
 from merlin_planning.breakpoint_service import BreakpointService
-from merlin_planning.dispatch_progress import NO, STOPPED
+from merlin_planning.dispatch_progress import NO, STOPPED, unmet_reason
 from merlin_ros.actions.action_server import ActionServer, ServerGoal
 from merlin_ros.actions.lease import LEASED, LOSE_AFTER, SUSPEND_AFTER, LeaseState
 from merlin_ros.alarms import wait_ticks
@@ -417,7 +417,7 @@ class PlanDispatcher(Component):
         """A report whose success is checked against the goals; its reason says why it does not count."""
         try:
             unmet = tuple(self._knowledge.unmet_goals())
-            reason = f"these goals do not hold: {', '.join(unmet)}" if unmet else ""
+            reason = unmet_reason(unmet) if unmet else ""
         except PlanKnowledgeError as error:
             unmet, reason = (), f"whether the goals hold is not known: {error}"
         except Exception:  # a goal of another knowledge base may be what no text can say
