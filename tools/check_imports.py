@@ -138,7 +138,7 @@ LAYERS: Dict[str, Tuple[str, ...]] = {
         "bag",
         "web terminal rviz",
     ),
-    "merlin_explain": ("claims", "core", "happening", "node", "."),
+    "merlin_explain": ("claims", "core", "execution", "node", "."),
     "merlin": ("new", ".", "doctor replay services testing why"),
     "merlin_home": (".", "actions"),
     "merlin_restaurant": (".", "actions"),

@@ -20,8 +20,8 @@ from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback
 from rosplan_knowledge_msgs.msg import KnowledgeItem
 from smach_msgs.msg import SmachContainerStatus, SmachContainerStructure
 
-from merlin_explain.happening.moment import Moment
-from merlin_explain.happening.recorded_past import RecordedPast
+from merlin_explain.execution.moment import Moment
+from merlin_explain.execution.recorded_past import RecordedPast
 from merlin_monitor.bag.bag_import import RecordedModel
 from merlin_monitor.state.knowledge_section import Contents
 from merlin_monitor.state.plan_steps import ShownStep

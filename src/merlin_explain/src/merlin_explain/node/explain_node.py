@@ -34,13 +34,13 @@ REFUSALS = (QuestionError, PddlError, ServiceError, KnowledgeError, MasterSilent
 
 Answering = Callable[[ExplainRequest, RobotSystem], Answer]
 _PLANS = (ExplainRequest.WHY, ExplainRequest.WHY_NOT, ExplainRequest.NO_PLAN, ExplainRequest.WHAT_IF)
-_HAPPENING = (ExplainRequest.WAITING, ExplainRequest.FAILED, ExplainRequest.SO, ExplainRequest.DOING)
+_EXECUTION = (ExplainRequest.WAITING, ExplainRequest.FAILED, ExplainRequest.SO, ExplainRequest.DOING)
 #: The function of questions about what happens, and about plans of a past moment.
-OF_MOMENTS = "merlin_explain.node.happening_questions:happening"
+OF_MOMENTS = "merlin_explain.node.execution_questions:of_execution"
 #: Question → its function, which raises QuestionError where the question is wrong; imported when it is asked.
 QUESTIONS: Dict[str, str] = {
     **dict.fromkeys(_PLANS, "merlin_explain.node.plan_questions:of_plans"),
-    **dict.fromkeys(_HAPPENING, OF_MOMENTS),
+    **dict.fromkeys(_EXECUTION, OF_MOMENTS),
 }
 
 

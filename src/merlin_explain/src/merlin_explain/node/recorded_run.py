@@ -9,10 +9,10 @@ import rospy
 from merlin_msgs.srv import ExplainRequest, ExplainResponse
 
 from merlin_explain.claims import QuestionError
-from merlin_explain.happening.recorded_past import PANEL, RecordedPast
+from merlin_explain.execution.recorded_past import PANEL, RecordedPast
 from merlin_explain.node.application_words import ApplicationWords
+from merlin_explain.node.execution_questions import tell, usable_history
 from merlin_explain.node.explain_node import as_response
-from merlin_explain.node.happening_questions import tell, usable_history
 from merlin_monitor.text.sentences import Sentences, SentencesError, read_sentences
 from merlin_monitor.web.open_command import BagError, as_bag, history_of
 from merlin_pddl.domain import Domain

@@ -12,8 +12,8 @@ from merlin_msgs.srv import PreviewPlanRequest, PreviewPlanResponse
 
 from merlin_explain.claims import EVENT, Claim, Evidence, QuestionError, Words
 from merlin_explain.core.why import Doing, Request
-from merlin_explain.happening.moment import RUNNING, Moment, clock, key_of
-from merlin_explain.happening.recorded_past import PANEL, RecordedPast
+from merlin_explain.execution.moment import RUNNING, Moment, clock, key_of
+from merlin_explain.execution.recorded_past import PANEL, RecordedPast
 from merlin_monitor.text.request_words import sender_of
 from merlin_pddl.analysis.plan_run import plan_fault
 from merlin_pddl.checks.installed_planners import is_preset

@@ -10,7 +10,7 @@ from typing import Any, Callable, Dict, List, Mapping, Optional
 from merlin_msgs.srv import Explain, ExplainRequest, ExplainResponse
 from std_msgs.msg import String
 
-from merlin_explain.happening.recorded_past import PANEL
+from merlin_explain.execution.recorded_past import PANEL
 from merlin_monitor.listeners.panel import Panel
 from merlin_monitor.listeners.ros_system import RosSystem
 from merlin_monitor.panels.control import SENTENCES

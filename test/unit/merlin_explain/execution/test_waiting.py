@@ -7,8 +7,8 @@ import pytest
 from robot_story import BEGIN, RobotStory
 
 from merlin_explain.claims import Answer, QuestionError, Words
-from merlin_explain.happening.moment import Change, clock
-from merlin_explain.happening.waiting import waiting
+from merlin_explain.execution.moment import Change, clock
+from merlin_explain.execution.waiting import waiting
 
 RUNNING, NEXT = "/mission-1-5.0", "/tablet-1-6.0"
 DRIVE, MOP = "(drive d1 hall kitchen)", "(mop kitchen)"

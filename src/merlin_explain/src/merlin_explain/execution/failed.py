@@ -6,8 +6,8 @@ from typing import Any, Iterator, List, Mapping, NamedTuple, Optional, Tuple
 
 from merlin_explain.claims import EVENT, FACT, Answer, Claim, Evidence, QuestionError, Words
 from merlin_explain.core.wording import and_list
-from merlin_explain.happening.moment import ATOM, Moment, Step, checked_about, clock, in_words, key_of
-from merlin_explain.happening.recorded_past import LATER, Event, RecordedPast
+from merlin_explain.execution.moment import ATOM, Moment, Step, checked_about, clock, in_words, key_of
+from merlin_explain.execution.recorded_past import LATER, Event, RecordedPast
 from merlin_pddl.domain import Domain
 
 KINDS = ("goal", "action", "plan")

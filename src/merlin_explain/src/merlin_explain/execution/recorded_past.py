@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Dict, Iterator, List, Optional, Sequence, Tuple
 
 from merlin_explain.claims import QuestionError
-from merlin_explain.happening.moment import Change, Moment, clock, key_of
+from merlin_explain.execution.moment import Change, Moment, clock, key_of
 from merlin_monitor.history.event_log import MARKS, EventLog, Neighbour
 from merlin_monitor.history.frames import Recording
 from merlin_monitor.history.history_file import HistoryError, last_run, open_for_reading

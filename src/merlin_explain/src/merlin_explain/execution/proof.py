@@ -3,7 +3,7 @@
 
 from typing import FrozenSet, Iterable, Iterator, List, Optional, Union
 
-from merlin_explain.happening.moment import Moment
+from merlin_explain.execution.moment import Moment
 from merlin_pddl.evaluation import Evaluator
 from merlin_pddl.formula import And, Atom, Comparison, Condition, Exists, Forall, Not, Or, ground
 from merlin_pddl.knowledge import Key

@@ -8,9 +8,9 @@ from merlin_msgs.msg import QueuedGoal
 from robot_story import BEGIN, RobotStory
 
 from merlin_explain.claims import Answer, QuestionError, Words
-from merlin_explain.happening.doing import doing
-from merlin_explain.happening.moment import clock
-from merlin_explain.happening.waiting import waiting
+from merlin_explain.execution.doing import doing
+from merlin_explain.execution.moment import clock
+from merlin_explain.execution.waiting import waiting
 
 REQUEST = "/mission-1-5.0"
 DRIVE, MOP = "(drive d1 hall kitchen)", "(mop kitchen)"

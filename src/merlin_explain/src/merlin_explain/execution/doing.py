@@ -4,8 +4,8 @@
 from typing import List
 
 from merlin_explain.claims import EVENT, Answer, Claim, Evidence, Words
-from merlin_explain.happening.moment import RUNNING, SHORTEST, Moment, clock, matches, request_evidence
-from merlin_explain.happening.waiting import waiting
+from merlin_explain.execution.moment import RUNNING, SHORTEST, Moment, clock, matches, request_evidence
+from merlin_explain.execution.waiting import waiting
 
 
 def doing(moment: Moment, about: str, words: Words) -> Answer:

@@ -5,9 +5,9 @@ from typing import Collection, List
 
 from merlin_explain.claims import FACT, Answer, Claim, Evidence, QuestionError, Words
 from merlin_explain.core.wording import and_list
-from merlin_explain.happening.moment import RUNNING, Change, Moment, Step, checked_about, key_of
-from merlin_explain.happening.proof import proof
-from merlin_explain.happening.recorded_past import RecordedPast
+from merlin_explain.execution.moment import RUNNING, Change, Moment, Step, checked_about, key_of
+from merlin_explain.execution.proof import proof
+from merlin_explain.execution.recorded_past import RecordedPast
 from merlin_pddl.formula import Atom, Condition, Fluent, Not, conjuncts, ground, terms, to_pddl
 from merlin_pddl.problem_reader import parse_condition
 

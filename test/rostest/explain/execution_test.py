@@ -86,7 +86,7 @@ class Ears:
         raise AssertionError(f"“{phrase}” is not answered")
 
 
-class Happening(unittest.TestCase):
+class ExecutionQuestions(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
         cls.client = MerlinExecutorClient()
@@ -238,5 +238,5 @@ class Happening(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    rospy.init_node("happening_test")
-    rostest.rosrun("merlin_test", "happening", Happening)
+    rospy.init_node("execution_test")
+    rostest.rosrun("merlin_test", "execution", ExecutionQuestions)

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from robot_story import DOMAIN, OPERATORS
 
 from merlin_explain.claims import Words
-from merlin_explain.happening.moment import Moment
-from merlin_explain.happening.waiting import waiting
+from merlin_explain.execution.moment import Moment
+from merlin_explain.execution.waiting import waiting
 from merlin_pddl.domain_reader import parse_domain
 
 DOMAIN_MODEL = parse_domain(DOMAIN)

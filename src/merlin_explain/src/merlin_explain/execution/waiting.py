@@ -5,7 +5,7 @@ from typing import Any, List, Mapping, Optional
 
 from merlin_explain.claims import EVENT, FACT, Answer, Claim, Evidence, QuestionError, Words
 from merlin_explain.core.wording import and_list
-from merlin_explain.happening.moment import (
+from merlin_explain.execution.moment import (
     RUNNING,
     WAITING,
     Moment,

@@ -10,7 +10,7 @@ from merlin_msgs.srv import ExplainRequest
 from robot_story import DOMAIN, RobotStory
 
 from merlin_explain.claims import QuestionError, Words
-from merlin_explain.node import happening_questions
+from merlin_explain.node import execution_questions
 from merlin_explain.node.robot_system import USUAL
 from merlin_ros.service_proxy import ServiceError
 
@@ -33,8 +33,8 @@ def robot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
     story = RobotStory(tmp_path)
     story.runs("/m-1", ["(tidy kitchen)"])
     history = {"/merlin_monitor/history": str(story.file)}
-    monkeypatch.setattr(happening_questions, "get_param", history.get)
-    monkeypatch.setattr(happening_questions, "ServiceProxy", Silent)
+    monkeypatch.setattr(execution_questions, "get_param", history.get)
+    monkeypatch.setattr(execution_questions, "ServiceProxy", Silent)
     system = SimpleNamespace(
         names=USUAL,
         knowledge=SimpleNamespace(name="kb"),
@@ -42,7 +42,7 @@ def robot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
         domain_text=lambda: DOMAIN,
         words=Words,
     )
-    yield SimpleNamespace(story=story, ask=lambda: happening_questions.happening(NOW, system))
+    yield SimpleNamespace(story=story, ask=lambda: execution_questions.of_execution(NOW, system))
     story.close()
 
 

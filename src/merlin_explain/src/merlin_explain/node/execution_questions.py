@@ -12,12 +12,12 @@ from merlin_msgs.srv import ExplainRequest
 from rosplan_knowledge_msgs.srv import GetAttributeService
 
 from merlin_explain.claims import Answer, QuestionError, Words
-from merlin_explain.happening.doing import doing
-from merlin_explain.happening.failed import failed
-from merlin_explain.happening.moment import Change, Moment, clock
-from merlin_explain.happening.provenance import provenance
-from merlin_explain.happening.recorded_past import RecordedPast
-from merlin_explain.happening.waiting import waiting
+from merlin_explain.execution.doing import doing
+from merlin_explain.execution.failed import failed
+from merlin_explain.execution.moment import Change, Moment, clock
+from merlin_explain.execution.provenance import provenance
+from merlin_explain.execution.recorded_past import RecordedPast
+from merlin_explain.execution.waiting import waiting
 from merlin_explain.node.robot_system import RobotSystem
 from merlin_monitor.history.history_file import HistoryError
 from merlin_pddl.text_reader import PddlError
@@ -66,7 +66,7 @@ def tell(
         return Answer(said, (*answer.claims, *more))
 
 
-def happening(question: ExplainRequest, system: RobotSystem) -> Answer:
+def of_execution(question: ExplainRequest, system: RobotSystem) -> Answer:
     """Answers it of a robot that runs, questions about plans of a past moment."""
     with usable_history(), contextlib.closing(
         RecordedPast(_history(), system.domain(), question.at.to_sec(), session=_session())

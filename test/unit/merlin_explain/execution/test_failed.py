@@ -8,7 +8,7 @@ from merlin_msgs.msg import ExecuteResult, PlannerStatus
 from robot_story import BRIDGES, RobotStory
 
 from merlin_explain.claims import Answer, QuestionError, Words
-from merlin_explain.happening.failed import failed
+from merlin_explain.execution.failed import failed
 from merlin_monitor.state.history_events import Event
 
 REQUEST = "/mission-1-5.0"

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from robot_story import BEGIN, BRIDGES, DOMAIN, RobotStory
 
 from merlin_explain.claims import Answer, QuestionError, Words
-from merlin_explain.happening.moment import Moment, clock, key_of
-from merlin_explain.happening.proof import proof
-from merlin_explain.happening.provenance import provenance
+from merlin_explain.execution.moment import Moment, clock, key_of
+from merlin_explain.execution.proof import proof
+from merlin_explain.execution.provenance import provenance
 from merlin_pddl.domain_reader import parse_domain
 from merlin_pddl.formula import Atom, to_pddl
 from merlin_pddl.text_reader import PddlError
@@ -182,7 +182,7 @@ def test_a_proof_is_enough_by_itself_and_there_is_one_for_each_true_fact(
 
 
 def test_the_history_of_another_program_is_refused(tmp_path: Path) -> None:
-    from merlin_explain.happening.recorded_past import RecordedPast
+    from merlin_explain.execution.recorded_past import RecordedPast
     from merlin_monitor.history.history_file import HistoryError
 
     (tmp_path / "history.sqlite").write_text("no history")

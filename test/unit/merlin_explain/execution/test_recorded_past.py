@@ -7,7 +7,7 @@ import pytest
 from robot_story import BEGIN, RobotStory
 
 from merlin_explain.claims import QuestionError
-from merlin_explain.happening.recorded_past import RecordedPast
+from merlin_explain.execution.recorded_past import RecordedPast
 from merlin_monitor.history.history_file import begin_run, open_for_writing
 
 
