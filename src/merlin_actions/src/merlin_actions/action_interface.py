@@ -35,7 +35,7 @@ from merlin_ros.actions.lease import LeaseChange, LeaseState
 from merlin_ros.actions.lease_holder import LIFE
 from merlin_ros.actions.lease_watch import LeaseWatch
 from merlin_ros.actions.ownership import ownership
-from merlin_ros.actions.peers import connected_peers
+from merlin_ros.actions.peers import connected_peers, sender_of
 from merlin_ros.alarms import Alarm, call_later, every, wait_ticks
 from merlin_ros.deadline import call_when_passed, running_time
 from merlin_ros.master.master_link import MasterSilent, get_param
@@ -238,8 +238,7 @@ class ActionInterface:
         if not decisions:
             rospy.logwarn(f"{execution.text} was dispatched twice with the same ids; it runs once")
             return
-        sender = (getattr(dispatch, "_connection_header", None) or {}).get("callerid", "")
-        self._owners.arrive(execution.lease, sender)
+        self._owners.arrive(execution.lease, sender_of(dispatch))
         self._answer(execution.key)
         self._owners.tell(execution.lease)  # which came before it
         self._carry_out(decisions)

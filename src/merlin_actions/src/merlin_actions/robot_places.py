@@ -9,7 +9,8 @@ from typing import Any, Dict, List, Tuple
 import rospy
 from merlin_msgs.msg import RobotWay
 
-from merlin_planning.robot_roster import RobotRoster, sender_of
+from merlin_planning.robot_roster import RobotRoster
+from merlin_ros.actions.peers import sender_of
 from merlin_ros.master.master_link import get_param
 from merlin_sm.states.navigation import POINTS_PARAM
 

@@ -12,7 +12,8 @@ from merlin_msgs.msg import RobotHost
 from merlin_actions.core.availability import Availability
 from merlin_actions.core.robot_book import GONE_AFTER, HostWord, RobotBook, RobotChange
 from merlin_planning.knowledge_client import ADD, REMOVE, KnowledgeClient, KnowledgeError, Update, fact
-from merlin_planning.robot_roster import RobotRoster, is_node, sender_of
+from merlin_planning.robot_roster import RobotRoster, is_node
+from merlin_ros.actions.peers import sender_of
 from merlin_ros.alarms import TICK, Alarm, TickClock, call_later, every, wait_ticks
 from merlin_ros.master.master_link import MasterSilent
 from merlin_ros.robot_values import AVAILABLE

@@ -19,7 +19,7 @@ from merlin_monitor.panel_scripts import script_file
 from merlin_monitor.state.freshness import Source
 from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_monitor.truth.worst_truth import SIMULATOR
-from merlin_planning.robot_roster import sender_of
+from merlin_ros.actions.peers import sender_of
 from merlin_ros.class_path import load_class
 from merlin_ros.deadline import SIM_STATUS_TOPIC
 from merlin_ros.master.master_link import ERRORS, bounded_master

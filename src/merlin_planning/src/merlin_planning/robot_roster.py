@@ -6,7 +6,7 @@ A node that names too many robots costs itself robots, and no other node. Withou
 
 import re
 import threading
-from typing import Any, NamedTuple, Set
+from typing import NamedTuple, Set
 
 from merlin_ros.work.liveness import Limits, Liveness, Word
 
@@ -73,8 +73,3 @@ class RobotRoster:
 def is_node(name: str) -> bool:
     """Whether a node can have this name, with its namespace."""
     return _NODE.fullmatch(name) is not None
-
-
-def sender_of(message: Any) -> str:
-    """The node that published a message; empty when that is not known."""
-    return str((getattr(message, "_connection_header", None) or {}).get("callerid", ""))

@@ -12,8 +12,9 @@ from std_srvs.srv import Trigger
 
 from merlin_executor.core.base_hold import hold_words
 from merlin_executor.core.standstill import STAND_WAIT, Halt, together
-from merlin_planning.robot_roster import KEEP, RobotRoster, is_node, sender_of
+from merlin_planning.robot_roster import KEEP, RobotRoster, is_node
 from merlin_ros.actions.hang_watch import hangs
+from merlin_ros.actions.peers import sender_of
 from merlin_ros.deadline import Deadline
 from merlin_ros.publishing import publish
 from merlin_ros.service_proxy import ServiceError, ServiceProxy

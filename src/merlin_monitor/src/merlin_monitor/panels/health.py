@@ -10,7 +10,7 @@ from merlin_msgs.msg import GuardStatus
 from merlin_monitor.listeners.panel import Panel
 from merlin_monitor.listeners.ros_system import RosSystem
 from merlin_monitor.state.monitor_model import MonitorModel
-from merlin_planning.robot_roster import sender_of
+from merlin_ros.actions.peers import sender_of
 
 #: Nodes that hang after which one look asks no others: each takes 2 s, and the next look waits.
 MOST_HANGING = 3

@@ -11,7 +11,7 @@ from std_msgs.msg import String
 from merlin_monitor.listeners.panel import Panel
 from merlin_monitor.listeners.ros_system import RosSystem
 from merlin_monitor.state.monitor_model import MonitorModel
-from merlin_planning.robot_roster import sender_of
+from merlin_ros.actions.peers import sender_of
 from merlin_ros.publishing import publish
 from merlin_sm.holding.node_holds import CONSOLES_TOPIC, HOLDS_TOPIC, OUTCOMES_TOPIC
 

@@ -11,7 +11,7 @@ from merlin_monitor.listeners.ros_system import RosSystem
 from merlin_monitor.state.freshness import Source
 from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_monitor.truth.worst_truth import LIVE, MISSION
-from merlin_planning.robot_roster import sender_of
+from merlin_ros.actions.peers import sender_of
 
 
 class NowPanel(Panel):

@@ -13,7 +13,8 @@ from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.text.fact_text import atom_text
 from merlin_monitor.text.phrase import Phrase, say, with_reason
 from merlin_monitor.text.wording import Wording
-from merlin_planning.robot_roster import RobotRoster, sender_of
+from merlin_planning.robot_roster import RobotRoster
+from merlin_ros.actions.peers import sender_of
 from merlin_ros.work.liveness import Limits, Liveness, Presence, Word
 
 SECTION = "robots"

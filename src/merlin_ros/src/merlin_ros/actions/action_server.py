@@ -21,6 +21,7 @@ from merlin_ros.actions.hang_watch import hangs
 from merlin_ros.actions.lease import LASTING, LOSE_AFTER, LeaseChange, LeaseState
 from merlin_ros.actions.lease_watch import LeaseWatch
 from merlin_ros.actions.ownership import ownership
+from merlin_ros.actions.peers import sender_of
 from merlin_ros.actions.sending_order import SendingOrder
 from merlin_ros.alarms import Alarm, call_later, every
 from merlin_ros.publishing import publish
@@ -315,7 +316,7 @@ class ActionServer:
                 goal_id.id = f"{rospy.get_name()}-unnamed-{next(_numbers)}"
             if goal_id.stamp.is_zero():
                 goal_id.stamp = rospy.Time.now()
-            sender = str((getattr(message, "_connection_header", None) or {}).get("callerid", ""))
+            sender = sender_of(message)
             known = self._goals.get(goal_id.id)
             lasting = goal_id.id.endswith(LASTING)  # who sends it again follows it, until it has ended
             if known is not None and not (lasting and known.done):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""To which nodes a topic is connected.
+"""To which nodes a topic is connected, and from which one a message came.
 
 rospy's own count is too high for a while when one has died: it tries to open the connection again, waits for
 the master, or notices it with the next message. The socket shows it at once.
@@ -52,6 +52,11 @@ def reaches(publisher: rospy.Publisher, node: str) -> bool:
     """Whether a connection to a node that subscribes is open."""
     connections: List[Any] = getattr(publisher.impl, "connections", None) or []
     return any(connection.endpoint_id == node and not _closed(connection) for connection in list(connections))
+
+
+def sender_of(message: Any) -> str:
+    """The node that published a message, or sent the request of a service; empty when that is not known."""
+    return str((getattr(message, "_connection_header", None) or {}).get("callerid", ""))
 
 
 def _closed(connection: Any) -> bool:

@@ -26,8 +26,9 @@ from rosplan_knowledge_msgs.msg import DomainFormula
 from merlin_pddl.breakpoints import Breakpoints
 from merlin_planning.action_messages import OWN_MARK
 from merlin_planning.dispatch_progress import CANCEL_ACTION
-from merlin_planning.robot_roster import RobotRoster, sender_of
+from merlin_planning.robot_roster import RobotRoster
 from merlin_ros.actions.lease_holder import LeaseHolder
+from merlin_ros.actions.peers import sender_of
 from merlin_ros.deadline import Deadline, running_time
 from merlin_ros.publishing import publish
 from merlin_ros.robot_values import AVAILABLE

@@ -25,6 +25,7 @@ from merlin_planning.breakpoint_service import BreakpointService
 from merlin_planning.dispatch_progress import NO, STOPPED, unmet_reason
 from merlin_ros.actions.action_server import ActionServer, ServerGoal
 from merlin_ros.actions.lease import LEASED, LOSE_AFTER, SUSPEND_AFTER, LeaseState
+from merlin_ros.actions.peers import sender_of
 from merlin_ros.alarms import wait_ticks
 from merlin_ros.deadline import Deadline, limit
 from merlin_ros.health import OK, WARN, Health
@@ -50,7 +51,7 @@ from merlin_rosplan.dispatch.dispatch_schedule import Ongoing, PlanError, Schedu
 from merlin_rosplan.dispatcher.dispatch_settler import DispatchSettler
 from merlin_rosplan.dispatcher.dispatch_topics import SHUTDOWN_DEADLINE, DispatchTopics
 from merlin_rosplan.dispatcher.knowledge_events import KnowledgeEvents
-from merlin_rosplan.transport.component import Component, caller
+from merlin_rosplan.transport.component import Component
 from merlin_rosplan.transport.handover import Handover
 
 if TYPE_CHECKING:  # what carries out a plan is imported when the node serves
@@ -217,7 +218,7 @@ class PlanDispatcher(Component):
     # --- services and action ------------------------------------------------------------------------
 
     def _serve(self, request: DispatchServiceRequest) -> DispatchServiceResponse:
-        report = self._run(self._arrive(_Turn(caller(request))))
+        report = self._run(self._arrive(_Turn(sender_of(request))))
         return DispatchServiceResponse(success=report.success, goal_achieved=report.goal_achieved)
 
     def _serve_cancel(self, _: EmptyRequest) -> EmptyResponse:
@@ -233,7 +234,7 @@ class PlanDispatcher(Component):
     def _serve_exchange(self, request: ExchangePlanRequest) -> ExchangePlanResponse:
         with self._state:
             dispatch, goal = self._turn.dispatch, self._turn.goal
-        if dispatch is None or goal is None or (goal.id, goal.sender) != (request.goal, caller(request)):
+        if dispatch is None or goal is None or (goal.id, goal.sender) != (request.goal, sender_of(request)):
             return ExchangePlanResponse("the dispatcher carries out no plan for this goal of this client")
         try:
             plan = self._take_plan()

@@ -20,6 +20,7 @@ from merlin_pddl.domain_reader import read_domain
 from merlin_pddl.problem import Problem
 from merlin_pddl.problem_reader import read_problem
 from merlin_pddl.text_reader import PddlError, shortened
+from merlin_ros.actions.peers import sender_of
 from merlin_ros.health import OK, Health
 from merlin_ros.work.threads import start_thread
 from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
@@ -30,12 +31,7 @@ from merlin_rosplan.messages.wire_items import AnyItem, UpdateArray, bounded, re
 from merlin_rosplan.nodes.goal_leases import GoalLeases
 from merlin_rosplan.nodes.state_services import DomainServices, ExecutionServices, StateServices
 from merlin_rosplan.storage.state_file import StateFile, StateFileError
-from merlin_rosplan.transport.component import (
-    KNOWLEDGE_BASE,
-    Component,
-    ComponentError,
-    caller,
-)
+from merlin_rosplan.transport.component import KNOWLEDGE_BASE, Component, ComponentError
 
 #: Items that one request may have: others wait for an array while it is stored.
 MAX_ITEMS = 20_000
@@ -180,14 +176,14 @@ class KnowledgeBase(Component):
 
     def _update(self, request: srv.KnowledgeUpdateServiceRequest) -> srv.KnowledgeUpdateServiceResponse:
         return srv.KnowledgeUpdateServiceResponse(
-            self._apply("update", [request.update_type], [request.knowledge], caller(request))
+            self._apply("update", [request.update_type], [request.knowledge], sender_of(request))
         )
 
     def _update_array(
         self, request: srv.KnowledgeUpdateServiceArrayRequest
     ) -> srv.KnowledgeUpdateServiceArrayResponse:
         refuse_too_many(request)
-        client = caller(request)
+        client = sender_of(request)
         success = self._apply("update_array", list(request.update_type), request.knowledge, client)
         if success:
             self._status.publish(StatusUpdate(client, rospy.get_rostime()))
@@ -217,7 +213,7 @@ class KnowledgeBase(Component):
 
     def _clear(self, request: EmptyRequest) -> EmptyResponse:
         try:
-            with self.store.transaction(caller(request)) as transaction:
+            with self.store.transaction(sender_of(request)) as transaction:
                 transaction.clear()
         except UpdateRefused as error:
             raise rospy.ServiceException(str(error)) from error
@@ -227,7 +223,7 @@ class KnowledgeBase(Component):
         self, request: srv.KnowledgeUpdateServiceArrayRequest
     ) -> srv.KnowledgeUpdateServiceArrayResponse:
         """Stores a group of facts of which one is true. As in ROSPlan, no service uses it."""
-        client = caller(request)
+        client = sender_of(request)
         try:
             with self.store.transaction(client) as transaction:
                 items = [self._reader.item(message).text() for message in request.knowledge]
@@ -239,7 +235,7 @@ class KnowledgeBase(Component):
         return srv.KnowledgeUpdateServiceArrayResponse(True)
 
     def _sensed(self, request: srv.SetNamedBoolRequest) -> srv.SetNamedBoolResponse:
-        client = caller(request)
+        client = sender_of(request)
         name = request.name.lower()
         if self.strict and name not in self.domain.predicates and name not in self.domain.functions:
             self._refused("update_sensed_predicates", client, f"unknown predicate '{request.name}'")
@@ -283,7 +279,7 @@ class Refusals:
     def answer(self, request: TriggerRequest) -> TriggerResponse:
         """The answer of the service: the last refusal of the client that asks; no success without one."""
         with self._lock:
-            reason = self._reasons.get(caller(request))
+            reason = self._reasons.get(sender_of(request))
         return TriggerResponse(reason is not None, reason or "nothing of this client was refused")
 
 

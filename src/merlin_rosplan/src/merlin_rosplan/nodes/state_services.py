@@ -22,6 +22,7 @@ from rosplan_knowledge_msgs.msg import StatusUpdate
 from merlin_pddl.domain import Domain
 from merlin_pddl.knowledge import Fact
 from merlin_pddl.text_reader import suggestion
+from merlin_ros.actions.peers import sender_of
 from merlin_rosplan.knowledge.executions import Executions
 from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
 from merlin_rosplan.knowledge.knowledge_store import KnowledgeStore
@@ -36,7 +37,7 @@ from merlin_rosplan.messages.wire_items import (
     bounded,
     refuse_too_many,
 )
-from merlin_rosplan.transport.component import Component, caller
+from merlin_rosplan.transport.component import Component
 
 #: s of wall time that the answer to one ``query_state`` may take
 MAX_QUERY_TIME = 60.0
@@ -58,7 +59,7 @@ class ExecutionServices:
         component.service("executions", ListExecutions, self._list)
 
     def _apply(self, request: ApplyEffectsRequest) -> ApplyEffectsResponse:
-        client = caller(request)
+        client = sender_of(request)
         try:
             with self._store.transaction(client) as transaction:
                 message = self._change(Executions(transaction), request, client)

@@ -25,11 +25,6 @@ KNOWLEDGE_BASE = "rosplan_knowledge_base"
 _NO_DEFAULT = object()
 
 
-def caller(request: Any) -> str:
-    """Name of the node that sent a service request; empty when it is not known."""
-    return request._connection_header.get("callerid", "") if request._connection_header else ""
-
-
 class ComponentError(Exception):
     """A component cannot start; the text names the mistake and the remedy."""
 

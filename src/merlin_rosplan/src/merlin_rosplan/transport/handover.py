@@ -16,6 +16,7 @@ from typing import Any, Callable, ClassVar, Deque, Dict, List, NamedTuple, Optio
 import rospy
 from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
 
+from merlin_ros.actions.peers import sender_of
 from merlin_ros.master.master_link import ERRORS, bounded_master
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
 
@@ -130,9 +131,8 @@ class Subscription:
 
     def from_topic(self, message: Any) -> None:
         """Callback for a rospy.Subscriber of the topic: drops what was handed over already."""
-        caller = message._connection_header.get("callerid")
         with Handover._lock:
-            handed_over = caller == rospy.get_name() and self._topic in Handover._senders
+            handed_over = sender_of(message) == rospy.get_name() and self._topic in Handover._senders
         if not handed_over:
             self._receive(message)
             with self._arrived:
