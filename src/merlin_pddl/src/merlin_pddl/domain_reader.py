@@ -73,7 +73,6 @@ class DomainReader:
         self._domain.digest = hashlib.sha256(node.text().encode()).hexdigest()
         self._domain.preferences = frozenset(preference_names(node))
         self._formulas = FormulaReader(self._domain)
-        self._rules: List[Expression] = []
 
     def read(self) -> Domain:
         """The domain.

@@ -247,7 +247,7 @@ def test_its_own_client_cancels_a_request_that_is_not_interrupted(agenda: "Agend
     agenda.begin()
     agenda.receive(urgent)
     assert stops(agenda.cancel(first)) == [first]
-    assert agenda.outlook(urgent).waits == ""
+    assert dict(agenda.outlooks())[urgent].waits == ""
     assert answers(agenda.ended(CANCELLED))[first].outcome is Outcome.CANCELLED
 
 

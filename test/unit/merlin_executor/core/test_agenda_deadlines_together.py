@@ -90,7 +90,7 @@ def test_one_that_would_be_late_waits_and_keeps_no_other_one_out(agenda: "Agenda
     go(agenda)
     agenda.revised(agenda.revision)
     assert orders(agenda.together) == [0, 2, 3] and agenda.waiting == [tight]
-    assert agenda.outlook(tight).waits == "does not join (checked room_0): cannot all be in time"
+    assert dict(agenda.outlooks())[tight].waits == "does not join (checked room_0): cannot all be in time"
 
 
 def test_one_that_would_be_late_is_not_overtaken_for_ever(agenda: "Agenda[Errand]", clock: Clock) -> None:

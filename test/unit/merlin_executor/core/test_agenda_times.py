@@ -216,18 +216,18 @@ def test_what_can_be_expected_of_the_requests(agenda: "Agenda[Errand]") -> None:
     for ticket in (running, soon, later, urgent):
         agenda.receive(ticket)
         agenda.begin()
-    assert agenda.outlook(soon) == Outlook(), "the end of what runs is not known"
+    assert dict(agenda.outlooks())[soon] == Outlook(), "the end of what runs is not known"
     running.ends = 180.0
-    assert agenda.outlook(soon) == Outlook(begin=180.0)
-    assert agenda.outlook(later) == Outlook(), "how long the one before takes is not known"
+    assert dict(agenda.outlooks())[soon] == Outlook(begin=180.0)
+    assert dict(agenda.outlooks())[later] == Outlook(), "how long the one before takes is not known"
     running.ends = 195.0
     late = "(checked kitchen) is expected to run until 195.0 s, and the deadline of this one is 190.0 s"
-    assert agenda.outlook(soon) == Outlook(195.0, late=late)
-    assert not agenda.outlook(later).late
-    assert not agenda.outlook(urgent).late, "it interrupts"
+    assert dict(agenda.outlooks())[soon] == Outlook(195.0, late=late)
+    assert not dict(agenda.outlooks())[later].late
+    assert not dict(agenda.outlooks())[urgent].late, "it interrupts"
     agenda.ended(DONE)
     order_of(agenda)
-    assert agenda.outlook(urgent) == Outlook(begin=150.0)
+    assert dict(agenda.outlooks())[urgent] == Outlook(begin=150.0)
 
 
 def test_the_end_of_a_plan_is_expected_later_when_its_actions_begin_late() -> None:
@@ -395,23 +395,23 @@ def test_what_is_planned_ahead_says_when_each_request_ends(agenda: "Agenda[Erran
     assert agenda.lines() == [(first, (0,)), (second, (0, 1)), (third, (0, 1, 2))]
     first.forecast = Forecast((0,), 30.0)
     second.forecast = Forecast((0, 1), 40.0)
-    assert agenda.outlook(first) == Outlook(150.0, 180.0)
-    assert agenda.outlook(second) == Outlook(180.0, 220.0)
-    assert agenda.outlook(third) == Outlook(), "it is not planned yet"
+    assert dict(agenda.outlooks())[first] == Outlook(150.0, 180.0)
+    assert dict(agenda.outlooks())[second] == Outlook(180.0, 220.0)
+    assert dict(agenda.outlooks())[third] == Outlook(), "it is not planned yet"
     running.ends = 165.0
     late = "it is expected to begin at 165.0 s and takes 30 s, and its deadline is 190.0 s"
-    assert agenda.outlook(first) == Outlook(165.0, 195.0, late)
-    assert agenda.outlook(second) == Outlook(
+    assert dict(agenda.outlooks())[first] == Outlook(165.0, 195.0, late)
+    assert dict(agenda.outlooks())[second] == Outlook(
         195.0, 235.0, late.replace("165", "195").replace("30 s", "40 s").replace("190", "230")
     )
     agenda.ended(DONE)
     agenda.begin()
     first.ends = 170.0
-    assert agenda.outlook(second) == Outlook(170.0, 210.0), "what ran has ended as planned"
+    assert dict(agenda.outlooks())[second] == Outlook(170.0, 210.0), "what ran has ended as planned"
     urgent = Errand(4, priority=1, not_before=180.0, deadline=400.0)
     agenda.receive(urgent)
     urgent.forecast = Forecast((1, 2), 5.0)
-    assert agenda.outlook(urgent) == Outlook(), "it was planned from elsewhere"
+    assert dict(agenda.outlooks())[urgent] == Outlook(), "it was planned from elsewhere"
 
 
 def test_a_request_that_is_late_by_itself_keeps_no_other_one_waiting(agenda: "Agenda[Errand]") -> None:
@@ -423,8 +423,8 @@ def test_a_request_that_is_late_by_itself_keeps_no_other_one_waiting(agenda: "Ag
     hopeless.forecast = Forecast((0,), 95.0, "cannot be done before its deadline")
     assert agenda.lines() == [(hopeless, (0,)), (other, (0,))]
     other.forecast = Forecast((0,), 20.0)
-    assert agenda.outlook(hopeless) == Outlook(150.0, 245.0, "cannot be done before its deadline")
-    assert agenda.outlook(other) == Outlook(150.0, 170.0)
+    assert dict(agenda.outlooks())[hopeless] == Outlook(150.0, 245.0, "cannot be done before its deadline")
+    assert dict(agenda.outlooks())[other] == Outlook(150.0, 170.0)
 
 
 def test_where_not_all_can_be_in_time_the_chosen_ones_begin_first(
@@ -435,7 +435,7 @@ def test_where_not_all_can_be_in_time_the_chosen_ones_begin_first(
     for ticket in (long, short, soon, endless, urgent):
         agenda.receive(ticket)
     agenda.arrange({0: (2, "there is no time for it"), 1: (0, ""), 2: (1, "")})
-    assert agenda.outlook(long).late == "", "nothing is known that makes it late"
+    assert dict(agenda.outlooks())[long].late == "", "nothing is known that makes it late"
     assert order_of(agenda) == [4, 1, 2, 3, 0]
 
 

@@ -232,7 +232,7 @@ def test_one_that_leaves_lets_none_of_the_others_be_interrupted_that_is_not(
     assert agenda.receive(urgent) == []
     assert revises(agenda.cancel(errands[leaves])) == [leaves]
     if leaves == 0:
-        assert agenda.elapse() == [] and agenda.outlook(urgent).waits
+        assert agenda.elapse() == [] and dict(agenda.outlooks())[urgent].waits
     decisions = agenda.revised(agenda.revision)
     assert list(answers(decisions)) == [errands[leaves]]
     assert stops(decisions) == [0] * leaves, "it is interrupted as soon as that is possible"
@@ -399,8 +399,8 @@ def test_who_waits_is_told_for_how_many(agenda: "Agenda[Errand]") -> None:
     go(agenda)
     errands[0].ends, errands[1].ends = 170.0, 180.0
     assert revises(agenda.receive(errands[2])) == [2]
-    assert agenda.outlook(errands[2]) == Outlook(), "it may still join"
+    assert dict(agenda.outlooks())[errands[2]] == Outlook(), "it may still join"
     assert agenda.not_revised(agenda.revision, Refusal("no time")) == []
-    outlook = agenda.outlook(errands[2])
+    outlook = dict(agenda.outlooks())[errands[2]]
     assert outlook.late.startswith("(checked room_0) and 1 more is expected to run until 180.0 s")
     assert outlook.waits == "does not join (checked room_0): no time"

@@ -61,7 +61,7 @@ def test_paths_keep_their_distance_and_are_hardly_longer_than_needed(apartment, 
     points = apartment.points_of_interest
     path = Way(planner.plan(points["main_door"].point, points["kitchen"].point))
     places = path.at(np.arange(0.0, path.length, 0.05))
-    assert min(planner.room(tuple(place)) for place in places) >= 0.27
+    assert planner.rooms(places).min() >= 0.27
     straight = points["main_door"].distance(points["kitchen"])
     assert straight <= path.length <= 1.2 * straight
 

@@ -38,7 +38,6 @@ class Application:
         file = file_of_package(*files) if len(files) == 2 else find_launch_file(files[0])
         known = known_arguments(file)
         passed = {**{name: value for name, value in ARGUMENTS.items() if name in known}, **given}
-        self._log = log
         self._process = subprocess.Popen(
             [*launch_tool("roslaunch"), str(file), *(f"{name}:={value}" for name, value in passed.items())],
             stdin=subprocess.DEVNULL,

@@ -144,12 +144,8 @@ class Agenda(Generic[T]):
         first = min(times, default=math.inf)
         return first if first < math.inf else None
 
-    def outlook(self, ticket: T) -> Outlook:
-        """What can be expected of a request that waits."""
-        return next(outlook for waiting, outlook in self.outlooks() if waiting is ticket)
-
     def outlooks(self) -> List[Tuple[T, Outlook]]:
-        """See :func:`.ticket.outlooks`. Of those that may still join nothing is said."""
+        """What can be expected of each that waits, in order. Of those that may still join nothing is said."""
         kept = self._kept and f"waits until {self._kept}"
         joining = self._newcomers() if self._under_way else []
         found = []

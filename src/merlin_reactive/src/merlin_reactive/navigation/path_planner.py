@@ -44,13 +44,11 @@ class PathPlanner:
         self.clearance = clearance
         self.distance = self._distances(grid.cells == FREE)
 
-    def room(self, point: Point) -> float:
-        """Distance to the nearest obstacle of the map, m; 0 outside the map."""
-        cell = self.grid.cell(point)
-        return 0.0 if cell is None else float(self.distance[cell])
-
     def rooms(self, points: np.ndarray) -> np.ndarray:
-        """Like `room`, for n x 2 points."""
+        """Distances to the nearest obstacle of the map, m; 0 outside the map.
+
+        :param points: n x 2.
+        """
         rows, columns, inside = self.grid.rows_and_columns(points)
         found = np.zeros(len(points))
         found[inside] = self.distance[rows[inside], columns[inside]]

@@ -55,11 +55,6 @@ class LeaseWatch:
         with self._lock:
             return self._book.state(goal)
 
-    def reason(self, goal: str) -> str:
-        """Why it is in that state, as part of a sentence; empty when it is held or foreign."""
-        with self._lock:
-            return self._book.reason(goal)
-
     def tell(self, goal: str) -> None:
         """Calls `on_change` with the state of a goal once more, unless its owner lives.
 
