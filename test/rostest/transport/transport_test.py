@@ -11,7 +11,7 @@ from unittest import mock
 
 import rospy
 from actionlib_msgs.msg import GoalID, GoalStatus, GoalStatusArray
-from merlin_msgs.msg import SimStatus
+from merlin_msgs.msg import Lease, SimStatus
 from rosplan_dispatch_msgs.msg import NonBlockingDispatchAction as Action
 from rosplan_dispatch_msgs.msg import NonBlockingDispatchGoal as Goal
 from rosplan_dispatch_msgs.msg import NonBlockingDispatchResult as Result
@@ -21,10 +21,10 @@ from transport_victim import start_victim
 
 import rostest
 from merlin_ros import deadline
-from merlin_ros.actions import action_client, server_silence
+from merlin_ros.actions import action_client, lease_watch, server_silence
 from merlin_ros.actions.action_client import ActionClient
 from merlin_ros.actions.action_server import ActionServer
-from merlin_ros.actions.lease import LeaseState
+from merlin_ros.actions.lease import LOSE_AFTER, LeaseState
 from merlin_ros.actions.ownership import ownership
 from merlin_ros.actions.serial_action_server import SerialActionServer
 from merlin_ros.actions.server_silence import SILENCE
@@ -140,13 +140,17 @@ class Actions(unittest.TestCase):
         self.assertTrue(client.wait_for_server(LONG))
         results = Received("overtaken/result", type(Action().action_result))
         self.addCleanup(results.close)
-        server._receive_cancel(GoalID(id="early"))
-        goal = type(Action().action_goal)()
-        goal.goal_id.id = "early"
-        server._receive_goal(goal)
-        self.assertEqual(begun, [])
+        cancels = Received("overtaken/cancel", GoalID)  # behind the server, which hears it over the same link
+        self.addCleanup(cancels.close)
+        goal = type(Action().action_goal)(goal_id=GoalID(id="early"))
+        for topic, message in (("cancel", goal.goal_id), ("goal", goal)):
+            publisher = rospy.Publisher(f"overtaken/{topic}", type(message), queue_size=1)
+            self.addCleanup(publisher.unregister)
+            publisher.publish(message)
+            cancels.wait(lambda cancel: cancel.id == "early")
         # An observer reads the result alone, of which an empty one may say that all went well.
         self.assertTrue(results.wait(lambda ended: ended.status.goal_id.id == "early").result.success)
+        self.assertEqual(begun, [])
 
     def test_a_newer_goal_preempts_the_older_at_once(self):
         begun, stopped, told = [], [], threading.Event()
@@ -245,10 +249,24 @@ class Owners(unittest.TestCase):
         self.changed = threading.Condition()
         self.seen = []  # (goal, state)
         self.goals = []
-        self.server = ActionServer("owned", Action, self.begin, self.stop, self.note)
-        self.server.start()
-        self.addCleanup(self.server.shutdown)
         self.stopped = []
+        self.held = set()  # ids of goals that a lease has named
+
+    def serve_owned(self, note=None, lose_after=LOSE_AFTER, name="owned"):
+        """:param lose_after: LONG for a test whose client must not be lost: a machine may be busy."""
+        server = ActionServer(
+            name, Action, self.begin, self.stop, note or self.note, lose_owner_after=lose_after
+        )
+        server.start()
+        self.addCleanup(server.shutdown)
+        # Behind the server, which hears a lease over the same link.
+        leases = rospy.Subscriber(f"{name}/lease", Lease, self.note_lease)
+        self.addCleanup(leases.unregister)
+
+    def note_lease(self, lease):
+        with self.changed:
+            self.held.update(lease.held)
+            self.changed.notify_all()
 
     def begin(self, goal):
         goal.accept()
@@ -277,13 +295,11 @@ class Owners(unittest.TestCase):
         self.addCleanup(client.kill)
         return client
 
-    def owned_goal(self):
+    def owned_goal(self, lose_after=LOSE_AFTER):
         """A client, when its goal is held."""
+        self.serve_owned(lose_after=lose_after)
         client = self.start_client()
-        self.wait_for(lambda: self.goals)
-        # The lease is renewed all the time: it needs no wake-up of its own.
-        while self.server._leases.state(self.goals[0].id) is not LeaseState.HELD:
-            self.assertFalse(self.goals[0].cancel_event.wait(0.02))
+        self.wait_for(lambda: self.goals and self.goals[0].id in self.held)
         return client
 
     def test_the_goal_of_a_killed_client_is_cancelled(self):
@@ -301,8 +317,7 @@ class Owners(unittest.TestCase):
         self.assertIn("has been silent", self.goals[0].cancel_reason)
 
     def test_a_client_that_hangs_for_a_moment_loses_nothing(self):
-        client = self.owned_goal()
-        self.server._leases._book._lose_after = LONG  # a busy machine makes the moment long
+        client = self.owned_goal(lose_after=LONG)
         client.send_signal(signal.SIGSTOP)
         self.wait_for(lambda: LeaseState.SUSPENDED in self.seen)
         client.send_signal(signal.SIGCONT)
@@ -311,8 +326,7 @@ class Owners(unittest.TestCase):
         self.assertFalse(ownership.suspended())
 
     def test_a_restarted_client_cancels_the_goals_of_its_former_life(self):
-        # Without a lease, as a server of another kind would see it.
-        self.server._leases.shutdown()
+        self.serve_owned(lambda *_: False)  # what is made of leases is left to its owner, which does nothing
         client = self.start_client()
         self.wait_for(lambda: self.goals)
         client.kill()
@@ -322,6 +336,7 @@ class Owners(unittest.TestCase):
         self.assertIs(self.stopped[0], self.goals[0])
 
     def test_a_goal_that_is_given_up_is_cancelled(self):
+        self.serve_owned()
         client = ActionClient("owned", Action)
         self.assertTrue(client.wait_for_server(LONG))
         client.send(Goal())
@@ -330,37 +345,29 @@ class Owners(unittest.TestCase):
         self.wait_for(lambda: self.stopped)
 
     def test_two_clients_of_one_process_do_not_let_go_of_each_others_goals(self):
-        self.server._leases._book._lose_after = LONG  # their process may be without a processor
+        self.serve_owned(lose_after=LONG)
         clients = [ActionClient("owned", Action) for _ in range(2)]
         for client in clients:
             self.addCleanup(client.shutdown)
             self.assertTrue(client.wait_for_server(LONG))
         sent = [client.send(Goal()) for client in clients]
-        self.wait_for(lambda: len(self.goals) == 2)
-        for goal in self.goals:
-            while self.server._leases.state(goal.id) is not LeaseState.HELD:
-                self.assertFalse(goal.cancel_event.wait(0.02))
+        self.wait_for(lambda: len(self.goals) == 2 and self.held.issuperset(goal.id for goal in sent))
         sent[0].cancel()
         self.assertTrue(sent[0].wait(LONG))
         self.assertFalse(sent[1].wait(1.0), "the other client's goal is not wanted any more")
         self.assertEqual(len(self.stopped), 1)
 
     def test_a_suspension_travels_down_the_chain(self):
-        self.server._leases._book._lose_after = LONG
-        below = ActionServer("below", Action, lambda goal: goal.accept(), lambda goal: None, self.note_below)
         self.below = []
-        below.start()
-        # Its client is this process, which may be without a processor.
-        below._leases._book._suspend_after = below._leases._book._lose_after = LONG
-        self.addCleanup(below.shutdown)
+        # The client below is this process, which may be without a processor.
+        with mock.patch.object(lease_watch, "SUSPEND_AFTER", LONG):
+            self.serve_owned(self.note_below, LONG, "below")
         onward = ActionClient("below", Action)
         self.addCleanup(onward.shutdown)
         self.assertTrue(onward.wait_for_server(LONG))
-        client = self.owned_goal()
+        client = self.owned_goal(LONG)
         sent = [onward.send(Goal(), owner=owner) for owner in (self.goals[0].id, "another goal")]
-        for goal in sent:
-            while below._leases.state(goal.id) is not LeaseState.HELD:
-                self.assertFalse(goal.wait(0.02))
+        self.wait_for(lambda: self.held.issuperset(goal.id for goal in sent))
         client.send_signal(signal.SIGSTOP)
         self.wait_for(lambda: (sent[0].id, LeaseState.SUSPENDED) in self.below)
         client.send_signal(signal.SIGCONT)
