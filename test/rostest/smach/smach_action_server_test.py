@@ -5,6 +5,7 @@
 import threading
 import time
 import unittest
+from unittest import mock
 
 import actionlib
 import rospy
@@ -15,6 +16,16 @@ from smach_fixture import LONG, Calling, Done, machine
 import rostest
 import smach
 from smach_ros import ActionServerWrapper
+
+
+class Server(actionlib.ActionServer):
+    """That of a wrapped container; the one made last."""
+
+    made = None
+
+    def __init__(self, *args, **how):
+        super().__init__(*args, **how)
+        Server.made = self
 
 
 def until_linked(server, clients=1):
@@ -47,13 +58,18 @@ class Wrapper(unittest.TestCase):
             output_keys=["action_result", "result", "answer"],
             outcomes=["done", "preempted", "failed"],
         )
-        wrapper = ActionServerWrapper(name, TestAction, container, ["done"], ["failed"], ["preempted"], **how)
+        client, wrapper = self.serve(name, container, ["done"], ["failed"], ["preempted"], **how)
+        return client, container, wrapper
+
+    def serve(self, name, container, *outcomes, **how):
+        with mock.patch.object(actionlib, "ActionServer", Server):
+            wrapper = ActionServerWrapper(name, TestAction, container, *outcomes, **how)
         wrapper.run_server()
-        self.addCleanup(wrapper._action_server.stop)
+        self.addCleanup(Server.made.stop)
         client = actionlib.SimpleActionClient(name, TestAction)
         self.assertTrue(client.wait_for_server(rospy.Duration(LONG)))
-        until_linked(wrapper._action_server)
-        return client, container, wrapper
+        until_linked(Server.made)
+        return client, wrapper
 
     def run_goal(self, client, goal=0):
         client.send_goal(TestGoal(goal=goal))
@@ -144,12 +160,7 @@ class Wrapper(unittest.TestCase):
             # Feedback travels beside the result; a client drops what comes behind it.
             last = Calling(lambda state, ud, c=came: "done" if c.wait(LONG) else "late", ["done"])
             container = machine(state, last, outcomes=["done"])
-            wrapper = ActionServerWrapper(f"{name}_{expected}", TestAction, container, ["done"], **how)
-            wrapper.run_server()
-            self.addCleanup(wrapper._action_server.stop)
-            client = actionlib.SimpleActionClient(f"{name}_{expected}", TestAction)
-            self.assertTrue(client.wait_for_server(rospy.Duration(LONG)))
-            until_linked(wrapper._action_server)
+            client, _ = self.serve(f"{name}_{expected}", container, ["done"], **how)
             sent.clear()
             client.send_goal(
                 TestGoal(), feedback_cb=lambda m, s=seen, c=came: s.append(m.feedback) or c.set()
@@ -207,15 +218,15 @@ class Wrapper(unittest.TestCase):
 
     def test_p13_cancel_that_comes_as_the_container_ends_is_not_for_the_next_goal(self):
         state = self.waiting()
-        client, container, wrapper = self.wrap(state)
+        client, container, _ = self.wrap(state)
         ends, cancelled = threading.Event(), threading.Event()
-        receive = wrapper._action_server.cancel_callback
+        receive = Server.made.cancel_callback
 
         def receive_cancel(goal):
             receive(goal)
             cancelled.set()
 
-        wrapper._action_server.register_cancel_callback(receive_cancel)
+        Server.made.register_cancel_callback(receive_cancel)
 
         def terminated(*args):
             ends.set()

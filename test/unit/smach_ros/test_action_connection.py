@@ -21,6 +21,7 @@ class Links:
     def __init__(self):
         self.impl = SimpleNamespace(connections=[])
         self._others = []
+        self.receive = None  # the callback of a subscriber
 
     def get_num_connections(self):
         return len(self.impl.connections)
@@ -78,26 +79,28 @@ def clocks(monkeypatch):
 
 @pytest.fixture
 def connection(links, clocks, monkeypatch):
-    def link(topic, *_, **__):
+    def link(topic, _, callback, **__):
         kind = topic.rpartition("/")[2]
-        return links[f"{kind}_publisher" if kind in ("goal", "cancel") else f"{kind}_subscriber"]
+        made = links[f"{kind}_publisher" if kind in ("goal", "cancel") else f"{kind}_subscriber"]
+        made.receive = callback
+        return made
 
     monkeypatch.setattr(rospy, "Publisher", link)
     monkeypatch.setattr(rospy, "Subscriber", link)
     return ActionConnection(SERVER, MoveBaseAction)
 
 
-def status(connection, *statuses):
+def status(links, *statuses):
     message = GoalStatusArray(status_list=list(statuses))
     message._connection_header = {"callerid": SERVER}
-    connection._receive_status(message)
+    links["status_subscriber"].receive(message)
 
 
 def test_a_server_that_was_restarted_is_ready_after_a_status_of_its_own(connection, links):
     for each in links.values():
         each.open()
     assert not connection.ready()
-    status(connection)
+    status(links)
     assert connection.ready()
     for each in links.values():
         each.die()
@@ -105,7 +108,23 @@ def test_a_server_that_was_restarted_is_ready_after_a_status_of_its_own(connecti
     for each in links.values():
         each.open()
     assert not connection.ready(), "its link for results may not take any yet"
-    status(connection)
+    status(links)
+    assert connection.ready()
+
+
+@pytest.mark.parametrize(
+    "topic", ["goal_publisher", "cancel_publisher", "result_subscriber", "status_subscriber"]
+)
+def test_a_link_to_a_server_that_has_ended_does_not_count_for_its_successor(topic, connection, links):
+    for each in links.values():
+        each.open()
+    status(links)
+    assert connection.ready()
+    links[topic].die()
+    assert not connection.ready()
+    links[topic].open()
+    assert connection.ready() is (topic != "result_subscriber"), "a status comes before it"
+    status(links)
     assert connection.ready()
 
 
@@ -113,10 +132,10 @@ def test_a_status_before_the_link_for_results_proves_nothing(connection, links):
     for name, each in links.items():
         if name != "result_subscriber":
             each.open()
-    status(connection)
+    status(links)
     links["result_subscriber"].open()
     assert not connection.ready()
-    status(connection)
+    status(links)
     assert connection.ready()
 
 
@@ -125,7 +144,7 @@ def test_while_the_clock_of_ros_stands_the_link_for_results_counts_after_a_while
     for name, each in links.items():
         if name != "result_subscriber":
             each.open()
-    status(connection)
+    status(links)
     clocks.wall += 10 * GREETED
     links["result_subscriber"].open()
     assert not connection.ready()
@@ -157,7 +176,7 @@ def goal(connection, links):
     for each in links.values():
         each.open()
     sent = connection.send(MoveBaseGoal())
-    status(connection, GoalStatus(goal_id=GoalID(id=sent.id), status=GoalStatus.ACTIVE))
+    status(links, GoalStatus(goal_id=GoalID(id=sent.id), status=GoalStatus.ACTIVE))
     return sent
 
 
@@ -183,12 +202,12 @@ def test_the_server_of_a_goal_that_was_sent_before_a_stall_may_acknowledge_it(co
     links["status_subscriber"].open()
     sent = connection.send(MoveBaseGoal())
     clocks.pass_by(10.0)
-    status(connection)
+    status(links)
     assert not connection.why_lost(sent)
 
 
-def test_a_result_waits_for_a_process_that_was_stalled(connection, clocks, goal):
-    status(connection, GoalStatus(goal_id=GoalID(id=goal.id), status=GoalStatus.SUCCEEDED))
+def test_a_result_waits_for_a_process_that_was_stalled(connection, clocks, goal, links):
+    status(links, GoalStatus(goal_id=GoalID(id=goal.id), status=GoalStatus.SUCCEEDED))
     clocks.pass_by(10.0)
     connection.settle(goal)
     assert not goal.done
@@ -202,12 +221,12 @@ def test_a_paused_simulator_makes_no_server_silent(connection, clocks, goal):
         assert not connection.why_lost(goal)
 
 
-def test_stamps_never_decrease_and_follow_what_the_server_has_taken(connection, clocks, monkeypatch):
+def test_stamps_never_decrease_and_follow_what_the_server_has_taken(connection, clocks, monkeypatch, links):
     sent = []
-    monkeypatch.setattr(connection._goal_publisher, "publish", sent.append)
+    monkeypatch.setattr(links["goal_publisher"], "publish", sent.append)
     connection.send(MoveBaseGoal())
     clocks.ros -= 30.0
     connection.send(MoveBaseGoal())
-    status(connection, GoalStatus(goal_id=GoalID(id="of another process", stamp=rospy.Time(500))))
+    status(links, GoalStatus(goal_id=GoalID(id="of another process", stamp=rospy.Time(500))))
     connection.send(MoveBaseGoal())
     assert [goal.goal_id.stamp.to_sec() for goal in sent] == [100.0, 100.0, 500.0]
