@@ -66,7 +66,8 @@ class World:
 
     def __init__(self, **autonomy):
         self.runs, self.left, self.outcome = [], [], None
-        self.holds = StateHolds(Clock())
+        self.clock = Clock()
+        self.holds = StateHolds(self.clock)
         self.changed = threading.Condition()
         self.holds.on_change = self.notify
         self.outcomes = Outcomes(self.holds)

@@ -24,11 +24,15 @@ class Client:
 
 
 @pytest.fixture
-def servers(monkeypatch: pytest.MonkeyPatch) -> ActionServers:
+def robots() -> Any:
+    return SimpleNamespace(parameter=lambda _: "r", namespace=lambda robot: f"/{robot}/")
+
+
+@pytest.fixture
+def servers(robots: Any, monkeypatch: pytest.MonkeyPatch) -> ActionServers:
     ended.clear()
     monkeypatch.setattr(action_servers, "ActionClient", Client)
     monkeypatch.setattr(action_servers.rospy, "resolve_name", lambda name: name)
-    robots: Any = SimpleNamespace(parameter=lambda _: "r", namespace=lambda robot: f"/{robot}/")
     return ActionServers(DRIVE, {}, robots)
 
 
@@ -43,9 +47,9 @@ def test_the_client_of_a_robot_that_is_forgotten_is_shut_down(servers: ActionSer
 
 
 def test_a_robot_that_shares_the_namespace_of_one_that_is_forgotten_keeps_the_client(
-    servers: ActionServers, monkeypatch: pytest.MonkeyPatch
+    servers: ActionServers, robots: Any
 ) -> None:
-    monkeypatch.setattr(servers._robots, "namespace", lambda robot: "/home/")
+    robots.namespace = lambda robot: "/home/"
     ann, bob = servers.client("ann"), servers.client("bob")
     assert ann is bob
     servers.forget("ann")

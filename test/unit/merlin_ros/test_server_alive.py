@@ -38,8 +38,9 @@ class Link:
 class Topic:
     """A publisher or subscriber, with what rospy knows of its connections."""
 
-    def __init__(self, name: str) -> None:
+    def __init__(self, name: str, receive: Any = None) -> None:
         self.name = name
+        self.receive = receive
         self.links: List[Link] = []
 
     @property
@@ -55,8 +56,8 @@ class Topic:
 def topics(clock: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[List[Topic]]:
     made: List[Topic] = []
 
-    def topic(name: str, *_: Any, **__: Any) -> Topic:
-        made.append(Topic(name))
+    def topic(name: str, _: type, receive: Any = None, **__: Any) -> Topic:
+        made.append(Topic(name, receive))
         return made[-1]
 
     monkeypatch.setattr(action_client.rospy, "Publisher", topic)
@@ -83,11 +84,11 @@ def connect(topics: List[Topic], *names: str) -> None:
         of(topics, name).links.append(Link())
 
 
-def say(client: ActionClient, topics: List[Topic]) -> None:
+def say(topics: List[Topic]) -> None:
     """The server publishes its status."""
     message = GoalStatusArray()
     message._connection_header = of(topics, "status").links[-1].header
-    client._receive_status(message)
+    of(topics, "status").receive(message)
 
 
 def die(topics: List[Topic], noticed: bool = True) -> None:
@@ -102,11 +103,11 @@ def test_a_server_whose_process_has_ended_is_not_alive(
 ) -> None:
     connect(topics)
     assert client.missing == "its status was never heard"
-    say(client, topics)
+    say(topics)
     assert client.alive
     die(topics, noticed)
     assert client.missing == "its process is gone"
-    say(client, topics)  # what the status of a process says that has ended comes later
+    say(topics)  # what the status of a process says that has ended comes later
     assert client.missing == "its process is gone"
 
 
@@ -114,11 +115,11 @@ def test_its_successor_is_alive_when_it_is_connected_and_has_spoken(
     client: ActionClient, topics: List[Topic]
 ) -> None:
     connect(topics)
-    say(client, topics)
+    say(topics)
     die(topics)
     connect(topics, "status", "result", "feedback")
     assert client.missing == "its process is gone", "it has not spoken yet"
-    say(client, topics)
+    say(topics)
     assert client.missing == "it speaks, but has no connection for goals"
     connect(topics, "goal")
     assert client.missing == "it speaks, but has no connection for cancels"
@@ -149,7 +150,7 @@ def test_while_the_clock_of_ros_stands_the_link_for_results_counts_after_a_while
         return client.alive
 
     connect(topics, "goal", "cancel", "feedback", "status")
-    say(client, topics)
+    say(topics)
     connect(topics, "result")
     assert client.missing == "it speaks, but has no connection for results"
     assert not ready_after(60.0), "a stall of this process proves nothing"
@@ -164,5 +165,5 @@ def test_while_the_clock_of_ros_stands_the_link_for_results_counts_after_a_while
 
 def test_a_server_that_only_hangs_is_connected(client: ActionClient, topics: List[Topic]) -> None:
     connect(topics)
-    say(client, topics)
+    say(topics)
     assert client.alive

@@ -121,11 +121,11 @@ def test_without_a_console_it_is_left_as_it_ended_and_the_level_is_the_usual_one
     high.work.go.set()
     high.begin()
     high.wait_unconfirmed("succeeded")
-    high.holds._clock.now += GRACE - 1
+    high.clock.now += GRACE - 1
     high.holds.followed()
-    high.holds._clock.now += GRACE
+    high.clock.now += GRACE
     assert high.holds.unconfirmed == [("DO/WORK", "succeeded")]
-    high.holds._clock.now += 1
+    high.clock.now += 1
     assert high.end() == "succeeded"
     assert high.runs == ["FIRST", "WORK", "SEE"]
     assert high.left == [("DO/WORK", "", "succeeded", "succeeded", "", ())]

@@ -62,8 +62,13 @@ class Told:
 
 
 @pytest.fixture
-def holds():
-    made = StateHolds(Clock())
+def clock():
+    return Clock()
+
+
+@pytest.fixture
+def holds(clock):
+    made = StateHolds(clock)
     made.declare("NAVIGATE", PATHS[:2])
     made.declare("ASK", PATHS[2:])
     return made
@@ -145,19 +150,19 @@ def test_one_that_is_preempted_already_is_not_held(holds):
     assert Run(holds, PATHS[:2], lambda: True).end() == PATHS[:2]
 
 
-def test_without_a_console_it_goes_on_by_itself(holds):
+def test_without_a_console_it_goes_on_by_itself(holds, clock):
     said = []
     told = Told(holds)
     holds.on_lost = said.append
     holds.set(["NAVIGATE/*"])
     run = Run(holds, PATHS[:2])
     told.wait("NAVIGATE/DRIVE")
-    holds._clock.now += GRACE - 1
+    clock.now += GRACE - 1
     holds.followed()
-    holds._clock.now += GRACE  # of the console's last word
+    clock.now += GRACE  # of the console's last word
     told.wait("NAVIGATE/DRIVE")
     assert run.entered == []
-    holds._clock.now += 1
+    clock.now += 1
     assert run.end() == PATHS[:2]  # noticed at the next heartbeat
     assert holds.texts == [] and not holds.armed
     assert len(said) == 1 and "no console" in said[0]
