@@ -138,8 +138,6 @@ class ListenNode:
 
 def main() -> int:
     """The executable ``listen``; returns its exit code."""
-    return run_node("listen", _start, SpeechRecognizerLost)
-
-
-def _start() -> None:
-    HealthReporter({"listen": ListenNode().health}).start()
+    return run_node(
+        "listen", lambda: HealthReporter({"listen": ListenNode().health}).start(), SpeechRecognizerLost
+    )

@@ -195,8 +195,6 @@ class LocalizationNode:
 
 def main() -> int:
     """The executable ``localization``; returns its exit code."""
-    return run_node("localization", _start)
-
-
-def _start() -> None:
-    HealthReporter({"localization": LocalizationNode().health}).start()
+    return run_node(
+        "localization", lambda: HealthReporter({"localization": LocalizationNode().health}).start()
+    )

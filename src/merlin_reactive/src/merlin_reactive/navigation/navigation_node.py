@@ -321,8 +321,4 @@ def _reachable(planner: PathPlanner, goal: Pose, tolerance: float) -> Point:
 
 def main() -> int:
     """The executable ``navigation``; returns its exit code."""
-    return run_node("navigation", _start)
-
-
-def _start() -> None:
-    HealthReporter({"move_base": NavigationNode().health}).start()
+    return run_node("navigation", lambda: HealthReporter({"move_base": NavigationNode().health}).start())

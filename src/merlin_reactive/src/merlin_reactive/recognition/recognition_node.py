@@ -142,8 +142,4 @@ def _in_words(sightings: List[Sighting], classes: List[str]) -> str:
 
 def main() -> int:
     """The executable ``recognition``; returns its exit code."""
-    return run_node("recognition", _start)
-
-
-def _start() -> None:
-    HealthReporter({"recognition": RecognitionNode().health}).start()
+    return run_node("recognition", lambda: HealthReporter({"recognition": RecognitionNode().health}).start())

@@ -271,8 +271,4 @@ def _path(path: str, package: str) -> str:
 
 def main() -> int:
     """The executable ``speech``; returns its exit code."""
-    return run_node("soundplay_node", _start)
-
-
-def _start() -> None:
-    HealthReporter({"speech": SpeechNode().health}).start()
+    return run_node("soundplay_node", lambda: HealthReporter({"speech": SpeechNode().health}).start())
