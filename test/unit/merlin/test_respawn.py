@@ -258,6 +258,43 @@ def test_the_node_ends_when_the_script_is_killed(run: Callable[..., Run]) -> Non
     assert gone(pid)
 
 
+@pytest.fixture
+def older(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
+    """Puts programs into PATH that do not know their newer options, as those of older systems."""
+
+    def put(*programs: str) -> None:
+        for name in programs:
+            program = tmp_path / name
+            program.write_text('#!/bin/sh\necho "what is $1?" >&2\nexit 125\n')
+            program.chmod(0o755)
+        monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
+
+    return put
+
+
+def test_with_an_older_env_the_node_ends_when_the_script_is_killed(
+    run: Callable[..., Run], older: Callable[..., None]
+) -> None:
+    older("env")
+    node = run("wait")
+    pid = node.wait_ready()
+    node.process.kill()
+    assert gone(pid)
+
+
+def test_with_an_older_setpriv_ctrl_c_ends_a_node_that_does_not_handle_signals_yet(
+    tmp_path: Path, older: Callable[..., None]
+) -> None:
+    older("setpriv")
+    test_a_node_that_does_not_handle_signals_yet_is_ended_by_ctrl_c(tmp_path)
+
+
+def test_with_older_programs_a_node_starts(run: Callable[..., Run], older: Callable[..., None]) -> None:
+    older("env", "setpriv")
+    node = run("-9", "2")
+    assert len(node.end()) == 1 and node.process.returncode == 2
+
+
 @pytest.mark.parametrize(
     "given, seen",
     [
