@@ -122,8 +122,21 @@ class DispatcherEnds(unittest.TestCase):
         self.assertEqual((ended.cancelled, ended.unstopped), (False, ("(paint ann leg)",)))
 
     def test_one_as_rosplans_that_loses_an_action_is_cancelled_and_says_so(self):
-        """The esterel dispatcher waits for ever for an action that its queue of one has dropped."""
-        name, lost = "/forgetful_dispatcher", threading.Event()
+        client, reason = self.dispatched_and_lost("/forgetful_dispatcher", seen=True)
+        self.assertIn("has sent nothing for 3 s, and nothing takes (paint)", reason)
+        self.assertEqual(client.steps_done, 1)
+
+    def test_one_as_rosplans_that_loses_an_action_also_for_its_client_is_cancelled(self):
+        client, reason = self.dispatched_and_lost("/absent_dispatcher", seen=False)
+        self.assertTrue(reason.endswith("has sent nothing for 3 s"), reason)
+        self.assertEqual(client.steps_done, 1)
+
+    def dispatched_and_lost(self, name, seen):
+        """The esterel dispatcher waits for ever for an action that its queue of one has dropped.
+
+        :param seen: the client receives it; no interface does.
+        """
+        lost = threading.Event()
         actions = publisher(f"{name}/action_dispatch", ActionDispatch, queue_size=10)
         answers = publisher(f"{name}/action_feedback", ActionFeedback, queue_size=10)
 
@@ -133,7 +146,8 @@ class DispatcherEnds(unittest.TestCase):
             actions.publish(ActionDispatch(action_id=1, name="paint"))
             for status in (ActionFeedback.ACTION_ENABLED, ActionFeedback.ACTION_SUCCEEDED_TO_GOAL_STATE):
                 answers.publish(ActionFeedback(action_id=1, status=status))
-            actions.publish(ActionDispatch(action_id=2, name="paint"))  # only the client receives it
+            if seen:
+                actions.publish(ActionDispatch(action_id=2, name="paint"))
             lost.wait(LONG)
             return DispatchServiceResponse(success=True, goal_achieved=False)
 
@@ -149,8 +163,8 @@ class DispatcherEnds(unittest.TestCase):
         client = DispatchClient(name, cancel_deadline=LONG, stuck_after=3.0)
         result = client.dispatch(lambda interrupt: None)
         self.assertEqual((result.goal_achieved, result.cancelled, result.gone), (False, False, False))
-        self.assertIn("has sent nothing for 3 s, and nothing takes (paint)", result.reason)
-        self.assertEqual(client.steps_done, 1)
+        self.assertTrue(lost.is_set())
+        return client, result.reason
 
 
 if __name__ == "__main__":

@@ -160,8 +160,8 @@ class SilentDispatcher(DispatcherKind):
             self._service = ServiceProxy(f"{self._name}/dispatch_plan", DispatchService)
 
     def started(self, progress: DispatchProgress) -> bool:
-        """True when an action of it was seen: a stray cancel would stop the next dispatch instead."""
-        return bool(progress.running or progress.failed)
+        """True when an action runs or failed, or it stands still: a stray cancel stops the next dispatch."""
+        return bool(progress.running or progress.failed or progress.failed_reason)
 
     def failure_grace(self, slack: Optional[float]) -> Optional[float]:
         """Short: the esterel dispatcher does not notice a failed action."""
