@@ -128,8 +128,7 @@ class CancelStress:
         self._let_pass(self._random.uniform(0.0, 0.1 if short else self._longest))
 
     @staticmethod
-    def _let_pass(duration: float) -> None:
-        """s of ROS time."""
+    def _let_pass(duration: float) -> None:  # s of ROS time
         if duration > 0.002:
             over = threading.Event()
             timer = rospy.Timer(rospy.Duration(duration), lambda _: over.set(), oneshot=True)

@@ -46,7 +46,7 @@ class Deed(NamedTuple):
     """``send``, ``cancel``, or ``fact``: its goal is made true."""
     request: int
     pause: float
-    """s of wall time before that."""
+    """s of ROS time before that."""
 
 
 class JointCycle(NamedTuple):

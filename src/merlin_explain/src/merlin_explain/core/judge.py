@@ -14,7 +14,7 @@ from merlin_pddl.formula import Condition, call_text, conjuncts, numeric_text, t
 from merlin_pddl.plan_text import PlanStep
 from merlin_pddl.problem_reader import parse_condition, parse_problem
 
-#: s of processor time for a proof that there is no plan.
+#: s of processor time for a proof that no plan exists.
 PROOF_LIMIT = 1.0
 
 
