@@ -6,7 +6,7 @@ the master, or notices it with the next message. The socket shows it at once.
 """
 
 import select
-from typing import Any, List, Mapping, Optional, Set
+from typing import Any, Callable, Iterator, Mapping, Optional, Set
 
 import rospy
 
@@ -15,25 +15,12 @@ _CLOSED = select.POLLHUP | select.POLLERR | getattr(select, "POLLRDHUP", 0)
 
 def connected_peers(subscriber: rospy.Subscriber) -> Set[str]:
     """The names of the nodes whose connection is open."""
-    connections: List[Any] = getattr(subscriber.impl, "connections", None) or []
-    return {
-        str(getattr(connection, "callerid_pub", ""))
-        for connection in list(connections)
-        if not _closed(connection)
-    }
+    return {str(getattr(link, "callerid_pub", "")) for link in _open(subscriber)}
 
 
 def link_from(subscriber: rospy.Subscriber, node: str) -> Any:
     """The open connection on which a node publishes; None: there is none."""
-    connections: List[Any] = getattr(subscriber.impl, "connections", None) or []
-    return next(
-        (
-            link
-            for link in list(connections)
-            if getattr(link, "callerid_pub", "") == node and not _closed(link)
-        ),
-        None,
-    )
+    return next(_open(subscriber, lambda link: getattr(link, "callerid_pub", "") == node), None)
 
 
 def came_over_open(subscriber: rospy.Subscriber, header: Optional[Mapping[str, str]]) -> bool:
@@ -41,22 +28,24 @@ def came_over_open(subscriber: rospy.Subscriber, header: Optional[Mapping[str, s
 
     :param header: of the message, its ``_connection_header``; None: there was no message.
     """
-    connections: List[Any] = getattr(subscriber.impl, "connections", None) or []
-    return header is not None and any(
-        getattr(connection, "header", None) is header and not _closed(connection)
-        for connection in list(connections)
-    )
+    links = _open(subscriber, lambda link: header is not None and getattr(link, "header", None) is header)
+    return next(links, None) is not None
 
 
 def reaches(publisher: rospy.Publisher, node: str) -> bool:
     """Whether a connection to a node that subscribes is open."""
-    connections: List[Any] = getattr(publisher.impl, "connections", None) or []
-    return any(connection.endpoint_id == node and not _closed(connection) for connection in list(connections))
+    return next(_open(publisher, lambda link: link.endpoint_id == node), None) is not None
 
 
 def sender_of(message: Any) -> str:
     """The node that published a message, or sent the request of a service; empty when that is not known."""
     return str((getattr(message, "_connection_header", None) or {}).get("callerid", ""))
+
+
+def _open(topic: Any, wanted: Callable[[Any], bool] = lambda link: True) -> Iterator[Any]:
+    """The open ones of the connections of a topic that are wanted."""
+    connections = list(getattr(topic.impl, "connections", None) or ())  # a copy: rospy changes it meanwhile
+    return (link for link in connections if wanted(link) and not _closed(link))
 
 
 def _closed(connection: Any) -> bool:
