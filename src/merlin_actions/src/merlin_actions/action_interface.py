@@ -211,7 +211,7 @@ class ActionInterface:
             if change.state is LeaseState.HELD:
                 ownership.resume(execution.token)
                 continue
-            ownership.suspend(execution.token, change.reason)
+            ownership.suspend(execution.token)
             if change.state is LeaseState.LOST:
                 rospy.logwarn(f"{execution.text} is cancelled, {change.reason}")
                 self._cancel(execution, change.reason)

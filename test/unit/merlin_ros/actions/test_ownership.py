@@ -22,7 +22,7 @@ LONG = 60.0
 def test_a_goal_is_suspended_from_the_silence_of_its_owner_to_its_return() -> None:
     goals = Ownership()
     assert goals.suspended("drive 1") is False and goals.suspended() is False
-    goals.suspend("drive 1", "its client is silent")
+    goals.suspend("drive 1")
     assert goals.suspended("drive 1") is True and goals.suspended() is True
     goals.resume("drive 1")
     assert goals.suspended("drive 1") is False and goals.suspended() is False

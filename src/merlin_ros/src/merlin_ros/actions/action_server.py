@@ -354,7 +354,7 @@ class ActionServer:
         if change.state is LeaseState.HELD:
             ownership.resume(goal.id)
             return
-        ownership.suspend(goal.id, change.reason)
+        ownership.suspend(goal.id)
         if goal.done:  # it ended meanwhile, and nothing else would resume it
             ownership.resume(goal.id)
             return

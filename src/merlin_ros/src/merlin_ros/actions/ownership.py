@@ -7,7 +7,7 @@ only that one counts; else one suspended goal suspends all that the process has 
 """
 
 import threading
-from typing import Callable, Dict, List, Optional
+from typing import Callable, List, Optional, Set
 
 from merlin_ros.master.master_link import silent
 
@@ -17,24 +17,22 @@ class Ownership:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()  # guards both fields below
-        self._suspended: Dict[str, str] = {}  # goal -> reason
+        self._suspended: Set[str] = set()
         self._listeners: List[Callable[[], None]] = []
 
-    def suspend(self, goal: str, reason: str = "") -> None:
+    def suspend(self, goal: str) -> None:
         """The owner of a goal is silent."""
-        with self._lock:
-            if goal in self._suspended:
-                return
-            self._suspended[goal] = reason
-            listeners = list(self._listeners)
-        for listener in listeners:
-            listener()
+        self._change(self._suspended.add, goal, True)
 
     def resume(self, goal: str) -> None:
         """The owner of a goal is back, or the goal has ended."""
+        self._change(self._suspended.discard, goal, False)
+
+    def _change(self, change: Callable[[str], None], goal: str, suspended: bool) -> None:
         with self._lock:
-            if self._suspended.pop(goal, None) is None:
+            if (goal in self._suspended) is suspended:
                 return
+            change(goal)
             listeners = list(self._listeners)
         for listener in listeners:
             listener()
