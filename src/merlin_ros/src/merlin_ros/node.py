@@ -387,7 +387,7 @@ def _settle_parameters() -> None:
     name. And a line would wait for a master that hangs.
     """
     try:
-        values = master_link.get_params(master_link.bounded_master(), *_SETTLED)
+        values = master_link.ask_each(master_link.bounded_master(), "getParam", _SETTLED)
     except master_link.ERRORS:
         values = {}
     for name in _SETTLED:

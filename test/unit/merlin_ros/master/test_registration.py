@@ -76,7 +76,7 @@ class Nodes:
         self.faulty: List[str] = []  # whose code raises when it gets publishers
         self.known: Dict[str, str] = {}
         monkeypatch.setattr(rospy, "get_name", lambda: "/me")
-        monkeypatch.setattr(foreign_nodes, "_asked", lambda master, call, names: self.known)
+        monkeypatch.setattr(foreign_nodes.master_link, "ask_each", lambda master, call, names: self.known)
         for module in (foreign_nodes, registration):
             monkeypatch.setattr(module.master_link, "bounded_proxy", lambda uri, limit: self._node(uri))
         self.foreign = ForeignNodes()

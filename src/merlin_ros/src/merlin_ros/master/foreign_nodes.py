@@ -6,7 +6,6 @@ What the master has of all nodes is looked at now and then. At a master that was
 registered that it does not know and that live.
 """
 
-import xmlrpc.client
 from typing import Any, Callable, Dict, List, Optional, Set
 
 import rosgraph
@@ -40,10 +39,10 @@ class ForeignNodes:
         """
         state = master.getSystemState()
         nodes = sorted({node for part in state for _, names in part for node in names})
-        addresses = _asked(master, "lookupNode", nodes)
+        addresses = master_link.ask_each(master, "lookupNode", nodes)
         if (state, addresses) == (self._state, self._addresses):
             return
-        self._services = _asked(master, "lookupService", [service for service, _ in state[2]])
+        self._services = master_link.ask_each(master, "lookupService", [service for service, _ in state[2]])
         self._state, self._addresses = state, addresses
 
     def restore(self, master: rosgraph.Master, going_on: Callable[[], bool]) -> List[str]:
@@ -54,7 +53,7 @@ class ForeignNodes:
         :raises OSError: when the master does not answer; to be tried again.
         :raises RegistrationError: when a node is done in part only, the others as far as possible; likewise.
         """
-        known = _asked(master, "lookupNode", list(self._addresses))
+        known = master_link.ask_each(master, "lookupNode", list(self._addresses))
         done: List[str] = []
         fault: Optional[RegistrationError] = None
         for name, uri in self._addresses.items():
@@ -91,14 +90,3 @@ class ForeignNodes:
 
     def _topics(self, part: int, name: str) -> Set[str]:
         return {thing for thing, nodes in self._state[part] if name in nodes}
-
-
-def _asked(master: rosgraph.Master, call: str, names: List[str]) -> Dict[str, str]:
-    """The answers of the master to one call for each name; names that it does not know are left out."""
-    if not names:
-        return {}
-    calls = xmlrpc.client.MultiCall(master.handle)
-    for name in names:
-        getattr(calls, call)(rospy.get_name(), name)
-    answers: Any = calls()
-    return {name: str(value) for name, (code, _, value) in zip(names, answers) if code == 1}

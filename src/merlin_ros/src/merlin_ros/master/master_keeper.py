@@ -83,25 +83,22 @@ class MasterKeeper:
         self._foreign: Optional[ForeignNodes] = None
         self._foreign_due: Optional[float] = None  # monotonic time from which they are registered
         self._news = CallQueue("master news")
-        self._callbacks_lock = threading.Lock()  # guards the lists
+        # Lists of callbacks, without a lock: each use is one step of Python's.
         self._on_lost: List[Callback] = []
         self._on_back: List[Callback] = []
         self._on_replaced: List[Callback] = []
 
     def on_lost(self, callback: Callback) -> None:
         """Calls this, in a thread of its own, each time the master is lost."""
-        with self._callbacks_lock:
-            self._on_lost.append(callback)
+        self._on_lost.append(callback)
 
     def on_back(self, callback: Callback) -> None:
         """Calls this, in the same thread, each time the node is registered again after that."""
-        with self._callbacks_lock:
-            self._on_back.append(callback)
+        self._on_back.append(callback)
 
     def on_replaced(self, callback: Callback) -> None:
         """Calls this, in the same thread, each time the node is registered with another master process."""
-        with self._callbacks_lock:
-            self._on_replaced.append(callback)
+        self._on_replaced.append(callback)
 
     def keep_params(self, name: str) -> Optional[Mapping[str, Any]]:
         """Restores the parameters below a name too, at a master that has lost them; looks at its own too.
@@ -174,7 +171,8 @@ class MasterKeeper:
         was_silent, self._unanswered = self._watch.silent, 0.0
         decision = self._watch.answered(process, address, master_link.missed.is_set())
         if was_silent and not self._watch.lost:
-            self._resume()
+            master_link.silent.clear()
+            rospy.logwarn(f"{self._name}: the master at {self._master_uri} answers again")
         return decision
 
     def _wait(self, sock: socket.socket) -> None:
@@ -203,42 +201,26 @@ class MasterKeeper:
         return int(process), str(address) if code == 1 else None
 
     def _look(self) -> None:
-        try:
+        with contextlib.suppress(*ERRORS):  # the next call shows whether the master is lost
             self._parameters.look(master_link.bounded_master(PING_TIMEOUT))
-        except ERRORS:
-            return  # the next call shows whether the master is lost
 
     def _look_at_others(self) -> None:
-        if self._foreign is None or self._foreign_due is not None:
-            return
-        try:
-            self._foreign.look(master_link.bounded_master(PING_TIMEOUT))
-        except ERRORS:
-            return  # as before
+        if self._foreign is not None and self._foreign_due is None:
+            with contextlib.suppress(*ERRORS):  # as before
+                self._foreign.look(master_link.bounded_master(PING_TIMEOUT))
 
     def _act(self, decision: WatchDecision) -> None:
+        master = f"{self._name}: the master at {self._master_uri}"
         if decision is WatchDecision.LOST:
-            self._lose()
+            master_link.lost.set()
+            rospy.logerr(f"{master} does not answer; waiting for its return")
+            self._call_back(self._on_lost)
         elif decision is WatchDecision.PAUSE:
-            self._pause()
-
-    def _pause(self) -> None:
-        master_link.silent.set()
-        rospy.logwarn(
-            f"{self._name}: the master at {self._master_uri} is silent, it is slow or hangs; what runs pauses"
-            f" until it answers, and is stopped after {HUNG:g} s"
-        )
-
-    def _resume(self) -> None:
-        master_link.silent.clear()
-        rospy.logwarn(f"{self._name}: the master at {self._master_uri} answers again")
-
-    def _lose(self) -> None:
-        master_link.lost.set()
-        rospy.logerr(
-            f"{self._name}: the master at {self._master_uri} does not answer; waiting for its return"
-        )
-        self._call_back(self._on_lost)
+            master_link.silent.set()
+            rospy.logwarn(
+                f"{master} is silent, it is slow or hangs; what runs pauses until it answers, and is stopped"
+                f" after {HUNG:g} s"
+            )
 
     def _register(self, decision: WatchDecision) -> None:
         master_link.lost.clear()
@@ -288,6 +270,5 @@ class MasterKeeper:
             rospy.logwarn(f"{self._name}: registered {', '.join(done)} at the master that was started anew")
 
     def _call_back(self, callbacks: List[Callback]) -> None:
-        with self._callbacks_lock:
-            for callback in callbacks:
-                self._news.put(callback)
+        for callback in list(callbacks):
+            self._news.put(callback)

@@ -10,7 +10,7 @@ import http.client
 import socket
 import threading
 import xmlrpc.client
-from typing import Any, Callable, Dict, List, Tuple
+from typing import Any, Callable, Collection, Dict, List, Tuple
 from xml.parsers.expat import ExpatError
 
 import rosgraph
@@ -200,27 +200,9 @@ def master_answers() -> bool:
     return True
 
 
-class _Known:
-    """Parameters that were read: their values, for when the master cannot be asked or has forgotten them."""
-
-    def __init__(self) -> None:
-        self._lock = threading.Lock()  # guards the values
-        self._values: Dict[str, Any] = {}
-
-    def keep(self, name: str, value: Any) -> None:
-        with self._lock:
-            self._values[name] = value
-
-    def get(self, name: str) -> Tuple[bool, Any]:
-        with self._lock:
-            return name in self._values, self._values.get(name)
-
-    def all(self) -> Dict[str, Any]:
-        with self._lock:
-            return dict(self._values)
-
-
-_known = _Known()
+#: Parameters that were read or set, by global name: the master may be silent, or have forgotten them.
+#: Without a lock: each of its uses is one step of Python's.
+_known: Dict[str, Any] = {}
 
 
 def get_param(name: str, default: Any = _NO_DEFAULT) -> Any:
@@ -242,23 +224,26 @@ def get_param(name: str, default: Any = _NO_DEFAULT) -> Any:
             raise KeyError(name) from None
         return default
     except ERRORS as error:
-        was_read, value = _known.get(full)
-        if not was_read:
+        value = _known.get(full, _NO_DEFAULT)
+        if value is _NO_DEFAULT:
             raise MasterSilent(f"cannot read the parameter {full}: {error}") from error
         return value
-    _known.keep(full, value)
+    _known[full] = value
     return value
 
 
-def get_params(master: rosgraph.Master, *names: str) -> Dict[str, Any]:
-    """Those of some parameters that are set, by one call.
+def ask_each(master: rosgraph.Master, call: str, names: Collection[str]) -> Dict[str, Any]:
+    """The answers of the master to one call for each name, asked at once; without what it does not know.
 
+    :param call: of the master's API: ``getParam``, ``lookupNode``, ``lookupService``.
     :param names: global.
     :raises OSError: when the master does not answer.
     """
+    if not names:
+        return {}
     calls = xmlrpc.client.MultiCall(master.handle)
     for name in names:
-        calls.getParam(rospy.get_name(), name)
+        getattr(calls, call)(rospy.get_name(), name)
     answers: Any = calls()
     return {name: value for name, (code, _, value) in zip(names, answers) if code == 1}
 
@@ -270,7 +255,7 @@ def set_param(name: str, value: Any) -> None:
     :raises MasterSilent: the master does not answer; one that comes back gets the value then.
     """
     full = rospy.resolve_name(name)
-    _known.keep(full, value)
+    _known[full] = value
     try:
         _kept.call(lambda master: master.setParam(full, value))
     except ERRORS as error:
@@ -279,4 +264,4 @@ def set_param(name: str, value: Any) -> None:
 
 def known_params() -> Dict[str, Any]:
     """What :func:`get_param` has read and :func:`set_param` has set, by global name."""
-    return _known.all()
+    return dict(_known)

@@ -58,7 +58,7 @@ class KeptParameters:
         """
         with self._lock:
             names = set(only) or set(self._names)
-        present = master_link.get_params(master, *names)
+        present = master_link.ask_each(master, "getParam", names)
         with self._lock:
             self._values.update(present)
         return present
