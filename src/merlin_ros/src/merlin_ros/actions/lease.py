@@ -56,6 +56,9 @@ class _Goal:
         self.age = 0.0  # s since it was lost, or arrived without a lease
 
 
+_UNKNOWN = _Goal("", "")
+
+
 class LeaseBook:
     """The leases of one server's goals. Not thread-safe.
 
@@ -84,18 +87,15 @@ class LeaseBook:
 
     def state(self, goal: str) -> LeaseState:
         """The state of a goal."""
-        known = self._goals.get(goal)
-        return LeaseState.FOREIGN if known is None else known.state
+        return self._goals.get(goal, _UNKNOWN).state
 
     def reason(self, goal: str) -> str:
         """Why it is in that state."""
-        known = self._goals.get(goal)
-        return "" if known is None else known.reason
+        return self._goals.get(goal, _UNKNOWN).reason
 
     def owner(self, goal: str) -> str:
         """The node that holds a goal, or held it last; empty: no lease ever named it."""
-        known = self._goals.get(goal)
-        return "" if known is None else known.owner
+        return self._goals.get(goal, _UNKNOWN).owner
 
     def goals_of(self, owner: str) -> List[str]:
         """The goals that a node holds, the youngest last."""

@@ -16,12 +16,6 @@ PERIOD = 0.15  # s of wall time between two renewals
 LIFE = uuid.uuid4().hex[:12]  #: names this process
 
 
-class _Held:
-    def __init__(self, owner: Optional[str]) -> None:
-        self.owner = owner
-        self.suspended = False
-
-
 class LeaseHolder:
     """Holds leases of the goals that this process has sent to one server; thread-safe.
 
@@ -64,10 +58,6 @@ class LeaseHolder:
         """Whether a node listens to the leases."""
         return self._lease.watched
 
-    def suspend(self, goal: str, suspended: bool) -> None:
-        """Says of one goal that its own owner is silent, or back."""
-        self._lease.suspend(goal, suspended)
-
     def shutdown(self) -> None:
         """Releases every lease."""
         self._lease.exchange([], list(self._goals), None)  # a copy: another thread may release one
@@ -89,7 +79,7 @@ class _Lease:
         self.users = 0
         self._publisher: Optional[rospy.Publisher] = None
         self._lock = threading.Lock()  # guards the fields below and the order of messages
-        self._held: Dict[str, _Held] = {}
+        self._held: Dict[str, Optional[str]] = {}  # goal -> the one on whose behalf it was sent
         self._stopped = False
         self._beat: Optional[Alarm] = None
 
@@ -99,18 +89,14 @@ class _Lease:
 
     def exchange(self, held: Collection[str], released: Collection[str], owner: Optional[str]) -> None:
         with self._lock:
-            gone = [goal for goal in released if self._held.pop(goal, None) is not None]
-            self._held.update({goal: _Held(owner) for goal in held})
+            before = len(self._held)
+            for goal in released:
+                self._held.pop(goal, None)
+            gone = len(self._held) < before
+            self._held.update(dict.fromkeys(held, owner))
             if held and self._beat is None:
                 self._beat = every(PERIOD, self._renew)
             if held or gone:
-                self._publish()
-
-    def suspend(self, goal: str, suspended: bool) -> None:
-        with self._lock:
-            held = self._held.get(goal)
-            if held is not None and held.suspended != suspended:
-                held.suspended = suspended
                 self._publish()
 
     def shutdown(self) -> None:
@@ -140,9 +126,7 @@ class _Lease:
             owner=rospy.get_name(),
             life=LIFE,
             held=list(self._held),
-            suspended=[
-                goal for goal, held in self._held.items() if held.suspended or ownership.suspended(held.owner)
-            ],
+            suspended=[goal for goal, owner in self._held.items() if ownership.suspended(owner)],
         )
         message.header.stamp = rospy.Time.now()
         if self._publisher is not None:

@@ -50,25 +50,20 @@ class LeaseWatch:
             self._book.arrive(goal, client if leases else "")
             self._begin()
 
-    def state(self, goal: str) -> LeaseState:
-        """The state of a goal."""
-        with self._lock:
-            return self._book.state(goal)
-
     def tell(self, goal: str) -> None:
         """Calls `on_change` with the state of a goal once more, unless its owner lives.
 
         For a caller that could not take the change in when it came.
         """
-        told = LeaseState.HELD
+        last = LeaseState.HELD
         while True:
             with self._lock:
                 change = LeaseChange(goal, self._book.state(goal), self._book.reason(goal))
-            if change.state in (told, LeaseState.FOREIGN) or self._on_change is None:
+            if change.state in (last, LeaseState.FOREIGN) or self._on_change is None:
                 return
             self._on_change(change)
             # If it has changed since, the thread of the changes may have said so before this.
-            told = change.state
+            last = change.state
 
     def owner(self, goal: str) -> str:
         """The node that holds a goal, or held it last; empty: no lease ever named it."""
