@@ -12,6 +12,7 @@ from merlin_pddl.plan_text import parse_plan
 from merlin_rosplan.planning import planner_engines
 from merlin_rosplan.planning.planner_command import PlannerCommandError
 from merlin_rosplan.planning.planner_engines import engines
+from merlin_rosplan.planning.planner_settings import PlannerSettings
 from merlin_rosplan.planning.planning_outcome import PlannerState
 from merlin_rosplan.supervision.planner_job import PlannerJob, work
 
@@ -85,9 +86,10 @@ def planned(folder: Path, *plans: str, domain: str = DOMAIN, problem: str = PROB
         name.write_text(text)
     engines = [f"/usr/bin/printf '{plan}\\n' DOMAIN PROBLEM" for plan in plans]
     files = map(str, names)
-    job = PlannerJob(*files, engines, "two", "", 60.0, 60.0, 20.0, True, 0.0, 0.0, [], [])
+    settings = PlannerSettings(anytime=20.0, memory_limit=0.0, output_limit=0.0)
+    job = PlannerJob(*files, engines, "two", "", settings, 60.0)
     (folder / "work").mkdir()
-    return work(job._asdict(), folder / "work")
+    return work(job.message(), folder / "work")
 
 
 @pytest.mark.parametrize(

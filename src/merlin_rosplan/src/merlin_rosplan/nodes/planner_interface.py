@@ -235,14 +235,7 @@ class PlannerInterface(Component):
             outcome = self._plan_one(request, goal, settings or self._settings, after, on_begin)
         with self._state:
             self._last = outcome
-        self._report(
-            PlannerStatus(
-                state=int(outcome.state),
-                reason=outcome.reason,
-                planner=outcome.planner,
-                seconds=outcome.seconds,
-            )
-        )
+        self._report(PlannerStatus(**outcome.status))
         return outcome
 
     def _log(self, outcome: PlanningOutcome) -> None:

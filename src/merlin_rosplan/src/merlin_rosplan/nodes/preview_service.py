@@ -111,7 +111,4 @@ def look_for_plan(
 
 
 def _answered(outcome: PlanningOutcome, problem: str = "") -> PreviewPlanResponse:
-    status = PlannerStatus(
-        state=int(outcome.state), reason=outcome.reason, planner=outcome.planner, seconds=outcome.seconds
-    )
-    return PreviewPlanResponse(status=status, problem=problem)
+    return PreviewPlanResponse(status=PlannerStatus(**outcome.status), problem=problem)

@@ -3,7 +3,7 @@
 
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Tuple
+from typing import Any, Dict, Tuple
 
 #: In place of a time.
 NOT_KNOWN = -1.0
@@ -42,6 +42,11 @@ class PlanningOutcome:
     planner: str = ""
     seconds: float = 0.0
     reached: Tuple[float, ...] = ()
+
+    @property
+    def status(self) -> Dict[str, Any]:
+        """The fields of a merlin_msgs/PlannerStatus."""
+        return {name: getattr(self, name) for name in ("state", "reason", "planner", "seconds")}
 
     @property
     def solved(self) -> bool:

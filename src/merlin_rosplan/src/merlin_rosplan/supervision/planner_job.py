@@ -35,10 +35,8 @@ class PlannerJob(NamedTuple):
     :param engines: ``kairos`` or whole command lines.
     :param name: of the engines, for messages.
     :param data_path: folder for the planner's output and the plan (``plan.pddl``); empty keeps nothing.
-    :param planning_limit: running time for the engines, s; 0 means none.
+    :param settings: of the planner; its time limit is that of the engines.
     :param time_limit: running time for everything, reading and validating included, s; 0 means none.
-    :param anytime, check_input, memory_limit, output_limit, without, dues: see
-        :class:`.planner.PlannerSettings`.
     :param reusable: whether its process can plan again: not behind a search of kairos.
     """
 
@@ -47,15 +45,13 @@ class PlannerJob(NamedTuple):
     engines: List[str]
     name: str
     data_path: str
-    planning_limit: float
+    settings: PlannerSettings
     time_limit: float
-    anytime: float
-    check_input: bool
-    memory_limit: float
-    output_limit: float
-    without: List[str]
-    dues: List[Tuple[Sequence[str], float]]
     reusable: bool = False
+
+    def message(self) -> Dict[str, Any]:
+        """What :func:`work` takes."""
+        return {**self._asdict(), "settings": dataclasses.asdict(self.settings)}
 
 
 _DOMAIN = """(define (domain warm) (:requirements :typing :durative-actions) (:types t)
@@ -85,7 +81,8 @@ def warm_up(folder: Path, last: Dict[str, Any]) -> None:
             domain.write_text(_DOMAIN)
             problem.write_text(_PROBLEM)
             files = str(domain), str(problem)
-            _plan(PlannerJob(*files, [engine], name, "", _WARM, _WARM, 0.2, True, 0.0, 0.0, [], []), own)
+            settings = PlannerSettings(time_limit=_WARM, memory_limit=0.0, output_limit=0.0)
+            _plan(PlannerJob(*files, [engine], name, "", settings, _WARM), own)
 
 
 def work(message: Dict[str, Any], folder: Path) -> Dict[str, Any]:
@@ -97,6 +94,7 @@ def work(message: Dict[str, Any], folder: Path) -> Dict[str, Any]:
         deadlines.
     """
     job = PlannerJob(**{key: message[key] for key in PlannerJob._fields})
+    job = job._replace(settings=PlannerSettings(**message["settings"]))
     began = time.monotonic()
     outcome = _plan(job, folder)
     return {**outcome, "seconds": time.monotonic() - began}
@@ -111,10 +109,10 @@ def _plan(job: PlannerJob, folder: Path) -> Dict[str, Any]:
         return _outcome(PlannerState.INVALID, reason, job.name)
     files = Path(job.domain_path), Path(job.problem_path)
     try:
-        if job.without:
-            domain, problem = leave_out(domain, problem, job.without)
+        if job.settings.without:
+            domain, problem = leave_out(domain, problem, job.settings.without)
             files = _written(folder, domain, problem)
-        if job.dues:
+        if job.settings.dues:
             return _plan_in_time(job, domain, problem, folder)
     except PddlError as error:
         return _outcome(PlannerState.INVALID, str(error), job.name)
@@ -129,8 +127,9 @@ def _plan_in_time(job: PlannerJob, domain: str, problem: str, folder: Path) -> D
 
     :raises PddlError: domain, problem or goals are not valid.
     """
-    dues = [Due(tuple(goals), within) for goals, within in job.dues]
-    ends = time.monotonic() + job.planning_limit
+    dues = [Due(tuple(goals), within) for goals, within in job.settings.dues]
+    limit = job.settings.time_limit
+    ends = time.monotonic() + limit
     proven = False
     endless = all(due.within == math.inf for due in dues)
     while True:
@@ -147,10 +146,10 @@ def _plan_in_time(job: PlannerJob, domain: str, problem: str, folder: Path) -> D
             else:
                 outcome = _solved(job, attempt.planner, restore_case(steps, problem))
             return {**outcome, "reached": reached}
-        left = ends - time.monotonic() if job.planning_limit else 0.0
+        left = ends - time.monotonic() if limit else 0.0
         if proven or endless or attempt.state != PlannerState.UNSOLVABLE or left < 0.0:
             break
-        job, proven = job._replace(planning_limit=left), True
+        job, proven = job._replace(settings=dataclasses.replace(job.settings, time_limit=left)), True
     reason = _why(attempt, dataclasses.replace(task, domain=domain, problem=timed.plain))
     if proven and attempt.state != PlannerState.UNSOLVABLE:
         # The first search has proved it; how late they are is what the second one has not found.
@@ -194,16 +193,10 @@ def _solve(
         KairosPlanner() if engine == KAIROS else CommandPlanner(parse_command(engine), keep_in)
         for engine in job.engines
     ]
-    settings = PlannerSettings(
-        time_limit=job.planning_limit,
-        anytime=job.anytime,
-        memory_limit=job.memory_limit,
-        output_limit=job.output_limit,
-    )
-    task = Task(*files, *texts, folder, settings)
+    task = Task(*files, *texts, folder, job.settings)
 
     def check() -> Optional[str]:
-        if not job.check_input:
+        if not job.settings.check_input:
             return None
         return kairos_check.check_input(*texts, *map(str, files))
 

@@ -258,19 +258,21 @@ class Supervisor:
 
     def _plan_one(self, job: Answer, folder: Path) -> None:
         """In the child: plans within the limits and writes the outcome."""
-        _limit(resource.RLIMIT_AS, job["memory_limit"])
-        _limit(resource.RLIMIT_FSIZE, job["output_limit"])
+        memory, output = _limits(job)
+        _limit(resource.RLIMIT_AS, memory)
+        _limit(resource.RLIMIT_FSIZE, output)
         try:
             answer = self._work(job, folder)
         except MemoryError:
-            reason = f"the planning needs more than {job['memory_limit']:g} MB of memory (~memory_limit)"
+            reason = f"the planning needs more than {memory:g} MB of memory (~memory_limit)"
             answer = _answer(PlannerState.CRASHED, reason)
         (folder / OUTCOME).write_text(json.dumps(answer))
 
 
 def _limits(job: Answer) -> Tuple[float, float]:
     """Limits that a child keeps: none can be raised again."""
-    return job["memory_limit"], job["output_limit"]
+    settings = job["settings"]
+    return settings["memory_limit"], settings["output_limit"]
 
 
 def _end_with_supervisor(life: socket.socket, folders: List[Path]) -> None:
@@ -295,10 +297,10 @@ def _answer(state: PlannerState, reason: str) -> Answer:
 
 
 def _too_much(job: Answer, folder: Path) -> Optional[str]:
-    memory = job["memory_limit"]
+    memory, output = _limits(job)
     if memory and tree_size(os.getpid()).memory > memory * MEGABYTE:
         return f"{job['name']} and its processes use more than {memory:g} MB of memory (~memory_limit)"
-    excess = too_much(folder, job["output_limit"])
+    excess = too_much(folder, output)
     return f"{job['name']} was ended: {excess}" if excess is not None else None
 
 

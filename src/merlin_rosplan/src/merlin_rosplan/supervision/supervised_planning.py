@@ -91,14 +91,8 @@ class Planning:
             chosen.commands,
             chosen.name,
             self._data,
-            limit,
+            dataclasses.replace(settings, time_limit=limit),
             limit + READING if limit else 0.0,
-            settings.anytime,
-            settings.check_input,
-            settings.memory_limit,
-            settings.output_limit,
-            list(settings.without),
-            list(settings.dues),
             KAIROS not in chosen.commands,
         )
         host = self._hosts.take()
@@ -106,7 +100,7 @@ class Planning:
             with self._lock:
                 if self._cancelled:
                     return PlanningOutcome(PlannerState.CANCELLED, "cancelled before it began")
-                host.begin(job._asdict())
+                host.begin(job.message())
                 self._host = host
             on_begin()
             answer = host.wait(job.time_limit + HANGS if job.time_limit else None)
