@@ -36,7 +36,6 @@ class Duration:
 
     op: str
     value: Numeric
-    when: str = "start"
 
 
 @dataclass(frozen=True)

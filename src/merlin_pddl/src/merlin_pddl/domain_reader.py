@@ -254,7 +254,7 @@ class DomainReader:
         if when == OVER_ALL:
             raise node.error("a duration is bounded at start or at end")
         if when:
-            return [Duration(d.op, d.value, when) for d in self._durations(node[2], scope)]
+            return self._durations(node[2], scope)
         if node.head not in ("=", "<=", ">=") or len(node) != 3 or node[1] != "?duration":
             raise node.error("expected (= ?duration <number>), or <= or >=")
         bare = {name: types for name, types in scope.items() if types}  # no bound of itself

@@ -31,7 +31,6 @@ class ObjectClass:
     :param color: of the whole, or of what the dark part leaves.
     :param dark_height: share of the height, from the top, that is dark: a full cup.
     :param dark_radius: share of the radius that is dark on the top: a used plate.
-    :param meaning: what it stands for, in a few words.
     """
 
     name: str
@@ -41,7 +40,6 @@ class ObjectClass:
     size: Optional[Tuple[float, float]] = None
     dark_height: float = 0.0
     dark_radius: float = 0.0
-    meaning: str = ""
 
     @property
     def footprint(self) -> Tuple[float, float]:
@@ -73,16 +71,16 @@ _CUP, _GLASS, _PLATE = (0.04, 0.10), (0.035, 0.13), (0.11, 0.02)
 OBJECT_CLASSES: Dict[str, ObjectClass] = {
     item.name: item
     for item in (
-        ObjectClass("cup", "#d01818", _CUP[1], _CUP[0], meaning="an empty cup"),
-        ObjectClass("coffee", "#d01818", _CUP[1], _CUP[0], dark_height=0.4, meaning="a full cup"),
-        ObjectClass("glass", "#20d0d0", _GLASS[1], _GLASS[0], meaning="an empty glass"),
-        ObjectClass("water", "#1830d0", _GLASS[1], _GLASS[0], meaning="a glass of water"),
-        ObjectClass("juice", "#f08000", _GLASS[1], _GLASS[0], meaning="a glass of orange juice"),
-        ObjectClass("bottle", "#18a018", 0.25, 0.04, meaning="a bottle"),
-        ObjectClass("can", "#e0c010", 0.12, 0.033, meaning="a can"),
-        ObjectClass("plate", "#8020d8", _PLATE[1], _PLATE[0], meaning="a clean plate"),
-        ObjectClass("dirty_plate", "#8020d8", _PLATE[1], _PLATE[0], dark_radius=0.7, meaning="a used plate"),
-        ObjectClass("sandwich", "#98e010", 0.05, size=(0.12, 0.12), meaning="a sandwich"),
-        ObjectClass("cake", "#f01898", 0.08, 0.07, meaning="a small cake"),
+        ObjectClass("cup", "#d01818", _CUP[1], _CUP[0]),  # an empty cup
+        ObjectClass("coffee", "#d01818", _CUP[1], _CUP[0], dark_height=0.4),  # a full cup
+        ObjectClass("glass", "#20d0d0", _GLASS[1], _GLASS[0]),  # an empty glass
+        ObjectClass("water", "#1830d0", _GLASS[1], _GLASS[0]),  # a glass of water
+        ObjectClass("juice", "#f08000", _GLASS[1], _GLASS[0]),  # a glass of orange juice
+        ObjectClass("bottle", "#18a018", 0.25, 0.04),  # a bottle
+        ObjectClass("can", "#e0c010", 0.12, 0.033),  # a can
+        ObjectClass("plate", "#8020d8", _PLATE[1], _PLATE[0]),  # a clean plate
+        ObjectClass("dirty_plate", "#8020d8", _PLATE[1], _PLATE[0], dark_radius=0.7),  # a used plate
+        ObjectClass("sandwich", "#98e010", 0.05, size=(0.12, 0.12)),  # a sandwich
+        ObjectClass("cake", "#f01898", 0.08, 0.07),  # a small cake
     )
 }

@@ -43,15 +43,11 @@ class Running:
     ends: float
     taken: bool = False
     alive: Optional[Any] = None  # until then its interface is alive, having taken the action
-    applied: Optional[Any] = (
-        None  # until then its start effects have been applied, if it has taken the action
-    )
+    applied: Optional[Any] = None  # until then its start effects are applied, if it has taken the action
     sent_again: bool = False
     grace: Optional[Any] = None
     broken: str = ""
-    unheard: Set[str] = field(
-        default_factory=set
-    )  # names its start effects change, of which no change was seen
+    unheard: Set[str] = field(default_factory=set)  # names its start effects change, no change of them seen
     leaving: Optional[Any] = None  # until then it has to have stopped: another plan does without it
     look: bool = True  # whether it is worth asking again for its start effects
 

@@ -2,8 +2,8 @@
 """What a plan allows to start next; here in the order of a list."""
 
 import abc
-from dataclasses import dataclass, field
-from typing import AbstractSet, Any, Dict, Iterable, List, NamedTuple, Optional, Sequence, Tuple
+from dataclasses import dataclass
+from typing import AbstractSet, Dict, Iterable, List, NamedTuple, Optional, Sequence, Tuple
 
 
 class PlanError(ValueError):
@@ -22,7 +22,6 @@ class PlannedAction:
     :param name: PDDL operator.
     :param parameters: (label, object), in the order of the operator's parameters.
     :param duration, time: planned, s.
-    :param message: the message of the plan that it came from, for publishing.
     """
 
     id: int
@@ -30,7 +29,6 @@ class PlannedAction:
     parameters: Tuple[Tuple[str, str], ...] = ()
     duration: float = 0.0
     time: float = 0.0
-    message: Any = field(default=None, compare=False, repr=False)
 
     def __str__(self) -> str:
         return "(" + " ".join((self.name,) + tuple(value for _, value in self.parameters)) + ")"

@@ -140,7 +140,7 @@ class _Builder:
         """Makes the edges into a node; which kinds of them there are."""
         return [
             self._support(node, start, happening),
-            self._timed_numbers(node, happening),
+            self._timed_numbers(node),
             self._timed_order(node, happening),
             self._interference(node, start, happening),
             self._numeric_order(node, start, happening),
@@ -185,7 +185,7 @@ class _Builder:
             [*happening.negative, *happening.keep_negative],
         )
 
-    def _timed_numbers(self, node: Node, happening: Happening) -> bool:
+    def _timed_numbers(self, node: Node) -> bool:
         """An edge from the start of the plan when the node's conditions wait for a timed value."""
         if not self._numbers_in_time:
             return False

@@ -6,7 +6,6 @@ import os
 import signal
 import subprocess
 import threading
-import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import List, Optional
@@ -22,7 +21,6 @@ class ProcessResult:
     :param stdout, stderr: what it printed.
     :param timed_out: it was killed because its time was over.
     :param stopped: it was killed by :meth:`PlannerProcess.stop`.
-    :param seconds: of running time.
     """
 
     returncode: int
@@ -30,7 +28,6 @@ class ProcessResult:
     stderr: str
     timed_out: bool
     stopped: bool
-    seconds: float
 
 
 class PlannerProcess:
@@ -46,7 +43,6 @@ class PlannerProcess:
         self._timed_out = False
         self._stopped = False
         # of the thread that starts it and waits for it
-        self._started = 0.0
         self._output = self._errors = Path()
         self._timer: Optional[threading.Timer] = None
 
@@ -64,7 +60,6 @@ class PlannerProcess:
         :param limit: running time after which it is killed, s; 0 means never.
         :raises OSError: the program cannot be started.
         """
-        self._started = time.monotonic()
         # Files and no pipes: a grandchild that keeps a pipe open would keep us waiting.
         self._output, self._errors = directory / STDOUT, directory / STDERR
         with self._output.open("wb") as out, self._errors.open("wb") as err, self._lock:
@@ -88,7 +83,7 @@ class PlannerProcess:
         """Waits for the end of the command, however that comes."""
         process = self._process
         if process is None:
-            return ProcessResult(-signal.SIGKILL, "", "", False, True, 0.0)
+            return ProcessResult(-signal.SIGKILL, "", "", False, True)
         # A wait with a time-out would poll, and waiting before the group is dead would free its number.
         os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOWAIT)
         with self._lock:
@@ -103,7 +98,6 @@ class PlannerProcess:
             self._errors.read_text(errors="replace"),
             self._timed_out,
             self._stopped,
-            time.monotonic() - self._started,
         )
 
     def _time_out(self) -> None:
