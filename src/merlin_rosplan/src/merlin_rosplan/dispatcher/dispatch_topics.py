@@ -191,10 +191,7 @@ class DispatchTopics(DispatchEnvironment):
 
     def false_of(self, action: PlannedAction, conditions: "Conditions") -> "Conditions":
         """Asks the knowledge base."""
-        try:
-            return self._knowledge().false_of(conditions)
-        except PlanKnowledgeError as error:
-            raise DispatchError(f"the conditions of {action} cannot be checked: {error}") from error
+        return self.false_of_each([(action, conditions)])[0]
 
     def false_of_each(self, asked: "Sequence[Tuple[PlannedAction, Conditions]]") -> "List[Conditions]":
         """Asks the knowledge base, in one call."""

@@ -113,16 +113,12 @@ class PlanKnowledge:
             return ActionModel.of(operator, {})
         return ActionModel.of(written, domain.derived)
 
-    def false_of(self, conditions: Conditions) -> Conditions:
-        """Those ground conditions that do not hold now, asked in one call.
+    def false_of_each(self, asked: Sequence[Conditions]) -> List[Conditions]:
+        """Those ground conditions of each action that do not hold now, asked in one call.
 
         A negative one holds when the positive fact is absent: ROSPlan's own knowledge base answers true for
         a negative query only when an explicit negative fact is stored.
         """
-        return self.false_of_each([conditions])[0]
-
-    def false_of_each(self, asked: Sequence[Conditions]) -> List[Conditions]:
-        """:meth:`false_of` for several actions, all in one call."""
         store = None
         if not any(conditions.comparisons or conditions.expressions for conditions in asked):
             store = getattr(Component.in_process(self._client.name), "store", None)

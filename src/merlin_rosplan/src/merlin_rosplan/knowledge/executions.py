@@ -270,9 +270,7 @@ class Executions:
                     assert isinstance(checked, Fact)
                     if self._state.sensed.get(checked.name.lower()) is None:
                         found.append([checked.name, list(checked.args), checked.negative])
-            except PddlError as error:
-                raise UpdateRefused(f"'{text}': {error}") from error
-            except UpdateRefused as error:
+            except (PddlError, UpdateRefused) as error:
                 raise UpdateRefused(f"'{text}': {error}") from error
         return found
 

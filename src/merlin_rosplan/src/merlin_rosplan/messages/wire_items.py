@@ -111,8 +111,8 @@ class _HasExpressions(Exception):
     """The request holds items that only the generated code reads."""
 
 
-class UpdateArrayRequest(KnowledgeUpdateServiceArrayRequest):
-    """The request of update_array. Items without expressions are read as :class:`WireItem`.
+class _BoundedRequest:
+    """A request whose items without expressions are read as :class:`WireItem`.
 
     :cvar max_items: of a request with more only the number is read; 0: no limit.
     :ivar too_many: how many items a request has that was not read.
@@ -121,40 +121,35 @@ class UpdateArrayRequest(KnowledgeUpdateServiceArrayRequest):
     max_items = 0
     too_many = 0
 
-    def deserialize(self, data: bytes) -> "UpdateArrayRequest":
+    def deserialize(self, data: bytes) -> Any:
         """Reads the request.
 
         :raises genpy.DeserializationError: the bytes end too early.
         """
         try:
-            (count,) = _LENGTH.unpack_from(data, 0)
-            self.update_type = data[4 : 4 + count]
-            self.too_many, self.knowledge = _read_items(data, 4 + count, self.max_items)
+            self.too_many, self.knowledge = _read_items(data, self._before(data), self.max_items)
         except _HasExpressions:
-            super().deserialize(data)
+            super().deserialize(data)  # type: ignore[misc]
         except struct.error as error:
             raise genpy.DeserializationError(str(error)) from error
         return self
 
+    def _before(self, data: bytes) -> int:
+        """Reads what comes before the items; returns where these begin."""
+        return 0
 
-class QueryRequest(KnowledgeQueryServiceRequest):
-    """The request of query_state, read like that of update_array."""
 
-    max_items = 0
-    too_many = 0
+class UpdateArrayRequest(_BoundedRequest, KnowledgeUpdateServiceArrayRequest):
+    """The request of update_array."""
 
-    def deserialize(self, data: bytes) -> "QueryRequest":
-        """Reads the request.
+    def _before(self, data: bytes) -> int:
+        (count,) = _LENGTH.unpack_from(data, 0)
+        self.update_type = data[4 : 4 + count]
+        return 4 + int(count)
 
-        :raises genpy.DeserializationError: the bytes end too early.
-        """
-        try:
-            self.too_many, self.knowledge = _read_items(data, 0, self.max_items)
-        except _HasExpressions:
-            super().deserialize(data)
-        except struct.error as error:
-            raise genpy.DeserializationError(str(error)) from error
-        return self
+
+class QueryRequest(_BoundedRequest, KnowledgeQueryServiceRequest):
+    """The request of query_state."""
 
 
 class QueryResponse(genpy.Message):

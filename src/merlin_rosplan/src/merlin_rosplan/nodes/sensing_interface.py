@@ -6,7 +6,7 @@ import inspect
 import math
 import re
 from types import ModuleType
-from typing import Any, Callable, Dict, List, Optional, Sequence
+from typing import Any, Callable, Dict, List, NamedTuple, Optional, Sequence
 
 import roslib.message
 import rospkg
@@ -27,7 +27,7 @@ SCOPE = "rosplan_sensing_interface"
 KNOWLEDGE_BASE_WAIT = 30.0  # s of wall time
 
 
-class Sensor:
+class Sensor(NamedTuple):
     """One way to sense one predicate or function.
 
     :param predicate: name in the domain.
@@ -36,17 +36,10 @@ class Sensor:
     :param types: of the predicate's parameters.
     """
 
-    def __init__(
-        self,
-        predicate: str,
-        given: Sequence[Any],
-        evaluate: Callable[[Any, List[List[str]], str], Any],
-        types: Sequence[str],
-    ) -> None:
-        self.predicate = predicate
-        self.given = given
-        self.evaluate = evaluate
-        self.types = types
+    predicate: str
+    given: Sequence[Any]
+    evaluate: Callable[[Any, List[List[str]], str], Any]
+    types: Sequence[str]
 
 
 class SensingInterface(Component):
