@@ -4,24 +4,19 @@
 import pytest
 
 from merlin_executor.core.activity import LONGEST_REASON, Activity
-from merlin_executor.core.answering import ClientAnswer, answer_for, unreadable
 from merlin_executor.core.outcome import Outcome, Verdict
+from merlin_ros.actions.action_server import ServerGoal
 
 
 @pytest.mark.parametrize("outcome", list(Outcome))
 @pytest.mark.parametrize("accepted", [True, False])
 def test_the_verb_says_what_the_outcome_says(outcome: Outcome, accepted: bool) -> None:
-    answer = answer_for(outcome, accepted)
-    assert (answer is ClientAnswer.SUCCEED) == outcome.achieved
-    assert (answer is ClientAnswer.CANCEL) == (outcome in (Outcome.CANCELLED, Outcome.DROPPED))
+    verb = outcome.verb(accepted)
+    assert (verb == "succeed") == outcome.achieved
+    assert (verb == "cancelled") == (outcome in (Outcome.CANCELLED, Outcome.DROPPED))
     never_ran = outcome in (Outcome.REFUSED, Outcome.LATE) and not accepted
-    assert (answer is ClientAnswer.REJECT) == never_ran
-
-
-def test_a_request_that_cannot_be_read_is_refused_unless_it_was_taken_back() -> None:
-    assert unreadable("no PDDL") == Verdict(Outcome.REFUSED, "no PDDL")
-    taken_back = unreadable("the knowledge base hangs", cancelled=True)
-    assert taken_back == Verdict(Outcome.CANCELLED, "cancelled before it began; the knowledge base hangs")
+    assert (verb == "reject") == never_ran
+    assert callable(getattr(ServerGoal, verb))
 
 
 @pytest.mark.parametrize("outcome", list(Outcome))

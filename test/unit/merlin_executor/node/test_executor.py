@@ -210,6 +210,14 @@ def test_a_name_without_end_is_refused_in_few_words(bench: Bench) -> None:
     assert outcome == "REFUSED" and len(reason) < 3000
 
 
+def test_what_cannot_be_read_and_was_taken_back_meanwhile_is_cancelled(bench: Bench) -> None:
+    goal = Goal("(checked")
+    goal.cancel_requested = True
+    status, outcome, reason = bench.send(goal).end()
+    assert (status, outcome) == (GoalStatus.PREEMPTED, "CANCELLED")
+    assert reason.startswith("cancelled before it began; ")
+
+
 def test_the_end_of_the_executor_answers_all(bench: Bench) -> None:
     running, waiting = bench.run(Goal("(checked kitchen)")), bench.send(Goal("(checked hall)"))
     bench.executor.shutdown()
@@ -224,7 +232,7 @@ def test_a_client_that_is_gone_while_its_request_is_read_does_not_end_one_that_g
 ) -> None:
     goal = Goal("(checked kitchen)", on_client_lost=ExecuteGoal.GO_ON)
     told: List[Any] = []
-    of: Any = executor_module if part == "Request" else bench.executor._engine
+    of: Any = executor_module if part == "Request" else executor_module.Engine
     once = getattr(of, part)
 
     def gone_before(*arguments: Any) -> Any:

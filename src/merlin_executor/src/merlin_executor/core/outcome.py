@@ -34,6 +34,17 @@ class Outcome(IntEnum):
         """Whether a node needs attention, rather than the world or the goal."""
         return self in (Outcome.PLANNER_ERROR, Outcome.CANCEL_TIMEOUT, Outcome.INTERNAL)
 
+    def verb(self, accepted: bool) -> str:
+        """How a goal of an action server ends with it: ``succeed``, ``cancelled``, ``reject`` or ``abort``.
+
+        :param accepted: whether the client got the state ACTIVE; such a request cannot be rejected.
+        """
+        if self.achieved:
+            return "succeed"
+        if self in (Outcome.CANCELLED, Outcome.DROPPED):
+            return "cancelled"
+        return "reject" if self in (Outcome.REFUSED, Outcome.LATE) and not accepted else "abort"
+
 
 class Verdict(NamedTuple):
     """The end of a run or of a request."""

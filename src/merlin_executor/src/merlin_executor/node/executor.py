@@ -22,8 +22,7 @@ from merlin_msgs.msg import (
 )
 
 from merlin_executor.core.activity import LONGEST_REASON, Activity, end_words
-from merlin_executor.core.agenda import TOGETHER, Agenda, Decision
-from merlin_executor.core.answering import unreadable
+from merlin_executor.core.agenda import NOT_BEGUN, TOGETHER, Agenda, Decision
 from merlin_executor.core.course import Course
 from merlin_executor.core.engine import Engine
 from merlin_executor.core.outcome import Outcome, StopKind, Verdict, crashed
@@ -116,7 +115,7 @@ class Executor:
     ) -> None:
         self._knowledge = knowledge
         self._new_course = partial(Course, max_replans, same_failures, replan_wait)
-        self._told = threading.Event()  # set when statuses may be published
+        self._publishes = threading.Event()  # set when statuses may be published
         self._own = OwnGoals(knowledge, goals_file, LeaseHolder(f"{knowledge.name}/goals/lease"))
         self._survivors = Survivors(goals_file)
         self._dispatcher = DispatchClient(
@@ -179,7 +178,7 @@ class Executor:
         self._status_publisher = rospy.Publisher("merlin/status", ExecutorStatus, latch=True, queue_size=10)
         self._queue_publisher = rospy.Publisher("merlin/queue", GoalQueue, latch=True, queue_size=10)
         self._introspection = start_introspection("EXECUTOR", self._machine)
-        self._told.set()
+        self._publishes.set()
         self._publish_status()
         self._publish_queue()
         self._pauses = PauseServices(self._pause)
@@ -216,7 +215,7 @@ class Executor:
         self._publish_status()
 
     def _dispatch_changed(self) -> None:
-        if self._told.is_set():
+        if self._publishes.is_set():
             self._publish_status()
             self._machine.dispatch_changed()
 
@@ -347,11 +346,12 @@ class Executor:
             if aside is not None:
                 self._publish_queue()
         # A client may send names without end; the log, and all that listen to it, need not have them.
-        verdict = unreadable(shortened(reason, LONGEST_REASON), named and goal.cancel_requested)
-        rospy.logwarn(f"{verdict.outcome.name}: {verdict.reason}")
-        result = ExecuteResult(outcome=int(verdict.outcome), reason=verdict.reason)
-        end = goal.cancelled if verdict.outcome is Outcome.CANCELLED else goal.reject
-        end(result, verdict.reason)
+        reason = shortened(reason, LONGEST_REASON)
+        outcome, end = Outcome.REFUSED, goal.reject
+        if named and goal.cancel_requested:
+            outcome, end, reason = Outcome.CANCELLED, goal.cancelled, f"{NOT_BEGUN}; {reason}"
+        rospy.logwarn(f"{outcome.name}: {reason}")
+        end(ExecuteResult(outcome=int(outcome), reason=reason), reason)
 
     # --- what is published ---------------------------------------------------------------------------------
 

@@ -19,7 +19,6 @@ from merlin_msgs.msg import (
 from rosplan_dispatch_msgs.msg import ActionDispatch
 from rosplan_knowledge_msgs.msg import KnowledgeItem
 
-from merlin_executor.core.answering import ClientAnswer, answer_for
 from merlin_executor.core.course import DISPATCH_PLAN, Course
 from merlin_executor.core.engine import Job
 from merlin_executor.core.outcome import StopKind, Verdict
@@ -73,7 +72,7 @@ class Request(Job):
         self.plan: List[ActionDispatch] = []
         self._times = PlanTimes()
         self._kept = ""  # actions under way at a state at which they are not interrupted
-        self._told = ""  # why it is late or waits, as its client was told last
+        self._reported = ""  # why it is late or waits, as its client was told last
         self._fed: Optional[ExecuteFeedback] = None  # what its client was told last while it runs
 
     @property
@@ -172,19 +171,14 @@ class Request(Job):
         elif self.goal.goal.survives and not said:  # its client knows by the reason that it goes on
             verdict = verdict._replace(reason=f"{StopKind.SHUTDOWN.value}; {verdict.reason}")
         accepted = self.goal.status not in (GoalStatus.PENDING, GoalStatus.RECALLING)
-        verbs = {
-            ClientAnswer.SUCCEED: self.goal.succeed,
-            ClientAnswer.CANCEL: self.goal.cancelled,
-            ClientAnswer.REJECT: self.goal.reject,
-            ClientAnswer.ABORT: self.goal.abort,
-        }
-        return verbs[answer_for(verdict.outcome, accepted)](self._result(verdict), verdict.reason)
+        end = getattr(self.goal, verdict.outcome.verb(accepted))
+        return bool(end(self._result(verdict), verdict.reason))
 
     def tell(self, outlook: Outlook) -> None:
         """Tells its client, while it waits, that it can no longer be on time, or waits for a safe point."""
         reason = "; ".join(filter(None, (outlook.waits, outlook.late)))
-        if reason != self._told:
-            self._told, self._fed = reason, None
+        if reason != self._reported:
+            self._reported, self._fed = reason, None
             self.goal.feedback(ExecuteFeedback(reason=reason))
 
     def tell_running(self, feedback: ExecuteFeedback) -> None:
