@@ -138,10 +138,10 @@ def _await(child: int) -> Tuple[int, int]:
         process, status = os.waitpid(child, os.WNOHANG)
         if process:
             return -os.WTERMSIG(status) if os.WIFSIGNALED(status) else os.WEXITSTATUS(status), stopped
-        told = signal.sigwaitinfo(_ENDS | _CHILD)
-        if told.si_signo in _ENDS:
-            stopped = told.si_signo
-            if told.si_code != SI_KERNEL:  # that of a terminal has reached the child, too
+        received = signal.sigwaitinfo(_ENDS | _CHILD)
+        if received.si_signo in _ENDS:
+            stopped = received.si_signo
+            if received.si_code != SI_KERNEL:  # that of a terminal has reached the child, too
                 os.kill(child, stopped)
 
 
@@ -158,9 +158,9 @@ def _end_in_order() -> int:
         left = until - time.monotonic()
         if not children() or left <= 0:
             break
-        told = signal.sigtimedwait(_ENDS | _CHILD, left)
-        if told is not None and told.si_signo in _ENDS:
-            stopped = told.si_signo
+        received = signal.sigtimedwait(_ENDS | _CHILD, left)
+        if received is not None and received.si_signo in _ENDS:
+            stopped = received.si_signo
     end_children()
     return stopped
 

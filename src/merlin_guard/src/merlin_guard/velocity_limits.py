@@ -138,9 +138,8 @@ class _Growth:
 
     def _allowed(self, now: float) -> Tuple[float, float]:
         """Time that is left to grow in, s, and the rate with which it may."""
-        saved = max(
-            1e-9, min(CREDIT, now - self._used)
-        )  # not zero, so that an infinite limit has its meaning
+        # Not zero, so that an infinite limit has its meaning.
+        saved = max(1e-9, min(CREDIT, now - self._used))
         return saved, min(self._acceleration, self.rate + self._jerk * saved)
 
 

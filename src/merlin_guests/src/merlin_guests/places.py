@@ -21,12 +21,8 @@ BODY, ROOM = 0.25, 0.05  # m, radius of a walking person, and what it keeps free
 SEAT = 0.85  # m from the middle of a table, on the side away from its point of interest
 DOOR_STEP = 0.45  # m from the door's middle to where people come in
 WAITING = 1.5  # m ahead of the entrance's point of interest
-QUEUE = (
-    (WAITING, 0.0),
-    (1.75, -0.5),
-    (1.75, 0.5),
-    (1.15, 0.62),
-)  # m ahead and to the left of it: the waiting places
+# m ahead and to the left of it: the waiting places.
+QUEUE = ((WAITING, 0.0), (1.75, -0.5), (1.75, 0.5), (1.15, 0.62))
 THING = 0.25  # m, radius of what people find in their way
 TABLE_AHEAD = 0.9  # m ahead of a table's point of interest
 

@@ -38,7 +38,7 @@ class RobotRoster:
         self._now = 0.0
         self._robots: Liveness[str] = Liveness(Limits(gone=KEEP, keep=KEEP), OF_ALL, OF_ONE, self._forget)
         self._forgotten = ""
-        self._told: Set[str] = set()
+        self._reported: Set[str] = set()
 
     def __contains__(self, robot: str) -> bool:
         with self._lock:
@@ -62,9 +62,9 @@ class RobotRoster:
         self._forgotten = robot
 
     def _refusal(self, sender: str) -> str:
-        if sender in self._told or len(self._told) >= OF_ALL:
+        if sender in self._reported or len(self._reported) >= OF_ALL:
             return ""
-        self._told.add(sender)
+        self._reported.add(sender)
         if self._robots.crowded(sender):
             return f"{sender or 'a node'} names more than {OF_ONE} robots; further ones of it do not count"
         return f"{OF_ALL} robots are there; those that {sender} names do not count"

@@ -132,7 +132,7 @@ class RecordedEvening(Evening):
         time = event.header.stamp.to_sec() - self._begun
         with self._record_lock:
             self._record.guest_event(time, event.event, event.guest, event.table, event.items, event.reason)
-        self._line(event.guest or "house", _told(event))
+        self._line(event.guest or "house", _event_text(event))
 
     def _delivered(self, table: str, items: List[str]) -> None:
         with self._record_lock:
@@ -154,7 +154,7 @@ def _stands_at(fact: str, kept: Sequence[str]) -> bool:
     return predicate == "prepared" and places[0] in kept
 
 
-def _told(event: GuestEvent) -> str:
+def _event_text(event: GuestEvent) -> str:
     items, table = " and ".join(event.items), event.table.replace("_", " ")
     return {
         GuestEvent.CAME: f"comes to {table or 'the entrance'}",

@@ -334,9 +334,8 @@ class Agenda(Generic[T]):
             self._waiting.choose_anew(members)
         stopped = any(ticket.stop for ticket in members)
         divided = len(members) > 1 and verdict.outcome in APART
-        apart = divided or (
-            len(members) > 1 and verdict.outcome is Outcome.LATE
-        )  # one of them may be in time
+        # Of those that are late one may be in time.
+        apart = divided or (len(members) > 1 and verdict.outcome is Outcome.LATE)
         if divided:
             self._divide(members)
         decisions: List[Decision] = []

@@ -66,9 +66,8 @@ class Replanning:
         if failure.no_retry:
             known = {other.no_retry.lower() for other in self.given_up}
             self.given_up.append(failure)
-            if (
-                failure.no_retry.lower() in known or self.count >= self._limit
-            ):  # or it was planned all the same
+            planned_all_the_same = failure.no_retry.lower() in known
+            if planned_all_the_same or self.count >= self._limit:
                 return ReplanDecision(False, reason=failure.reason)
             self.count += 1
             return ReplanDecision(True)

@@ -38,15 +38,15 @@ def together(halts: Sequence[Halt]) -> Halt:
     return next((halt for halt in guarded if not halt.halted), guarded[0])
 
 
-def unstopped(names: Sequence[str], halt: Halt, story: str = "") -> Verdict:
+def unstopped(names: Sequence[str], halt: Halt, reason: str = "") -> Verdict:
     """The verdict on a run of which something did not stop.
 
     :param names: what did not stop, as PDDL text.
-    :param story: a sentence that says so already, or why it had to stop; empty: its client wanted it to.
+    :param reason: a sentence that says so already, or why it had to stop; empty: its client wanted it to.
     """
     text = f"{', '.join(names)} did not stop"
-    if story:
-        text = story if "did not" in story else f"{story}; {text}"
+    if reason:
+        text = reason if "did not" in reason else f"{reason}; {text}"
     return Verdict(Outcome.CANCEL_TIMEOUT, f"{text}; {halt.words}", ", ".join(names))
 
 

@@ -30,7 +30,7 @@ class RobotLog:
         on_failure: Callable[[str, str], None] = lambda action, reason: None,
         robots: Sequence[str] = ("",),
     ) -> None:
-        self._story = RobotLines(log, on_failure)
+        self._lines = RobotLines(log, on_failure)
         topics: Sequence[Tuple[str, type, Callable[..., None]]] = (
             ("merlin/status", ExecutorStatus, self._pursued),
             (f"{DISPATCHER}/action_dispatch", ActionDispatch, self._dispatched),
@@ -51,29 +51,29 @@ class RobotLog:
     @property
     def deeds(self) -> List[Deed]:
         """The actions that have ended, in their order."""
-        return self._story.deeds
+        return self._lines.deeds
 
     def _pursued(self, status: ExecutorStatus) -> None:
-        self._story.pursue(status.request, status.goals, status.priority, status.reason)
+        self._lines.pursue(status.request, status.goals, status.priority, status.reason)
 
     def _dispatched(self, action: ActionDispatch) -> None:
         if action.name.lower() != CANCEL_ACTION:
             text = action_text(action.name, action.parameters)
-            self._story.begin((action.plan_id, action.action_id), text, rospy.get_time())
+            self._lines.begin((action.plan_id, action.action_id), text, rospy.get_time())
 
     def _answered(self, feedback: ActionFeedback) -> None:
         done = feedback.status == ActionFeedback.ACTION_SUCCEEDED_TO_GOAL_STATE
         if done or feedback.status == ActionFeedback.ACTION_FAILED:
             reason = next((entry.value for entry in feedback.information if entry.key == "reason"), "")
             key = feedback.plan_id, feedback.action_id
-            self._story.end(key, rospy.get_time(), None if done else reason)
+            self._lines.end(key, rospy.get_time(), None if done else reason)
 
     def _spoke(self, goal: SoundRequestActionGoal, robot: str) -> None:
-        self._story.speak(goal.goal.sound_request.arg, robot)
+        self._lines.speak(goal.goal.sound_request.arg, robot)
 
     def _heard(self, result: ListenActionResult, robot: str) -> None:
-        self._story.hear(result.result.text, result.result.heard, robot)
+        self._lines.hear(result.result.text, result.result.heard, robot)
 
     def _saw(self, result: RecognizeActionResult, robot: str) -> None:
         found = recognized(result.result)
-        self._story.see([(item.name, item.position[0], item.position[1]) for item in found], robot)
+        self._lines.see([(item.name, item.position[0], item.position[1]) for item in found], robot)

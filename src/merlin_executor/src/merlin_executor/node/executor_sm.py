@@ -157,8 +157,8 @@ class ExecutorSM(MerlinSM, Stages[Request]):
         course, guard = self.course, self._system.guard
         verdict = course.verdict()
         if verdict.outcome is Outcome.CANCEL_TIMEOUT:
-            told = course.timed_out or not self.run.stopped
-            verdict = unstopped(course.unstopped, guard.halt(), verdict.reason if told else "")
+            reason = verdict.reason if course.timed_out or not self.run.stopped else ""
+            verdict = unstopped(course.unstopped, guard.halt(), reason)
         elif course.may_move and self._stopped_early(verdict) and not guard.wait_standing():
             verdict = still_moving(verdict, guard.halt())
         if not course.unreachable and not course.timed_out:

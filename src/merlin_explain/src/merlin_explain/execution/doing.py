@@ -25,8 +25,8 @@ def doing(moment: Moment, about: str, words: Words) -> Answer:
             runs = "runs" if step.began is None else f"has run since {clock(step.began)}"
             claims.append(Claim("running", f"“{words.step(step.text)}” {runs}", (step.evidence(),)))
     estimate = _estimate(moment) if executor.get("request") else []
-    told = [said, *(["; ".join(claim.text for claim in estimate)] if estimate else [])]
-    return Answer(" ".join(f"{each[:1].upper()}{each[1:]}." for each in told), (*claims, *estimate))
+    sentences = [said, *(["; ".join(claim.text for claim in estimate)] if estimate else [])]
+    return Answer(" ".join(f"{each[:1].upper()}{each[1:]}." for each in sentences), (*claims, *estimate))
 
 
 def _estimate(moment: Moment) -> List[Claim]:

@@ -12,7 +12,7 @@ from merlin_pddl.formula import Atom, Condition, Fluent, Not, conjuncts, ground,
 from merlin_pddl.problem_reader import parse_condition
 
 NEAR = 0.5  # s between a change and the messages about the action that made it
-MOST = 6  # facts of a proof that are told
+MOST = 6  # facts of a proof that are named
 
 
 def provenance(
@@ -60,15 +60,15 @@ class _Teller:
         what = self._words.fact(to_pddl(condition))
         if not self._moment.true(condition):
             claims = [claim for part in conjuncts(condition) for claim in self._why_not(part)]
-            told = _told(claims, what)
-            because = "" if told == "it does not hold" else f": {told}"
+            reasons = _joined(claims, what)
+            because = "" if reasons == "it does not hold" else f": {reasons}"
             return Answer(f"“{what}” does not hold{because}.", tuple(claims))
         found = proof(self._moment, condition)
         if found is None:
             return Answer(f"“{what}” holds; its proof is too long to be shown.")
         claims = [self._leaf(part) for part in found]
         if found == [condition] or not found:
-            return Answer(f"“{what}” holds: {_told(claims, what) or 'by the domain alone'}.", tuple(claims))
+            return Answer(f"“{what}” holds: {_joined(claims, what) or 'by the domain alone'}.", tuple(claims))
         facts = and_list([f"“{self._words.fact(to_pddl(part))}”" for part in found[:MOST]])
         more = f" and {len(found) - MOST} more" if len(found) > MOST else ""
         shown = tuple(each for part in found for each in self._moment.condition_evidence(part))
@@ -142,10 +142,8 @@ class _Teller:
             return []
         key = key_of(change.text)
         found = {}
-        for at in (
-            change.at,
-            change.at + 2 * NEAR,
-        ):  # the next plan may come at once, and the begin be noted later
+        # The next plan may come at once, and the begin be noted later.
+        for at in (change.at, change.at + 2 * NEAR):
             then = self._past.at(at)
             for step in then.steps if then else ():
                 if then and _ran(step, change.at) and (key, positive) in then.effects(step):
@@ -165,6 +163,6 @@ def _texts(part: Condition) -> List[str]:
     return [to_pddl(term) for term in terms(part) if isinstance(term, (Atom, Fluent))]
 
 
-def _told(claims: List[Claim], what: str) -> str:
+def _joined(claims: List[Claim], what: str) -> str:
     """The first claims, which name a fact that was named before no second time."""
     return "; ".join(claim.text for claim in claims[:3]).replace(f"“{what}”", "it")

@@ -157,9 +157,8 @@ class RecordedPast:
             asked = time.strftime("%Y-%m-%d ", time.localtime(at)) if abs(end - at) > DAY and at > DAY else ""
             of = f"{clock(begin)} to {clock(end)}"
             raise QuestionError(f"the recording is of {of}, and has no {asked}{clock(at)}")
-        middle = (
-            at if low <= at <= high else (low + high) / 2
-        )  # a robot's ROS time is nearly that of the computer
+        # A robot's ROS time is nearly that of the computer.
+        middle = at if low <= at <= high else (low + high) / 2
         while True:
             frames = self._segment(middle)["frames"]
             if frames[0][1] > at and frames[0][0] > low:

@@ -204,6 +204,6 @@ def _goals(request: Mapping[str, Any], words: Words) -> str:
 def _answer(what: str, claims: List[Claim], since: float) -> Answer:
     if not claims:
         return Answer(f"{what} has not begun, and nothing is known to keep it.")
-    told = "; ".join(claim.text for claim in claims[:TOLD])
+    reasons = "; ".join(claim.text for claim in claims[:TOLD])
     waits = f"has waited since {clock(since)}" if since else "waits"
-    return Answer(f"{what} {waits}: {told}.", tuple(claims))
+    return Answer(f"{what} {waits}: {reasons}.", tuple(claims))

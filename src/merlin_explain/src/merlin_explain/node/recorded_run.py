@@ -42,17 +42,17 @@ def ask_recording(
         except BagError as error:
             raise QuestionError(str(error)) from error
         with contextlib.closing(RecordedPast(file, Domain(""), run=run)) as past:
-            end, told = past.span()[1], past.moment().section(PANEL)
-        if domain is None and not told.get("domain"):
+            end, shown = past.span()[1], past.moment().section(PANEL)
+        if domain is None and not shown.get("domain"):
             raise QuestionError(f"{path} does not have the domain of its robot; name its file, --domain")
-        domain_text = "\n".join(told["domain"]) if domain is None else text_of(str(domain))
+        domain_text = "\n".join(shown["domain"]) if domain is None else text_of(str(domain))
         known = parse_domain(domain_text, str(domain or path))
-        text = "\n".join(told.get("sentences") or ())
+        text = "\n".join(shown.get("sentences") or ())
         try:
             words = ApplicationWords(known, read_sentences(path, text) if text else Sentences())
         except SentencesError as error:
             raise QuestionError(str(error)) from error
         at = moment(end).to_sec() if moment else 0.0
         with contextlib.closing(RecordedPast(file, known, at, run=run)) as past:
-            interfaces = told.get("interfaces") or ()
+            interfaces = shown.get("interfaces") or ()
             return as_response(tell(request, past.moment(), past, domain_text, words, interfaces))

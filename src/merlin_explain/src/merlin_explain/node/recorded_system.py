@@ -111,16 +111,16 @@ class RecordedSystem:
 
     def reservations(self) -> List[Claim]:
         """What has to be said with each plan that is made for an answer."""
-        told = []
+        said = []
         if self._moment.section(PANEL).get("problem") is None:
-            told.append(UNKNOWN)
+            said.append(UNKNOWN)
         command, named = self._command()
         if command and not named:
-            told.append(f"It was planned by kairos: the planner of the robot, “{command}”, is not run here.")
+            said.append(f"It was planned by kairos: the planner of the robot, “{command}”, is not run here.")
         missing = _missing(command) if named else ""
         if missing:
-            told.append(f"Of the robot's planners not all are here: {missing}.")
-        return [Claim("unknown", text, (Evidence(EVENT, text, time=self._moment.at),)) for text in told]
+            said.append(f"Of the robot's planners not all are here: {missing}.")
+        return [Claim("unknown", text, (Evidence(EVENT, text, time=self._moment.at),)) for text in said]
 
     def _command(self) -> Tuple[str, bool]:
         """The planner of the robot, and whether it has a name: others are programs of its computer."""

@@ -147,14 +147,14 @@ class WhyPanel(Panel):
             {"text": claim.text, "evidence": list(map(_shown, claim.evidence))} for claim in answer.claims
         ]
         self._number += 1
-        told = {
+        shown = {
             **asked,
             "number": self._number,
             "ok": answer.ok,
             "sentence": answer.sentence,
             "claims": claims,
         }
-        self._answers = [told, *self._answers][:KEPT]
+        self._answers = [shown, *self._answers][:KEPT]
         self.set("answers", self._answers)
         self.set("asked", None)
         what = " ".join(filter(None, [asked["question"], asked["about"], *asked["facts"], *asked["goals"]]))

@@ -59,10 +59,8 @@ class MapPanel(Panel):
         self._points: Any = None
         self._shown: Optional[Tuple[float, float, float]] = None
         self._robots: Dict[str, Tuple[float, float, float]] = {}  # of one plan, that are shown
-        self._located: Tuple[Optional[float], float] = (
-            None,
-            0.0,
-        )  # of the newest position, and s of wall time
+        # ROS time of the newest position, and s of wall time when it came.
+        self._located: Tuple[Optional[float], float] = (None, 0.0)
         self._scan: Optional[LaserScan] = None  # the last one, of the subscriber's thread
         self._scan_shown = 0.0  # s of wall time
         self._transform = self.ros.transforms()

@@ -46,13 +46,10 @@ class SaidPanel(Panel):
                 lambda message, at: section.spoken(message.goal.sound_request, at, robot),
             ),
             "robotsound": (SoundRequest, lambda message, at: section.spoken(message, at, robot)),
-            "listen/result": (
-                ListenActionResult,
-                lambda message, at: section.heard(message.result, at, robot),
-            ),
+            "listen/result": (ListenActionResult, lambda end, at: section.heard(end.result, at, robot)),
             "recognize/result": (
                 RecognizeActionResult,
-                lambda message, at: section.seen(_names(message.result), at, robot),
+                lambda end, at: section.seen(_names(end.result), at, robot),
             ),
             "recognition/image": (Image, lambda message, at: section.image(message, robot)),
         }
@@ -115,13 +112,13 @@ class SaidSection:
         picture = png(numpy.ascontiguousarray(pixels[::stride, ::stride, list(channels)]))
         self._tree.put("said", picture=self._pictures.put("seen", picture), looked=robot)
 
-    def _add(self, kind: str, words: Phrase, at: float, robot: str, told: Phrase) -> None:
+    def _add(self, kind: str, words: Phrase, at: float, robot: str, said: Phrase) -> None:
         self._number += 1
         entry = {"number": self._number, "kind": kind, "words": words, "at": at, "robot": robot}
         self._entries = [entry, *self._entries][:MOST]
         self._tree.set("said", "entries", self._entries)
-        told = say("{node} {what}", node=robot, what=told) if robot else told
-        self._report(sentence("sight" if kind == "seen" else "speech", told, at))
+        said = say("{node} {what}", node=robot, what=said) if robot else said
+        self._report(sentence("sight" if kind == "seen" else "speech", said, at))
 
 
 def _names(result: Any) -> List[str]:

@@ -7,6 +7,7 @@ from merlin_executor.core.base_hold import clock_text, holder_of
 from merlin_monitor.state.history_events import Reporter, sentence
 from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.text.phrase import Phrase, say
+from merlin_monitor.text.request_words import name_of
 
 GUARD = "guard"
 #: Field of the section: while the base is stopped: which client stopped it, and when; else empty.
@@ -55,8 +56,7 @@ class GuardSection:
         :param robot: whose guard it is; empty: the one of the monitor's namespace.
         """
         self._heard[robot] = wall
-        known = message.state < len(STATES)
-        state = STATES[message.state] if known else str(message.state)
+        state = name_of(STATES, message.state)
         if state == "holding":
             self._holds.setdefault(robot, wall)
         else:

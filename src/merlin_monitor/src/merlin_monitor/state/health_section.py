@@ -6,6 +6,7 @@ from typing import Any, Collection, Dict, FrozenSet, List
 from merlin_monitor.state.history_events import Reporter, sentence
 from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.text.phrase import say, with_reason
+from merlin_monitor.text.request_words import name_of
 from merlin_ros.health import ENDED, STALE
 
 SECTION = "health"
@@ -28,7 +29,7 @@ class _Part:
         self.seen = wall
         self.period = FIRST_PERIOD
         self.reports = 0
-        self.told = (wall - CALM, "ok")  # when its level was reported, and which
+        self.reported = (wall - CALM, "ok")  # when its level was reported, and which
 
     def reports_again(self, wall: float, node: str) -> None:
         """Learns how often it does; one long pause is forgotten within a few reports."""
@@ -64,7 +65,7 @@ class HealthSection:
                 continue
             if status.name not in self._parts and len(self._parts) >= MOST_PARTS:
                 continue
-            word = LEVELS[level] if 0 <= level < len(LEVELS) else str(level)
+            word = name_of(LEVELS, level)
             was_silent = self._tree.get(SECTION, "parts", status.name, "silent", default=False)
             self._parts.setdefault(status.name, _Part(wall)).reports_again(wall, node)
             values = [[pair.key, pair.value] for pair in status.values]
@@ -139,12 +140,12 @@ class HealthSection:
         :param known: whether the level was reported in another event.
         """
         level = self._tree.get(SECTION, "parts", name, "level")
-        told, before = self._parts[name].told
+        reported, before = self._parts[name].reported
         if known:
-            self._parts[name].told = wall, level
-        if known or level == before or level in MILD and before in MILD and wall - told < CALM:
+            self._parts[name].reported = wall, level
+        if known or level == before or level in MILD and before in MILD and wall - reported < CALM:
             return
-        self._parts[name].told = wall, level
+        self._parts[name].reported = wall, level
         message = self._tree.get(SECTION, "parts", name, "message")
         mark = "" if level in MILD else "failure"
         said = say("{part}: {level}", part=name, level=say(level))

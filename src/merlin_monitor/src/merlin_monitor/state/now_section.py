@@ -8,7 +8,7 @@ from merlin_monitor.state.guard_section import GUARD, HELD_WORDS, KEPT
 from merlin_monitor.state.history_events import Reporter, sentence
 from merlin_monitor.state.machine_section import MachineSection, held_words, unconfirmed_words
 from merlin_monitor.state.plan_section import PlanSection
-from merlin_monitor.state.request_times import RequestTimes, Told
+from merlin_monitor.state.request_times import RequestTimes, Shown
 from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.text.fact_text import action_text
 from merlin_monitor.text.phrase import Phrase, in_english, say, with_reason
@@ -481,13 +481,13 @@ class NowSection:
 
     def _running_times(self, message: Any, words: List[Phrase], at: float) -> Dict[str, Any]:
         times = self._times(message, "deadline", "expected_end")
-        told = Told(words, times["deadline"])
-        return {**times, **self._request_times.run(message.request, at, times["expected_end"], told)}
+        shown = Shown(words, times["deadline"])
+        return {**times, **self._request_times.run(message.request, at, times["expected_end"], shown)}
 
     def _waiting_times(self, request: Any) -> Dict[str, Any]:
         times = self._times(request, "not_before", "deadline", "expected_begin", "expected_end")
-        told = Told(self._goals(request.goals), times["deadline"])
-        self._request_times.expect(request.request, times["expected_begin"], times["expected_end"], told)
+        shown = Shown(self._goals(request.goals), times["deadline"])
+        self._request_times.expect(request.request, times["expected_begin"], times["expected_end"], shown)
         return times
 
     def _times(self, message: Any, *names: str) -> Dict[str, Any]:

@@ -10,6 +10,7 @@ from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.text.fact_text import atom_text
 from merlin_monitor.text.phrase import Phrase, in_english, say, with_reason
 from merlin_monitor.text.plain_value import plain_text
+from merlin_monitor.text.request_words import name_of
 from merlin_monitor.text.wording import Wording
 from merlin_planning.dispatch_progress import CANCEL_ACTION
 
@@ -178,7 +179,7 @@ class PlanSection:
             SECTION,
             "dispatcher",
             {
-                "state": _word(_DISPATCHER, message.state),
+                "state": name_of(_DISPATCHER, message.state),
                 "done": message.steps_done,
                 "total": message.steps_total,
                 "failed_action": message.failed_action,
@@ -220,7 +221,7 @@ class PlanSection:
 
     def planner(self, message: Any, at: float) -> None:
         """Takes a message with the fields of merlin_msgs/PlannerStatus."""
-        state = _word(_PLANNER, message.state)
+        state = name_of(_PLANNER, message.state)
         before = self._tree.get(SECTION, "planner", "state")
         fields = {name: getattr(message, name) for name in ("planner", "seconds", "reason")}
         self._tree.put(SECTION, "planner", state=state, at=at, **fields)
@@ -291,8 +292,8 @@ class PlanSection:
                 step = self._steps.get(int(key), {})
                 same = was["state"] == SUCCEEDED or int(key) in running
                 if step.get("text") == was["text"] and same:
-                    told = {field: was[field] for field in ("began", "ended") if field in was}
-                    self._put(step, state=was["state"], **told)
+                    times = {field: was[field] for field in ("began", "ended") if field in was}
+                    self._put(step, state=was["state"], **times)
         before = self._before(set(running))
         rest = [identity for identity in self._steps if identity not in before]
         for identity in [*sorted(before, key=list(self._steps).index), *rest]:
@@ -344,7 +345,3 @@ class PlanSection:
     def _put(self, step: Dict[str, Any], **fields: Any) -> None:
         step.update(fields)
         self._tree.set(SECTION, "steps", str(step["id"]), step)
-
-
-def _word(words: Tuple[str, ...], number: int) -> str:
-    return words[number] if 0 <= number < len(words) else str(number)

@@ -21,7 +21,7 @@ class Begun(NamedTuple):
     goals: List[str]
 
 
-class Told(NamedTuple):
+class Shown(NamedTuple):
     """What is shown of a request, which ends when its status and the queue no longer name it.
 
     :ivar words: of its goals, phrases.
@@ -37,18 +37,18 @@ class RequestTimes:
 
     def __init__(self) -> None:
         self._begun: Dict[str, Begun] = {}
-        self._told: Dict[str, Told] = {}
+        self._shown: Dict[str, Shown] = {}
         self._expected: Dict[str, Tuple[float, float]] = {}
         self._ended: Dict[str, Dict[str, Any]] = {}
 
-    def expect(self, request: str, begin: float, end: float, told: Told) -> List[float]:
+    def expect(self, request: str, begin: float, end: float, shown: Shown) -> List[float]:
         """Takes when a request is expected to run, and returns what was expected first.
 
         :param begin: of it; of one that runs, when it began.
         :param end: 0 where it is not known, which is then returned.
         """
-        _bounded(self._told)
-        self._told[request] = told
+        _bounded(self._shown)
+        self._shown[request] = shown
         if end:
             _bounded(self._expected)
             self._expected.setdefault(request, (begin, end))
@@ -65,9 +65,9 @@ class RequestTimes:
         """Takes a request that ran in an earlier life of the monitor, as the state had it."""
         request, (begin, end) = kept["request"], kept.get("planned") or (0.0, 0.0)
         self.begin(request, kept["began"], list(kept["goals"]))
-        self.expect(request, begin, end, Told(kept.get("words", []), 0.0))
+        self.expect(request, begin, end, Shown(kept.get("words", []), 0.0))
 
-    def run(self, request: str, at: float, end: float, told: Told) -> Dict[str, Any]:
+    def run(self, request: str, at: float, end: float, shown: Shown) -> Dict[str, Any]:
         """Takes what is expected of a request that runs, or of none (empty).
 
         :return: when it began, and what was expected first.
@@ -75,7 +75,7 @@ class RequestTimes:
         if not request:
             return {"began": 0.0, "planned": [0.0, 0.0]}
         began = self._begun.get(request, Begun(at, [])).at
-        return {"began": began, "planned": self.expect(request, began, end, told)}
+        return {"began": began, "planned": self.expect(request, began, end, shown)}
 
     def began(self, request: str) -> Optional[Begun]:
         """What is known of a request that has begun and not ended."""
@@ -85,14 +85,14 @@ class RequestTimes:
         """Takes the end of a request."""
         begun = self._begun.pop(request, None)
         planned = self._expected.pop(request, None)
-        told = self._told.pop(request, Told([], 0.0))
+        shown = self._shown.pop(request, Shown([], 0.0))
         self._ended[request] = {
             "request": request,
-            "words": told.words,
+            "words": shown.words,
             "goals": begun.goals if begun else [],
             "planned": list(planned) if planned else None,
             "real": [begun.at, at] if begun else None,
-            "deadline": told.deadline,
+            "deadline": shown.deadline,
             "state": outcome,
         }
         if len(self._ended) > SHOWN:

@@ -80,28 +80,28 @@ class Truth(NamedTuple):
 
 def worst_truth(facts: Facts) -> Truth:
     """The worst of what is true."""
-    told = Truth(facts.doing, facts.because, facts.step, *_state(facts), True, False)
+    truth = Truth(facts.doing, facts.because, facts.step, *_state(facts), True, False)
     active = facts.acts or facts.executor.get("state", "idle") != "idle"
     lost = _lost(facts, active)
     if lost:
         before = say("before: {what}", what=facts.doing)
-        told = Truth(_not_known(OWNERS[lost], facts.lost[lost]), before, "", *_NOT_KNOWN, lost)
+        truth = Truth(_not_known(OWNERS[lost], facts.lost[lost]), before, "", *_NOT_KNOWN, lost)
     else:
-        told = _without_what_comes(facts, told, active)
+        truth = _without_what_comes(facts, truth, active)
     if facts.stopped:
         # What the Executor does comes second: nothing of it moves the base.
-        because = say("the Executor: {what}", what=told.doing)
-        return told._replace(
+        because = say("the Executor: {what}", what=truth.doing)
+        return truth._replace(
             doing=facts.stopped, because=because, step="", state=say("Stopped and held"), tone=BAD
         )
     if lost or facts.executor.get("state") == "cancelling":
-        return told
+        return truth
     if facts.kept and facts.drives:
         kept = say("the base is held: {why}", why=facts.kept)
-        because = say("the Executor: {what}", what=told.doing)
-        return told._replace(doing=kept, because=because, state=say("Base held"), tone=BAD)
+        because = say("the Executor: {what}", what=truth.doing)
+        return truth._replace(doing=kept, because=because, state=say("Base held"), tone=BAD)
     goes_on = active and not facts.waits and not facts.executor.get("paused")
-    return told._replace(expected=goes_on and told.known and not facts.executor.get("waits"))
+    return truth._replace(expected=goes_on and truth.known and not facts.executor.get("waits"))
 
 
 def lost_words(owner: str, mission: Phrase, lost: Mapping[str, Any]) -> Phrase:
@@ -134,20 +134,20 @@ def _not_known(who: Phrase, wrong: str) -> Phrase:
     return say("not known: {who} {what}", who=who, what=say(wrong))
 
 
-def _without_what_comes(facts: Facts, told: Truth, active: bool) -> Truth:
+def _without_what_comes(facts: Facts, truth: Truth, active: bool) -> Truth:
     """What is done goes on; where an owner of what comes next is lost, that is said, too."""
     goes_on = facts.mission.get("state") in LIVE
     needed = [(MISSION, goes_on and not active), (PLANNING, goes_on), (MISSION, goes_on)]
     needed[2:2] = [(owner, active) for owner in (BRIDGES, MACHINES, GUARD, NAVIGATION)]
     lost = next((owner for owner, needs in needed if needs and owner in facts.lost), "")
     if not lost:
-        return told
+        return truth
     who, wrong = OWNERS.get(lost) or facts.mission["name"], facts.lost[lost]
     if lost == MISSION and not active:
         before = say("before: {what}", what=facts.task or say(facts.mission["state"]))
         return Truth(_not_known(who, wrong), before, "", *_NOT_KNOWN, MISSION)
     doing = say("{what}; but {who} {wrong}", what=facts.doing, who=who, wrong=say(wrong))
-    return told._replace(doing=doing, tone=BAD, known=False, blamed=lost)
+    return truth._replace(doing=doing, tone=BAD, known=False, blamed=lost)
 
 
 def _state(facts: Facts) -> Tuple[Phrase, str]:

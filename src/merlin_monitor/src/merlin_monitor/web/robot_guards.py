@@ -60,10 +60,10 @@ class RobotGuards:
         """Has all guards hold their bases."""
         with self._changed:
             self._by = by
-            told = list(self._guards.values())
-            for guard in told:
+            guards = list(self._guards.values())
+            for guard in guards:
                 guard.confirmed = guard.stopped and not guard.silent
-        for guard in told:
+        for guard in guards:
             if not guard.confirmed:
                 guard.stops.publish(String(by))
 

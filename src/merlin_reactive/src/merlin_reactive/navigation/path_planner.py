@@ -16,12 +16,8 @@ COMFORT_COST = 0.3  # extra cost per metre at the clearance itself
 ESCAPE = 0.6  # m around the start in which the robot may squeeze out of what is too close
 ESCAPE_COST = 30.0  # per metre
 STRIDES = (0.3, 0.1)  # m between the points that a path is straightened over, the second if the first fails
-PULLS = (
-    1.0,
-    0.5,
-    0.25,
-    0.1,
-)  # parts of the way to its neighbours' line that a corner is tried to be moved by
+# Parts of the way to its neighbours' line that a corner is tried to be moved by.
+PULLS = (1.0, 0.5, 0.25, 0.1)
 PASSES = 6  # over all corners
 SAMPLE = 0.025  # m between the points at which a straight piece is checked
 

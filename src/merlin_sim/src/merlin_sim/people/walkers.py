@@ -12,9 +12,8 @@ from merlin_sim.world.world_model import Person, Solid
 
 ROOM = 0.15  # m that a person keeps from a robot
 
-Blocker = Callable[
-    [Point, Point], str
-]  # what is in the way of a step from one point to another; '' when free
+# What is in the way of a step from one point to another; '' when free.
+Blocker = Callable[[Point, Point], str]
 
 
 class WalkState(enum.IntEnum):
@@ -110,10 +109,8 @@ class Walker:
         self.waits_for = ""
         self.walk = 0  # number of the last walk requested at run time
         self._way = None if person.absent else way
-        self._end: Tuple[WalkState, Optional[float]] = (
-            WalkState.STANDING,
-            None,
-        )  # and heading, at the end of the way
+        # State and heading at the end of the way.
+        self._end: Tuple[WalkState, Optional[float]] = (WalkState.STANDING, None)
 
     @property
     def solid(self) -> Solid:
