@@ -27,11 +27,11 @@ class Act(MerlinState):
         self.may_stop = threading.Event()
         self.may_stop.set()
         self.runs = 0
-        self._end: Optional[Callable[[], str]] = None
+        self.how: Optional[Callable[[], str]] = None
         self._woken = threading.Event()
 
     def end(self, how: Callable[[], str]) -> None:
-        self._end = how
+        self.how = how
         self._woken.set()
 
     def run(self, userdata: Any) -> str:
@@ -42,7 +42,7 @@ class Act(MerlinState):
         assert self._woken.wait(LIMIT)
         self.interruptible(None)
         assert self.may_stop.wait(LIMIT)
-        end, self._end = self._end, None
+        end, self.how = self.how, None
         return end() if end is not None else PREEMPTED
 
     def _stop_it(self) -> None:

@@ -20,6 +20,7 @@ from rosplan_dispatch_msgs.msg import ActionDispatch, NonBlockingDispatchGoal
 
 import rostest
 from merlin_planning.knowledge_client import fact
+from merlin_ros.actions.lease_holder import LeaseHolder
 from merlin_ros.service_proxy import ServiceProxy
 from merlin_test.topic_links import sends
 
@@ -182,7 +183,9 @@ class Owner(DispatchFixture, unittest.TestCase):
         )
         self.assertTrue(told.wait(LONG))
         self.leases.wait(lambda lease: lease.held and not lease.suspended)
-        self.action._lease.release(goal.id)  # as if its process had forgotten it
+        lease = LeaseHolder(f"{self.action.name}/lease")  # one that its process shares
+        lease.release(goal.id)  # as if it had forgotten it
+        self.addCleanup(lease.shutdown)
         self.interfaces.wait(named("cancel_action"))
         self.assertIn("its owner is gone: ", self.last_status().reason)
 

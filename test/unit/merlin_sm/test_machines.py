@@ -31,11 +31,11 @@ class Wait(MerlinState):
     def __init__(self, outcome: Optional[str] = None, reason: str = "") -> None:
         super().__init__()
         self.begun = threading.Event()
-        self._outcome, self._why = outcome, reason
+        self.ends_with, self._why = outcome, reason
 
     def run(self, userdata: Any) -> str:
-        if self._outcome is not None:
-            return self.fail(self._why) if self._outcome == ABORTED else self._outcome
+        if self.ends_with is not None:
+            return self.fail(self._why) if self.ends_with == ABORTED else self.ends_with
         woken = threading.Event()
         self.interruptible(woken.set)
         self.begun.set()
@@ -75,7 +75,7 @@ def test_a_reason_comes_out_of_nested_machines_and_is_forgotten_by_the_next_run(
         outer.add("INNER", machine(failing))
     assert outer.execute(UserData()) == ABORTED
     assert outer.reason == "the door is shut"
-    failing._outcome = SUCCEEDED
+    failing.ends_with = SUCCEEDED
     assert outer.execute(UserData()) == SUCCEEDED
     assert outer.reason == ""
 

@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """docs/states.md is what the state classes say, of every registered state and of each argument."""
 
+import contextlib
 import importlib.util
 import inspect
 from pathlib import Path
+from typing import Iterator
 
 import pytest
 
@@ -34,14 +36,27 @@ def test_the_page_is_up_to_date() -> None:
     )
 
 
-def test_a_new_state_has_to_be_entered(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(MerlinStateFactory, "_makers", {**MerlinStateFactory._makers, "mumble": Mumble})
+class TakenBack(Exception):
+    """Leaves the factory as it was."""
+
+
+@pytest.fixture
+def mumble() -> Iterator[None]:
+    """There is a state of this name."""
+    with contextlib.suppress(TakenBack), MerlinStateFactory.renewed():
+        MerlinStateFactory.register("mumble", Mumble)
+        yield
+        raise TakenBack
+
+
+@pytest.mark.usefixtures("mumble")
+def test_a_new_state_has_to_be_entered() -> None:
     with pytest.raises(ValueError, match="mumble"):
         reference.page()
 
 
+@pytest.mark.usefixtures("mumble")
 def test_each_argument_has_to_be_described(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(MerlinStateFactory, "_makers", {**MerlinStateFactory._makers, "mumble": Mumble})
     monkeypatch.setitem(reference.WRITTEN, "mumble", ('state("mumble", "hm")',))
     with pytest.raises(ValueError, match="nothing about the argument 'quickly'"):
         reference.section("mumble")

@@ -72,3 +72,13 @@ def test_a_listed_robot_is_written_again_after_a_failure(robots: Availability) -
 
 def test_a_robot_that_is_not_known_counts_as_written(robots: Availability) -> None:
     assert robots.is_written("dora")
+
+
+def test_robots_that_come_and_go_for_ever_are_not_remembered() -> None:
+    known = Availability()
+    known.put("ann", True)
+    for number in range(20):
+        for available in (True, False):
+            known.put(f"guest{number}", available)
+            write(known)
+    assert known.robots == {"ann"}

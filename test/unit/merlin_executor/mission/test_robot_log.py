@@ -114,10 +114,13 @@ def test_what_is_remembered_does_not_grow_for_ever() -> None:
         story.begin((number, 0), "(never answered)", 1.0)
         story.begin((number, 1), f"(ask {number})", 1.0)
         story.end((number, 1), 2.0, None)
-    assert len(story._known_requests) <= REMEMBERED and len(story._running) <= REMEMBERED
     assert len(story.deeds) <= REMEMBERED and story.deeds[-1].text == f"(ask {number})"
     story.pursue(f"request {number - 1}", ["(checked hall)"], 0, "")
     assert lines[-1] == "goes on with (checked hall)"
+    story.pursue("request 0", ["(checked hall)"], 0, "")
+    assert lines[-1] == "goal (checked hall)", "the first request is still known"
+    story.end((0, 0), 3.0, "late")
+    assert lines[-1] == "goal (checked hall)", "the first action still runs"
 
 
 def test_what_is_seen_is_told_with_its_place() -> None:

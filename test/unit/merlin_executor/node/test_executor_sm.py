@@ -45,7 +45,7 @@ class Knowledge:
         self.true = False
         self.facts: List[str] = []
 
-    def _call(self, name: str) -> None:
+    def call(self, name: str) -> None:
         if name != self.hanging:
             return
         given_up = threading.Event()
@@ -55,19 +55,19 @@ class Knowledge:
             raise ServiceUnavailable(f"service {name} does not answer: given up")
 
     def query(self, items: List[Any]) -> List[bool]:
-        self._call("query")
+        self.call("query")
         return [self.true or to_pddl(item) in self.facts for item in items]
 
     def goals(self) -> List[Any]:
-        self._call("goals")
+        self.call("goals")
         return list(self.stored)
 
     def add(self, items: List[Any]) -> None:
-        self._call("add")
+        self.call("add")
         self.stored += items
 
     def remove(self) -> None:
-        self._call("remove")
+        self.call("remove")
         self.stored.clear()
 
 
@@ -191,7 +191,7 @@ class Bench:
         self.woken.set()
 
     def _rest(self, interruptible: Any) -> str:
-        self.knowledge._call("executions")
+        self.knowledge.call("executions")
         return self.troubles[0] if self.troubles else ""
 
     def _wait_back(self, timeout: float, cancelled: threading.Event, missing: Any) -> str:

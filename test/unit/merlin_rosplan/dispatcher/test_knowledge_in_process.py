@@ -41,8 +41,7 @@ def test_conditions_are_looked_up_without_messages(store: Any) -> None:
         Conditions(),
         Conditions((), (kitchen, other, hall, same)),
     ]
-    knowledge = PlanKnowledge.__new__(PlanKnowledge)
-    knowledge._client = SimpleNamespace(name="/kb")  # type: ignore[assignment]
+    knowledge = PlanKnowledge("/kb")
     assert knowledge.false_of_each(asked) == [
         Conditions((kitchen, other)),
         Conditions(),

@@ -129,7 +129,7 @@ def test_what_did_not_stop_ends_the_tree_with_its_name() -> None:
     see = Act()
     run = Run(both(leaf("DRIVE", drive), leaf("SEE", see), policy=ParallelPolicy.SuccessOnOne()))
     assert drive.begun.wait(LIMIT) and see.begun.wait(LIMIT)
-    drive._end = late
+    drive.how = late
     see.end(lambda: SUCCEEDED)
     assert run.ended() == (ABORTED, "/move_base did not stop within 2 s")
 
