@@ -166,10 +166,7 @@ class LaunchRun:
     """
 
     def __init__(
-        self,
-        request: LaunchRequest,
-        command: str = "merlin run",
-        on_end: Callable[[], None] = lambda: None,
+        self, request: LaunchRequest, command: str = "merlin run", on_end: Callable[[], None] = lambda: None
     ) -> None:
         self._request = request
         self._command = command

@@ -166,10 +166,7 @@ class StoredGoal(Row):
     __slots__ = ("condition", "instance", "since")
 
     def __init__(
-        self,
-        condition: Optional[Condition] = None,
-        instance: Optional[Instance] = None,
-        since: int = 0,
+        self, condition: Optional[Condition] = None, instance: Optional[Instance] = None, since: int = 0
     ) -> None:
         super().__init__()
         self.condition = condition

@@ -52,10 +52,7 @@ def dispatched_action(dispatch: ActionDispatch) -> Action:
 def cancel_of(action: Action) -> ActionDispatch:
     """The cancel of an action."""
     return ActionDispatch(
-        action_id=action.id,
-        plan_id=action.plan_id,
-        name=CANCEL_ACTION,
-        parameters=action.message.parameters,
+        action_id=action.id, plan_id=action.plan_id, name=CANCEL_ACTION, parameters=action.message.parameters
     )
 
 

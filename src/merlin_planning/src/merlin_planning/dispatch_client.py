@@ -209,10 +209,7 @@ class DispatchClient:
         return f"{PART} {self.name} carries out an earlier plan and does not stop"
 
     def dispatch(
-        self,
-        interruptible: Interruptible,
-        plan: Sequence[ActionDispatch] = (),
-        owner: Optional[str] = None,
+        self, interruptible: Interruptible, plan: Sequence[ActionDispatch] = (), owner: Optional[str] = None
     ) -> DispatchResult:
         """Dispatches the present plan and waits for its end. The interruption cancels it.
 

@@ -9,13 +9,7 @@ import re
 from typing import Dict, Iterator, List, Optional, Sequence
 
 from diagnostic_msgs.msg import KeyValue
-from rosplan_knowledge_msgs.msg import (
-    DomainFormula,
-    DomainInequality,
-    ExprBase,
-    ExprComposite,
-    KnowledgeItem,
-)
+from rosplan_knowledge_msgs.msg import DomainFormula, DomainInequality, ExprBase, ExprComposite, KnowledgeItem
 
 from merlin_pddl.text_reader import Node, PddlError, Word, is_name, read_expression
 

@@ -190,10 +190,7 @@ class PlanningClient:
         return "" if self._client.alive else PLANNER
 
     def wait_back(
-        self,
-        timeout: float,
-        cancelled: threading.Event,
-        missing: Callable[[], str] = lambda: "",
+        self, timeout: float, cancelled: threading.Event, missing: Callable[[], str] = lambda: ""
     ) -> str:
         """Waits for the return of a planning system that was ended.
 

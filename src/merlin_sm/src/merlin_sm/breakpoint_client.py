@@ -4,13 +4,7 @@
 from typing import Any, Dict, List, NamedTuple, Sequence, Tuple
 
 import rospy
-from merlin_msgs.srv import (
-    Breakpoints,
-    BreakpointsRequest,
-    BreakpointsResponse,
-    LeaveState,
-    SetAutonomy,
-)
+from merlin_msgs.srv import Breakpoints, BreakpointsRequest, BreakpointsResponse, LeaveState, SetAutonomy
 
 from merlin_pddl.breakpoints import BreakpointError, read_pattern
 from merlin_planning.knowledge_client import KnowledgeClient

@@ -11,12 +11,7 @@ from merlin_sm.states.function_state import FunctionState
 from merlin_sm.states.knowledge import KnowledgeState
 from merlin_sm.states.manipulation import CloseState, OpenState, PickState, PlaceState
 from merlin_sm.states.navigation import NavigationState
-from merlin_sm.states.planning import (
-    DispatchPlanState,
-    GenerateProblemState,
-    ParsePlanState,
-    PlanState,
-)
+from merlin_sm.states.planning import DispatchPlanState, GenerateProblemState, ParsePlanState, PlanState
 from merlin_sm.states.recognition import DetectState, RecognizeState
 from merlin_sm.states.ros_calls import ServiceCallState, TopicState
 from merlin_sm.states.speech import ListenState, SpeakState

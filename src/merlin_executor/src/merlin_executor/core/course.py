@@ -6,13 +6,7 @@ from typing import Dict, List, NamedTuple, Sequence, Tuple
 
 from merlin_executor.core.awaited import Absence
 from merlin_executor.core.outcome import Outcome, Verdict
-from merlin_executor.core.replanning import (
-    REPLAN_WAIT,
-    SAME_FAILURES,
-    Failure,
-    ReplanDecision,
-    Replanning,
-)
+from merlin_executor.core.replanning import REPLAN_WAIT, SAME_FAILURES, Failure, ReplanDecision, Replanning
 from merlin_pddl.plan_text import OUTDATED
 
 SETTLE = "SETTLE"

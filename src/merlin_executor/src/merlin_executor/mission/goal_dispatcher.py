@@ -42,10 +42,7 @@ from merlin_sm.introspection import start_introspection
 from merlin_sm.merlin_sm import MerlinSM
 from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, SUCCEEDED
 
-_FINAL = {
-    SUCCEEDED: MissionStatus.SUCCEEDED,
-    PREEMPTED: MissionStatus.CANCELLED,
-}
+_FINAL = {SUCCEEDED: MissionStatus.SUCCEEDED, PREEMPTED: MissionStatus.CANCELLED}
 
 
 class MissionFailed(RuntimeError):

@@ -161,8 +161,7 @@ class MissionPause:
             releases = holds.releases
             self._set_now(True, asked=False)
             Deadline(None).wait(
-                self._changed,
-                lambda: stopped() or not self._switch.paused or holds.releases > releases,
+                self._changed, lambda: stopped() or not self._switch.paused or holds.releases > releases
             )
             self._set_now(False, asked=False)
         return not stopped() and not rospy.is_shutdown()

@@ -13,13 +13,7 @@ from typing import Dict, Iterator, List, Optional, Sequence, Set, Tuple
 
 import rospy
 from actionlib_msgs.msg import GoalStatus
-from merlin_msgs.msg import (
-    ExecuteAction,
-    ExecuteFeedback,
-    ExecuteResult,
-    ExecutorStatus,
-    GoalQueue,
-)
+from merlin_msgs.msg import ExecuteAction, ExecuteFeedback, ExecuteResult, ExecutorStatus, GoalQueue
 
 from merlin_executor.core.activity import LONGEST_REASON, Activity, end_words
 from merlin_executor.core.agenda import NOT_BEGUN, TOGETHER, Agenda, Decision
@@ -149,10 +143,7 @@ class Executor:
         )
         self._forecasts = (
             Forecasts(
-                self._engine,
-                planning,
-                lambda: self._dispatcher.running,
-                lambda: self._dispatcher.succeeded,
+                self._engine, planning, lambda: self._dispatcher.running, lambda: self._dispatcher.succeeded
             )
             if look_ahead
             else None

@@ -97,10 +97,7 @@ def _second(other: str) -> str:
 
 
 def other_executors(
-    me: str,
-    dispatch_topic: str,
-    publishers: Mapping[str, Collection[str]],
-    types: Mapping[str, str],
+    me: str, dispatch_topic: str, publishers: Mapping[str, Collection[str]], types: Mapping[str, str]
 ) -> List[str]:
     """The other nodes that serve as an Executor and dispatch through the same dispatcher.
 

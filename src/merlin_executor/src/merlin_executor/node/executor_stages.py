@@ -122,11 +122,7 @@ class PlanInTime(PlanState):
     """
 
     def __init__(
-        self,
-        planning: PlanningClient,
-        without: Callable[[], Sequence[str]],
-        run: Running,
-        proves: bool,
+        self, planning: PlanningClient, without: Callable[[], Sequence[str]], run: Running, proves: bool
     ) -> None:
         super().__init__(planning, without)
         self.register_outcomes([LATE])
@@ -163,10 +159,7 @@ class Dispatch(DispatchPlanState):
     def __init__(self, system: PlanningSystem, run: Running) -> None:
         # Of several requests the first one owns the dispatch: while its client is silent, nothing moves.
         super().__init__(
-            system.dispatcher,
-            run.take_result,
-            lambda: run.run.request.plan,
-            lambda: run.run.request.goal.id,
+            system.dispatcher, run.take_result, lambda: run.run.request.plan, lambda: run.run.request.goal.id
         )
         self._knowledge = system.knowledge
         self._run = run

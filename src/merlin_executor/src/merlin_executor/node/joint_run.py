@@ -56,11 +56,7 @@ class JointRun:
     """
 
     def __init__(
-        self,
-        requests: Sequence[Request],
-        system: PlanningSystem,
-        own: OwnGoals,
-        engine: Engine[Request],
+        self, requests: Sequence[Request], system: PlanningSystem, own: OwnGoals, engine: Engine[Request]
     ) -> None:
         self.requests = list(requests)
         """Those that have not ended; replaced as a whole."""

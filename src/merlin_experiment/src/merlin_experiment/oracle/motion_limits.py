@@ -105,11 +105,7 @@ class SetOff:
     STEP = 0.002  # s, of the numerical integration over the turn
 
     def __init__(
-        self,
-        limits: MotionLimits,
-        angle: float,
-        distance: float,
-        motion: Tuple[float, float] = (0.0, 0.0),
+        self, limits: MotionLimits, angle: float, distance: float, motion: Tuple[float, float] = (0.0, 0.0)
     ) -> None:
         """:param limits: of the robot.
         :param angle: between heading and path at the start, rad, ≥ 0.

@@ -3,16 +3,7 @@
 
 from typing import List, NamedTuple, Sequence
 
-from merlin_explain.claims import (
-    FACT,
-    GOAL,
-    REQUEST,
-    Answer,
-    Claim,
-    Evidence,
-    QuestionError,
-    Words,
-)
+from merlin_explain.claims import FACT, GOAL, REQUEST, Answer, Claim, Evidence, QuestionError, Words
 from merlin_explain.core.causes import Causes, Link
 from merlin_explain.core.wording import and_list, plan_evidence, step_evidence, steps_text
 from merlin_pddl.analysis import plan_run

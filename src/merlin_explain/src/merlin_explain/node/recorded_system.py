@@ -64,10 +64,7 @@ class RecordedSystem:
         steps = sorted(
             (
                 PlanStep(
-                    round(step.start, 3),
-                    step.name,
-                    step.objects,
-                    max(round(step.duration, 3), NO_DURATION),
+                    round(step.start, 3), step.name, step.objects, max(round(step.duration, 3), NO_DURATION)
                 )
                 for step in self._moment.steps
             ),

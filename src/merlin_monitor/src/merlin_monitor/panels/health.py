@@ -23,11 +23,7 @@ class HealthPanel(Panel):
 
     def __init__(self, state: MonitorModel, ros: RosSystem) -> None:
         super().__init__(state, ros)
-        self._reports = self.subscribe(
-            "/diagnostics",
-            DiagnosticArray,
-            self._take,
-        )
+        self._reports = self.subscribe("/diagnostics", DiagnosticArray, self._take)
 
     def look(self, topics: Dict[str, str]) -> None:
         """Asks those that have fallen silent after a report or two: one that reports now and then answers."""

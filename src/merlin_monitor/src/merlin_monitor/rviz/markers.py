@@ -87,12 +87,7 @@ def _above(grid: Dict[str, Any], text: str) -> Tuple[float, float, float]:
 
 
 def _solid(
-    name: str,
-    kind: int,
-    place: Sequence[float],
-    size: Sequence[float],
-    colour: Colour,
-    yaw: float = 0.0,
+    name: str, kind: int, place: Sequence[float], size: Sequence[float], colour: Colour, yaw: float = 0.0
 ) -> Marker:
     turned = Quaternion(z=math.sin(yaw / 2), w=math.cos(yaw / 2))
     pose = Pose(position=Point(*place), orientation=turned)

@@ -37,10 +37,7 @@ def gerund(verb: str) -> str:
 
 
 def action_in_words(
-    name: str,
-    parameters: Sequence[Sequence[str]],
-    places: Container[str] = (),
-    names: Mapping[str, str] = {},
+    name: str, parameters: Sequence[Sequence[str]], places: Container[str] = (), names: Mapping[str, str] = {}
 ) -> str:
     """What a robot does that runs an action.
 

@@ -11,11 +11,7 @@ from merlin_monitor.access.tls import ServerTls, TlsError, read_tls
 from merlin_monitor.access.web_access import HostNameError, WebAccess, check_lookers
 from merlin_monitor.listeners.ros_system import ReplayedSystem, RosSystem
 from merlin_monitor.panel_board import PanelBoard
-from merlin_monitor.panels.control import (
-    operators_of_node,
-    path_of_node,
-    sentences_of_node,
-)
+from merlin_monitor.panels.control import operators_of_node, path_of_node, sentences_of_node
 from merlin_monitor.state.history_store import HistoryError, HistoryStore
 from merlin_monitor.state.inbox import Inbox
 from merlin_monitor.state.monitor_model import MonitorModel

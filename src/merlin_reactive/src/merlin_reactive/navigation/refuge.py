@@ -16,11 +16,7 @@ CROSS, SQUARE = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], np.uint8), np.ones((
 
 
 def nearest_refuge(
-    planner: PathPlanner,
-    here: Point,
-    first: Sequence[RobotWay],
-    others: Sequence[RobotWay],
-    seen: np.ndarray,
+    planner: PathPlanner, here: Point, first: Sequence[RobotWay], others: Sequence[RobotWay], seen: np.ndarray
 ) -> Optional[Point]:
     """The nearest place off the ways of those that go first; None: it cannot reach one.
 

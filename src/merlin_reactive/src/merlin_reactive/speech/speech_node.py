@@ -9,12 +9,7 @@ from typing import Callable, Deque, Optional, Tuple
 import rospkg
 import rospy
 from audio_common_msgs.msg import AudioData, AudioInfo
-from sound_play.msg import (
-    SoundRequest,
-    SoundRequestAction,
-    SoundRequestFeedback,
-    SoundRequestResult,
-)
+from sound_play.msg import SoundRequest, SoundRequestAction, SoundRequestFeedback, SoundRequestResult
 from std_msgs.msg import Bool
 
 from merlin_reactive.ros_clock import RosClock

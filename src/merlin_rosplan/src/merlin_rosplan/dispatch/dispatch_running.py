@@ -53,10 +53,7 @@ class Running:
 
     @staticmethod
     def make(
-        action: PlannedAction,
-        operator: ActionModel,
-        environment: DispatchEnvironment,
-        limits: DispatchLimits,
+        action: PlannedAction, operator: ActionModel, environment: DispatchEnvironment, limits: DispatchLimits
     ) -> "Running":
         """The record of an action that is about to be sent."""
         first = over_all_before_start(operator)

@@ -4,21 +4,9 @@
 from typing import Collection, Dict, Iterable, List, Mapping, Optional, Sequence, Set, Tuple, Union
 
 from merlin_pddl.plan_text import PlanStep
-from merlin_rosplan.dispatch.happening import (
-    Happening,
-    happening_of,
-    names_by_argument,
-    rosplan_happening,
-)
+from merlin_rosplan.dispatch.happening import Happening, happening_of, names_by_argument, rosplan_happening
 from merlin_rosplan.dispatch.operator_model import ActionModel, Conditions, PlanTerm
-from merlin_rosplan.dispatch.plan_graph import (
-    EdgeType,
-    Node,
-    NodeType,
-    PlanGraph,
-    TimedLiteral,
-    TimedValue,
-)
+from merlin_rosplan.dispatch.plan_graph import EdgeType, Node, NodeType, PlanGraph, TimedLiteral, TimedValue
 from merlin_rosplan.dispatch.plan_graph_history import Named, NumberHistory, Touched
 from merlin_rosplan.dispatch.plan_graph_order import plan_order
 from merlin_rosplan.dispatch.plan_graph_waits import add_waits

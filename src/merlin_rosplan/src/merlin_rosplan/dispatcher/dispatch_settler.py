@@ -30,10 +30,7 @@ class DispatchSettler:
     """
 
     def __init__(
-        self,
-        knowledge_base: str,
-        silence: Callable[[str], Optional[float]],
-        liveness: Optional[float],
+        self, knowledge_base: str, silence: Callable[[str], Optional[float]], liveness: Optional[float]
     ) -> None:
         self._silence = silence
         self._liveness = liveness

@@ -8,16 +8,7 @@ from typing import Any, Dict, List, Optional, Set, Tuple, Union
 
 from merlin_pddl.evaluation import changed
 from merlin_pddl.formula import Atom
-from merlin_pddl.knowledge import (
-    ASSIGN,
-    Fact,
-    FunctionValue,
-    Instance,
-    Metric,
-    Row,
-    StoredGoal,
-    Timed,
-)
+from merlin_pddl.knowledge import ASSIGN, Fact, FunctionValue, Instance, Metric, Row, StoredGoal, Timed
 from merlin_rosplan.knowledge.knowledge_checks import KnowledgeChecks, UpdateRefused
 from merlin_rosplan.knowledge.knowledge_state import KnowledgeTables, MetricRow, Note
 from merlin_rosplan.knowledge.knowledge_table import Table

@@ -67,11 +67,7 @@ class Previews:
         self._planning: Optional[Planning] = None
 
     def plan(
-        self,
-        world: Tuple[Domain, Problem],
-        domain_path: str,
-        wanted: Wanted,
-        settings: PlannerSettings,
+        self, world: Tuple[Domain, Problem], domain_path: str, wanted: Wanted, settings: PlannerSettings
     ) -> Tuple[PlanningOutcome, str]:
         """Plans.
 

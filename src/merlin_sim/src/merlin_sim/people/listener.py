@@ -178,10 +178,5 @@ def _listener(where: str, name: str, fields: Dict[str, Any]) -> HearingPerson:
             raise ParameterError(f"parameter {where}position is {position!r}, not [x, y] or a person's name")
         position = (float(position[0]), float(position[1]))
     return HearingPerson(
-        name,
-        answers,
-        str(fields["voice"]),
-        float(hearing),
-        position,
-        anywhere=not name and not position,
+        name, answers, str(fields["voice"]), float(hearing), position, anywhere=not name and not position
     )

@@ -33,10 +33,7 @@ class MerlinState(smach.State):
     """
 
     def __init__(
-        self,
-        outcomes: Sequence[str] = (),
-        input_keys: Sequence[str] = (),
-        output_keys: Sequence[str] = (),
+        self, outcomes: Sequence[str] = (), input_keys: Sequence[str] = (), output_keys: Sequence[str] = ()
     ) -> None:
         super().__init__([SUCCEEDED, ABORTED, PREEMPTED, *outcomes], list(input_keys), list(output_keys))
         self.reason = ""

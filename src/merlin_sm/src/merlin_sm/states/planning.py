@@ -93,9 +93,7 @@ class PlanState(PlanningState):
     """
 
     def __init__(
-        self,
-        client: Optional[PlanningClient] = None,
-        without: Callable[[], Sequence[str]] = lambda: (),
+        self, client: Optional[PlanningClient] = None, without: Callable[[], Sequence[str]] = lambda: ()
     ) -> None:
         super().__init__([UNSOLVABLE, NO_PLAN, TIMEOUT])
         self._without = without

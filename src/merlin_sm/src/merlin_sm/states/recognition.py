@@ -43,11 +43,7 @@ class RecognizeState(ActionState):
     """
 
     def __init__(
-        self,
-        classes: Sequence[str] = (),
-        action: str = "recognize",
-        least_score: float = 0.0,
-        **options: Any,
+        self, classes: Sequence[str] = (), action: str = "recognize", least_score: float = 0.0, **options: Any
     ) -> None:
         inputs = [*keys_of(classes), *options.pop("input_keys", ())]
         super().__init__(
@@ -83,12 +79,7 @@ class DetectState(RecognizeState):
     """
 
     def __init__(
-        self,
-        name: str,
-        place: str = "",
-        action: str = "recognize",
-        least_score: float = 0.0,
-        **options: Any,
+        self, name: str, place: str = "", action: str = "recognize", least_score: float = 0.0, **options: Any
     ) -> None:
         keys = keys_of([place])
         super().__init__([name], action, least_score, outcomes=[NOT_FOUND], input_keys=keys, **options)
