@@ -64,24 +64,13 @@ class RobotBody:
         """Sets the speeds of the wheels' motors, rad/s; at zero they hold where they are."""
         if left == right == 0.0:
             # A motor that only regulates speed gives way to gravity, millimetres per second.
-            if self._held is None:
-                self._held = self.wheel_angles()
-            self._engine.setJointMotorControlArray(
-                self.body,
-                self._wheels,
-                pybullet.POSITION_CONTROL,
-                targetPositions=self._held,
-                forces=[WHEEL_TORQUE, WHEEL_TORQUE],
-            )
-            return
-        self._held = None
-        self._engine.setJointMotorControlArray(
-            self.body,
-            self._wheels,
-            pybullet.VELOCITY_CONTROL,
-            targetVelocities=[left, right],
-            forces=[WHEEL_TORQUE, WHEEL_TORQUE],
-        )
+            self._held = self._held or self.wheel_angles()
+            mode, targets = pybullet.POSITION_CONTROL, {"targetPositions": self._held}
+        else:
+            self._held = None
+            mode, targets = pybullet.VELOCITY_CONTROL, {"targetVelocities": (left, right)}
+        torques = [WHEEL_TORQUE, WHEEL_TORQUE]
+        self._engine.setJointMotorControlArray(self.body, self._wheels, mode, forces=torques, **targets)
 
     def wheel_angles(self) -> Tuple[float, float]:
         """How far the left and right wheel have turned, rad."""

@@ -3,7 +3,7 @@
 
 import argparse
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Dict, List, Optional, Set, Tuple
 
@@ -114,16 +114,8 @@ class FloorPlan:
             self._walls.append((ends[0], ends[1]))
             self._doors.append((door[0], door[1]))
             self.rooms.remove(room)
-            if upright:
-                self.rooms += [
-                    Room(room.left, room.bottom, at, room.top),
-                    Room(at, room.bottom, room.right, room.top),
-                ]
-            else:
-                self.rooms += [
-                    Room(room.left, room.bottom, room.right, at),
-                    Room(room.left, at, room.right, room.top),
-                ]
+            high_side, low_side = ("right", "left") if upright else ("top", "bottom")
+            self.rooms += [replace(room, **{high_side: at}), replace(room, **{low_side: at})]
             return True
         return False
 

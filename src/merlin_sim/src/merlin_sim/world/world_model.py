@@ -177,24 +177,13 @@ class World:
 
     def wall_solids(self) -> List[Solid]:
         """The walls with the openings of the doors cut out."""
-        pieces = []
+        thickness, height, pieces = self.wall_thickness, self.wall_height, []
         for index, wall in enumerate(self.walls):
             for piece, (start, end) in enumerate(_cut(wall, self.doors)):
                 # Half a thickness more at each end closes the corners; an opening keeps its width.
-                pieces.append(
-                    segment_solid(
-                        f"wall_{index}_{piece}",
-                        start,
-                        end,
-                        self.wall_thickness,
-                        self.wall_height,
-                        "#5b5b5b",
-                        (
-                            self.wall_thickness / 2 if start == wall.start else 0.0,
-                            self.wall_thickness / 2 if end == wall.end else 0.0,
-                        ),
-                    )
-                )
+                more = (thickness / 2 * (start == wall.start), thickness / 2 * (end == wall.end))
+                name = f"wall_{index}_{piece}"
+                pieces.append(segment_solid(name, start, end, thickness, height, "#5b5b5b", more))
         return pieces
 
     def bounds(self) -> Tuple[float, float, float, float]:
