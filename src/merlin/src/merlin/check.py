@@ -10,7 +10,7 @@ from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Set, Tuple
 from rosgraph.names import load_mappings
 from roslaunch.core import Node
 
-from merlin.launch_config import LaunchConfig
+from merlin.launch_config import LaunchConfig, full_name
 from merlin.launch_request import HelpWanted, LaunchError, LaunchRequest
 from merlin.local_names import master_uri, use_loopback
 from merlin.master import Master
@@ -250,7 +250,7 @@ def check_mission(found: Findings, config: LaunchConfig, node: Node) -> None:
 
     :raises LaunchError: when it does not exist, is not a mission, or waits for a server that is not started.
     """
-    own = _name(node)
+    own = full_name(node)
     path = str(load_mappings(node.args.split()).get("mission") or config.param(f"{own}/mission", ""))
     try:
         mission = load_mission(path)
@@ -281,7 +281,7 @@ def check_world(found: Findings, config: LaunchConfig, node: Node) -> None:
     :raises ValueError: when it cannot be used; the text names the file.
     """
     try:
-        load_function(LOAD_WORLD)(config.file(f"{_name(node)}/world"))
+        load_function(LOAD_WORLD)(config.file(f"{full_name(node)}/world"))
     except Exception as error:  # WorldError, of a package that is loaded here
         found.points_read = True
         raise ValueError(str(error)) from error
@@ -292,7 +292,7 @@ def check_page(found: Findings, config: LaunchConfig, node: Node) -> None:
 
     :raises ParameterError: for a panel that cannot be used.
     """
-    own = _name(node)
+    own = full_name(node)
     for path in config.param(f"{own}/panels", []):
         found.look(_check_panel, str(path))
     sentences = str(config.param(f"{node.namespace}{SENTENCES}", ""))
@@ -349,10 +349,6 @@ PARTS: Mapping[Tuple[str, str], Callable[..., None]] = {
     SIMULATOR_NODE: check_world,
     PAGE_NODE: check_page,
 }
-
-
-def _name(node: Node) -> str:
-    return f"{node.namespace}{node.name}"
 
 
 def _signatures(named: Mapping[str, Signature]) -> Dict[str, List[Tuple[str, str]]]:

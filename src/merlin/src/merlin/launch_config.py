@@ -157,7 +157,7 @@ def check_scripts(nodes: Iterable[Node], parameters: Dict[str, Any]) -> None:
     for node in nodes:
         if (node.package, node.type) not in SCRIPTED:
             continue
-        own = f"{node.namespace}{node.name}"
+        own = full_name(node)
         robot, robots = str(_param(parameters, f"{own}/robot", "")), _param(parameters, f"{own}/robots", [])
         for key in ("answers", "sees"):
             try:
@@ -168,6 +168,11 @@ def check_scripts(nodes: Iterable[Node], parameters: Dict[str, Any]) -> None:
                     texts(key, value)
             except ValueError as error:
                 raise LaunchError(str(error)) from None
+
+
+def full_name(node: Node) -> str:
+    """A node's name with its namespace."""
+    return f"{node.namespace}{node.name}"
 
 
 def _param(parameters: Dict[str, Any], name: str, default: Any = None) -> Any:

@@ -26,7 +26,7 @@ from roslaunch.pmon import ProcessListener
 from roslaunch.substitution_args import SubstitutionException
 
 from merlin.error_relay import ErrorRelay
-from merlin.launch_config import HOSTS, Loader, check_executables, check_files, check_scripts
+from merlin.launch_config import HOSTS, Loader, check_executables, check_files, check_scripts, full_name
 from merlin.launch_request import HelpWanted, LaunchError, LaunchRequest, one_line
 from merlin.linger import Page, keep, lingers, page_of, terminal
 from merlin.local_names import LOCALHOST, LOOPBACK, given_address, master_uri, resolves, use_loopback
@@ -112,9 +112,9 @@ class _Parent(roslaunch.parent.ROSLaunchParent, ProcessListener):
         for node in self.config.nodes:
             node.output = "screen" if node.name == MISSION_NODE else "log"
             if node.required:
-                self._needed.add(_name_of(node))
+                self._needed.add(full_name(node))
             if WRAPPER in (Path(word).name for word in (node.launch_prefix or "").split()):
-                self._wrapped[_name_of(node)] = Restarts(WRAPPER_SPAN)
+                self._wrapped[full_name(node)] = Restarts(WRAPPER_SPAN)
                 node.required, node.respawn = False, True  # roslaunch asks for each death whether it is so
 
     def _start_pm(self) -> None:
@@ -124,7 +124,7 @@ class _Parent(roslaunch.parent.ROSLaunchParent, ProcessListener):
     def process_died(self, process_name: str, exit_code: Optional[int]) -> None:
         """Called by roslaunch's process monitor, again and again while a process waits for its next start."""
         process, node = self.pm.get_process(process_name), self.node_of(process_name)
-        restarts = self._wrapped.get(_name_of(node)) if node is not None else None
+        restarts = self._wrapped.get(full_name(node)) if node is not None else None
         if process is None or restarts is None:
             self._events.put(_Death(process_name, exit_code))
             return
@@ -141,7 +141,7 @@ class _Parent(roslaunch.parent.ROSLaunchParent, ProcessListener):
 
     def needs(self, node: Optional[Node]) -> bool:
         """Whether the run ends with a node."""
-        return node is not None and _name_of(node) in self._needed
+        return node is not None and full_name(node) in self._needed
 
     def parameters(self) -> Dict[str, Any]:
         """The parameters that the launch file sets, name → value."""
@@ -150,10 +150,6 @@ class _Parent(roslaunch.parent.ROSLaunchParent, ProcessListener):
     def node_of(self, process: str) -> Optional[Node]:
         """The launch file's entry of a process."""
         return next((node for node in self.config.nodes if node.process_name == process), None)
-
-
-def _name_of(node: Node) -> str:
-    return f"{node.namespace}{node.name}"
 
 
 class LaunchRun:
