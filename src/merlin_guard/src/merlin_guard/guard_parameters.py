@@ -72,19 +72,15 @@ def read_parameters() -> GuardParameters:
         settings.check()
     except ValueError as error:
         raise ParameterError(f"parameters of {rospy.get_name()}: {error}") from error
+    limits = VelocityLimits()._asdict()
+    finite = [name for name, value in limits.items() if math.isfinite(value)]
     return GuardParameters(
         servers=_servers(rospy.get_param("~motion_servers", list(DEFAULT_SERVERS))),
         settings=settings,
         server_wait=_duration("~server_wait", SERVER_WAIT),
         stop_button=_button(rospy.get_param("~stop_button", -1)),
-        limits=VelocityLimits(
-            **{name: _limit(name, value) for name, value in VelocityLimits()._asdict().items()}
-        ),
-        limits_given=all(
-            _given(f"~{name}") is not None
-            for name, value in VelocityLimits()._asdict().items()
-            if math.isfinite(value)
-        ),
+        limits=VelocityLimits(**{name: _limit(name, value) for name, value in limits.items()}),
+        limits_given=all(_given(f"~{name}") is not None for name in finite),
         refuse=_refuse(_given("~over_limit")),
         base_timeout=_base_timeout(),
     )

@@ -99,12 +99,9 @@ class RobotState:
         except StateError as error:
             return str(error)
         now = odometry.header.stamp
-        return _why_old(rospy.resolve_name("scan"), now, scan.header.stamp, age) or _why_old(
-            f"the transform from {odometry.header.frame_id} to {self.global_frame}",
-            now,
-            frame.header.stamp,
-            age,
-        )
+        what = f"the transform from {odometry.header.frame_id} to {self.global_frame}"
+        old_scan = _why_old(rospy.resolve_name("scan"), now, scan.header.stamp, age)
+        return old_scan or _why_old(what, now, frame.header.stamp, age)
 
     def wake(self) -> None:
         """Wakes a wait, so that it re-checks its stop event."""
@@ -131,7 +128,8 @@ class RobotState:
         if stamp == after:
             return None
         if self._mount is None:
-            self._mount = self._laser_pose(history[-1].child_frame_id, message.header.frame_id)
+            frames = history[-1].child_frame_id, message.header.frame_id
+            self._mount = pose_of_transform(self._transform(*frames, "robot_state_publisher"))
         base = self._frame_pose(history[-1].header.frame_id).compose(odometry_at(history, stamp))
         return PlacedScan(base.compose(self._mount), *rays_of(message), stamp)
 
@@ -139,20 +137,13 @@ class RobotState:
         return pose_of_transform(self._frame(frame))
 
     def _frame(self, frame: str) -> TransformStamped:
-        try:
-            return self.buffer.lookup_transform(self.global_frame, frame, rospy.Time(0))
-        except tf2_ros.TransformException as error:
-            raise StateError(
-                f"no transform from {frame} to {self.global_frame}; does localisation run? ({error})"
-            ) from error
+        return self._transform(self.global_frame, frame, "localisation")
 
-    def _laser_pose(self, base: str, laser: str) -> Pose:
+    def _transform(self, to: str, frame: str, publisher: str) -> TransformStamped:
         try:
-            return pose_of_transform(self.buffer.lookup_transform(base, laser, rospy.Time(0)))
+            return self.buffer.lookup_transform(to, frame, rospy.Time(0))
         except tf2_ros.TransformException as error:
-            raise StateError(
-                f"no transform from {laser} to {base}; does robot_state_publisher run? ({error})"
-            ) from error
+            raise StateError(f"no transform from {frame} to {to}; does {publisher} run? ({error})") from error
 
     def _receive_odometry(self, message: Odometry) -> None:
         with self.changed:

@@ -63,6 +63,7 @@ class MissionSettings:
 
         :raises ParameterError: a parameter is wrong.
         """
+        usual = asdict(MotionLimits())
         settings = cls(
             mission=whole("~mission", 1),
             approach=choice("~approach", APPROACHES),
@@ -74,12 +75,7 @@ class MissionSettings:
             policy=choice("~rtf_policy", POLICIES),
             results=Path(str(rospy.get_param("~results", "results"))).expanduser().absolute(),
             points=_chosen(_points(), str(rospy.get_param("~points", "")).split()),
-            limits=MotionLimits(
-                **{
-                    name: number(f"~limits/{name}", default, LEAST)
-                    for name, default in asdict(MotionLimits()).items()
-                }
-            ),
+            limits=MotionLimits(**{name: number(f"~limits/{name}", usual[name], LEAST) for name in usual}),
             goal_tolerance=number("~goal_tolerance", 0.1, 0.0),
             speech_length=number("~speech_length", 0.0, 0.0),
             world_file=_file(str(rospy.get_param("~world_file", ""))),

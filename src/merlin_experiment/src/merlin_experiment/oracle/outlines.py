@@ -60,14 +60,8 @@ class Outlines:
             return np.zeros((len(starts), 0))
         a, b = starts[:, None], ends[:, None]
         c, d = self._starts[None], self._ends[None]
-        gaps = np.minimum.reduce(
-            [
-                _point_to_segment(a, c, d),
-                _point_to_segment(b, c, d),
-                _point_to_segment(c, a, b),
-                _point_to_segment(d, a, b),
-            ]
-        )
+        ends_apart = ((a, c, d), (b, c, d), (c, a, b), (d, a, b))
+        gaps = np.minimum.reduce([_point_to_segment(*each) for each in ends_apart])
         sides = _cross(b - a, c - a) * _cross(b - a, d - a) < 0
         gaps[sides & (_cross(d - c, a - c) * _cross(d - c, b - c) < 0)] = 0.0
         nearest = np.minimum.reduceat(gaps, self._firsts, axis=1)

@@ -108,15 +108,8 @@ def main() -> int:
 
 
 def _start() -> None:
-    names = Names(
-        *(
-            graph_name(f"~{field}", default)
-            for field, default in zip(
-                ("knowledge_base", "problem_interface", "planner_interface", "plan_dispatcher", "executor"),
-                USUAL,
-            )
-        )
-    )
+    fields = ("knowledge_base", "problem_interface", "planner_interface", "plan_dispatcher", "executor")
+    names = Names(*(graph_name(f"~{field}", default) for field, default in zip(fields, USUAL)))
     explainer = Explainer(RobotSystem(names))
     explainer.offer(f"{names.executor}/explain")
     HealthReporter({"explainer": explainer.health}).start()

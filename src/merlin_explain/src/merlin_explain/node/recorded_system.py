@@ -88,19 +88,12 @@ class RecordedSystem:
         asked = self._moment.requests
         running = [step for step in self._moment.steps if step.state in RUNNING]
         running.sort(key=lambda step: (step.began or 0.0) + step.duration)
-        return Doing(
-            bool(running or asked),
-            [step.text for step in running],
-            [
-                Request(
-                    each["request"],
-                    each["goals"],
-                    each.get("by") or sender_of(each["request"]),
-                    each["priority"],
-                )
-                for each in (*asked, *self._moment.queue)
-            ],
-        )
+        requests = [
+            Request(name, each["goals"], each.get("by") or sender_of(name), each["priority"])
+            for each in (*asked, *self._moment.queue)
+            for name in [each["request"]]
+        ]
+        return Doing(bool(running or asked), [step.text for step in running], requests)
 
     def goals(self) -> List[str]:
         """The goals of the knowledge base as PDDL text."""

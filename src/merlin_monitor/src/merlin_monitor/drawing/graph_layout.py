@@ -173,14 +173,8 @@ def layout(graph: DrawnGraph, command: str = "dot") -> Dict[str, Any]:
 
 
 def _run(command: List[str], source: str, timeout: float) -> "subprocess.CompletedProcess[str]":
-    return subprocess.run(
-        [*command, "-Tjson0", "-y"],
-        input=source,
-        capture_output=True,
-        timeout=timeout,
-        text=True,
-        check=False,
-    )
+    command = [*command, "-Tjson0", "-y"]
+    return subprocess.run(command, input=source, capture_output=True, timeout=timeout, text=True, check=False)
 
 
 def _dot(graph: DrawnGraph) -> Tuple[str, Dict[str, int], Dict[str, int]]:

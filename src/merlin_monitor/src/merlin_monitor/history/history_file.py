@@ -30,6 +30,10 @@ CREATE TABLE IF NOT EXISTS pictures (
   name TEXT NOT NULL, version TEXT NOT NULL, wall REAL NOT NULL, data BLOB NOT NULL,
   PRIMARY KEY (name, version));
 """
+_LAST_RUN = """
+SELECT id, MAX(number), MAX(ended) FROM runs JOIN segments ON run = id
+WHERE session = ? GROUP BY id ORDER BY id DESC LIMIT 1;
+"""
 _INDICES = """
 CREATE INDEX IF NOT EXISTS events_in_time ON events (run, wall);
 CREATE INDEX IF NOT EXISTS events_marked ON events (run, wall) WHERE mark != '';
@@ -93,14 +97,7 @@ def last_run(connection: sqlite3.Connection, wall: Optional[float], session: str
 
     :param wall: now, s since 1970; None: of any time.
     """
-    row = (
-        session
-        and connection.execute(
-            "SELECT id, MAX(number), MAX(ended) FROM runs JOIN segments ON run = id"
-            " WHERE session = ? GROUP BY id ORDER BY id DESC LIMIT 1",
-            (session,),
-        ).fetchone()
-    )
+    row = session and connection.execute(_LAST_RUN, (session,)).fetchone()
     if row and (wall is None or row[2] <= wall <= row[2] + LONGEST_GAP):
         return LastRun(row[0], row[1])
     return None

@@ -290,17 +290,12 @@ def near_cells(data: Sequence[int], width: int, height: int, cells: float) -> An
         return None
     taken = numpy.asarray(data, dtype=numpy.int8).reshape(height, width) > 50
     reach = int(min(cells, 20.0))
-    for axis in (0, 1):
+    for _ in range(2):  # along one axis, then, transposed, along the other
         grown = taken.copy()
         for step in range(1, reach + 1):
-            ahead, behind = (slice(step, None), slice(None, -step))
-            if axis == 0:
-                grown[ahead] |= taken[behind]
-                grown[behind] |= taken[ahead]
-            else:
-                grown[:, ahead] |= taken[:, behind]
-                grown[:, behind] |= taken[:, ahead]
-        taken = grown
+            grown[step:] |= taken[:-step]
+            grown[:-step] |= taken[step:]
+        taken = grown.T
     return taken
 
 

@@ -264,12 +264,8 @@ class Navigator:
         if now - self._moved_at > settings.recover_after:
             self._recoveries += 1
             if self._recoveries > settings.recoveries:
-                return DriveStep(
-                    0.0,
-                    0.0,
-                    DriveOutcome.NO_CONTROL,
-                    f"{NO_CONTROL_TEXT} The robot does not get away from where it is.",
-                )
+                why = "The robot does not get away from where it is."
+                return DriveStep(0.0, 0.0, DriveOutcome.NO_CONTROL, f"{NO_CONTROL_TEXT} {why}")
             self._backing, self._backing_way, self._backing_since = pose, RECOVERY_WAY, now
         speed, turn = self._follower.command(pose, limit)
         return DriveStep(*self._guard.steered(speed, turn, settings.cruise.turn_speed), DriveOutcome.DRIVING)

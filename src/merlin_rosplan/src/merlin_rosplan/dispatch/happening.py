@@ -76,6 +76,8 @@ def rosplan_happening(action: ActionModel, type_: NodeType) -> Happening:
 def _happening(
     needs: Conditions, keeps: Conditions, effects: TimedEffects, unchecked: Conditions
 ) -> Happening:
+    compared = [entry.reads for entry in needs.comparisons + keeps.comparisons]
+    open_reads = [entry.reads for entry in unchecked.comparisons]
     return Happening(
         _keys(needs.positive),
         _keys(needs.negative),
@@ -83,20 +85,13 @@ def _happening(
         _keys(effects.delete),
         _keys(keeps.positive),
         _keys(keeps.negative),
-        _keys(*[entry.reads for entry in needs.comparisons + keeps.comparisons], effects.reads),
+        _keys(*compared, effects.reads),
         _keys(effects.writes),
         _additive(effects),
         expression_names(needs, keeps) | effects.wild_reads,
         effects.names,
         effects.wild,
-        frozenset(
-            _keys(
-                unchecked.positive,
-                unchecked.negative,
-                *[entry.reads for entry in unchecked.comparisons],
-                effects.reads,
-            )
-        ),
+        frozenset(_keys(unchecked.positive, unchecked.negative, *open_reads, effects.reads)),
         expression_names(unchecked) | effects.wild_reads,
     )
 
