@@ -113,7 +113,6 @@ class MerlinAction(ActionInterface):
     def _end_of(
         self, execution: Execution, client: ActionClient, sent: ClientGoal, ended: threading.Event
     ) -> Ending:
-        """Waits for the end of a goal."""
         late = self._wait(ended)
         if late:
             sent.cancel()

@@ -455,7 +455,6 @@ def _limit(seconds: float, code: int) -> None:
 
 
 def _stacks() -> str:
-    """The stack of each thread."""
     names = {thread.ident: thread.name for thread in threading.enumerate()}
     stacks = sys._current_frames().items()
     return "".join(f"{names.get(i, i)}:\n{''.join(traceback.format_stack(stack))}" for i, stack in stacks)

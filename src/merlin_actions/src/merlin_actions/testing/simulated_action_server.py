@@ -96,7 +96,6 @@ class SimulatedActionServer:
         self._over.set()
 
     def _last(self, duration: float) -> None:
-        """Waits for the end of a goal."""
         if self._held:
             self._over.wait()
             return

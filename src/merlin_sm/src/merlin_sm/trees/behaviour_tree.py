@@ -143,7 +143,6 @@ class BehaviourTree(Branch):
         )
 
     def _wait(self) -> None:
-        """Waits until something happens."""
         period = self._shortest_period()
         alarm = None
         if period > 0.0:
