@@ -32,6 +32,8 @@ NODES: Tuple[str, ...] = (
 MASTER = "master"
 CLIENT = "client"
 GUARD = "merlin_guard"
+#: The action of the Executor.
+EXECUTE = "merlin/execute"
 
 SIGNAL = "signal"
 LINK = "link"
@@ -132,6 +134,11 @@ class Fault:
         return struck or self.kind in (HALF_OPEN, PAGE_STOP) or (self.kind == LINK and self.loss >= 1.0)
 
     @property
+    def cancels_each(self) -> bool:
+        """Whether it cancels each request sent before it: so actionlib reads a cancel with a stamp."""
+        return self.kind == CANCEL_AHEAD and self.on == EXECUTE
+
+    @property
     def takes_what_nodes_need(self) -> bool:
         """Whether it takes sockets, descriptors or threads: then every node is asked whether it answers."""
         return self.kind in (SOCKETS, DESCRIPTORS, THREADS)
@@ -204,7 +211,7 @@ def clocks() -> List[Fault]:
     """The clock on the wall of all nodes, or of one, is set back; stamps that are a day ahead."""
     ahead = [
         Fault(f"ahead:{action.replace('merlin/', '')}", CANCEL_AHEAD, on=action, amount=DAY)
-        for action in ("merlin/execute", "move_base")
+        for action in (EXECUTE, "move_base")
     ]
     steps = {"all30": ("all", HALF_MINUTE), "allday": ("all", DAY)}
     steps.update({node: (node, DAY) for node in ("merlin_executor", "merlin_fsm_host", "navigation")})

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Requests that join at random moments, with deadlines, cancels, safe points and changes of facts.
+"""Requests that join at random moments, with deadlines, cancels, safe points, changes of facts and kills.
 
-CYCLES=1000 makes the long version (make soak).
+CYCLES=1000 makes the long version (make soak). KILLS: share of cycles in which the Executor is killed, 0.05.
 """
 
 import os
@@ -34,9 +34,9 @@ def measure() -> Dict[str, Any]:
         fails = {"drive_spread": 0.1, "drive_fail": 0.05}
         master.launch(launch, folder=folder, drive_duration=DRIVE, anytime=0, actions=ACTIONS, **fails)
         rospy.init_node("joined_stress", disable_signals=True)
-        stress = JoinedStress(
-            [f"(checked {point})" for point in floor.points], int(os.environ.get("SEED", 1))
-        )
+        goals = [f"(checked {point})" for point in floor.points]
+        seed, kills = int(os.environ.get("SEED", 1)), float(os.environ.get("KILLS", 0.05))
+        stress = JoinedStress(goals, seed, kills=kills)
         stress.run(WARM_UP)
         before = usage_of_nodes()
         stress.run(cycles, lambda number: print(f"{number + 1}/{cycles}", flush=True))
@@ -46,6 +46,7 @@ def measure() -> Dict[str, Any]:
         "cycles": cycles,
         "requests": sum(stress.outcomes.values()),
         "requests together": stress.together,
+        "Executors killed": stress.killed,
         "thread growth": max(growth(before, after, "threads").values()),
         "memory growth mb": round(max(growth(before, after, "memory_mb").values()), 1),
         **stress.outcomes,

@@ -10,15 +10,24 @@ import rosnode
 from stress.process_status import Usage, usage_of
 
 
+def pid_of(node: str) -> int:
+    """Process id of a node.
+
+    :param node: global name.
+    :raises OSError: when it does not answer.
+    :raises rosgraph.MasterException: when the master does not know it.
+    """
+    master: Any = rosgraph.Master("/process_usage")
+    proxy: Any = xmlrpc.client.ServerProxy(master.lookupNode(node))
+    return int(proxy.getPid("/process_usage")[2])
+
+
 def usage_of_nodes() -> Dict[str, Usage]:
     """Threads and resident memory of every node of this machine that answers."""
-    master = rosgraph.Master("/process_usage")
     usage: Dict[str, Usage] = {}
     for name in rosnode.get_node_names():
         try:
-            uri = master.lookupNode(name)
-            answer: Any = xmlrpc.client.ServerProxy(uri).getPid("/process_usage")
-            usage[name] = usage_of(answer[2])
+            usage[name] = usage_of(pid_of(name))
         except (OSError, rosgraph.MasterException, xmlrpc.client.Error):
             continue
     return usage

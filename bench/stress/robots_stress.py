@@ -10,10 +10,8 @@ import signal
 import threading
 import time
 from collections import Counter
-from typing import Any, Callable, Dict, List, Sequence, Set
-from xmlrpc.client import ServerProxy
+from typing import Callable, Dict, List, Sequence, Set
 
-import rosgraph
 import rospy
 from actionlib_msgs.msg import GoalStatus, GoalStatusArray
 from geometry_msgs.msg import Twist
@@ -26,6 +24,7 @@ from merlin_executor.executor_client import ExecutorRequest, MerlinExecutorClien
 from merlin_ros.actions.peers import connected_peers
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 from merlin_sm.states.navigation import POINTS_PARAM
+from stress.process_usage import pid_of
 from stress.robots_record import ANYWHERE, RobotsRecord
 from stress.stress_cycles import Cycle, Violation, arguments_of, draw, places_of, twice
 
@@ -155,7 +154,7 @@ class RobotsStress:
             with self._changed:
                 self._killed.add(self._lives[cycle.victim])
         if cycle.how:
-            host = self._pid(f"/{cycle.victim}/merlin_fsm_host")
+            host = pid_of(f"/{cycle.victim}/merlin_fsm_host")
             os.kill(host, signal.SIGKILL if cycle.how == "kill" else signal.SIGSTOP)
             if cycle.how == "stop":
                 return lambda: os.kill(host, signal.SIGCONT)
@@ -164,12 +163,6 @@ class RobotsStress:
     @staticmethod
     def _take_in(available: rospy.ServiceProxy) -> None:
         available(True)
-
-    @staticmethod
-    def _pid(node: str) -> int:
-        master: Any = rosgraph.Master(rospy.get_name())
-        proxy: Any = ServerProxy(master.lookupNode(node))
-        return int(proxy.getPid(rospy.get_name())[2])
 
     def _wait_for_end(self, request: ExecutorRequest, goals: Sequence[str]) -> None:
         if not request.wait(LIMIT) or request.result is None:

@@ -43,7 +43,7 @@ class Deed(NamedTuple):
     """What is done to one of several requests."""
 
     do: str
-    """``send``, ``cancel``, or ``fact``: its goal is made true."""
+    """``send``, ``cancel``, ``fact``: its goal is made true; ``kill``: the Executor dies."""
     request: int
     pause: float
     """s of ROS time before that."""
@@ -66,10 +66,11 @@ _SOME_HAVE: Dict[str, Tuple[Any, float]] = {
 }
 
 
-def draw_joint(chance: random.Random, goals: Sequence[str], longest: float) -> JointCycle:
+def draw_joint(chance: random.Random, goals: Sequence[str], longest: float, kills: float = 0.0) -> JointCycle:
     """The next cycle with several requests.
 
     :param longest: s between two deeds at the most.
+    :param kills: share of cycles in which the Executor dies.
     """
     drawn: List[Dict[str, Any]] = []
     deeds: List[Deed] = []
@@ -77,7 +78,9 @@ def draw_joint(chance: random.Random, goals: Sequence[str], longest: float) -> J
     def deed(do: str, request: int) -> None:
         deeds.append(Deed(do, request, chance.uniform(0.0, chance.choice((0.02, longest)))))
 
-    for number in range(chance.randint(2, 8)):
+    count = chance.randint(2, 8)
+    dies_behind = chance.randrange(count) if kills and chance.random() < kills else None
+    for number in range(count):
         options: Dict[str, Any] = {"goals": chance.choice(list(goals))}
         if chance.random() < 0.4:
             options["deadline"] = chance.uniform(2.0, 300.0)
@@ -92,6 +95,8 @@ def draw_joint(chance: random.Random, goals: Sequence[str], longest: float) -> J
             deed("cancel", chance.randint(0, number))
         if chance.random() < 0.2:
             deed("fact", chance.randint(0, number))
+        if number == dies_behind:
+            deed("kill", number)
     if chance.random() < 0.5:
         for number in chance.sample(range(len(drawn)), len(drawn)):
             deed("cancel", number)
@@ -99,17 +104,24 @@ def draw_joint(chance: random.Random, goals: Sequence[str], longest: float) -> J
 
 
 def untrue(
-    outcome: str, reason: str, options: Dict[str, Any], cancelled: bool, facts: Sequence[str]
+    outcome: str,
+    reason: str,
+    options: Dict[str, Any],
+    cancelled: bool,
+    facts: Sequence[str],
+    killed: bool = False,
 ) -> Optional[str]:
     """What is wrong with the end of a request, as a sentence; None: nothing is.
 
     :param options: how it was sent.
     :param cancelled: whether its client has cancelled it.
     :param facts: that hold since it has ended.
+    :param killed: whether the Executor has died meanwhile.
     """
     if outcome in ("SUCCEEDED", "ALREADY_TRUE"):
         return None if options["goals"] in facts else f"{outcome}, and {options['goals']} does not hold"
     may_be = {"ACTION_FAILED": True, "CANCELLED": cancelled}
+    may_be["INTERNAL"] = killed and not (options.get("survives") and not cancelled)
     may_be.update(dict.fromkeys(("LATE", "REFUSED"), "deadline" in options))
     return None if may_be.get(outcome) else f"{options} ended as {outcome}: {reason}"
 

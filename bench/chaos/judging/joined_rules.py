@@ -21,7 +21,8 @@ def each_ends_for_itself(evidence: Evidence) -> List[str]:
         for ended in ends[:1]:
             asked, sent = evidence.first(events.CANCEL, label), evidence.first(events.SENT, label)
             before = asked is not None and asked.at <= ended.at
-            if ended["reason"] == BY_ITS_CLIENT and not before:
+            for_all = evidence.trial.fault.cancels_each and evidence.zero <= ended.at
+            if ended["reason"] == BY_ITS_CLIENT and not (before or for_all):
                 found.append(
                     f"{name} is cancelled at {evidence.when(ended.at)}: its client has not done that"
                 )

@@ -122,19 +122,24 @@ class DispatcherEnds(unittest.TestCase):
         self.assertEqual((ended.cancelled, ended.unstopped), (False, ("(paint ann leg)",)))
 
     def test_one_as_rosplans_that_loses_an_action_is_cancelled_and_says_so(self):
-        client, reason = self.dispatched_and_lost("/forgetful_dispatcher", seen=True)
-        self.assertIn("has sent nothing for 3 s, and nothing takes (paint)", reason)
-        self.assertEqual(client.steps_done, 1)
+        result = self.dispatched_and_lost("/forgetful_dispatcher", seen=True)
+        self.assertFalse(result.cancelled)
+        self.assertIn("has sent nothing for 3 s, and nothing takes (paint)", result.reason)
 
     def test_one_as_rosplans_that_loses_an_action_also_for_its_client_is_cancelled(self):
-        client, reason = self.dispatched_and_lost("/absent_dispatcher", seen=False)
-        self.assertTrue(reason.endswith("has sent nothing for 3 s"), reason)
-        self.assertEqual(client.steps_done, 1)
+        result = self.dispatched_and_lost("/absent_dispatcher", seen=False)
+        self.assertFalse(result.cancelled)
+        self.assertTrue(result.reason.endswith("has sent nothing for 3 s"), result.reason)
 
-    def dispatched_and_lost(self, name, seen):
+    def test_a_cancel_reaches_one_as_rosplans_whose_client_has_missed_its_action(self):
+        result = self.dispatched_and_lost("/unseen_dispatcher", seen=False, stuck_after=LONG, cancelled=True)
+        self.assertEqual((result.cancelled, result.timed_out, result.unstopped), (True, False, ()))
+
+    def dispatched_and_lost(self, name, seen, stuck_after=3.0, cancelled=False):
         """The esterel dispatcher waits for ever for an action that its queue of one has dropped.
 
         :param seen: the client receives it; no interface does.
+        :param cancelled: the client cancels it then.
         """
         lost = threading.Event()
         actions = publisher(f"{name}/action_dispatch", ActionDispatch, queue_size=10)
@@ -160,11 +165,16 @@ class DispatcherEnds(unittest.TestCase):
             rospy.Service(f"{name}/cancel_dispatch", Empty, cancel),
         ):
             self.addCleanup(service.shutdown)
-        client = DispatchClient(name, cancel_deadline=LONG, stuck_after=3.0)
+
+        def changed():
+            if cancelled and client.steps_done:
+                client.cancel()
+
+        client = DispatchClient(name, cancel_deadline=LONG, stuck_after=stuck_after, on_change=changed)
         result = client.dispatch(lambda interrupt: None)
-        self.assertEqual((result.goal_achieved, result.cancelled, result.gone), (False, False, False))
+        self.assertEqual((result.goal_achieved, result.gone, client.steps_done), (False, False, 1))
         self.assertTrue(lost.is_set())
-        return client, result.reason
+        return result
 
 
 if __name__ == "__main__":

@@ -5,7 +5,7 @@ import itertools
 import math
 import threading
 from types import SimpleNamespace
-from typing import AbstractSet, Any, Callable, FrozenSet, List, Optional, Sequence, Set
+from typing import AbstractSet, Any, Callable, FrozenSet, List, Optional, Sequence, Set, Tuple
 
 import rospy
 from diagnostic_msgs.msg import KeyValue
@@ -378,6 +378,12 @@ class Bench:
         request = self.send(goal, **fields)
         self.robot.wait(lambda: self.robot.began)
         return request
+
+    def joined(self) -> Tuple[Request, Request]:
+        """One drives, and another one has joined it."""
+        first, second = self.driving("(checked kitchen)"), self.send("(checked bath)")
+        self.members(first, second)
+        return first, second
 
     def carry_on(self, *requests: Request) -> None:
         """All that is still to be done succeeds."""

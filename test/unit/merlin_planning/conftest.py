@@ -32,6 +32,7 @@ class DispatcherWorld:
         self.there = self.takes_cancel = True
         self.passed = 0.0  # s that the clock is ahead
         self.on_dispatch: Callable[[Callable[[object], None]], None] = lambda ended: None
+        self.on_call: Callable[[], Any] = lambda: None  # of dispatch_plan
         self.on_cancel: Callable[[], None] = lambda: None
         self.on_exchange: Callable[..., Any] = lambda **fields: SimpleNamespace(refused="")
         self.on_look: Callable[[], None] = lambda: None
@@ -67,6 +68,8 @@ class DispatcherWorld:
                 world.calls.append(name.rsplit("/", 1)[-1])
                 if fields:
                     return world.on_exchange(**fields)
+                if name.endswith("dispatch_plan"):
+                    return world.on_call()
                 if name.endswith("cancel_dispatch"):
                     world.on_cancel()
                     if not world.takes_cancel:

@@ -56,9 +56,9 @@ def test_names_that_occur_twice(names: List[str], doubled: List[str]) -> None:
 
 def test_each_of_several_requests_is_sent_before_something_is_done_to_it() -> None:
     chance = random.Random(1)
-    drawn = [draw_joint(chance, PLACES, 2.0) for _ in range(300)]
+    drawn = [draw_joint(chance, PLACES, 2.0, kills=0.5) for _ in range(300)]
     again = random.Random(1)
-    assert drawn == [draw_joint(again, PLACES, 2.0) for _ in range(300)]
+    assert drawn == [draw_joint(again, PLACES, 2.0, kills=0.5) for _ in range(300)]
     for cycle in drawn:
         sent = [deed.request for deed in cycle.deeds if deed.do == "send"]
         assert sent == list(range(len(cycle.requests))) and len(sent) > 1
@@ -66,7 +66,9 @@ def test_each_of_several_requests_is_sent_before_something_is_done_to_it() -> No
             assert 0.0 <= deed.pause <= 2.0
             before = [each.request for each in cycle.deeds[: number + 1] if each.do == "send"]
             assert deed.request in before
-    assert {deed.do for cycle in drawn for deed in cycle.deeds} == {"send", "cancel", "fact"}
+    assert {deed.do for cycle in drawn for deed in cycle.deeds} == {"send", "cancel", "fact", "kill"}
+    assert all(sum(deed.do == "kill" for deed in cycle.deeds) <= 1 for cycle in drawn)
+    assert all(deed.do != "kill" for deed in draw_joint(chance, PLACES, 2.0).deeds)
     options = {option for cycle in drawn for request in cycle.requests for option in request}
     assert options == {"goals", "deadline", "not_before", "priority", "on_interrupt", "alone", "survives"}
 
@@ -89,4 +91,20 @@ def test_an_end_that_is_not_true_is_seen(
     outcome: str, options: Dict[str, float], cancelled: bool, facts: List[str], wrong: bool
 ) -> None:
     said = untrue(outcome, "why", {"goals": "(checked p1)", **options}, cancelled, facts)
+    assert bool(said) == wrong
+
+
+@pytest.mark.parametrize(
+    ("options", "cancelled", "killed", "wrong"),
+    [
+        ({}, False, True, False),
+        ({}, False, False, True),
+        ({"survives": True}, False, True, True),
+        ({"survives": True}, True, True, False),
+    ],
+)
+def test_only_a_request_that_survives_does_not_end_with_its_executor(
+    options: Dict[str, bool], cancelled: bool, killed: bool, wrong: bool
+) -> None:
+    said = untrue("INTERNAL", "it died", {"goals": "(checked p1)", **options}, cancelled, [], killed)
     assert bool(said) == wrong

@@ -47,7 +47,9 @@ from merlin_ros.work.work_book import Decision, Policy, Step, WorkBook
 
 ANNOUNCE_PERIOD = 1.0  # s of wall time between two announcements on pddl_action_parameters
 CONNECTION_LOOK = 0.02  # s between two looks for that connection, of which rospy gives no event
-WAIT_LIMIT = 5.0  # s of running time in which an execution that is in the way has to end
+WAIT_LIMIT = 5.0  # s, of running time and of ROS time, in which an execution that is in the way has to end
+WAITS = 6  # so often that limit of running time at most, where ROS time is slower, or stands
+ON_TIME = 0.9  # share of running time from which on ROS time is not slower
 MASTER_LOST = "the ROS master is lost"
 SHUTDOWN_WAIT = 2.0  # s of wall time in which running executions can end when their node does
 _KNOWLEDGE_ERRORS = (KnowledgeError, ServiceError, ValueError, MasterSilent)
@@ -255,17 +257,27 @@ class ActionInterface:
             elif decision.what is Step.STOP:
                 execution.cancel(decision.reason)
             elif decision.what is Step.WAIT:
-                limits = partial(start_thread, f"limit of {execution.text}", self._limit_wait, execution)
-                call_when_passed(WAIT_LIMIT, limits)  # with a thread: an answer may wait for the knowledge
+                self._limit_wait(execution, rospy.get_time(), WAITS)
             else:
                 execution.cancel(decision.reason)
                 self._end(execution, Ending(False, decision.reason, begun=False))
 
-    def _limit_wait(self, execution: Execution) -> None:
-        """Refuses an execution that waits for too long."""
+    def _limit_wait(self, execution: Execution, begun: float, times: int) -> None:
+        over = partial(start_thread, f"limit of {execution.text}", self._wait_over, execution, begun, times)
+        call_when_passed(WAIT_LIMIT, over)  # with a thread: an answer may wait for the knowledge
+
+    def _wait_over(self, execution: Execution, begun: float, times: int) -> None:
+        """Refuses an execution that waits for too long: what is in the way has had the robot's time to end.
+
+        :param begun: when the wait began, s of ROS time.
+        :param times: how many limits of running time it may still last, with the one that has passed.
+        """
+        slow = times > 1 and rospy.get_time() - begun < ON_TIME * WAIT_LIMIT
         with self._changed:
             waits = execution.key in self._executions and execution.key not in self._book.running
-            decisions = self._book.overdue(execution.key) if waits else []
+            decisions = self._book.overdue(execution.key) if waits and not slow else []
+        if waits and slow:
+            self._limit_wait(execution, begun, times - 1)
         self._carry_out(decisions)
 
     def _spawn(self, execution: Execution) -> None:

@@ -3,7 +3,7 @@
 
 import threading
 from functools import partial
-from typing import AbstractSet, Callable, FrozenSet, List, Optional, Sequence, Tuple
+from typing import AbstractSet, Callable, FrozenSet, List, Optional, Sequence, Set, Tuple
 
 import rospy
 from merlin_msgs.msg import DispatchStatus, RunningAction
@@ -26,6 +26,7 @@ from merlin_ros.deadline import Deadline, limit, running_time
 from merlin_ros.publishing import publish
 from merlin_ros.service_proxy import ServiceError, ServiceProxy, ServiceUnavailable
 
+BEGIN_WAIT = 1.0  # s of running time for the first action of a plan that is to be cancelled to be seen
 STATUS_GRACE = 0.5  # s of running time for the dispatcher's status behind its answer
 ANSWER_GRACE = 0.3  # s of running time for an interface's answer behind the end of the dispatch
 ORPHAN_GRACE = 1.0  # s of running time for the actions of a dispatcher that is gone to end
@@ -74,17 +75,14 @@ class DispatchClient:
         self._active = self._cancelling = self._requested = False
         self._ended = True
         self._number = 0  # of the present dispatch
-        self._silent = False  # whether the dispatcher no longer renews the lease of what it carries out
         self._plain = SilentDispatcher(
             self.name, rospy.resolve_name(knowledge_base), self._changed, self._call_cancel, stuck_after
         )
-        self._reporting = ReportingDispatcher(
-            ActionClient(f"{dispatcher}/dispatch_plan_action", NonBlockingDispatchAction)
-        )
+        server = ActionClient(f"{dispatcher}/dispatch_plan_action", NonBlockingDispatchAction)
+        self._reporting = ReportingDispatcher(server)
         self._kind: DispatcherKind = self._plain  # until its first status
-        self._cancel_publisher = rospy.Publisher(
-            f"{dispatcher}/action_dispatch", ActionDispatch, queue_size=1000
-        )
+        actions = f"{dispatcher}/action_dispatch"
+        self._cancel_publisher = rospy.Publisher(actions, ActionDispatch, queue_size=1000)
         for topic, message_class, callback in (
             ("action_dispatch", ActionDispatch, self._receive_dispatch),
             ("action_feedback", ActionFeedback, self._receive_feedback),
@@ -307,7 +305,7 @@ class DispatchClient:
             kind, number = self._kind, self._number
             self._progress = kind.begin(plan)
             self._active = True
-            self._ended = self._cancelling = self._requested = self._silent = False
+            self._ended = self._cancelling = self._requested = False
         answers: List[object] = []
 
         def ended(answer: object) -> None:
@@ -315,7 +313,7 @@ class DispatchClient:
                 if number != self._number:
                     return
                 if isinstance(answer, ClientGoal) and answer.hangs:
-                    self._silent = True  # it has not ended
+                    self._cancelling = True  # it has not ended
                 else:
                     answers.append(answer)
                     self._ended = True
@@ -356,35 +354,35 @@ class DispatchClient:
         # The dispatcher keeps the same deadline and names what did not answer; it gets a moment longer.
         slack = None if patience is None else patience + SLACK
         with self._changed:
-            if self._wait_while_it_runs():
-                rospy.logwarn(f"{self._progress.failed_reason}; the plan is cancelled")
-                self._cancelling = True
-            if self._silent:
-                self._cancelling = True
+            self._wait_while_it_runs()
             if not self._ended and not self._cancelling:
                 grace = Deadline(self._kind.failure_grace(slack))
                 grace.wait(self._changed, lambda: self._ended or self._cancelling)
                 if self._kind.reports and not self._ended and not self._cancelling:
                     return False
                 self._cancelling = True
-            if self._ended:
-                return True
             # ROSPlan's dispatchers lose a cancel that comes before the plan; that of a goal names the goal.
-            takes_cancel = Deadline(patience).wait(
+            begun = Deadline(BEGIN_WAIT if patience is None else min(BEGIN_WAIT, patience)).wait(
                 self._changed, lambda: self._ended or self._kind.started(self._progress)
             )
-            if self._ended or not takes_cancel:
-                return self._ended
-        self._cancel_actions(sent_by.cancel(self._progress))
-        with self._changed:
-            return Deadline(slack).wait(self._changed, lambda: self._ended)
+        goes_on = not self._ended
+        while goes_on:
+            cancelled = self._cancel_actions(sent_by.cancel(self._progress))
+            with self._changed:
+                Deadline(slack).wait(self._changed, partial(self._over, begun, cancelled))
+                goes_on, begun = not self._ended and self._over(begun, cancelled), True
+        return self._ended
 
-    def _wait_while_it_runs(self) -> bool:
-        """Waits, with the lock held, while nothing has failed; returns whether the dispatch stands still."""
+    def _over(self, begun: bool, cancelled: Set[int]) -> bool:
+        """Whether it has ended, or was cancelled before it had begun, and has: that cancel was lost."""
+        return self._ended or not (begun or self._progress.running.keys() <= cancelled)
+
+    def _wait_while_it_runs(self) -> None:
+        """Waits, with the lock held, while nothing has failed; a dispatch that stands still is cancelled."""
         progress = self._progress
 
         def over() -> bool:
-            return self._ended or self._cancelling or self._silent or bool(progress.failed)
+            return self._ended or self._cancelling or bool(progress.failed)
 
         def changed(seen: int) -> bool:
             return over() or progress.messages != seen
@@ -395,8 +393,8 @@ class DispatchClient:
             deadline.wait(self._changed, partial(changed, progress.messages))
             if patience and deadline.expired and progress.patience and not self._kind.reports and not over():
                 progress.stand_still(patience)
-                return True
-        return False
+                rospy.logwarn(f"{progress.failed_reason}; the plan is cancelled")
+                self._cancelling = True
 
     def _stale(self, result: DispatchResult) -> bool:
         """Whether a dispatcher of ROSPlan's ran something else than the plan that was meant."""
@@ -405,9 +403,10 @@ class DispatchClient:
                 return False
             return self._progress.other_plan and not self._kind.reports
 
-    def _cancel_actions(self, actions: Sequence[Action]) -> None:
+    def _cancel_actions(self, actions: Sequence[Action]) -> Set[int]:
         for action in actions:
             publish(self._cancel_publisher, cancel_of(action))
+        return {action.id for action in actions}
 
     def _call_cancel(self) -> bool:
         """Whether the dispatcher took the cancel."""
@@ -493,5 +492,5 @@ class DispatchClient:
         # A restarted dispatcher may lose what it held before while it carries out this plan.
         if not self._watch.goals_of(self._watch.owner(change.goal)):
             with self._changed:
-                self._silent = self._active
+                self._cancelling = self._cancelling or self._active
                 self._changed.notify_all()

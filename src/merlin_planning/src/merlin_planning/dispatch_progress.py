@@ -5,7 +5,20 @@ Pure: messages go in as plain values. :mod:`merlin_planning.dispatch_client` is 
 """
 
 from enum import Enum
-from typing import Any, Callable, Container, Dict, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
+from typing import (
+    Any,
+    Callable,
+    Container,
+    Dict,
+    Iterable,
+    List,
+    Mapping,
+    NamedTuple,
+    Optional,
+    Sequence,
+    Set,
+    Tuple,
+)
 
 PART = "the planning system's plan dispatcher"
 #: Name of a dispatched action that cancels another one, or all of them.
@@ -124,6 +137,7 @@ class DispatchProgress:
         self._stopping = False
         self._taken: Set[int] = set()
         self._early: Dict[int, List[EarlyAnswer]] = {}  # action id -> answers, the first of them TAKEN
+        self._found: Set[int] = set()  # ids of actions that may still be seen to be dispatched
         self._unstopped: List[str] = []
         self._no_retry: Dict[str, str] = {}  # a failed action -> which actions cannot help
         self._counted: Optional[Container[int]] = None  # actions whose failure counts; None: all
@@ -181,12 +195,22 @@ class DispatchProgress:
 
     def dispatched(self, action: Action) -> None:
         """An action was dispatched; what has been answered to it before counts now."""
+        if action.id in self._found:
+            return
         self.messages += 1
         if self._seen is None:
             self._seen = action.ground
         self.running[action.id] = action
         for early in self._early.pop(action.id, []):
             self.answered(action.id, *early)
+
+    def find(self, actions: Iterable[Action]) -> None:
+        """Those of these actions that were missed, and that an interface says it runs, are dispatched."""
+        for action in actions:
+            answers = self._early.get(action.id, ())
+            if len(answers) == 1 and answers[0].plan_id in (0, action.plan_id):
+                self.dispatched(action)
+                self._found.add(action.id)
 
     def answered(
         self, action_id: int, plan_id: int, answer: DispatchAnswer, information: Mapping[str, str]

@@ -16,7 +16,7 @@ from rosplan_dispatch_msgs.srv import DispatchService
 from rosplan_knowledge_msgs.msg import DomainFormula
 from std_msgs.msg import String
 
-from merlin_planning.action_messages import ground_action
+from merlin_planning.action_messages import dispatched_action, ground_action
 from merlin_planning.dispatch_progress import Action, DispatchAnswer, DispatchProgress, Ground, ground
 from merlin_planning.dispatcher_kind import DispatcherKind
 from merlin_ros.deadline import Deadline, limit
@@ -111,6 +111,7 @@ class SilentDispatcher(DispatcherKind):
         self._announced: Dict[str, None] = {}  # operators, the one that is silent for longest first
         self._drawn: Optional[List[Ground]] = None  # the plan that the dispatcher has received last
         self._subscriber: Optional[rospy.Subscriber] = None
+        self._plan: Sequence[ActionDispatch] = ()  # of the present dispatch
         self._takers: Set[str] = set()  # operators whose interfaces say when they take an action
         rospy.Subscriber(f"{knowledge_base}/pddl_action_parameters", DomainFormula, self._receive_interface)
 
@@ -120,6 +121,7 @@ class SilentDispatcher(DispatcherKind):
 
     def begin(self, plan: Sequence[ActionDispatch]) -> DispatchProgress:
         """Nothing is remembered of an earlier dispatch."""
+        self._plan = plan
         return PlainProgress(self._stuck_after, ground_action(plan[0]) if plan else None, self._takers)
 
     def wait(self, plan: Sequence[ActionDispatch], interrupted: Callable[[], bool]) -> str:
@@ -150,6 +152,7 @@ class SilentDispatcher(DispatcherKind):
     def cancel(self, progress: DispatchProgress) -> Sequence[Action]:
         """Calls the service for it; the simple dispatcher passes it on to no action."""
         with self._changed:
+            progress.find(map(dispatched_action, self._plan))
             running = list(progress.running.values())
         self._call_cancel()
         return running

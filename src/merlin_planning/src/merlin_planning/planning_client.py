@@ -23,7 +23,15 @@ from std_srvs.srv import Empty
 from merlin_ros.actions.action_client import ActionClient
 from merlin_ros.deadline import Deadline
 from merlin_ros.late_topics import subscribe
-from merlin_ros.master.master_link import ERRORS, MasterSilent, bounded_master, get_param, lost, silent
+from merlin_ros.master.master_link import (
+    ERRORS,
+    MasterSilent,
+    bounded_master,
+    get_param,
+    lost,
+    master_answers,
+    silent,
+)
 from merlin_ros.service_proxy import ServiceError, ServiceProxy, ServiceUnavailable
 from merlin_ros.work.threads import start_thread
 
@@ -247,6 +255,8 @@ class PlanningClient:
         """
         wishes = bool(without or deadlines) or after is not None
         client = self._client_for(wishes)
+        if client is None:
+            return PlanningResult(Planned.ERROR, f"{MASTER} does not answer", gone=True)
         if not client.alive and not client.wait_for_server(HAND_OVER):
             if wishes and self._client.alive:
                 what = "plan with deadlines" if deadlines else "plan from where actions end"
@@ -295,10 +305,11 @@ class PlanningClient:
             )
         return self._preview(**fields)
 
-    def _client_for(self, wishes: bool) -> ActionClient:
+    def _client_for(self, wishes: bool) -> Optional[ActionClient]:
+        """None: it would be made only now, and rospy waits without end for a master that is gone."""
         if not wishes:
             return self._client
-        if self._without is None:  # seldom wanted
+        if self._without is None and master_answers():  # seldom wanted
             self._without = ActionClient(f"{self._planner}/plan_without", PlanWithoutAction)
         return self._without
 

@@ -4,7 +4,7 @@
 from typing import Any, List, Optional
 
 import pytest
-from chaos.faults import NONE, SIGNAL, Fault
+from chaos.faults import CANCEL_AHEAD, EXECUTE, NONE, SIGNAL, Fault
 from chaos.judging import events
 from chaos.judging.events import Event
 from chaos.judging.evidence import JOINED, REQUEST, Evidence
@@ -80,6 +80,17 @@ def test_one_that_ends_by_the_cancel_of_another_one_is_seen(label: str, other: s
     name = "first" if label == REQUEST else label
     found = story.told(12.6, other).violations()
     assert [each.startswith(f"the {name} request is cancelled") for each in found] == [True]
+
+
+@pytest.mark.parametrize(
+    ("action", "at", "blamed"), [(EXECUTE, 10.5, 0), (EXECUTE, 9.5, 2), ("move_base", 10.5, 3)]
+)
+def test_a_cancel_with_a_stamp_is_for_each_that_was_sent_before(action: str, at: float, blamed: int) -> None:
+    story = Story(Fault("ahead", CANCEL_AHEAD, on=action), driven_until=10.4)
+    for label in (REQUEST, *JOINED):
+        story.told(10.6 if label == REQUEST else at, label, "CANCELLED", BY_CLIENT)
+    found = [each for each in story.violations() if "its client has not done that" in each]
+    assert len(found) == blamed
 
 
 def test_one_that_is_late_without_a_deadline_is_seen() -> None:

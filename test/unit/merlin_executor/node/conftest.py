@@ -26,7 +26,8 @@ def leave_limit() -> float:
 def bench(
     robot: Robot, leave_limit: float, tmp_path: Any, monkeypatch: pytest.MonkeyPatch
 ) -> Iterator[Bench]:
-    monkeypatch.setattr("merlin_sm.states.planning.master_answers", lambda: True)
+    for module in ("merlin_sm.states.planning", "merlin_executor.node.plan_revision"):
+        monkeypatch.setattr(f"{module}.master_answers", lambda *_: True)
     monkeypatch.setattr(rospy.Time, "now", lambda: rospy.Time(1))
     for level in ("loginfo", "logwarn", "logerr", "logerr_throttle_identical"):
         monkeypatch.setattr(rospy, level, lambda *_: None)

@@ -19,9 +19,7 @@ from merlin_sm.states import planning
 
 
 def test_a_newcomer_joins_in_mid_drive_and_the_drive_goes_on(bench: Bench, robot: Robot) -> None:
-    first = bench.driving("(checked kitchen)")
-    second = bench.send("(checked bath)")
-    bench.members(first, second)
+    first, second = bench.joined()
     assert robot.cancelled == [] and robot.began == ["(drive hall kitchen)"]
     assert [text(step) for step in second.plan][0] == "(drive hall kitchen)"
     assert robot.end_action() and robot.end_action()
@@ -82,9 +80,7 @@ def test_the_new_plan_begins_behind_all_that_runs(bench: Bench, robot: Robot) ->
 
 
 def test_the_drive_of_the_other_one_goes_on_when_one_is_cancelled(bench: Bench, robot: Robot) -> None:
-    first = bench.driving("(checked kitchen)")
-    second = bench.send("(checked bath)")
-    bench.members(first, second)
+    first, second = bench.joined()
     bench.cancel(second)
     assert end(second)[1:] == ("CANCELLED", "cancelled by its client")
     assert robot.cancelled == [] and robot.stored == ["(checked kitchen)"]
@@ -97,9 +93,7 @@ def test_the_drive_of_the_other_one_goes_on_when_one_is_cancelled(bench: Bench, 
 def test_what_the_others_need_is_asked_once_more_when_the_planner_does_not_say(
     bench: Bench, robot: Robot, state: int, times: int
 ) -> None:
-    first = bench.driving("(checked kitchen)")
-    second = bench.send("(checked bath)")
-    bench.members(first, second)
+    first, second = bench.joined()
     robot.unknown = [state] * times
     bench.cancel(second)
     assert end(second)[1:] == ("CANCELLED", "cancelled by its client") and robot.unknown == []
@@ -109,9 +103,7 @@ def test_what_the_others_need_is_asked_once_more_when_the_planner_does_not_say(
 
 
 def test_a_drive_that_only_the_cancelled_one_needs_is_stopped(bench: Bench, robot: Robot) -> None:
-    first = bench.driving("(checked kitchen)")
-    second = bench.send("(checked bath)")
-    bench.members(first, second)
+    first, second = bench.joined()
     bench.cancel(first)
     assert end(first)[1] == "CANCELLED" and robot.cancelled == ["(drive hall kitchen)"]
     bench.carry_on(second)
@@ -218,14 +210,25 @@ def test_what_hangs_keeps_neither_the_run_nor_its_cancel(bench: Bench, robot: Ro
 def test_one_that_leaves_stops_the_run_when_there_is_no_other_plan_in_time(
     bench: Bench, robot: Robot, hanging: str
 ) -> None:
-    first = bench.driving("(checked kitchen)")
-    second = bench.send("(checked bath)")
-    bench.members(first, second)
+    first, second = bench.joined()
     robot.hanging = hanging
     bench.cancel(second)
     robot.wait(lambda: robot.cancelled == ["(drive hall kitchen)"])
     robot.answer()
     assert end(second)[1] == "CANCELLED"
+    bench.carry_on(first)
+    assert end(first)[1] == "SUCCEEDED"
+
+
+def test_one_that_leaves_asks_for_no_plan_without_a_master(
+    bench: Bench, robot: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first, second = bench.joined()
+    robot.hanging = "preview"
+    monkeypatch.setattr(plan_revision, "master_answers", lambda *_: False)
+    bench.cancel(second)
+    assert end(second)[1] == "CANCELLED" and not robot.hangs.is_set()
+    assert robot.cancelled == ["(drive hall kitchen)"]
     bench.carry_on(first)
     assert end(first)[1] == "SUCCEEDED"
 
@@ -257,9 +260,7 @@ def test_what_hangs_for_a_newcomer_does_not_keep_a_leave_from_its_limit(
 ) -> None:
     for module, name in ((planning, "CALL_GRACE"), (plan_revision, "JOIN_LIMIT")):
         monkeypatch.setattr(module, name, 10 * LONG)
-    first = bench.driving("(checked kitchen)")
-    second = bench.send("(checked bath)")
-    bench.members(first, second)
+    first, second = bench.joined()
     robot.hanging = "generate_problem"
     third = bench.send("(checked attic)")
     assert robot.hangs.wait(LONG)
@@ -278,9 +279,7 @@ def test_the_limit_of_a_leave_counts_from_its_cancel(
     monkeypatch.setattr(plan_revision, "monotonic", lambda: now[0])
     for module, name in ((planning, "CALL_GRACE"), (plan_revision, "JOIN_LIMIT")):
         monkeypatch.setattr(module, name, 10 * LONG)
-    first = bench.driving("(checked kitchen)")
-    second = bench.send("(checked bath)")
-    bench.members(first, second)
+    first, second = bench.joined()
     robot.hanging = "generate_problem"
     third = bench.send("(checked attic)")
     assert robot.hangs.wait(LONG)
@@ -296,9 +295,7 @@ def test_the_limit_of_a_leave_counts_from_its_cancel(
 def test_an_error_of_its_own_stops_the_run(
     bench: Bench, robot: Robot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    first = bench.driving("(checked kitchen)")
-    second = bench.send("(checked bath)")
-    bench.members(first, second)
+    first, second = bench.joined()
     monkeypatch.setattr(PlanRevision, "run", lambda *_: 1 / 0)
     bench.cancel(second)
     robot.wait(lambda: robot.cancelled == ["(drive hall kitchen)"])
@@ -311,9 +308,7 @@ def test_a_cancel_of_all_waits_for_no_preview(
     bench: Bench, robot: Robot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(planning, "CALL_GRACE", 10 * LONG)
-    first = bench.driving("(checked kitchen)")
-    second = bench.send("(checked bath)")
-    bench.members(first, second)
+    first, second = bench.joined()
     robot.hanging = "preview"
     bench.cancel(second)
     assert robot.hangs.wait(LONG)
@@ -325,9 +320,7 @@ def test_where_all_leave_at_once_no_plan_is_looked_for(
     bench: Bench, robot: Robot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(plan_revision, "GATHER", LONG)
-    first = bench.driving("(checked kitchen)")
-    second = bench.send("(checked bath)")
-    bench.members(first, second)
+    first, second = bench.joined()
     robot.hanging = "preview"
     for request in (first, second):
         bench.cancel(request)
@@ -336,9 +329,7 @@ def test_where_all_leave_at_once_no_plan_is_looked_for(
 
 
 def test_who_leaves_is_answered_when_what_ran_for_it_has_stopped(bench: Bench, robot: Robot) -> None:
-    first = bench.driving("(checked kitchen)")
-    second = bench.send("(checked bath)")
-    bench.members(first, second)
+    first, second = bench.joined()
     robot.slow_to_stop = True
     with robot.changed:  # a second robot works for the other one
         robot.under_way.append(
@@ -356,9 +347,7 @@ def test_who_leaves_is_answered_when_what_ran_for_it_has_stopped(bench: Bench, r
 def test_the_limit_of_a_leave_is_one_for_its_plan_and_not_for_what_stops_slowly(
     bench: Bench, robot: Robot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    first = bench.driving("(checked kitchen)")
-    second = bench.send("(checked bath)")
-    bench.members(first, second)
+    first, second = bench.joined()
     robot.slow_to_stop = True
     with robot.changed:
         robot.under_way.append(
@@ -388,9 +377,7 @@ def test_the_limit_of_a_leave_is_one_for_its_plan_and_not_for_what_stops_slowly(
 
 
 def test_who_leaves_is_not_cancelled_when_what_ran_for_it_does_not_stop(bench: Bench, robot: Robot) -> None:
-    first = bench.driving("(checked kitchen)")
-    second = bench.send("(checked bath)")
-    bench.members(first, second)
+    first, second = bench.joined()
     robot.slow_to_stop = True
     with robot.changed:
         robot.under_way.append(
@@ -410,9 +397,7 @@ def test_who_leaves_is_not_cancelled_when_what_ran_for_it_does_not_stop(bench: B
 def test_one_that_leaves_is_cancelled_when_the_base_does_not_move_for_it(
     bench: Bench, robot: Robot, moves_on: bool
 ) -> None:
-    first = bench.driving("(checked kitchen)")
-    second = bench.send("(checked bath)")
-    bench.members(first, second)
+    first, second = bench.joined()
     with robot.changed:  # a second robot works for the other one
         robot.under_way.append(
             RunningAction(action_id=1000, name="check", parameters=[KeyValue("room", "bath")])

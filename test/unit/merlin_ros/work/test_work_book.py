@@ -42,6 +42,15 @@ def test_it_does_not_wait_for_ever() -> None:
     assert book.end(FIRST) == []
 
 
+def test_each_one_in_the_way_has_the_limit_to_end() -> None:
+    book = in_turn()
+    for key in (FIRST, SECOND, (1, 2)):
+        book.arrive(key)
+    assert book.end(FIRST) == [Decision(Step.RUN, SECOND)]
+    assert book.overdue((1, 2)) == [Decision(Step.WAIT, (1, 2))]
+    assert [each.what for each in book.overdue((1, 2))] == [Step.REFUSE]
+
+
 def test_what_waits_does_not_grow_without_end() -> None:
     book = in_turn()
     book.arrive(FIRST)

@@ -2,8 +2,8 @@
 """Exchanges the plan of a run while its actions go on: for newcomers that join, and for one that leaves.
 
 For newcomers the new plan follows all that runs. When one leaves, those of the running actions go on that a
-plan for the others would have, too; where that are none, the run is stopped and planned again. A leave ends
-the look for a plan with newcomers, which are tried again behind it.
+plan for the others would have, too; where that are none, or no plan can be asked for, the run is stopped and
+planned again. A leave ends the look for a plan with newcomers, which are tried again behind it.
 """
 
 import threading
@@ -23,9 +23,10 @@ from merlin_executor.node.own_goals import OwnGoals
 from merlin_executor.node.request import Request, goals_of
 from merlin_pddl.text_reader import shortened
 from merlin_planning.knowledge_text import action_text, to_pddl
-from merlin_planning.planning_client import Planned, StageError
+from merlin_planning.planning_client import MASTER, Planned, StageError
 from merlin_ros.alarms import call_later
 from merlin_ros.call_scope import CallScope
+from merlin_ros.master.master_link import master_answers
 from merlin_ros.work.threads import CallQueue, failure_text
 from merlin_sm.states.merlin_state import SUCCEEDED
 from merlin_sm.states.planning import CALL_GRACE, PlanningState
@@ -37,6 +38,7 @@ JOIN_LIMIT = 10.0  # s of wall time for a plan with newcomers; then they wait
 TOO_LONG = "no plan for all was found in time"
 TOO_LATE = "its deadline is before the end of what runs"
 TRIES = 2
+MASTER_LOOK = 0.3  # s of wall time for the master to answer before a leave asks for a plan
 GATHER = 0.02  # s of wall time for others to leave, too: where all do, nothing is to be planned
 
 
@@ -82,7 +84,7 @@ class PlanRevision(PlanningState):
             self._calls_put(self._work)
             return True
         if self._run.request in leaving:  # its client may end before it has left: nothing would move then
-            self._dispatcher.hand_over(left[0].goal.id)
+            self._dispatcher.hand_over(left[-1].goal.id)  # which leaves last where all do, one by one
         with self._turn:
             for request in leaving:
                 self._leave_by.setdefault(request.goal.id, monotonic() + self._system.leave_limit)
@@ -160,6 +162,9 @@ class PlanRevision(PlanningState):
         limit = self._left_to_leave() if parts else JOIN_LIMIT
         alarm = call_later(limit, partial(self._limits.put, self._late, wanted))
         try:
+            if parts and not master_answers(MASTER_LOOK):
+                self.given_up = True
+                raise StageError(f"{MASTER} does not answer", gone=True)
             # A plan that is parsed before would be taken for the one that is to be dispatched.
             self._wait_for(lambda: self.preempt_requested() or self._dispatcher.begun)
             dropped = self._exchange(wanted, parts)
@@ -167,7 +172,7 @@ class PlanRevision(PlanningState):
             if not parts:
                 with CallScope(CALL_GRACE):
                     self._run.expect([])
-            return self.fail(str(error))
+            return self.fail_stage(error) if isinstance(error, StageError) else self.fail(str(error))
         finally:
             alarm.cancel()
         ids = {each.action_id for each in dropped}

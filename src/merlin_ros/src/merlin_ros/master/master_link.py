@@ -191,10 +191,13 @@ def hasten_registration() -> None:
     RegManager.run, ROSHandler._is_registered = tell_and_run, wait_registered
 
 
-def master_answers() -> bool:
-    """Whether there is a master."""
+def master_answers(timeout: float = MASTER_TIMEOUT) -> bool:
+    """Whether there is a master.
+
+    :param timeout: longest wait for it, s of wall time.
+    """
     try:
-        bounded_master().getPid()
+        bounded_master(timeout).getPid()
     except ERRORS:
         return False
     return True

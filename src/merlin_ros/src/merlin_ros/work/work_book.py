@@ -7,7 +7,7 @@ Pure and not thread-safe: the owner's lock is held around each call, and decisio
 """
 
 from enum import Enum
-from typing import Any, Dict, Generic, Hashable, List, NamedTuple, Optional, TypeVar
+from typing import Any, Dict, Generic, Hashable, List, NamedTuple, Optional, Set, TypeVar
 
 #: Work that waits in turn at most.
 WAITING = 1000
@@ -31,7 +31,7 @@ class Step(Enum):
 
     RUN = "run"
     WAIT = "wait"
-    """Where a wait has a limit: call :meth:`WorkBook.overdue` when it has passed."""
+    """Where a wait for an end has a limit: call :meth:`WorkBook.overdue` when it has passed."""
     STOP = "stop"
     """Likewise where a stop has one."""
     REFUSE = "refuse"
@@ -52,6 +52,7 @@ class _Work(Generic[K]):
     def __init__(self, key: K, lane: str, batch: int) -> None:
         self.key, self.lane, self.batch = key, lane, batch
         self.stops = False
+        self.behind: Set[K] = set()  # what has run in the lane since its wait, or the limit of that, began
 
 
 class WorkBook(Generic[K]):
@@ -104,6 +105,7 @@ class WorkBook(Generic[K]):
         if len(self._waiting) > WAITING:
             self._waiting.remove(work)
             return [Decision(Step.REFUSE, key, f"{WAITING} wait already; no more may")]
+        work.behind = self._running_in(lane)
         decisions = [Decision(Step.WAIT, key)]
         for other in self._running.values():
             if other.lane == lane and other.batch != batch:
@@ -131,8 +133,16 @@ class WorkBook(Generic[K]):
         return [decision for key in keys for decision in self.cancel(key, reason)]
 
     def overdue(self, key: K) -> List[Decision]:
-        """The limit for what waits, or for what has to stop, has passed."""
-        if self._leave(key):
+        """The limit for what waits, or for what has to stop, has passed.
+
+        What waits goes on waiting where something that was in the way has ended: others wait before it.
+        """
+        work = next((each for each in self._waiting if each.key == key), None)
+        if work is not None:
+            before, work.behind = work.behind, self._running_in(work.lane)
+            if not before <= work.behind:
+                return [Decision(Step.WAIT, key)]
+            self._waiting.remove(work)
             return [Decision(Step.REFUSE, key, STUCK)]
         if key not in self._running or not self._running[key].stops:
             return []
@@ -142,8 +152,11 @@ class WorkBook(Generic[K]):
         """What runs has ended."""
         return [] if self._running.pop(key, None) is None else self._promote()
 
+    def _running_in(self, lane: str) -> Set[K]:
+        return {work.key for work in self._running.values() if work.lane == lane}
+
     def _free(self, lane: str) -> bool:
-        return not self._room or sum(work.lane == lane for work in self._running.values()) < self._room
+        return not self._room or len(self._running_in(lane)) < self._room
 
     def _promote(self) -> List[Decision]:
         """Runs what has waited, the oldest of a lane first."""

@@ -40,7 +40,8 @@ class PlanningState(MerlinState):
         self.gone = False
         with CallScope() as self._calls:
             outcome = super().execute(userdata)
-        if outcome in (ABORTED, FAILED) and not self.preempt_requested() and not master_answers():
+        failed = outcome in (ABORTED, FAILED) and not self.preempt_requested()
+        if failed and not self.gone and not master_answers():
             self.gone = True  # whatever part it was that failed, none works without a master
         if outcome == ABORTED and self._calls.gave_up:
             self.service_preempt()
