@@ -5,7 +5,9 @@ Those whose name ends in ``_long`` are marked as long.
 """
 
 import contextlib
+import fcntl
 import gc
+import itertools
 import os
 import re
 import shutil
@@ -133,9 +135,11 @@ class RosTestItem(pytest.Item):
     """Runs one rostest suite in a session of its own and fails with what it printed."""
 
     def runtest(self) -> None:
-        """Runs the suite; whatever it leaves behind is killed."""
-        home = Path(self.config.rootpath) / "results" / "test" / self.name
-        home.mkdir(parents=True, exist_ok=True)
+        """Runs the suite in a folder of its own; whatever it leaves behind is killed."""
+        with _own(Path(self.config.rootpath) / "results" / "test" / self.name) as home:
+            self._run(home)
+
+    def _run(self, home: Path) -> None:
         env = dict(os.environ, ROS_HOME=str(home), ROS_LOG_DIR=str(home / "log"))
         env[processes.MARK] = f"{os.getpid()}.{self.name}"
         env.pop("ROS_MASTER_URI", None)
@@ -176,6 +180,21 @@ class RosTestItem(pytest.Item):
     def reportinfo(self) -> tuple:
         """Where the suite is."""
         return self.path, None, f"rostest {self.path.name}"
+
+
+@contextlib.contextmanager
+def _own(wanted: Path) -> Iterator[Path]:
+    """The folder of a suite; while another run has it, one beside it, ``<suite>.2``."""
+    for number in itertools.count(1):
+        folder = wanted if number == 1 else wanted.with_name(f"{wanted.name}.{number}")
+        folder.mkdir(parents=True, exist_ok=True)
+        with (folder / "in_use").open("w") as lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                continue
+            yield folder
+            return
 
 
 def _read(results: Path) -> Tuple[int, List[str]]:

@@ -7,11 +7,13 @@ import unittest
 import rospy
 from actionlib_msgs.msg import GoalStatus
 from move_base_msgs.msg import MoveBaseActionGoal, MoveBaseActionResult
+from rosplan_dispatch_msgs.msg import ActionDispatch
 from sound_play.msg import SoundRequestActionGoal
 
 import rostest
 from merlin_executor.executor_client import MerlinExecutorClient, outcome_name
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
+from merlin_test.held_drives import HeldDrives
 from merlin_test.knowledge_fixture import LONG, Received
 
 
@@ -21,14 +23,21 @@ class Naive(unittest.TestCase):
         goals = Received("move_base/goal", MoveBaseActionGoal)
         results = Received("move_base/result", MoveBaseActionResult)
         sentences = Received("sound_play/goal", SoundRequestActionGoal)
+        dispatches = Received("rosplan_plan_dispatcher/action_dispatch", ActionDispatch)
+        drives = HeldDrives()
+        self.addCleanup(drives.end)
         self.assertTrue(client.wait_for_executor(LONG))
         first = client.execute("(checked bathroom)", LONG)
         self.assertEqual(outcome_name(first.outcome), "SUCCEEDED", first.reason)
         earlier = goals.wait(lambda _: True)
         sentences.wait(lambda _: True)
+        drives.hold()
         request = client.send("(checked kitchen)")
         drive = goals.wait(lambda goal: goal.goal_id.id != earlier.goal_id.id).goal_id.id
+        drives.wait_driving()
         request.cancel()
+        dispatches.wait(lambda dispatch: dispatch.name == "cancel_action")
+        drives.end()
         self.assertTrue(request.wait(LONG))
         self.assertEqual(outcome_name(request.result.outcome), "CANCELLED", request.result.reason)
         ended = results.wait(lambda result: result.status.goal_id.id == drive)

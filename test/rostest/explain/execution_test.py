@@ -176,7 +176,7 @@ class ExecutionQuestions(unittest.TestCase):
         """Waits until the monitor hears of the machines' states: what comes before is not recorded."""
         end = time.monotonic() + LONG
         while True:
-            published = bounded_master().getSystemState()[0]
+            published = bounded_master(LONG).getSystemState()[0]
             topics = [
                 name for name, nodes in published if name.endswith("container_status") and HOST in nodes
             ]

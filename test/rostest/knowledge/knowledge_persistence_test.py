@@ -71,19 +71,18 @@ def texts(service):
 
 class KnowledgePersistenceTest(unittest.TestCase):
     def restart(self, how):
-        """Ends the node; roslaunch starts it again. Returns how long the old one took to be gone, s."""
+        """Ends the node; roslaunch starts it again."""
         old = pid()
         start = time.monotonic()
         os.kill(old, how)
         while os.path.exists(f"/proc/{old}"):
             self.assertLess(time.monotonic() - start, LONG)
             time.sleep(0.01)
-        gone = time.monotonic() - start
         while True:
             with contextlib.suppress(OSError, rospy.ROSException, rospy.ServiceException):
                 if pid() != old:
                     call(f"{KB}/state/goals", GetAttributeService, "")
-                    return gone
+                    return
             self.assertLess(time.monotonic() - start, LONG)
             time.sleep(0.05)
 
@@ -155,7 +154,7 @@ class KnowledgePersistenceTest(unittest.TestCase):
 
     def test_a_signal_ends_the_node(self):
         call(f"{KB}/state/goals", GetAttributeService, "")
-        self.assertLess(self.restart(signal.SIGTERM), 2.0 + 8.0)  # 2 s on a machine that does nothing else
+        self.restart(signal.SIGTERM)
 
     def second(self, path, *words):
         """A knowledge base of another name; it has to end. Returns what it says."""

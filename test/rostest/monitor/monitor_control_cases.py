@@ -15,7 +15,6 @@ from std_srvs.srv import Trigger
 from merlin_executor.executor_client import outcome_name
 from merlin_test.node_path import node_path
 
-#: Takes long enough for a slow browser to find and press a button meanwhile.
 LONG_GOAL = "(and (checked kitchen) (checked bathroom) (checked dorm_room) (checked main_door))"
 STATE_BREAKPOINTS = "merlin_fsm_host/state_breakpoints"
 
@@ -127,12 +126,14 @@ class ControlCases(PageCases):
         )
         page.keyboard.press("Escape")
         page.fill("#goal", LONG_GOAL)
+        self.drives.hold()
         page.get_by_role("button", name="Send goal").click()
         visit.wait_text("#control-said", "Sent as")
         visit.wait("() => document.getElementById('goal').value === ''")
         self.assertTrue(self.status.wait(lambda s: s.running and "(checked dorm_room)" in " ".join(s.goals)))
         self.assertEqual(self.status.message.by, OPERATOR)
         visit.wait_text("#now-because", f"asked for by {OPERATOR}")
+        self.drives.wait_driving()
         page.fill("#goal", "(robot_at main_door)")  # while the robot drives it is nowhere
         page.click("#plan-only")
         visit.wait_text("#preview .left-out", "Begins when this has ended: ")

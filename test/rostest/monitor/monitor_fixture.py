@@ -14,6 +14,7 @@ from merlin_executor.executor_client import MerlinExecutorClient
 from merlin_executor.mission.goal_dispatcher import GoalDispatcher
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 from merlin_test.chromium import Visit, chromium
+from merlin_test.held_drives import HeldDrives
 
 TOKEN = "token of the test"
 OPERATOR = "Ana"
@@ -53,6 +54,7 @@ class PageCases(unittest.TestCase):
         cls.guard = Latest("merlin/guard", GuardStatus)
         cls.changes = Latest(f"{KB}/changes", KnowledgeChanges)
         assert cls.status.wait(lambda status: status.state == ExecutorStatus.IDLE), "no status"
+        cls.drives = HeldDrives()  # a drive lasts until the page, however slow, has shown it or stopped it
         cls.monitor = Monitor()
         cls.monitor.start({OPERATOR: TOKEN})
         cls.stack = contextlib.ExitStack()
@@ -64,6 +66,7 @@ class PageCases(unittest.TestCase):
         cls.monitor.stop()
 
     def setUp(self):
+        self.addCleanup(self.drives.end)
         self.visits = []
         for poi in ("kitchen", "bathroom", "dorm_room", "main_door"):
             self.knowledge.remove_facts(f"(checked {poi})")

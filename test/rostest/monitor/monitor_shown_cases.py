@@ -21,7 +21,6 @@ from smach_msgs.msg import SmachContainerStatus, SmachContainerStructure
 
 from merlin_monitor.text.phrase import in_english
 from merlin_monitor.text.wording import Wording
-from merlin_test.held_drives import HeldDrives
 
 HOSTILE = '<img src=x onerror="window.pwned=1"><script>window.pwned=1</script>\'";alert(1)//'
 
@@ -40,9 +39,7 @@ class ShownCases(PageCases):
     def test_1_the_page_says_what_the_topics_say_throughout_a_mission(self):
         visit = self.visit()
         visit.wait_text("#knowledge-list", "travel time of kitchen, bathroom")
-        drives = HeldDrives()  # a drive takes until the page has shown it
-        self.addCleanup(drives.end)
-        drives.hold()
+        self.drives.hold()
         _, thread, ended = self.start_round()
         agreed = set()
         while self.status.wait(lambda status: bool(status.running) or ended) and not ended:
@@ -66,7 +63,7 @@ class ShownCases(PageCases):
                 # The page hears of the mission by another topic, at first perhaps later.
                 if said.items() <= shown.items() and "Round, task" in shown.get("mission", ""):
                     if action.name == "navigate" and wanted not in agreed:
-                        drives.hold()  # the next one
+                        self.drives.hold()  # the next one
                     agreed.add(wanted)
                     break
                 self.assertLess(time.monotonic(), end, f"{shown} is not {said}")

@@ -54,6 +54,7 @@ class Fleet(unittest.TestCase):
         self.processes = {}
         self.learned = set()  # points that r1 has got from the fleet
         self.guard = ""  # why r2's guard holds the base; empty: it does not
+        self.since = rospy.Time()  # when it began to
         rospy.Subscriber("/diagnostics", DiagnosticArray, self.take_health)
         results = []
         for robot in ROBOTS:
@@ -72,6 +73,7 @@ class Fleet(unittest.TestCase):
     def take_guard(self, message):
         with self.changed:
             self.guard = message.reason if message.state == GuardStatus.STOPPED else ""
+            self.since = message.since
             self.changed.notify_all()
 
     def take_status(self, message, robot):
@@ -173,9 +175,11 @@ class Fleet(unittest.TestCase):
         self.addCleanup(release)
         self.until_shown(page, lambda robot: robot["joined"])
         done, said = self.press_stop(page)
+        when = rospy.Time.now()
         self.assertRegex(said, r"^r2 stands: the base is held by a visitor at 127\.0\.0\.1")
         self.assertTrue(done)
-        self.assertIn("a visitor at 127.0.0.1", self.guard, "it stands when this is said, not later")
+        self.until(lambda: "a visitor at 127.0.0.1" in self.guard, "the guard holds the base")
+        self.assertLess(self.since, when, "it stands when this is said, not later")
         self.until_shown(page, lambda robot: robot["hold"] and robot["stop"] is None)
         self.assertTrue(release().success)
         self.until_shown(page, lambda robot: not robot["hold"])

@@ -7,7 +7,6 @@ import unittest
 
 import rospy
 from merlin_msgs.msg import KnowledgeChanges, RobotWay
-from move_base_msgs.msg import MoveBaseActionGoal
 from rosplan_dispatch_msgs.msg import ActionDispatch
 
 import rostest
@@ -15,6 +14,7 @@ from merlin_executor.executor_client import MerlinExecutorClient, outcome_name
 from merlin_ros.publishing import OnSubscriber
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 from merlin_test.announced_interfaces import wait_for_interfaces
+from merlin_test.held_drives import HeldDrives
 from merlin_test.topic_links import wait_for_publishers
 
 LONG = 60.0
@@ -25,33 +25,26 @@ class StoppedRobot(unittest.TestCase):
     def setUp(self):
         self.changed = threading.Condition()
         self.dispatched = []
-        self.drives = 0  # of robot_1
         self.knowledge = MerlinROSPlanAssistant()
         heard = threading.Event()
         notice = OnSubscriber(lambda _: heard.set())
         self.ways = rospy.Publisher("/robot_ways", RobotWay, notice, queue_size=10)
         rospy.Subscriber("rosplan_knowledge_base/changes", KnowledgeChanges, self.wake, tcp_nodelay=True)
-        heard_of = [
-            rospy.Subscriber(
-                "rosplan_plan_dispatcher/action_dispatch", ActionDispatch, self.note, tcp_nodelay=True
-            ),
-            rospy.Subscriber("/robot_1/move_base/goal", MoveBaseActionGoal, self.count, tcp_nodelay=True),
-        ]
+        dispatches = rospy.Subscriber(
+            "rosplan_plan_dispatcher/action_dispatch", ActionDispatch, self.note, tcp_nodelay=True
+        )
+        self.drives = HeldDrives("robot_1")
+        self.addCleanup(self.drives.end)
         wait_for_interfaces("navigate", "line_up")
         self.client = MerlinExecutorClient()
         self.assertTrue(self.client.wait_for_executor(LONG))
         self.assertTrue(heard.wait(LONG), "the bridges follow the ways")
-        wait_for_publishers(*heard_of)
+        wait_for_publishers(dispatches)
         for robot in ROBOTS:
             self.assertTrue(self.until(lambda robot=robot: self.knowledge.holds(f"(available {robot})")))
 
     def wake(self, _):
         with self.changed:
-            self.changed.notify_all()
-
-    def count(self, _):
-        with self.changed:
-            self.drives += 1
             self.changed.notify_all()
 
     def note(self, dispatch):
@@ -78,11 +71,12 @@ class StoppedRobot(unittest.TestCase):
         way = RobotWay(robot="robot_1", radius=0.2)
         way.pose.position.x, way.pose.position.y = 4.5, 4.5  # 0.4 m from table_4
         self.ways.publish(way)  # the bridges have it long before a plan is made and its drive begun
+        self.drives.hold()
         request = self.client.send("(robot_at robot_1 table_5)")
         self.assertTrue(self.until(lambda: "navigate robot_1 anywhere table_5" in self.dispatched))
         self.assertTrue(self.until(lambda: not self.knowledge.holds("(robot_at robot_1 anywhere)")))
         # Cancelled before its state machine begins, the drive has not begun: the robot is where it was.
-        self.assertTrue(self.until(lambda: self.drives))
+        self.drives.wait_driving()
         request.cancel()
         self.assertTrue(request.wait(LONG))
         self.assertTrue(self.knowledge.holds("(robot_at robot_1 table_4)"))

@@ -21,6 +21,7 @@ import rostest
 from merlin_ros.service_proxy import ServiceProxy
 
 LONG = 120.0  # s of wall time
+SLOW = 0.25  # real-time factor that a machine with much else to do reaches, too
 ODOMETRY_PERIOD = 50_000_000  # ns
 
 
@@ -166,14 +167,16 @@ class Simulator(unittest.TestCase):
         self.assertTrue(change(1000.0).success)
         told = health.wait(lambda m: any("reaches factor" in status.message for status in m.status))
         self.assertEqual(told.status[0].name, "merlin_sim: world")
-        self.assertTrue(change(1.0).success)
+        self.assertTrue(change(SLOW).success)
         health.wait(lambda m: m.status[0].name == "merlin_sim: world" and m.status[0].level == 0)
 
     def test_the_factor_changes_and_nonsense_is_refused(self):
         change = ServiceProxy("/merlin_sim/set_real_time_factor", SetRealTimeFactor)
         self.addCleanup(change, 4.0)
-        self.assertTrue(change(1.0).success)
-        self.status.wait(lambda m: m.requested_factor == 1.0 and 0.9 < m.achieved_factor < 1.1)
+        self.assertTrue(change(SLOW).success)
+        self.status.wait(
+            lambda m: m.requested_factor == SLOW and 0.9 < m.achieved_factor / m.requested_factor < 1.1
+        )
         for nonsense in (-1.0, float("nan"), float("inf")):
             answer = change(nonsense)
             self.assertFalse(answer.success)

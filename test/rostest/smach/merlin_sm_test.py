@@ -5,7 +5,6 @@ import threading
 import unittest
 
 import rospy
-from geometry_msgs.msg import Twist
 from sound_play.msg import SoundRequestActionGoal
 from std_msgs.msg import String
 from std_srvs.srv import Trigger, TriggerResponse
@@ -16,7 +15,8 @@ from merlin_planning.knowledge_text import PDDLSyntaxError
 from merlin_sm.merlin_sm import MerlinSM
 from merlin_sm.state_factory import MerlinStateFactory
 from merlin_sm.states.merlin_state import MerlinState
-from merlin_test.knowledge_fixture import LONG, Received
+from merlin_test.held_drives import HeldDrives
+from merlin_test.knowledge_fixture import LONG
 
 OUTCOMES = ["succeeded", "aborted", "preempted"]
 create = MerlinStateFactory.create
@@ -112,11 +112,12 @@ class States(unittest.TestCase):
             self.assertIn(reason, sm.reason)
 
     def test_a_preempt_stops_navigation_and_the_machine_runs_again(self):
-        velocities = Received("cmd_vel", Twist)
-        self.addCleanup(velocities.close)
+        drives = HeldDrives()
+        drives.hold()
+        self.addCleanup(drives.end)
         sm = machine(create("navigation", "kitchen"))
-        self.run_and_preempt(sm, lambda: velocities.wait(lambda velocity: velocity.linear.x))
-        velocities.wait(lambda velocity: velocity == Twist())  # sent once a drive, as its last
+        self.run_and_preempt(sm, drives.wait_driving)
+        drives.wait_stopped()
         self.assertEqual(sm.execute(), "succeeded")
 
     def test_speaking_fills_in_userdata(self):

@@ -6,24 +6,28 @@ from typing import List, Optional
 
 import rospy
 from geometry_msgs.msg import Twist
+from rosgraph.names import ns_join
 from std_srvs.srv import SetBool
 
-from merlin_ros.service_proxy import ServiceProxy
 from merlin_test.topic_links import wait_for_publishers
 
 LONG = 60.0
 
 
 class HeldDrives:
-    """Holds drives, and sees by the velocity whether one of them is under way."""
+    """Holds drives, and sees by the velocity whether one of them is under way.
 
-    def __init__(self) -> None:
+    :param robot: namespace of the base, of several.
+    """
+
+    def __init__(self, robot: str = "") -> None:
         self._changed = threading.Condition()  # guards the fields below
         self._velocities: List[Twist] = []
         self._held: Optional[float] = None  # m/s
-        self._hold = ServiceProxy("base/hold", SetBool)
-        assert self._hold.wait(LONG), "the simulated base is there"
-        self._subscriber = rospy.Subscriber("cmd_vel", Twist, self._receive, tcp_nodelay=True)
+        # rospy's own: it waits for a master that a busy machine delays, too.
+        self._hold = rospy.ServiceProxy(ns_join(robot, "base/hold"), SetBool)
+        self._hold.wait_for_service(LONG)
+        self._subscriber = rospy.Subscriber(ns_join(robot, "cmd_vel"), Twist, self._receive, tcp_nodelay=True)
         wait_for_publishers(self._subscriber)
 
     def _receive(self, velocity: Twist) -> None:

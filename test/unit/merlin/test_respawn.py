@@ -3,6 +3,7 @@
 
 import contextlib
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -54,6 +55,18 @@ for _ in $(seq 600); do
 done
 """
 
+# Stands in for `env`, which binds a node: it ignores SIGINT, and goes on when the script waits for it.
+BINDS = """#!/bin/sh
+case $* in
+  *--version) ;;
+  *) echo binds; until [ -e {waits} ]; do grep -q respawn /proc/$PPID/cmdline && {sleep} 0.01 || exit; done ;;
+esac
+exec {env} "$@"
+"""
+WAITS = """#!/bin/sh
+echo >{waits} && exec {sleep} "$1"
+"""
+
 
 class Run:
     """One run of the script, in a session of its own as roslaunch starts it."""
@@ -88,8 +101,8 @@ class Run:
 def run(tmp_path: Path):
     started: List[Run] = []
 
-    def start(*words: str) -> Run:
-        started.append(Run(tmp_path, *words))
+    def start(*words: str, **how: Sequence[str]) -> Run:
+        started.append(Run(tmp_path, *words, **how))
         return started[-1]
 
     yield start
@@ -238,6 +251,20 @@ def test_a_stop_while_it_waits_to_start_again(
     node.process.send_signal(signal.SIGINT)
     assert node.process.wait(LONG) == 0
     assert len(node.pids()) == 4
+
+
+def test_a_stop_while_a_node_begins_is_not_lost(
+    run: Callable[..., Run], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    programs = {name: shutil.which(name) for name in ("env", "sleep")}
+    for name, text in (("env", BINDS), ("sleep", WAITS)):
+        (tmp_path / name).write_text(text.format(waits=tmp_path / "waits", **programs))
+        (tmp_path / name).chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
+    one = run(node=[programs["sleep"], "1000"])
+    assert one.process.stdout is not None and one.process.stdout.readline() == "binds\n"
+    one.process.send_signal(signal.SIGINT)
+    assert one.end() == [] and one.process.returncode == 128 + signal.SIGINT
 
 
 def test_a_node_that_does_not_listen_is_not_given_up(run: Callable[..., Run]) -> None:

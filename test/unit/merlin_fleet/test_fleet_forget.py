@@ -195,7 +195,7 @@ def etcd() -> Iterator[EtcdProcess]:
 
 @pytest.fixture
 def hub(etcd: EtcdProcess) -> Iterator[EtcdHub]:
-    made = EtcdHub(KEYS.root, [etcd.endpoint])
+    made = EtcdHub(KEYS.root, [etcd.endpoint], timeout=20.0)
     for item in made.read().items:  # of the test before
         made.transact(Txn(deletes=(item.key,)))
     yield made
@@ -206,6 +206,7 @@ def forget(etcd: EtcdProcess, *arguments: str) -> int:
     return main(["forget", "--hub", etcd.endpoint, "--fleet", "lab", *arguments])
 
 
+@pytest.mark.processes
 def test_the_command(etcd: EtcdProcess, hub: EtcdHub, capsys: pytest.CaptureFixture) -> None:
     hub.transact(Txn(puts=tuple(puts_of_ann())))
     before = hub.read().items
@@ -230,6 +231,7 @@ def test_the_command(etcd: EtcdProcess, hub: EtcdHub, capsys: pytest.CaptureFixt
     assert own == [KEYS.key(records.ENDS, "ann", "done"), KEYS.key(records.FAILURES, "ann", "tried", "1")]
 
 
+@pytest.mark.processes
 def test_a_robot_that_is_heard_of_is_not_forgotten(
     etcd: EtcdProcess, hub: EtcdHub, capsys: pytest.CaptureFixture
 ) -> None:

@@ -21,6 +21,8 @@ from merlin_fleet.fleet_robot import FleetRobot, FleetStatus
 from merlin_fleet.hub import EtcdHub
 from merlin_test.etcd_process import EtcdProcess
 
+pytestmark = pytest.mark.processes
+
 LIMIT = 60.0  # s for anything that has to happen
 #: A test machine may stand still for many seconds.
 RULES = Rules(LeaseTimes(ttl=60.0, renew_every=0.5, stop_time=1.0), AuctionTimes(0.1, 30.0))

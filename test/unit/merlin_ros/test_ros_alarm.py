@@ -41,7 +41,7 @@ def test_what_is_due_after_some_time_comes_once_and_leaves_no_thread(clock):
     rung = queue.Queue()
     call_after(2.0, lambda: rung.put(True), "call of a test")
     (thread,) = [each for each in threading.enumerate() if each.name == "call of a test"]
-    for tick in range(10, 80, 3):  # below 100: which of them it sees is the scheduler's business
+    for tick in range(10, 100):  # below 100: which of them it sees is the scheduler's business
         clock.set(float(tick))
         thread.join(0.3)
     assert rung.get(timeout=LONG)

@@ -71,7 +71,7 @@ class Lab:
 
     def write(self, *puts: Put) -> None:
         """Writes records into the hub, as another program may do."""
-        hub = EtcdHub(Keys(self.fleet).root, [self.etcd.endpoint])
+        hub = EtcdHub(Keys(self.fleet).root, [self.etcd.endpoint], timeout=20.0)
         try:
             hub.transact(Txn((), puts))
         finally:

@@ -10,6 +10,8 @@ from merlin_fleet.commands.fleet_command import main
 from merlin_monitor.access.operators import SHORTEST_TOKEN, write_operators
 from merlin_test.etcd_process import EtcdProcess
 
+pytestmark = pytest.mark.processes
+
 
 @pytest.fixture(scope="module")
 def hub() -> Iterator[str]:

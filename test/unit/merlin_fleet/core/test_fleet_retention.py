@@ -279,6 +279,7 @@ def desk(etcd: EtcdProcess, request: pytest.FixtureRequest) -> Iterator[Desk]:
     made.close()
 
 
+@pytest.mark.processes
 def test_the_result_stays_known_to_the_one_who_sent_it(desk: Desk) -> None:
     client = desk.client
     known, missed = client.send("(done a)"), client.send("(done b)")
@@ -300,6 +301,7 @@ def ended_goal(desk: Desk) -> str:
     return request.id
 
 
+@pytest.mark.processes
 def test_the_command_removes_until_ctrl_c(
     desk: Desk, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
 ) -> None:
@@ -322,6 +324,7 @@ def test_the_command_removes_until_ctrl_c(
     assert news is not None and words(news) == "open, no robot is joined"
 
 
+@pytest.mark.processes
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

@@ -147,7 +147,7 @@ def test_it_follows_the_hub_that_the_robot_was_told(served: Served, monkeypatch:
     etcd = EtcdProcess()
     try:
         keys = Keys("lab")
-        hub = EtcdHub(keys.root, [etcd.endpoint])
+        hub = EtcdHub(keys.root, [etcd.endpoint], timeout=20.0)
         puts = {
             keys.key(records.GOALS, "g1"): Goal("g1", ("(done)",), 1.0, finish=True),
             keys.key(records.CLAIMS, "ann", "g1"): Claim("ann", "x"),
