@@ -1,13 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """The distribution's Chromium, driven by playwright, for tests and benchmarks of the monitor's page."""
 
+import asyncio
+import atexit
 import contextlib
 import re
 import shutil
+import threading
 import time
 from typing import Any, Dict, Iterator, List, Optional
 
-from playwright.sync_api import Browser, BrowserContext, Error, Page, sync_playwright
+from playwright.sync_api import Browser, BrowserContext, Error, Page, Playwright, sync_playwright
 
 # The shell has no window to draw for each page, which takes most of the time of the whole browser.
 BROWSERS = ("chromium-headless-shell", "chromium", "chromium-browser")
@@ -34,25 +37,75 @@ class NoBrowser(RuntimeError):
     """There is no Chromium."""
 
 
-@contextlib.contextmanager
-def chromium() -> Iterator[Browser]:
-    """A browser without a window.
+class _Shared(threading.local):
+    """The browser of a thread, as playwright has it: its objects belong to one."""
 
-    :raises NoBrowser: it is not installed.
-    """
+    def __init__(self) -> None:
+        self._playwright: Optional[Playwright] = None
+        self._loop: Optional[asyncio.AbstractEventLoop] = None
+        self._browser: Optional[Browser] = None
+
+    def connected(self) -> Browser:
+        """Starts it when there is none, or it has died; then playwright's loop counts as running."""
+        if self._playwright is None:
+            self._playwright = sync_playwright().start()
+            self._loop = asyncio.get_running_loop()
+            atexit.register(self._end)
+        asyncio._set_running_loop(self._loop)
+        if not self._answers():
+            # Without a sandbox, because tests run as root in containers; it sees only pages of this machine.
+            self._browser = self._playwright.chromium.launch(
+                executable_path=_executable(), args=["--no-sandbox", "--disable-gpu"], timeout=1000 * LONG
+            )
+        assert self._browser is not None
+        return self._browser
+
+    def _answers(self) -> bool:
+        """Playwright hears of a death only while it is used."""
+        if self._browser is None:
+            return False
+        try:
+            self._browser.new_context().close()
+        except Error:
+            return False
+        return True
+
+    def _end(self) -> None:
+        asyncio._set_running_loop(self._loop)
+        if self._playwright is not None:
+            self._playwright.stop()
+
+
+_shared = _Shared()
+
+
+def _executable() -> str:
     found = (shutil.which(name) for name in BROWSERS)
     executable = next((path for path in found if path is not None), None)
     if executable is None:
         raise NoBrowser("there is no Chromium; install the package chromium-headless-shell of apt.txt")
-    with sync_playwright() as playwright:
-        # Without a sandbox, because tests run as root in containers; it sees only pages of this machine.
-        browser = playwright.chromium.launch(
-            executable_path=executable, args=["--no-sandbox", "--disable-gpu"], timeout=1000 * LONG
-        )
+    return executable
+
+
+@contextlib.contextmanager
+def chromium() -> Iterator[Browser]:
+    """A browser without a window; its pages are closed at the end.
+
+    All that a thread asks for is the same one, which ends with the process: each start would compute for a
+    second. What comes in between may have an event loop of its own.
+
+    :raises NoBrowser: it is not installed.
+    """
+    outer = asyncio._get_running_loop()
+    try:
+        browser = _shared.connected()
         try:
             yield browser
         finally:
-            browser.close()
+            for context in browser.contexts:
+                context.close()
+    finally:
+        asyncio._set_running_loop(outer)
 
 
 class Visit:
