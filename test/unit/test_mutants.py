@@ -61,6 +61,7 @@ def test_tests_that_check_the_limit_let_nothing_survive_and_only_a_copy_is_chang
     assert (tmp_path / "copy/robot/gate.py").read_text() == GATE
 
 
+@pytest.mark.long
 def test_a_test_that_asserts_nothing_lets_changes_survive(root: Path, tmp_path: Path) -> None:
     write(root, "test/unit/robot/test_gate.py", LAX_TEST)
     table = measured(root, tmp_path / "copy")
@@ -71,12 +72,14 @@ def test_a_test_that_asserts_nothing_lets_changes_survive(root: Path, tmp_path: 
     assert "robot/gate.py:2: return pressure <= 3.0  ->  return None" in lines
 
 
+@pytest.mark.long
 def test_a_module_without_a_test_file_lets_all_survive(root: Path, tmp_path: Path) -> None:
     table = measured(root, tmp_path / "copy")
     (ends,) = table.ends.values()
     assert table.survivors() == [mutant for mutant, _, _ in ends] != []
 
 
+@pytest.mark.long
 def test_a_change_that_never_ends_counts_as_noticed(
     root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -113,6 +116,7 @@ def test_the_nearest_importers_come_first(root: Path) -> None:
     assert Imports(root).tests_of(root / "src/robot/src/robot/gate.py") == [near, far, farther]
 
 
+@pytest.mark.long
 def test_tests_that_fail_without_a_change_are_left_out(root: Path, tmp_path: Path) -> None:
     red = write(root, "test/unit/robot/test_red.py", "def test_red():\n    assert False\n")
     green = write(root, "test/unit/robot/test_gate.py", STRICT_TEST)
