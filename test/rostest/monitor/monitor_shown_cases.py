@@ -63,11 +63,12 @@ class ShownCases(PageCases):
                 # The page hears of the mission by another topic, at first perhaps later.
                 if said.items() <= shown.items() and "Round, task" in shown.get("mission", ""):
                     if action.name == "navigate" and wanted not in agreed:
+                        self.drives.wait_driving()  # the page may be faster than the base
                         self.drives.hold()  # the next one
                     agreed.add(wanted)
                     break
                 self.assertLess(time.monotonic(), end, f"{shown} is not {said}")
-            self.status.wait(lambda latest, seen=status: latest is not seen or ended)
+            self.assertTrue(self.status.wait(lambda latest, seen=status: latest is not seen or ended))
         thread.join(LONG)
         self.assertEqual(ended, [True])
         self.assertGreaterEqual(len(agreed), 3, agreed)

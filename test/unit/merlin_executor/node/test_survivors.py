@@ -224,6 +224,20 @@ def test_the_objects_of_a_request_may_be_added_after_the_start(lives: Any, file:
     assert goal.end()[1] == "SUCCEEDED" and second.queue() == []
 
 
+def test_an_executor_that_goes_down_checks_none_again(lives: Any, file: Path, world: Any) -> None:
+    first = lives()
+    first.run(lasting("(checked kitchen)"))
+    second = lives()
+    world.error = ServiceUnavailable("it is being started")
+    goal = second.send(lasting("(checked kitchen)"))
+    second.executor.shutdown()
+    while world.asked.acquire(timeout=20 * executor_module.CHECK_AGAIN):
+        pass
+    world.error = None
+    assert not second.machine.begun.acquire(timeout=20 * executor_module.CHECK_AGAIN)
+    assert not goal.ends and left(file) == ["(checked kitchen)"]
+
+
 def test_objects_that_never_come_are_named(
     lives: Any, file: Path, world: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -183,6 +183,8 @@ class Executor:
 
     def shutdown(self) -> None:
         """Cancels what runs, answers what waits, and stops serving."""
+        with self._lock:
+            self._aside.clear()  # the next life checks those
         self._engine.shutdown(END_WAIT)
         self._alarm.shutdown()
         self._server.shutdown()
