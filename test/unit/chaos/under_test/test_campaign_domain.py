@@ -10,7 +10,7 @@ from merlin_rosplan.planning.planner import PlannerSettings
 from merlin_rosplan.planning.planning_outcome import PlannerState
 from merlin_rosplan.supervision.supervised_planning import Planning
 
-APPLICATION = Path(__file__).parents[3] / "bench" / "chaos" / "under_test" / "application"
+APPLICATION = Path(__file__).parents[4] / "bench" / "chaos" / "under_test" / "application"
 
 
 @pytest.mark.skipif(not kairos_check.available(), reason="kairos needs Python 3.10")
