@@ -199,6 +199,9 @@ class _Course(Watching):
         if REQUESTS[self._trial.moment] == LISTEN:
             add.append(remove.pop(0))
         remove += [f"({name} {place})" for name in DRIVES for place in self._points]
+        # The planner has no reason to prefer the drives that behave.
+        odd = any(name in goal for name in DRIVES for goal in self._trial.goals)
+        (add if odd else remove).append("(odd)")
         if self._trial.variant.robots:
             remove = []  # of another domain
         remove += [f"(said {note})" for note in JOINED_NOTES if self._trial.joined]

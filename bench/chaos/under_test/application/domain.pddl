@@ -18,7 +18,8 @@
     (said ?n - note)
     (heard ?n - note)
     (quitted ?n - note)
-    (noted ?n - note))
+    (noted ?n - note)
+    (odd)) ; the drives that misbehave may be planned
 
   (:functions
     (duration ?from - place ?to - poi))
@@ -35,7 +36,7 @@
   (:durative-action drive_deaf
     :parameters (?from - place ?to - poi)
     :duration (= ?duration (duration ?from ?to))
-    :condition (at start (robot_at ?from))
+    :condition (and (at start (odd)) (at start (robot_at ?from)))
     :effect (and
       (at start (not (robot_at ?from)))
       (at end (robot_at ?to))
@@ -45,7 +46,7 @@
   (:durative-action drive_touchy
     :parameters (?from - place ?to - poi)
     :duration (= ?duration (duration ?from ?to))
-    :condition (at start (robot_at ?from))
+    :condition (and (at start (odd)) (at start (robot_at ?from)))
     :effect (and
       (at start (not (robot_at ?from)))
       (at end (robot_at ?to))
@@ -55,7 +56,7 @@
   (:durative-action drive_plain
     :parameters (?from - place ?to - poi)
     :duration (= ?duration (duration ?from ?to))
-    :condition (at start (robot_at ?from))
+    :condition (and (at start (odd)) (at start (robot_at ?from)))
     :effect (and
       (at start (not (robot_at ?from)))
       (at end (robot_at ?to))
