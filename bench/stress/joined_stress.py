@@ -12,7 +12,7 @@ import rosgraph
 import rospy
 from merlin_msgs.msg import ExecutorStatus, GoalQueue
 
-from merlin_executor.executor_client import ExecutorRequest, outcome_name
+from merlin_executor.executor_client import GO_ON, ExecutorRequest, outcome_name
 from stress.cancel_stress import LIMIT, CancelStress
 from stress.process_usage import pid_of
 from stress.stress_cycles import CycleTimes, Violation, draw_joint, untrue
@@ -53,7 +53,8 @@ class JoinedStress(CancelStress):
         for deed in drawn.deeds:
             self._let_pass(deed.pause)
             if deed.do == "send":
-                sent.append(self._client.send(**drawn.requests[deed.request]))
+                # This client may lack a processor for as long as one that is dead is waited for.
+                sent.append(self._client.send(**drawn.requests[deed.request], on_client_lost=GO_ON))
             elif deed.do == "cancel":
                 cancelled.add(deed.request)
                 sent[deed.request].cancel()
