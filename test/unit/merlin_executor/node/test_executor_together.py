@@ -6,7 +6,7 @@ from typing import Iterator, List
 import pytest
 from actionlib_msgs.msg import GoalStatus
 from fakes.executor_bench import Bench, Goal
-from merlin_msgs.msg import ExecutorStatus
+from merlin_msgs.msg import ExecutorStatus, RunningAction
 
 from merlin_executor.core.agenda import Refusal
 from merlin_executor.core.outcome import Outcome, Verdict
@@ -72,6 +72,20 @@ def test_the_status_says_cancelling_when_all_stops_and_not_when_one_leaves(
     assert first.end()[1] == "CANCELLED"
     bench.machine.end(Verdict(Outcome.SUCCEEDED, "done"))
     assert second.end()[1] == "SUCCEEDED"
+
+
+def test_cancels_of_all_say_nothing_but_statuses_until_the_end(bench: Bench) -> None:
+    bench.machine.revises, bench.machine.cancel = True, lambda: None  # type: ignore[method-assign]
+    goals = run_together(bench, Goal("(checked kitchen)"), Goal("(checked hall)"))
+    bench.dispatch(RunningAction(name="drive"))
+    published, told = len(bench.statuses), [[*goal.told] for goal in goals]
+    for goal in goals:
+        bench.cancel(goal)
+    bench.dispatch()
+    assert not any(hasattr(message, "requests") for message in bench.statuses[published:]), "none waits"
+    assert [goal.told for goal in goals] == told
+    bench.machine.end(Verdict(Outcome.CANCELLED, "cancelled"))
+    assert [goal.end()[1] for goal in goals] == ["CANCELLED"] * 2
 
 
 def test_the_status_is_not_published_for_one_that_does_not_join(bench: Bench) -> None:

@@ -60,6 +60,15 @@ def test_of_owners_that_were_given_up_the_last_ones_are_remembered(client: Actio
     assert not client.send(ListenGoal(), owner="goal 0").done, "they do not grow for ever"
 
 
+def test_only_another_owner_is_said(client: ActionClient, topics: Topics) -> None:
+    goal = client.send(ListenGoal(), owner="one")
+    assert leased(topics) == [goal.id]
+    client.hand_over(goal, "one")
+    assert topics.published("/owned/lease").empty()
+    client.hand_over(goal, "other")
+    assert leased(topics) == [goal.id]
+
+
 def test_a_goal_that_cannot_be_sent_leaves_nothing(topics: Topics) -> None:
     def unwritable(topic: str, message: Any) -> None:
         if topic == "/owned/goal":

@@ -171,6 +171,7 @@ class Executor:
         self._publishing = threading.Lock()  # keeps statuses and queues in order; guards the fields below
         self._expected_end: Optional[float] = None  # of the running request, as the queue was told last
         self._urgent_waits = ""  # of the last status
+        self._queued = True  # whether the last queue was not empty, or there was none
 
     def start(self) -> None:
         """Puts right what a killed Executor left and begins to serve."""
@@ -411,7 +412,8 @@ class Executor:
                         steps_total=status.steps_total,
                         reason="; ".join(filter(None, (status.reason, late))),
                     )
-                    each.tell_running(feedback)
+                    if each.stop is None or not each.stop.is_final:  # otherwise its client waits for the end
+                        each.tell_running(feedback)
             self._urgent_waits = status.urgent_waits
             publish(self._status_publisher, status)
             shifted = request is not None and request.expected_end != self._expected_end
@@ -430,7 +432,9 @@ class Executor:
                 outlooks += [(request, Outlook(waits=why)) for request, why in self._aside.values()]
             message = GoalQueue(requests=[request.queued_goal(outlook) for request, outlook in outlooks])
             message.header.stamp = rospy.Time.now()
-            publish(self._queue_publisher, message)
+            if message.requests or self._queued:  # cancels of many at once need not say that nothing waits
+                publish(self._queue_publisher, message)
+            self._queued = bool(message.requests)
         if changed:
             self._publish_status()
         if self._forecasts is not None:

@@ -231,7 +231,7 @@ class ActionClient:
     def hand_over(self, goal: ClientGoal, owner: str) -> None:
         """From now on a goal runs on behalf of another goal of this process's own server."""
         with self._changed:
-            if goal.id in self._goals:  # one that has ended is leased no more
+            if goal.id in self._goals and goal.owner != owner:  # one that has ended is leased no more
                 goal.owner = owner
                 self._lease.hold(goal.id, owner)
 
