@@ -120,6 +120,19 @@ def test_a_part_that_is_gone_is_waited_for_a_bounded_number_of_times() -> None:
     assert course.verdict().outcome is Outcome.INTERNAL
 
 
+def test_stage_times_do_not_change_under_their_reader() -> None:
+    course, other = Course(max_replans=1), Course(max_replans=1)
+    for number, stage in enumerate(("SETTLE", "PLAN", "")):
+        other.enter(stage, float(number))
+    for number, stage in enumerate(("ADD_GOALS", "PARSE_PLAN", "DISPATCH_PLAN")):
+        course.enter(stage, float(number))
+    reader = iter(course.stage_times.items())
+    course.enter("", 9.0)
+    course.take_in(other)
+    assert dict(reader) == {"ADD_GOALS": 1.0, "PARSE_PLAN": 1.0}
+    assert course.stage_times.keys() == {"ADD_GOALS", "PARSE_PLAN", "DISPATCH_PLAN", "SETTLE", "PLAN"}
+
+
 def test_stage_times_add_up_over_runs() -> None:
     course = Course(3)
     for begin in (0.0, 100.0):

@@ -239,6 +239,21 @@ def test_an_answer_that_fails_at_the_end_keeps_no_other_one() -> None:
     assert [len(wish.verdicts) for wish in wishes] == [1, 0, 1]
 
 
+def test_an_answer_that_fails_once_is_given_with_the_reason() -> None:
+    engine: Engine[Wish] = Engine(Steady(), *[lambda *_: None] * 4)  # type: ignore[list-item]
+    wish = Wish(0)
+
+    def fail_once(_: Verdict) -> bool:
+        del wish.end  # type: ignore[attr-defined]
+        raise RuntimeError("dictionary changed size during iteration")
+
+    wish.end = fail_once  # type: ignore[method-assign]
+    engine.decide(lambda agenda: agenda.receive(wish))
+    engine.decide(lambda agenda: agenda.close())
+    (verdict,) = wish.verdicts
+    assert verdict.outcome is Outcome.INTERNAL and "changed size" in verdict.reason
+
+
 # --- what makes sense -----------------------------------------------------------------------------------
 
 KNOWN = {"robot_at": 1, "Between": 2}

@@ -68,7 +68,7 @@ class Course:
         self.stage = ""
         """The stage under way, empty outside of a run."""
         self.stage_times: Dict[str, float] = {}
-        """s for each stage, of all runs."""
+        """s for each stage, of all runs; replaced as a whole: answers are composed in other threads."""
         self.end = StageEnd()
         """How the last stage has ended."""
         self.action = ""
@@ -126,8 +126,11 @@ class Course:
         self._earlier_replans = max(self._earlier_replans, other.replans)
         given_up = [*self._replanning.given_up, *other._replanning.given_up]
         self._replanning.given_up = list({failure.no_retry: failure for failure in given_up}.values())
-        for stage, seconds in other.stage_times.items():
-            self.stage_times[stage] = max(seconds, self.stage_times.get(stage, 0.0))
+        longer = {
+            stage: max(seconds, self.stage_times.get(stage, 0.0))
+            for stage, seconds in other.stage_times.items()
+        }
+        self.stage_times = {**self.stage_times, **longer}
 
     def begin(self) -> None:
         """A run begins: the first, or after an interruption."""
@@ -144,7 +147,8 @@ class Course:
         :param now: s, of any clock.
         """
         if self.stage:
-            self.stage_times[self.stage] = self.stage_times.get(self.stage, 0.0) + now - self._entered
+            seconds = self.stage_times.get(self.stage, 0.0) + now - self._entered
+            self.stage_times = {**self.stage_times, self.stage: seconds}
         self.stage, self._entered = stage, now
         self.may_move = self.may_move or stage == DISPATCH_PLAN
 

@@ -314,7 +314,11 @@ class Engine(Generic[J]):
             self._tell(partial(self._on_answered, requests, verdict, None if number else error))
 
     def _answer(self, request: J, verdict: Verdict) -> None:
-        self._tell(lambda: request.end(verdict))
+        try:
+            request.end(verdict)
+        except BaseException as error:  # its client waits for an answer, whatever keeps this one from it
+            log_failure("the executor continues")
+            self._tell(partial(request.end, crashed(error)))
 
     @staticmethod
     def _tell(callback: Callable[[], object]) -> None:
