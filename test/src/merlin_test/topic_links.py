@@ -14,14 +14,14 @@ LONG = 120.0
 def publishers_of(subscriber: rospy.Subscriber) -> Set[str]:
     """The nodes that send to this node: it hears of a connection before its publisher uses it."""
     name, me = subscriber.resolved_name, rospy.get_name()
-    state: Any = bounded_master().getSystemState()
+    state: Any = bounded_master(LONG).getSystemState()
     return {node for node in dict(state[0]).get(name, []) if sends(node, name, me)}
 
 
 def sends(node: str, topic: str, other: str) -> bool:
     """Whether a node sends a topic to another one."""
     try:
-        uri: Any = bounded_master().lookupNode(node)
+        uri: Any = bounded_master(LONG).lookupNode(node)
         info: Any = bounded_proxy(uri, LONG).getBusInfo(rospy.get_name())
     except ERRORS:  # it has ended
         return False
