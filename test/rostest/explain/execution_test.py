@@ -25,7 +25,7 @@ from merlin_test.held_drives import HeldDrives
 from merlin_test.node_path import node_path
 from merlin_test.topic_links import sends
 
-LONG = 60.0
+LONG = 120.0
 HOST = "/merlin_fsm_host"
 DORM_ROOM = "world/points_of_interest/dorm_room"
 
@@ -102,14 +102,18 @@ class ExecutionQuestions(unittest.TestCase):
     def tearDown(self):
         self.held.end()
 
-    def ask(self, question, about="", at=0.0):
-        return self.explain(ExplainRequest(question=question, about=about, at=rospy.Time.from_sec(at)))
+    def ask(self, question, about="", at=0.0, goals=()):
+        at = rospy.Time.from_sec(at)
+        return self.explain(ExplainRequest(question=question, about=about, at=at, goals=goals))
 
-    def told(self, question, words, about="", moment=float, ok=True, kinds=()):
-        """The answer, when the monitor has recorded what it is about: words, and claims of these kinds."""
+    def told(self, question, words, about="", moment=float, ok=True, kinds=(), goals=()):
+        """The answer, when the monitor has recorded what it is about: words, and claims of these kinds.
+
+        What plans for it yields to all else, and may have had no time on a busy machine.
+        """
         end = time.monotonic() + LONG
         while True:
-            answer = self.ask(question, about, moment())
+            answer = self.ask(question, about, moment(), goals)
             known = {claim.kind for claim in answer.claims}.issuperset(kinds)
             if answer.ok == ok and words in answer.sentence and known:
                 return answer
@@ -144,12 +148,12 @@ class ExecutionQuestions(unittest.TestCase):
         goal = self.ask(ExplainRequest.WHY, "(checked kitchen)", then)
         self.assertTrue(goal.ok, goal.sentence)
         self.assertEqual(self.kinds(goal), ["request", "achieved"])
-        other = self.explain(
-            ExplainRequest(
-                question=ExplainRequest.WHAT_IF, goals=["(checked bathroom)"], at=rospy.Time.from_sec(then)
-            )
+        self.told(
+            ExplainRequest.WHAT_IF,
+            "the plan would have 2 steps",
+            moment=lambda: then,
+            goals=["(checked bathroom)"],
         )
-        self.assertTrue(other.ok and "the plan would have 2 steps" in other.sentence, other.sentence)
 
     def test_why_a_fact_is_so(self):
         self.assertIn(self.client.execute("(checked kitchen)", LONG).outcome, ACHIEVED)

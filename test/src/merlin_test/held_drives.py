@@ -6,7 +6,6 @@ from typing import List, Optional
 
 import rospy
 from geometry_msgs.msg import Twist
-from rosgraph.names import ns_join
 from std_srvs.srv import SetBool
 
 from merlin_test.topic_links import wait_for_publishers
@@ -21,13 +20,14 @@ class HeldDrives:
     """
 
     def __init__(self, robot: str = "") -> None:
+        place = f"{robot}/" if robot else ""
         self._changed = threading.Condition()  # guards the fields below
         self._velocities: List[Twist] = []
         self._held: Optional[float] = None  # m/s
         # rospy's own: it waits for a master that a busy machine delays, too.
-        self._hold = rospy.ServiceProxy(ns_join(robot, "base/hold"), SetBool)
+        self._hold = rospy.ServiceProxy(f"{place}base/hold", SetBool)
         self._hold.wait_for_service(LONG)
-        self._subscriber = rospy.Subscriber(ns_join(robot, "cmd_vel"), Twist, self._receive, tcp_nodelay=True)
+        self._subscriber = rospy.Subscriber(f"{place}cmd_vel", Twist, self._receive, tcp_nodelay=True)
         wait_for_publishers(self._subscriber)
 
     def _receive(self, velocity: Twist) -> None:
