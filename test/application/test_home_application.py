@@ -146,7 +146,7 @@ def let_it_go_on(bag: Path) -> float:
 
 
 def shown_of(state: Dict[str, Any], live: Dict[str, Any]) -> Dict[str, Any]:
-    """What a replay shows of what the page has shown, which on a busy machine was late for the first goals."""
+    """What a replay shows of what the page has shown, which may have been late for the first goals."""
     replayed, wanted = shown(state), shown(live)
     goals = Counter(replayed["goals"]) & Counter(wanted["goals"])
     late = max(len(replayed["plans"]) - len(wanted["plans"]), 0)
