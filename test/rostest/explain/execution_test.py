@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a robot says of what it does, waits for and failed at, and why facts are as they are."""
 
+import re
 import subprocess
 import threading
 import time
@@ -69,21 +70,23 @@ class Ears:
         goals = [GoalStatus(status=GoalStatus.ACTIVE)] if active else []
         self.status.publish(GoalStatusArray(status_list=goals))
 
-    def ask(self, phrase):
-        """Says it until it is answered; returns the answer."""
+    def ask(self, phrase, wanted):
+        """Says it until the answer is as wanted: a busy robot may have had no time to find it out."""
         quiet = np.zeros(RATE, dtype=np.int16)
         said = SpeechSynthesizer().say(phrase, "").samples
         noise = np.random.default_rng(1).normal(0.0, 30.0, len(said) + 2 * len(quiet))
         sound = (np.concatenate([quiet, said, quiet]) + noise).astype("<i2")
-        count, end = len(self.said), time.monotonic() + LONG
+        end = time.monotonic() + LONG
         while time.monotonic() < end:
             self.listening(True)
+            count = len(self.said)
             for part in np.array_split(sound, 20):
                 self.microphone.publish(AudioData(data=part.tobytes()))
             with self.changed:
-                if self.changed.wait_for(lambda: len(self.said) > count, LONG / 4):
-                    return self.said[-1]
-        raise AssertionError(f"“{phrase}” is not answered")
+                answered = self.changed.wait_for(lambda: len(self.said) > count, LONG / 4)  # noqa: B023
+                if answered and re.search(wanted, self.said[-1]):
+                    return
+        raise AssertionError(f"“{phrase}” is not answered so: {self.said}")
 
 
 class ExecutionQuestions(unittest.TestCase):
@@ -219,9 +222,10 @@ class ExecutionQuestions(unittest.TestCase):
         self.held.hold()
         request = self.client.send("(checked kitchen)")
         self.held.wait_driving()
-        self.assertIn("avigating", ears.ask("what are you doing"))
-        self.assertRegex(ears.ask("why"), r"^Step 1, .*kitchen[^.]*\.$")
-        self.assertRegex(ears.ask("when do you come"), r"^I will be ready in about \d+ \w+\.$")
+        ears.ask("what are you doing", "avigating")
+        ears.ask("why", r"^Step 1, .*kitchen[^.]*\.$")
+        # The held drive outlasts its time when the other questions took long.
+        ears.ask("when do you come", r"^I (will be ready in about \d+ \w+|wanted to be ready \d+ \w+ ago)\.$")
         ears.listening(True)
         ears.applications_listener(True)  # another one of the robot begins to listen
         ears.listening(False)

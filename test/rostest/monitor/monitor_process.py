@@ -72,9 +72,10 @@ class Monitor:
             [node_path("merlin_monitor", "monitor"), "__name:=merlin_monitor"],
             env={**os.environ, **(environment or {})},
         )
-        end = time.monotonic() + LONG
+        end = time.monotonic() + 2 * LONG  # a new process, on a machine that starts many
         while not rospy.has_param("/merlin_monitor/address"):
-            assert time.monotonic() < end and self.process.poll() is None, "the monitor does not start"
+            assert self.process.poll() is None, "the monitor has ended"
+            assert time.monotonic() < end, "the monitor does not start"
             time.sleep(0.02)
         self.address = rospy.get_param("/merlin_monitor/address")
 
