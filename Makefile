@@ -104,9 +104,8 @@ RUN_TESTS = $(IN) python -m pytest --dist loadfile --no-loadscope-reorder --prog
 check: build
 	@$(IN) tools/check.sh $(if $(ALL),--all) $(call given,SINCE,since)
 
-# Tests wait for processes most of the time, so there are more workers than processors; what runs together
-# takes more time of them than what runs alone, so there are not many more.
-JOBS ?= $(shell expr 2 \* $$(nproc))
+# Tests wait for processes most of the time, so there are more workers than processors.
+JOBS ?= $(shell expr 3 \* $$(nproc))
 test: build
 	@$(RUN_TESTS) -n $(JOBS) --junitxml=results/tests.xml test
 
