@@ -84,7 +84,7 @@ class PlanRevision(PlanningState):
             self._calls_put(self._work)
             return True
         if self._run.request in leaving:  # its client may end before it has left: nothing would move then
-            self._dispatcher.hand_over(left[-1].goal.id)  # which leaves last where all do, one by one
+            self._dispatcher.hand_over(left[0].goal.id)
         with self._turn:
             for request in leaving:
                 self._leave_by.setdefault(request.goal.id, monotonic() + self._system.leave_limit)
