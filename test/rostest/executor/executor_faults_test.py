@@ -187,6 +187,7 @@ class Faults(unittest.TestCase):
         begun = rospy.Time.now()
         with self.day(day):
             mission.wait(lambda status: status.state == MissionStatus.RUNNING, begun)
+            goals.wait(lambda sent: sent.goal_id.id == errand, begun)  # sent once more, which finds it
             status = self.status.wait(lambda status: status.running)
             self.assertEqual((status.request, status.together), (errand, []))
             ended = rospy.Time.now()
