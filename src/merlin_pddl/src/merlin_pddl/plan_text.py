@@ -11,6 +11,9 @@ NO_DURATION = 0.001
 #: How the reason begins with which a dispatcher ends a plan because the world has changed.
 OUTDATED = "the plan no longer fits: "
 
+#: What a dispatcher says of an action interface that it has lost: another process of it may come.
+INTERFACE_GONE = "is gone, silent for "
+
 #: How a plan begins that is to follow what runs now; PDDL text of actions comes behind it.
 AFTER = "; after"
 

@@ -120,6 +120,17 @@ def test_a_part_that_is_gone_is_waited_for_a_bounded_number_of_times() -> None:
     assert course.verdict().outcome is Outcome.INTERNAL
 
 
+def test_an_interface_that_is_gone_may_be_back_for_each_new_plan() -> None:
+    """Whatever the silence is that its dispatcher names: that of a starved one stands still."""
+    course = Course(3, same_failures=2)
+    course.begin()
+    for expected in (True, True, True, False):
+        course.action = "(say hello)"
+        run(course, ("DISPATCH_PLAN", "failed", "the action interface of say is gone, silent for 5.3 s"))
+        assert course.replan().again is expected
+    assert course.verdict().outcome is Outcome.ACTION_FAILED
+
+
 def test_stage_times_do_not_change_under_their_reader() -> None:
     course, other = Course(max_replans=1), Course(max_replans=1)
     for number, stage in enumerate(("SETTLE", "PLAN", "")):

@@ -7,7 +7,7 @@ from typing import Dict, List, NamedTuple, Sequence, Tuple
 from merlin_executor.core.awaited import Absence
 from merlin_executor.core.outcome import Outcome, Verdict
 from merlin_executor.core.replanning import REPLAN_WAIT, SAME_FAILURES, Failure, ReplanDecision, Replanning
-from merlin_pddl.plan_text import OUTDATED
+from merlin_pddl.plan_text import INTERFACE_GONE, OUTDATED
 
 SETTLE = "SETTLE"
 PLAN = "PLAN"
@@ -159,9 +159,8 @@ class Course:
         if not failed and not (end.gone and end.outcome == "aborted"):
             return ReplanDecision(False, reason=end.reason)
         outdated = OUTDATED in end.reason  # behind the action, where one is named
-        decision = self._replanning.failed(
-            Failure(end.reason, self.action, end.gone, self.no_retry, outdated)
-        )
+        gone = end.gone or INTERFACE_GONE in end.reason
+        decision = self._replanning.failed(Failure(end.reason, self.action, gone, self.no_retry, outdated))
         if not decision.again:
             self.end = end._replace(reason=decision.reason)
         return decision

@@ -18,7 +18,7 @@ class Failure(NamedTuple):
     action: str = ""
     """The ground action that failed, as PDDL text; empty: none did, as when the goal does not hold."""
     gone: bool = False
-    """A part of the planning system is gone."""
+    """A part of the planning system, or the action's interface, is gone: it may come back."""
     no_retry: str = ""
     """Which actions another try cannot help, as PDDL text with ``*`` for any argument; empty: it may help."""
     outdated: bool = False

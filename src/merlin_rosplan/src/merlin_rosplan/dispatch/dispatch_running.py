@@ -4,6 +4,7 @@
 from dataclasses import dataclass, field
 from typing import Any, FrozenSet, Iterator, NamedTuple, Optional, Sequence, Set, Tuple
 
+from merlin_pddl.plan_text import INTERFACE_GONE
 from merlin_rosplan.dispatch.dispatch_environment import DispatchEnvironment, DispatchLimits
 from merlin_rosplan.dispatch.dispatch_schedule import PlannedAction
 from merlin_rosplan.dispatch.operator_model import (
@@ -128,9 +129,7 @@ class Running:
         if unanswered and silence is None:
             return Fault(f"no action interface for {action.name}", gone=True)
         if dead and (self.taken or unanswered):
-            return Fault(
-                f"the action interface of {action.name} is gone, silent for {silence:.1f} s", gone=True
-            )
+            return Fault(f"the action interface of {action.name} {INTERFACE_GONE}{silence:.1f} s", gone=True)
         if not self.taken and self.accept.remaining() <= 0:
             return Fault(
                 f"the action interface of {action.name} is alive but did not take {action} "
@@ -143,7 +142,7 @@ class Running:
         patience = 1.0  # its interface may die without an answer
         if not self.taken:
             first = self.acknowledge.remaining()
-            patience = first if first > 0 else min(self.accept.remaining(), 1.0)
+            patience = min(first if first > 0 else self.accept.remaining(), 1.0)
         return min([patience, *(each.remaining() for each in (self.grace, self.leaving) if each is not None)])
 
     def asks_again(self) -> bool:
