@@ -2,7 +2,6 @@
 """The command `rosrun merlin check`: whether the parts of an application fit, before anything is started."""
 
 import os
-import signal
 import sys
 from pathlib import Path
 from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Set, Tuple
@@ -42,7 +41,6 @@ from merlin_ros.class_path import load_function
 from merlin_ros.node import end_node, init_node
 from merlin_ros.parameters import ParameterError
 from merlin_ros.processes.process_priority import lower_priority
-from merlin_ros.processes.process_tree import end_with
 from merlin_sm.states.navigation import point_faults
 
 MISSION = "mission"
@@ -59,7 +57,6 @@ def main_at_start() -> int:
 
     :return: the exit code.
     """
-    end_with(os.getppid(), signal.SIGKILL)
     lower_priority(19)
     return main(at_start=True)
 

@@ -49,8 +49,16 @@ TERMINATE_TIMEOUT = 1.0
 LOOK_FOR_SIGNALS = 0.5
 #: Wall seconds in which roslaunch reports a death for which it has ended a start.
 DEATH_REPORT = 10.0
-#: Program of the check beside a run.
-CHECK = "from merlin.check import main_at_start; raise SystemExit(main_at_start())"
+#: Program of the check beside a run, the id of whose process comes first. It ends with the run, also while it
+#: imports, which takes minutes on a starved machine.
+CHECK = """
+import signal, sys
+from merlin_ros.processes.process_tree import end_with
+if not end_with(int(sys.argv.pop(1)), signal.SIGKILL):
+    raise SystemExit(128 + signal.SIGKILL)
+from merlin.check import main_at_start
+raise SystemExit(main_at_start())
+"""
 #: What helps where the user may not write to the folder of ROS.
 WRITABLE = "set ROS_HOME, and ROS_LOG_DIR if you use it, to a folder that you may write to"
 EXIT_FAILED = 1
@@ -249,7 +257,7 @@ class LaunchRun:
     def _begin_check(self) -> None:
         """Looks for what no node says of the application; the relay has what is found, as from a node."""
         words = [str(self._request.launch_file), *self._request.words()]
-        command = [sys.executable, "-c", CHECK, *words]
+        command = [sys.executable, "-c", CHECK, str(os.getpid()), *words]
         # Out of reach of Ctrl-C, which would end it with a traceback.
         self._check = subprocess.Popen(command, stdout=subprocess.DEVNULL, start_new_session=True)
 
