@@ -2,6 +2,7 @@
 """The runner with real processes: how a run ends, what it says, and that nothing of it is left."""
 
 import contextlib
+import ctypes
 import json
 import os
 import re
@@ -18,6 +19,7 @@ import pytest
 
 from merlin.launch_config import Loader
 from merlin.launch_request import LaunchError, LaunchRequest
+from merlin.launch_runner import CHECK
 from merlin.supervision import PAUSES, Restarts
 
 pytestmark = pytest.mark.processes
@@ -25,6 +27,7 @@ pytestmark = pytest.mark.processes
 LAUNCH_FILE = Path(__file__).resolve().parents[2] / "data" / "runner" / "runner.launch"
 APPLICATION = Path(__file__).resolve().parents[3] / "launch" / "include" / "application.launch"
 LIMIT = 200.0  # s for a run to end
+PTRACE_SEIZE = 0x4206  # linux/ptrace.h
 RUN = (
     "from merlin_ros.lean_start import prepare; prepare(); "
     "from merlin import supervision; raise SystemExit(supervision.main())"
@@ -154,6 +157,14 @@ def test_says_what_no_node_says_of_the_application(tmp_path: Path) -> None:
     started.process.send_signal(signal.SIGINT)
     code, _, _ = started.end()
     assert (code, started.left()) == (130, [])
+
+
+def test_the_check_beside_a_run_that_was_killed_before_it_began_is_not_made() -> None:
+    starter = subprocess.Popen(["true"])
+    starter.wait()
+    check = [sys.executable, "-c", CHECK, str(starter.pid), "nowhere.launch"]
+    done = subprocess.run(check, capture_output=True, text=True, timeout=LIMIT)
+    assert (done.returncode, done.stdout, done.stderr) == (128 + signal.SIGKILL, "", "")
 
 
 #: Command lines, or the content of a launch file → what is said.
@@ -394,6 +405,35 @@ raise SystemExit(supervise(run, "test"))
 """
     done = subprocess.run([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True, timeout=LIMIT)
     assert (done.returncode, done.stdout) == (137, "a life\n")
+
+
+def test_a_child_that_cannot_be_killed_is_named_and_left() -> None:
+    """One that is traced, as by a debugger, stays after its kill until the tracer has seen its end."""
+    code = """
+import subprocess, sys
+from merlin.supervision import end_children
+held = subprocess.Popen(["sleep", "600"])
+print(held.pid, flush=True)
+sys.stdin.readline()
+print(end_children(0.1) == [held.pid])
+"""
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    with subprocess.Popen([sys.executable, "-c", code], text=True, **pipes) as parent:
+        assert parent.stdout is not None
+        held = int(parent.stdout.readline())
+        if ctypes.CDLL(None).ptrace(PTRACE_SEIZE, held, None, None):
+            parent.kill()
+            os.kill(held, signal.SIGKILL)
+            pytest.skip("no process can be traced here")
+        try:
+            out, err = parent.communicate("end\n", timeout=LIMIT)
+        finally:
+            os.kill(held, signal.SIGKILL)
+            os.waitpid(held, 0)
+    assert (parent.returncode, out) == (0, "True\n")
+    assert (
+        err == f"process {held} was killed and does not end: it hangs in the kernel, or a debugger holds it\n"
+    )
 
 
 def test_what_dies_again_and_again_is_given_up() -> None:

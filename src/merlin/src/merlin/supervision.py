@@ -16,6 +16,7 @@ import time
 from typing import Callable, List, Optional, Set, Tuple
 
 from merlin_ros.processes.process_tree import adopt_orphans, children, end_with
+from merlin_ros.work.threads import start_thread
 
 SI_KERNEL = 0x80
 
@@ -27,6 +28,8 @@ WRAPPER_SPAN = 30.0
 RUN_SPAN = 300.0
 #: s for the nodes of a run that was killed to end in order: they brake the base and close their files.
 END_LIMIT = 10.0
+#: s for what was killed to be gone.
+KILL_LIMIT = 5.0
 
 _ENDS: Set[int] = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
 _CHILD: Set[int] = {signal.SIGCHLD}
@@ -165,21 +168,41 @@ def _end_in_order() -> int:
     return stopped
 
 
-def end_children() -> List[int]:
+def end_children(limit: float = KILL_LIMIT) -> List[int]:
     """Kills and reaps all children of this process, and theirs as they are adopted.
 
+    One that does not end is named, and left.
+
+    :param limit: s of wall time for those that are there at the same time.
     :return: the ids of those that were still running.
     """
     killed: List[int] = []
+    hung: Set[int] = set()
     while True:
-        left = children()
-        if not left:
+        found = [process for process in children() if process not in hung]
+        if not found:
             return killed
-        for process in left:
-            if os.waitpid(process, os.WNOHANG)[0] == 0:
-                killed.append(process)
+        running = [process for process in found if not _reap(process, os.WNOHANG)]
+        for process in running:
+            with contextlib.suppress(ProcessLookupError):
                 os.kill(process, signal.SIGKILL)
-                os.waitpid(process, 0)
+        killed += running
+        ends = [start_thread(f"end of {process}", _reap, process) for process in running]
+        until = time.monotonic() + limit
+        for process, end in zip(running, ends):
+            end.join(max(0.0, until - time.monotonic()))
+            if end.is_alive():
+                hung.add(process)
+                why = "it hangs in the kernel, or a debugger holds it"
+                print(f"process {process} was killed and does not end: {why}", file=sys.stderr, flush=True)
+
+
+def _reap(process: int, options: int = 0) -> bool:
+    """Whether a child has ended; then it is no longer there."""
+    try:
+        return os.waitpid(process, options)[0] != 0
+    except ChildProcessError:  # another thread has reaped it
+        return True
 
 
 def main() -> int:
