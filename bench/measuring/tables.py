@@ -5,6 +5,9 @@ import signal
 from pathlib import Path
 from typing import Iterable, List, Sequence
 
+#: Signals that end a measurement.
+ENDS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
 
 def aligned(lines: Sequence[Sequence[str]]) -> List[str]:
     """The lines of a table whose columns stand below each other."""
@@ -31,10 +34,15 @@ def put_between(page: Path, begin: str, end: str, text: str) -> None:
 
 
 def end_as_by_ctrl_c() -> None:
-    """Makes SIGTERM and SIGHUP end this process as SIGINT does."""
-    for number in (signal.SIGTERM, signal.SIGHUP):
+    """Makes SIGTERM and SIGHUP end this process as SIGINT does.
+
+    What follows the first of them changes nothing: an end that is broken off leaves processes behind.
+    """
+    for number in ENDS:
         signal.signal(number, _interrupt)
 
 
 def _interrupt(number: int, _frame: object) -> None:
+    for each in ENDS:
+        signal.signal(each, lambda *_: None)
     raise KeyboardInterrupt(signal.Signals(number).name)

@@ -89,3 +89,25 @@ def test_processes_of_another_run_are_left_alone() -> None:
     finally:
         node.kill()
         node.communicate()
+
+
+ENDING = f"""
+import os, signal, sys
+sys.path.insert(0, {str(Path(__file__).resolve().parents[3] / "bench")!r})
+from measuring.tables import end_as_by_ctrl_c
+end_as_by_ctrl_c()
+try:
+    os.kill(os.getpid(), signal.{{first}})
+    raise SystemExit("not interrupted")
+except KeyboardInterrupt as interrupt:
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        os.kill(os.getpid(), number)
+    print("ended by", interrupt)
+"""
+
+
+@pytest.mark.parametrize("first", ["SIGINT", "SIGTERM"])
+def test_what_a_signal_ends_comes_to_its_end_whatever_signal_follows(first: str) -> None:
+    command = [sys.executable, "-c", ENDING.format(first=first)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (0, f"ended by {first}\n", "")
