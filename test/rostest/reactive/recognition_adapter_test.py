@@ -6,6 +6,7 @@ import re
 import signal
 import subprocess
 import sys
+import time
 import unittest
 from pathlib import Path
 
@@ -20,6 +21,7 @@ from merlin_ros.actions.action_client import ActionClient
 LONG = 60.0  # s of wall time
 DOCUMENT = Path(__file__).resolve().parents[3] / "docs" / "real-robot.md"
 CUP, PERSON = 0, 2
+SILENT = "the detector sent nothing within 5 s"
 
 
 def detection(number, x):
@@ -45,14 +47,14 @@ class RecognitionAdapter(unittest.TestCase):
 
     def test_detections_reach_whoever_asks_for_them(self):
         silent = self.look()
-        self.assertEqual(
-            (silent.status, silent.text), (GoalStatus.ABORTED, "the detector sent nothing within 5 s")
-        )
+        self.assertEqual((silent.status, silent.text), (GoalStatus.ABORTED, SILENT))
         detector = rospy.Publisher("detections", Detection3DArray, latch=True, queue_size=1)
         self.addCleanup(detector.unregister)
         detector.publish(Detection3DArray(detections=[detection(CUP, 1.0), detection(PERSON, 2.0)]))
         for classes, expected in (((), [1.0, 2.0]), (("person",), [2.0]), (("bottle",), [])):
-            goal = self.look(*classes)
+            end = time.monotonic() + LONG
+            while (goal := self.look(*classes)).text == SILENT:  # a busy machine needs longer to connect them
+                self.assertLess(time.monotonic(), end, SILENT)
             self.assertEqual(goal.status, GoalStatus.SUCCEEDED, goal.text)
             seen = goal.result.detections.detections
             self.assertEqual([found.results[0].pose.pose.position.x for found in seen], expected)
