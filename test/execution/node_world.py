@@ -28,8 +28,7 @@ from merlin_actions.core.ending import Closing, Ending
 from merlin_pddl.plan_text import OUTDATED
 from merlin_planning.knowledge_client import ADD, REMOVE, Update, fact, function_value, knowledge_client
 from merlin_ros.ros_alarm import RosAlarm
-from merlin_ros.service_proxy import ServiceProxy
-from merlin_test.topic_links import wait_for_publishers
+from merlin_test.topic_links import patient_service, wait_for_publishers
 
 LONG = 120.0
 KB = "/rosplan_knowledge_base"
@@ -197,9 +196,11 @@ class NodeWorld:
         ]
         self._subscribers = [announcements, *statuses]
         self._knowledge = knowledge_client(KB)
-        self._parse = {k: ServiceProxy(f"/{k}_parser/parse_plan_from_file", ParsingService) for k in KINDS}
-        self._dispatch = {k: ServiceProxy(f"/{k}_dispatcher/dispatch_plan", DispatchService) for k in KINDS}
-        self._executions = ServiceProxy(f"{KB}/executions", ListExecutions)
+        self._parse = {k: patient_service(f"/{k}_parser/parse_plan_from_file", ParsingService) for k in KINDS}
+        self._dispatch = {
+            k: patient_service(f"/{k}_dispatcher/dispatch_plan", DispatchService) for k in KINDS
+        }
+        self._executions = patient_service(f"{KB}/executions", ListExecutions)
         waiting = [self._knowledge, *self._parse.values(), *self._dispatch.values()]
         assert all(each.wait(LONG) for each in waiting), "the planning system does not come up"
         wait_for_publishers(*statuses)  # else the first dispatch may begin and end unheard

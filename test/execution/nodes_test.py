@@ -14,8 +14,7 @@ from rosplan_knowledge_msgs.msg import DomainFormula
 
 import rostest
 from merlin_planning.knowledge_client import ADD, REMOVE, Update, fact, function_value, knowledge_client
-from merlin_ros.service_proxy import ServiceProxy
-from merlin_test.topic_links import wait_for_publishers
+from merlin_test.topic_links import patient_service, wait_for_publishers
 
 LONG = 120.0
 KB = "/rosplan_knowledge_base"
@@ -26,8 +25,8 @@ class Nodes(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
         cls.knowledge = knowledge_client(KB)
-        cls.parse = ServiceProxy("/rosplan_parsing_interface/parse_plan_from_file", ParsingService)
-        cls.dispatch = ServiceProxy("/rosplan_plan_dispatcher/dispatch_plan", DispatchService)
+        cls.parse = patient_service("/rosplan_parsing_interface/parse_plan_from_file", ParsingService)
+        cls.dispatch = patient_service("/rosplan_plan_dispatcher/dispatch_plan", DispatchService)
         cls.changed = threading.Condition()
         cls.history, cls.reasons, cls.announced = [], [], set()
         cls.marks, cls.noted = itertools.count(1000), 0.0

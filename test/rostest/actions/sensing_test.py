@@ -13,8 +13,8 @@ from std_srvs.srv import SetBool, SetBoolResponse, Trigger, TriggerResponse
 
 import rostest
 from merlin_planning.knowledge_client import ADD, REMOVE, Update, fact, instance, knowledge_client
-from merlin_ros.service_proxy import ServiceProxy
 from merlin_test.knowledge_fixture import Received
+from merlin_test.topic_links import patient_service
 
 LONG = 60.0
 
@@ -113,7 +113,7 @@ class Sensing(unittest.TestCase):
         self.eventually(lambda: self.holds("painted", "leg"))
 
     def test_sensed_predicates_are_marked(self):
-        details = ServiceProxy(
+        details = patient_service(
             "/rosplan_knowledge_base/domain/predicate_details", GetDomainPredicateDetailsService
         )
         self.assertTrue(details("powered").is_sensed)

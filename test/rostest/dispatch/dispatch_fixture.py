@@ -22,8 +22,8 @@ from merlin_planning.knowledge_client import (
     knowledge_client,
 )
 from merlin_ros.actions.action_client import ActionClient
-from merlin_ros.service_proxy import ServiceError, ServiceProxy
-from merlin_test.topic_links import wait_for_publishers
+from merlin_ros.service_proxy import ServiceError
+from merlin_test.topic_links import patient_service, wait_for_publishers
 
 LONG = 60.0
 KNOWLEDGE_BASE = "/rosplan_knowledge_base"
@@ -126,9 +126,9 @@ class DispatchFixture:
     def setUpClass(cls):
         dispatcher = cls.dispatcher = f"/{cls.kind}_dispatcher"
         cls.knowledge = knowledge_client(KNOWLEDGE_BASE)
-        cls.parse = ServiceProxy(f"/{cls.kind}_parser/parse_plan_from_file", ParsingService)
-        cls.dispatch = ServiceProxy(f"{dispatcher}/dispatch_plan", DispatchService)
-        cls.cancel = ServiceProxy(f"{dispatcher}/cancel_dispatch", Empty)
+        cls.parse = patient_service(f"/{cls.kind}_parser/parse_plan_from_file", ParsingService)
+        cls.dispatch = patient_service(f"{dispatcher}/dispatch_plan", DispatchService)
+        cls.cancel = patient_service(f"{dispatcher}/cancel_dispatch", Empty)
         cls.action = ActionClient(f"{dispatcher}/dispatch_plan_action", NonBlockingDispatchAction)
         cls.statuses, cls.since = [], rospy.Time()
         cls.status_changed = threading.Condition()

@@ -21,8 +21,7 @@ from rosplan_dispatch_msgs.msg import ActionDispatch, NonBlockingDispatchGoal
 import rostest
 from merlin_planning.knowledge_client import fact
 from merlin_ros.actions.lease_holder import LeaseHolder
-from merlin_ros.service_proxy import ServiceProxy
-from merlin_test.topic_links import sends
+from merlin_test.topic_links import patient_service, sends
 
 VICTIM = Path(__file__).with_name("victim_owner.py")
 
@@ -192,7 +191,7 @@ class Owner(DispatchFixture, unittest.TestCase):
     # --- actions that are not answered ---
 
     def begin_execution(self, action):
-        apply = ServiceProxy(f"{KNOWLEDGE_BASE}/apply_effects", ApplyEffects)
+        apply = patient_service(f"{KNOWLEDGE_BASE}/apply_effects", ApplyEffects)
         parameters = [KeyValue("r", "ann"), KeyValue("x", "leg")]
         answer = apply(
             operator_name="paint",
@@ -205,7 +204,7 @@ class Owner(DispatchFixture, unittest.TestCase):
         self.assertTrue(answer.success, answer.message)
 
     def executions(self):
-        return ServiceProxy(f"{KNOWLEDGE_BASE}/executions", ListExecutions)(owner="").executions
+        return patient_service(f"{KNOWLEDGE_BASE}/executions", ListExecutions)(owner="").executions
 
     def settled(self):
         """Waits for the knowledge that the settling changes."""

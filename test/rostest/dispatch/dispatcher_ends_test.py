@@ -23,8 +23,8 @@ from std_srvs.srv import Empty, EmptyResponse
 import rostest
 from merlin_planning import dispatch_client
 from merlin_planning.dispatch_client import DispatchClient
-from merlin_ros.service_proxy import ServiceError, ServiceProxy
-from merlin_test.topic_links import wait_for_publishers
+from merlin_ros.service_proxy import ServiceError
+from merlin_test.topic_links import patient_service, wait_for_publishers
 
 
 class DispatcherEnds(unittest.TestCase):
@@ -33,7 +33,7 @@ class DispatcherEnds(unittest.TestCase):
         interfaces = Interfaces(dispatcher)
         self.addCleanup(interfaces.close)
         interfaces.answers.update({"paint": [(1,)], **answers})
-        parse = ServiceProxy("/simple_parser/parse_plan_from_file", ParsingService)
+        parse = patient_service("/simple_parser/parse_plan_from_file", ParsingService)
         self.assertTrue(parse.wait(LONG))
         with tempfile.NamedTemporaryFile("w", suffix=".plan") as file:
             file.write("0.0: (paint ann leg) [5.0]\n")
@@ -43,7 +43,7 @@ class DispatcherEnds(unittest.TestCase):
 
     def test_one_that_is_told_to_end_cancels_what_runs_and_is_gone(self):
         dispatcher = "/ending_dispatcher"
-        dispatch = ServiceProxy(f"{dispatcher}/dispatch_plan", DispatchService)
+        dispatch = patient_service(f"{dispatcher}/dispatch_plan", DispatchService)
         self.assertTrue(dispatch.wait(LONG))
         interfaces = self.begin(dispatcher, on_cancel=(10, "cancelled"))
         ended = threading.Event()

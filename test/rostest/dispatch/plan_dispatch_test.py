@@ -32,7 +32,8 @@ from merlin_planning.knowledge_client import (
     fact,
     function_value,
 )
-from merlin_ros.service_proxy import ServiceError, ServiceProxy
+from merlin_ros.service_proxy import ServiceError
+from merlin_test.topic_links import patient_service
 
 
 class Expressions(DispatchFixture):
@@ -233,7 +234,7 @@ class Dispatching(Expressions):
         result = self.start()
         self.interfaces.wait(named("paint"))
         with self.assertRaisesRegex(ServiceError, "being dispatched already"):
-            ServiceProxy(f"{self.dispatcher}/dispatch_plan", DispatchService)()
+            patient_service(f"{self.dispatcher}/dispatch_plan", DispatchService)()
         second = self.action.send(NonBlockingDispatchGoal())
         self.assertTrue(second.wait(LONG))
         self.assertEqual(second.status, GoalStatus.REJECTED)
@@ -303,7 +304,7 @@ class SimpleDispatching(Dispatching, unittest.TestCase):
         self.addCleanup(publisher.unregister)
         while not publisher.get_num_connections():
             rospy.rostime.wallsleep(0.01)
-        exchange = ServiceProxy(f"{self.dispatcher}/exchange_plan", ExchangePlan)
+        exchange = patient_service(f"{self.dispatcher}/exchange_plan", ExchangePlan)
         other = [KeyValue("r", "bob"), KeyValue("x", "seat")]
         self.interfaces.answers["paint"] = [(1,)]
         self.give("0.0: (paint ann leg) [5.0]")

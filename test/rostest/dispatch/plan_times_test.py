@@ -15,7 +15,7 @@ from rosplan_knowledge_msgs.msg import DomainFormula
 
 import rostest
 from merlin_planning.knowledge_client import ADD, REMOVE, Update, fact, function_value, knowledge_client
-from merlin_ros.service_proxy import ServiceProxy
+from merlin_test.topic_links import patient_service
 
 LONG = 60.0
 DISPATCHER = "/rosplan_plan_dispatcher"
@@ -28,9 +28,9 @@ class Times(unittest.TestCase):
         cls.time = 100.0
         cls.tick(0.0)
         cls.knowledge = knowledge_client()
-        cls.parse = ServiceProxy("/rosplan_parsing_interface/parse_plan_from_file", ParsingService)
-        cls.dispatch = ServiceProxy(f"{DISPATCHER}/dispatch_plan", DispatchService)
-        cls.strict = ServiceProxy("/strict_dispatcher/dispatch_plan", DispatchService)
+        cls.parse = patient_service("/rosplan_parsing_interface/parse_plan_from_file", ParsingService)
+        cls.dispatch = patient_service(f"{DISPATCHER}/dispatch_plan", DispatchService)
+        cls.strict = patient_service("/strict_dispatcher/dispatch_plan", DispatchService)
         cls.changed = threading.Condition()
         cls.statuses = []
         cls.subscribers = [

@@ -8,13 +8,13 @@ import rospy
 from rosplan_dispatch_msgs.srv import DispatchService
 
 from merlin_planning.dispatch_client import DispatchClient
-from merlin_ros.service_proxy import ServiceProxy
+from merlin_test.topic_links import patient_service
 
 rospy.init_node("victim_owner", anonymous=True)
 words = rospy.myargv(sys.argv)[1:]
 if "--plain" in words:
     print("begins", flush=True)
-    ServiceProxy(f"{words[0]}/dispatch_plan", DispatchService)()
+    patient_service(f"{words[0]}/dispatch_plan", DispatchService)()
 else:
     client = DispatchClient(words[0])
     client.wait_status(60.0)

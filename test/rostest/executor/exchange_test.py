@@ -20,10 +20,10 @@ from merlin_executor.executor_client import MerlinExecutorClient, outcome_name
 from merlin_planning.dispatch_client import DispatchClient
 from merlin_planning.planning_client import Planned, PlanningClient
 from merlin_ros.call_scope import CallScope
-from merlin_ros.service_proxy import ServiceError, ServiceProxy
+from merlin_ros.service_proxy import ServiceError
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 from merlin_test.held_drives import HeldDrives
-from merlin_test.topic_links import wait_for_publishers
+from merlin_test.topic_links import patient_service, wait_for_publishers
 
 LONG = 60.0
 GOALS = ["(checked kitchen)", "(checked bathroom)"]
@@ -174,7 +174,7 @@ class Exchange(unittest.TestCase):
         plan = self.plan(GOALS[1], [text(drive)])
         other = DispatchClient()
         self.assertIn("carries out no plan of this node", other.exchange(plan, [drive]))
-        exchange = ServiceProxy("rosplan_plan_dispatcher/exchange_plan", ExchangePlan)
+        exchange = patient_service("rosplan_plan_dispatcher/exchange_plan", ExchangePlan)
         refused = exchange(goal="of another client", keep=[drive.action_id]).refused
         self.assertIn("carries out no plan for this goal", refused)
         self.held.end()

@@ -23,11 +23,10 @@ from merlin_executor.executor_client import DROP, MerlinExecutorClient, outcome_
 from merlin_executor.goal_check import GoalError
 from merlin_executor.mission.goal_state import ACHIEVED
 from merlin_planning.knowledge_client import KnowledgeError
-from merlin_ros.service_proxy import ServiceProxy
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 from merlin_test.held_drives import HeldDrives
 from merlin_test.node_path import node_path
-from merlin_test.topic_links import wait_for_publishers
+from merlin_test.topic_links import patient_service, wait_for_publishers
 
 LONG = 60.0
 DORM_ROOM = "world/points_of_interest/dorm_room"
@@ -218,7 +217,7 @@ class Executor(unittest.TestCase):
 
     def test_a_more_urgent_request_waits_for_an_action_that_may_not_be_interrupted(self):
         self.execute_at("kitchen")
-        hold = ServiceProxy("speech/hold", SetBool)
+        hold = patient_service("speech/hold", SetBool)
         hold(True)
         self.addCleanup(hold, False)
         first = self.client.send(["(checked kitchen)", "(checked bathroom)"])

@@ -15,9 +15,8 @@ from visualization_msgs.msg import MarkerArray
 
 from merlin_executor.core.outcome import outcome_name
 from merlin_executor.executor_client import MerlinExecutorClient
-from merlin_ros.service_proxy import ServiceProxy
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
-from merlin_test.topic_links import publishers_of, wait_for_publishers
+from merlin_test.topic_links import patient_service, publishers_of, wait_for_publishers
 
 LONG = 60.0
 NODE = "rviz_markers"
@@ -109,14 +108,14 @@ class Rviz(unittest.TestCase):
 
     def test_the_next_click_takes_the_place_of_the_last_one(self):
         first, second = self.elsewhere(2)
-        self.assertTrue(ServiceProxy("merlin/pause", Trigger)().success)
+        self.assertTrue(patient_service("merlin/pause", Trigger)().success)
         try:
             self.click_near(first)
             self.goals.wait(lambda sent: sent.goal.goals == [f"(robot_at {first})"])
             self.click_near(second)
             self.assertEqual(self.ended(f"(robot_at {first})"), "CANCELLED")
         finally:
-            self.assertTrue(ServiceProxy("merlin/resume", Trigger)().success)
+            self.assertTrue(patient_service("merlin/resume", Trigger)().success)
         self.assertEqual(self.ended(f"(robot_at {second})"), "SUCCEEDED")
 
     def test_a_click_that_means_no_point_is_told_and_sends_nothing(self):

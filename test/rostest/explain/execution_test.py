@@ -20,11 +20,10 @@ from merlin_executor.executor_client import MerlinExecutorClient, outcome_name
 from merlin_executor.mission.goal_state import ACHIEVED
 from merlin_reactive.speech.speech_synthesizer import RATE, SpeechSynthesizer
 from merlin_ros.master.master_link import bounded_master
-from merlin_ros.service_proxy import ServiceProxy
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 from merlin_test.held_drives import HeldDrives
 from merlin_test.node_path import node_path
-from merlin_test.topic_links import sends
+from merlin_test.topic_links import patient_service, sends
 
 LONG = 120.0
 HOST = "/merlin_fsm_host"
@@ -95,7 +94,7 @@ class ExecutionQuestions(unittest.TestCase):
         cls.client = MerlinExecutorClient()
         cls.knowledge = MerlinROSPlanAssistant()
         cls.held = HeldDrives()
-        cls.explain = ServiceProxy("merlin/explain", Explain, timeout=LONG)
+        cls.explain = patient_service("merlin/explain", Explain, timeout=LONG)
         assert cls.client.wait_for_executor(LONG) and cls.explain.wait(LONG)
 
     def setUp(self):

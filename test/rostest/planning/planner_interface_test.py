@@ -21,8 +21,9 @@ from std_srvs.srv import Empty
 
 import rostest
 from merlin_ros.actions.action_client import ActionClient
-from merlin_ros.service_proxy import ServiceError, ServiceProxy
+from merlin_ros.service_proxy import ServiceError
 from merlin_test.named_case import named_case
+from merlin_test.topic_links import patient_service
 
 LONG = 60.0
 NODE = "/rosplan_planner_interface"
@@ -49,8 +50,8 @@ class Planner(unittest.TestCase):
         cls.domain = rospy.get_param(f"{NODE}/domain_path")
         cls.folder = tempfile.TemporaryDirectory()
         cls.problem_text = (Path(cls.domain).parent / "problem.pddl").read_text()
-        cls.params = ServiceProxy(f"{NODE}/planning_server_params", PlanningService)
-        cls.plain = ServiceProxy(f"{NODE}/planning_server", Empty)
+        cls.params = patient_service(f"{NODE}/planning_server_params", PlanningService)
+        cls.plain = patient_service(f"{NODE}/planning_server", Empty)
         cls.action = ActionClient(f"{NODE}/start_planning", PlanAction)
         cls.changed = threading.Condition()
         cls.plans, cls.statuses = [], []

@@ -22,8 +22,9 @@ from merlin_planning.knowledge_client import (
     fact,
     knowledge_client,
 )
-from merlin_ros.service_proxy import ServiceError, ServiceProxy
+from merlin_ros.service_proxy import ServiceError
 from merlin_test.knowledge_fixture import Received
+from merlin_test.topic_links import patient_service
 
 LONG = 60.0
 
@@ -66,7 +67,7 @@ class System:
             "dispatch": ("rosplan_plan_dispatcher/dispatch_plan", DispatchService),
         }
         for attribute, (name, service) in names.items():
-            proxy = ServiceProxy(f"{namespace}/{name}", service, timeout=LONG)
+            proxy = patient_service(f"{namespace}/{name}", service, timeout=LONG)
             assert proxy.wait(LONG), proxy.name
             setattr(self, attribute, proxy)
         assert self.knowledge.wait(LONG)

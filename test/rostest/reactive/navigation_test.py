@@ -18,8 +18,8 @@ from std_srvs.srv import Empty, Trigger
 
 import rostest
 from merlin_ros.actions.action_client import ActionClient
-from merlin_ros.service_proxy import ServiceProxy
 from merlin_test.knowledge_fixture import Received
+from merlin_test.topic_links import patient_service
 
 LONG = 120.0  # s of wall time
 
@@ -120,7 +120,7 @@ class Navigation(unittest.TestCase):
     def test_a_reset_of_the_world_ends_the_drive_and_the_next_goal_is_driven_to(self):
         goal = self.send(pose(4.8, 5.5))
         self.wait(lambda: self.driving() and self.from_start() > 1.0)
-        self.assertTrue(ServiceProxy("/merlin_sim/reset", Trigger)().success)
+        self.assertTrue(patient_service("/merlin_sim/reset", Trigger)().success)
         self.assertTrue(goal.wait(LONG))
         self.assertEqual(goal.status, GoalStatus.ABORTED)
         self.assertIn("The odometry jumped", goal.text)
@@ -160,7 +160,7 @@ class Navigation(unittest.TestCase):
         self.assertEqual(goal.status, GoalStatus.SUCCEEDED)
 
     def test_plans_are_made_without_driving(self):
-        plan = ServiceProxy("move_base/make_plan", GetPlan)
+        plan = patient_service("move_base/make_plan", GetPlan)
         self.assertTrue(plan.wait(LONG))
         poses = plan(pose(0.6, 1.05), pose(7.6, 1.2), 0.0).plan.poses
         self.assertAlmostEqual(poses[0].pose.position.x, 0.6, delta=0.1)
@@ -171,7 +171,7 @@ class Navigation(unittest.TestCase):
         far = plan(pose(0.6, 1.05), pose(1e6, 0.0), math.inf).plan.poses[-1].pose.position
         self.assertGreater(far.x, 8.0)
         self.assertEqual(plan(pose(0.6, 1.05), pose(3.8, 5.5), math.nan).plan.poses, [])
-        ServiceProxy("move_base/clear_costmaps", Empty)()
+        patient_service("move_base/clear_costmaps", Empty)()
 
     def test_a_plain_pose_is_a_goal_too(self):
         here = self.truth.pose.pose.position

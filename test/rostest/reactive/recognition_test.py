@@ -16,8 +16,8 @@ from std_srvs.srv import Trigger
 import rostest
 import smach
 from merlin_ros.actions.action_client import ActionClient
-from merlin_ros.service_proxy import ServiceProxy
 from merlin_sm.state_factory import MerlinStateFactory
+from merlin_test.topic_links import patient_service
 
 LONG = 60.0  # s of wall time
 TRUTH = {
@@ -38,9 +38,9 @@ class Recognition(unittest.TestCase):
         cls.clients = {name: ActionClient(f"/{name}/recognize", RecognizeAction) for name in SERVERS}
         for name, client in cls.clients.items():
             assert client.wait_for_server(LONG), f"{name}/recognize is there"
-        cls.pause = ServiceProxy("/merlin_sim/pause", Trigger)
-        cls.resume = ServiceProxy("/merlin_sim/resume", Trigger)
-        for service in (cls.pause, cls.resume, ServiceProxy("/r1/camera/capture", Trigger)):
+        cls.pause = patient_service("/merlin_sim/pause", Trigger)
+        cls.resume = patient_service("/merlin_sim/resume", Trigger)
+        for service in (cls.pause, cls.resume, patient_service("/r1/camera/capture", Trigger)):
             assert service.wait(LONG), "the simulator has started"
         rospy.wait_for_message("/r1/odom", rospy.AnyMsg, timeout=LONG)
         # The robot's fixed frames come last; then a look succeeds.

@@ -15,8 +15,7 @@ from std_srvs.srv import Trigger
 import rostest
 from merlin_reactive.speech.speech_synthesizer import SpeechSynthesizer
 from merlin_ros.actions.action_client import ActionClient
-from merlin_ros.service_proxy import ServiceProxy
-from merlin_test.topic_links import wait_for_publishers
+from merlin_test.topic_links import patient_service, wait_for_publishers
 
 LONG = 60.0  # s of wall time
 SENTENCE = "Good morning. Do you need anything from the kitchen or from anywhere else?"
@@ -40,7 +39,7 @@ class Speech(unittest.TestCase):
             rospy.Subscriber("sound_play/status", GoalStatusArray, cls.see_goals),
             rospy.Subscriber("sound_play/result", SoundRequestActionResult, cls.see_end),
         ]
-        assert ServiceProxy("/merlin_sim/pause", Trigger).wait(LONG), "the simulator has started"
+        assert patient_service("/merlin_sim/pause", Trigger).wait(LONG), "the simulator has started"
         cls.client = ActionClient("sound_play", SoundRequestAction)
         assert cls.client.wait_for_server(LONG)
         wait_for_publishers(*cls.subscribers)
@@ -110,7 +109,7 @@ class Speech(unittest.TestCase):
         self.assertIn(goal.status, (GoalStatus.PREEMPTED, GoalStatus.RECALLED), goal.text)
 
     def test_a_cancel_works_while_time_stands_still(self):
-        pause, resume = (ServiceProxy(f"/merlin_sim/{verb}", Trigger) for verb in ("pause", "resume"))
+        pause, resume = (patient_service(f"/merlin_sim/{verb}", Trigger) for verb in ("pause", "resume"))
         self.assertTrue(pause.wait(LONG) and resume.wait(LONG))
         goal = self.send(arg=STORY)
         self.wait(lambda: self.speaking and goal.feedback is not None)
@@ -154,7 +153,7 @@ class Speech(unittest.TestCase):
 
     def test_a_sound_that_waits_for_its_turn_can_be_stopped(self):
         publisher = self.publisher()
-        pause, resume = (ServiceProxy(f"/merlin_sim/{verb}", Trigger) for verb in ("pause", "resume"))
+        pause, resume = (patient_service(f"/merlin_sim/{verb}", Trigger) for verb in ("pause", "resume"))
         self.assertTrue(pause.wait(LONG) and resume.wait(LONG))
         publisher.publish(
             SoundRequest(sound=SoundRequest.SAY, command=SoundRequest.PLAY_START, volume=1.0, arg="again")

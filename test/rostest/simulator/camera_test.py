@@ -19,8 +19,8 @@ from sensor_msgs.msg import CameraInfo, Image
 from std_srvs.srv import Trigger
 
 import rostest
-from merlin_ros.service_proxy import ServiceProxy
 from merlin_sim.rendering.picture_worker import NAME
+from merlin_test.topic_links import patient_service
 
 LONG = 60.0  # s of wall time
 
@@ -43,9 +43,9 @@ def picture_process():
 class Camera(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
-        cls.capture = ServiceProxy("/r1/camera/capture", CaptureImage)
-        cls.pause = ServiceProxy("/merlin_sim/pause", Trigger)
-        cls.resume = ServiceProxy("/merlin_sim/resume", Trigger)
+        cls.capture = patient_service("/r1/camera/capture", CaptureImage)
+        cls.pause = patient_service("/merlin_sim/pause", Trigger)
+        cls.resume = patient_service("/merlin_sim/resume", Trigger)
         for service in (cls.capture, cls.pause, cls.resume):
             assert service.wait(LONG), "the simulator has started"
 
@@ -92,7 +92,7 @@ class Camera(unittest.TestCase):
         answers = []
         callers = [
             threading.Thread(
-                target=lambda: answers.append(ServiceProxy("/r1/camera/capture", CaptureImage)()),
+                target=lambda: answers.append(patient_service("/r1/camera/capture", CaptureImage)()),
                 daemon=True,
             )
             for _ in range(4)

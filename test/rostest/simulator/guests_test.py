@@ -13,9 +13,8 @@ from sound_play.msg import SoundRequest, SoundRequestAction, SoundRequestGoal
 
 import rostest
 from merlin_ros.actions.action_client import ActionClient
-from merlin_ros.service_proxy import ServiceProxy
 from merlin_test.conversation import wait_for_conversation
-from merlin_test.topic_links import wait_for_publishers
+from merlin_test.topic_links import patient_service, wait_for_publishers
 
 LONG = 60.0  # s of wall time
 ORDERS = "#JSGF V1.0; grammar order; public <order> = [please] bring me (a | the) (coffee | tea) [please];"
@@ -26,8 +25,8 @@ class Guests(unittest.TestCase):
     def setUpClass(cls):
         cls.listen = ActionClient("listen", ListenAction)
         cls.speak = ActionClient("sound_play", SoundRequestAction)
-        cls.tell = ServiceProxy("person_voice/set_answers", SetAnswers)
-        cls.place = ServiceProxy("/merlin_sim/place", PlaceThing)
+        cls.tell = patient_service("person_voice/set_answers", SetAnswers)
+        cls.place = patient_service("/merlin_sim/place", PlaceThing)
         for server in (cls.listen, cls.speak):
             assert server.wait_for_server(LONG), "speech and hearing have started"
         for service in (cls.tell, cls.place):

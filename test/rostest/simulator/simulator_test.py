@@ -18,7 +18,7 @@ from sensor_msgs.msg import LaserScan
 from std_srvs.srv import Trigger
 
 import rostest
-from merlin_ros.service_proxy import ServiceProxy
+from merlin_test.topic_links import patient_service
 
 LONG = 120.0  # s of wall time
 SLOW = 0.25  # real-time factor that a machine with much else to do reaches, too
@@ -62,7 +62,7 @@ class Simulator(unittest.TestCase):
         cls.truth = {name: Latest(f"/{name}/ground_truth", Odometry) for name in ("r1", "r2")}
         cls.odom = Latest("/r1/odom", Odometry)
         cls.scan = Latest("/r1/scan", LaserScan)
-        assert ServiceProxy("/merlin_sim/pause", Trigger).wait(LONG), "the simulator has started"
+        assert patient_service("/merlin_sim/pause", Trigger).wait(LONG), "the simulator has started"
         cls.status = Latest("/merlin_sim/status", SimStatus)
         cls.map = Latest("/map", OccupancyGrid)
         cls.buffer = tf2_ros.Buffer()
@@ -132,8 +132,8 @@ class Simulator(unittest.TestCase):
         self.assertEqual(set(grid.data), {-1, 0, 100})
 
     def test_time_stands_still_while_paused_and_goes_on(self):
-        pause = ServiceProxy("/merlin_sim/pause", Trigger)
-        resume = ServiceProxy("/merlin_sim/resume", Trigger)
+        pause = patient_service("/merlin_sim/pause", Trigger)
+        resume = patient_service("/merlin_sim/resume", Trigger)
         self.assertTrue(pause().success)
         self.addCleanup(resume)
         one = self.status.wait(lambda m: m.paused).header.stamp
@@ -150,7 +150,7 @@ class Simulator(unittest.TestCase):
         self.addCleanup(clock.subscriber.unregister)
         recorder = rospy.Subscriber("/clock", Clock, lambda message: ticks.append(message.clock))
         self.addCleanup(recorder.unregister)
-        change = ServiceProxy("/merlin_sim/set_real_time_factor", SetRealTimeFactor)
+        change = patient_service("/merlin_sim/set_real_time_factor", SetRealTimeFactor)
         self.addCleanup(change, 4.0)
         self.assertTrue(change(1.0).success)
         clock.wait(lambda message: message.clock.to_nsec() % ODOMETRY_PERIOD != 0)
@@ -161,7 +161,7 @@ class Simulator(unittest.TestCase):
         self.assertEqual([t for t in list(ticks) if t > fast and t.to_nsec() % ODOMETRY_PERIOD != 0], [])
 
     def test_a_factor_beyond_the_machine_is_in_the_diagnostics(self):
-        change = ServiceProxy("/merlin_sim/set_real_time_factor", SetRealTimeFactor)
+        change = patient_service("/merlin_sim/set_real_time_factor", SetRealTimeFactor)
         self.addCleanup(change, 4.0)
         health = Latest("/diagnostics", DiagnosticArray)
         self.assertTrue(change(1000.0).success)
@@ -171,7 +171,7 @@ class Simulator(unittest.TestCase):
         health.wait(lambda m: m.status[0].name == "merlin_sim: world" and m.status[0].level == 0)
 
     def test_the_factor_changes_and_nonsense_is_refused(self):
-        change = ServiceProxy("/merlin_sim/set_real_time_factor", SetRealTimeFactor)
+        change = patient_service("/merlin_sim/set_real_time_factor", SetRealTimeFactor)
         self.addCleanup(change, 4.0)
         self.assertTrue(change(SLOW).success)
         self.status.wait(
@@ -199,7 +199,7 @@ class Simulator(unittest.TestCase):
         self.scans = []
         listener = rospy.Subscriber("/r1/scan", LaserScan, self.scans.append, tcp_nodelay=True)
         self.addCleanup(listener.unregister)
-        change = ServiceProxy("/merlin_sim/set_seed", SetSeed)
+        change = patient_service("/merlin_sim/set_seed", SetSeed)
         before = self.truth["r1"].wait().header.stamp
 
         def shared(scans):
@@ -207,7 +207,7 @@ class Simulator(unittest.TestCase):
 
         one = self.scans_after(lambda: change(9), lambda scans: len(scans) >= 20)
         self.status.wait(lambda m: m.seed == 9)
-        reset = ServiceProxy("/merlin_sim/reset", Trigger)
+        reset = patient_service("/merlin_sim/reset", Trigger)
         two = self.scans_after(reset, lambda scans: len(shared(scans)) > 10)
         other = self.scans_after(lambda: change(10), lambda scans: len(shared(scans)) > 10)
         self.assertEqual([when for when in shared(two) if one[when] != two[when]], [])

@@ -14,8 +14,7 @@ from sensor_msgs.msg import LaserScan
 from std_srvs.srv import Trigger
 
 import rostest
-from merlin_ros.service_proxy import ServiceProxy
-from merlin_test.topic_links import wait_for_publishers
+from merlin_test.topic_links import patient_service, wait_for_publishers
 
 LONG = 120.0  # s of wall time
 
@@ -26,10 +25,10 @@ class WorldControl(unittest.TestCase):
         cls.changed = threading.Condition()
         cls.people, cls.scan = {}, None
         cls.seen = []  # (when, person), of every message
-        cls.place = ServiceProxy("/merlin_sim/place", PlaceThing)
-        cls.walk = ServiceProxy("/merlin_sim/walk", WalkPerson)
+        cls.place = patient_service("/merlin_sim/place", PlaceThing)
+        cls.walk = patient_service("/merlin_sim/walk", WalkPerson)
         cls.call = {
-            name: ServiceProxy(f"/merlin_sim/{name}", Trigger) for name in ("pause", "resume", "reset")
+            name: patient_service(f"/merlin_sim/{name}", Trigger) for name in ("pause", "resume", "reset")
         }
         for proxy in (cls.place, cls.walk, *cls.call.values()):
             assert proxy.wait(LONG), "the simulator has started"

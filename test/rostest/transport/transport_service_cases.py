@@ -12,14 +12,16 @@ from std_srvs.srv import Trigger, TriggerResponse
 from transport_victim import start_victim
 
 from merlin_ros import service_proxy
+from merlin_ros.master.master_link import MasterSilent
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
+from merlin_test.topic_links import patient_service
 
 LONG = 60.0
 
 
 class Services(unittest.TestCase):
     def test_a_restarted_server_is_found_again(self):
-        ask = ServiceProxy("victim/ask", Trigger)
+        ask = patient_service("victim/ask", Trigger)
         for _ in range(2):
             victim = start_victim()
             try:
@@ -35,7 +37,7 @@ class Services(unittest.TestCase):
     def test_threads_share_a_proxy(self):
         service = rospy.Service("shared", Trigger, lambda request: TriggerResponse(True, "yes"))
         self.addCleanup(service.shutdown)
-        proxy = ServiceProxy("shared", Trigger)
+        proxy = patient_service("shared", Trigger)
         answers = []
         threads = [
             threading.Thread(target=lambda: answers.extend(proxy().message for _ in range(50)))
@@ -75,19 +77,32 @@ class Services(unittest.TestCase):
             ServiceProxy("looked_up", Trigger, timeout=0.2)()
 
     def test_the_first_call_waits_for_a_server_that_is_being_started(self):
-        offered = []
-        ask = ServiceProxy("comes_late", Trigger, patience=LONG)
-        look = ask.available
+        offered, look = [], service_proxy.bounded_master
 
         def start_after_the_first_look():
-            found = look()
             if not offered:
                 offered.append(rospy.Service("comes_late", Trigger, lambda _: TriggerResponse(True, "here")))
-            return found
+                self.addCleanup(offered[0].shutdown)
+                raise MasterSilent("it did not answer")
+            return look()
 
-        ask.available = start_after_the_first_look
-        self.addCleanup(lambda: offered[0].shutdown())
-        self.assertEqual(ask().message, "here")
+        with mock.patch.object(service_proxy, "bounded_master", start_after_the_first_look):
+            self.assertEqual(ServiceProxy("comes_late", Trigger, patience=LONG)().message, "here")
+
+    def test_a_patient_call_asks_a_slow_master_until_it_answers_and_then_no_more(self):
+        service = rospy.Service("found_late", Trigger, lambda _: TriggerResponse(True, "here"))
+        self.addCleanup(service.shutdown)
+        answers, look = iter([MasterSilent("it did not answer")] * 3 + [None]), service_proxy.bounded_master
+
+        def answer():
+            silent = next(answers)
+            if silent:
+                raise silent
+            return look()
+
+        with mock.patch.object(service_proxy, "bounded_master", answer):
+            self.assertEqual(ServiceProxy("found_late", Trigger, patience=LONG)().message, "here")
+            self.assertRaises(StopIteration, next, answers)
 
     def test_a_refusal_is_told_in_the_words_of_the_server(self):
         def refuse(_):
@@ -96,7 +111,7 @@ class Services(unittest.TestCase):
         service = rospy.Service("refuses", Trigger, refuse)
         self.addCleanup(service.shutdown)
         with self.assertRaises(ServiceError) as caught:
-            ServiceProxy("refuses", Trigger)()
+            patient_service("refuses", Trigger)()
         self.assertEqual(
             str(caught.exception), "service /refuses failed: battery of 'anna' is \"flat\", naïve"
         )

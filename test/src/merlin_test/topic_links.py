@@ -1,12 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which publishers send to this node. rospy's own count says so before the connection is open."""
+"""Links of a test: which publishers send to this node, and services that a busy machine brings late.
+
+rospy's own count of publishers has a connection before it is open.
+"""
 
 import time
-from typing import Any, Set
+from typing import Any, Optional, Set
 
 import rospy
 
 from merlin_ros.master.master_link import ERRORS, bounded_master, bounded_proxy
+from merlin_ros.service_proxy import ServiceProxy
 
 LONG = 120.0  # s; a master on a busy machine takes longer than MERLIN waits for it
 
@@ -41,3 +45,11 @@ def wait_for_publishers(*subscribers: rospy.Subscriber, count: int = 1) -> None:
         while len(publishers_of(subscriber)) < count:
             assert time.monotonic() < end, f"{subscriber.resolved_name}: {publishers_of(subscriber)}"
             rospy.rostime.wallsleep(0.01)
+
+
+def patient_service(name: str, service_class: type, timeout: Optional[float] = None) -> ServiceProxy:
+    """A proxy whose first call waits for the start of the server, and for a slow master.
+
+    :param timeout: longest wait for an answer, s of wall time; None: as long as it takes.
+    """
+    return ServiceProxy(name, service_class, timeout, patience=LONG)

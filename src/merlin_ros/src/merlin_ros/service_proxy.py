@@ -40,6 +40,7 @@ class _Client(rospy.ServiceProxy):
     """rospy's proxy, with a look-up that ends when the master hangs, and connecting when the server does."""
 
     connect_limit = CONNECT_LIMIT
+    found = ""  # where the service is, for the next call, when that is known
     connecting: Optional[TCPROSTransport] = None
     scope: CallScope = current_scope()
     given_up = False  # the call's time limit has passed, maybe before there was a socket to wake
@@ -69,8 +70,9 @@ class _Client(rospy.ServiceProxy):
         return super().call(*args, **fields)
 
     def _get_service_uri(self, _: Any) -> str:
+        found, self.found = self.found, ""
         try:
-            self.uri = bounded_master().lookupService(self.resolved_name)
+            self.uri = found or bounded_master().lookupService(self.resolved_name)
         except rosgraph.MasterError:
             raise rospy.ServiceException(f"nothing offers {self.resolved_name}") from None
         except ERRORS as error:
@@ -123,13 +125,12 @@ class ServiceProxy:
     def _call(self, scope: CallScope, *args: Any, **fields: Any) -> Any:
         begin = time.monotonic()
         patience, self._patience = self._patience, 0.0
-        if patience:
-            # Without a master nothing new is found, however long one waits.
-            self._wait(patience, lambda: scope.ended or lost.is_set())
+        # Without a master nothing new is found, however long one waits.
+        found = self._find(patience, lambda: scope.ended or lost.is_set()) if patience else ""
         limit = None
         try:
             proxy = self._connection()
-            proxy.scope, proxy.given_up = scope, False
+            proxy.scope, proxy.given_up, proxy.found = scope, False, found
             if scope.ended:
                 raise TransportException("given up")
             if self._timeout is not None:
@@ -155,18 +156,18 @@ class ServiceProxy:
         :param timeout: s of wall time; None: until ROS shuts down.
         :return: whether it is offered.
         """
-        return self._wait(timeout, lambda: False)
+        return bool(self._find(timeout, lambda: False))
 
-    def _wait(self, timeout: Optional[float], given_up: Callable[[], bool]) -> bool:
+    def _find(self, timeout: Optional[float], given_up: Callable[[], bool]) -> str:
+        """Where the service is, as soon as it is offered; empty: it is not in time."""
         end = None if timeout is None else time.monotonic() + timeout
         while not rospy.is_shutdown() and not given_up():
-            if self.available():
-                return True
-            if end is not None and time.monotonic() >= end:
-                return False
+            found = self._look()
+            if found or (end is not None and time.monotonic() >= end):
+                return found
             # The master does not announce a new service; the proxy asks again, at start-up only.
             time.sleep(0.02)
-        return False
+        return ""
 
     def offered(self) -> bool:
         """Whether the master knows the service; that of a server that is busy or hangs is offered too.
@@ -185,15 +186,18 @@ class ServiceProxy:
 
     def available(self) -> bool:
         """Whether the master knows the service and its server accepts connections."""
+        return bool(self._look())
+
+    def _look(self) -> str:
         try:
-            uri = bounded_master().lookupService(self.name)
+            uri: str = bounded_master().lookupService(self.name)
             host, port = rospy.core.parse_rosrpc_uri(uri)
             with socket.create_connection((host, port), timeout=1.0) as connection:
                 header = {"probe": "1", "md5sum": "*", "callerid": rospy.get_name(), "service": self.name}
                 write_ros_handshake_header(connection, header)
-                return True
+                return uri
         except ERRORS:
-            return False
+            return ""
 
     @property
     def connected(self) -> bool:
