@@ -5,6 +5,7 @@
 import os
 import subprocess
 import tempfile
+import time
 import unittest
 
 import rospy
@@ -13,8 +14,8 @@ from merlin_msgs.srv import Explain, ExplainRequest
 
 import rostest
 from merlin_executor.executor_client import MerlinExecutorClient
-from merlin_ros.service_proxy import ServiceProxy
 from merlin_test.node_path import node_path
+from merlin_test.topic_links import patient_service
 
 LONG = 60.0
 GOALS = ["(checked kitchen)", "(checked bathroom)"]
@@ -25,7 +26,7 @@ class Explained(unittest.TestCase):
 
     @classmethod
     def setUpClass(cls):
-        cls.ask = ServiceProxy("merlin/explain", Explain, timeout=LONG, patience=LONG)
+        cls.ask = patient_service("merlin/explain", Explain, timeout=LONG)
         client = MerlinExecutorClient()
         assert client.wait_for_executor(LONG), "no executor"
         cls.early = cls.ask(question=ExplainRequest.WHY, about="(checked kitchen)")
@@ -48,9 +49,15 @@ class Explained(unittest.TestCase):
             (status.state, len(status.running)), (DispatchStatus.RUNNING, 1), "a question moved it"
         )
 
-    def answer(self, question, **fields):
-        answer = self.ask(question=question, **fields)
-        self.assertTrue(answer.ok, answer.sentence)
+    def answer(self, question, words="", kinds=(), **fields):
+        """The answer with words and claims that planning finds: it may have no time on a busy machine."""
+        end = time.monotonic() + LONG
+        while True:
+            answer = self.ask(question=question, **fields)
+            known = {claim.kind for claim in answer.claims}.issuperset(kinds)
+            if answer.ok and words in answer.sentence and known:
+                break
+            self.assertLess(time.monotonic(), end, answer)
         self.assertTrue(answer.claims and all(claim.text for claim in answer.claims), answer)
         return answer
 
@@ -91,25 +98,22 @@ class Explained(unittest.TestCase):
 
     def test_why_not(self):
         there = f"(navigate {self.running.strip('()').split()[2]} main_door)"
-        other = self.answer(ExplainRequest.WHY_NOT, include=[there])
-        self.assertIn("would be worse", other.sentence)
+        other = self.answer(ExplainRequest.WHY_NOT, "would be worse", include=[there])
         self.assertIn(there, other.claims[1].evidence[0].text)
-        never = self.answer(ExplainRequest.WHY_NOT, without=["(ask kitchen)"])
-        self.assertIn("There is no plan without", never.sentence)
+        self.answer(ExplainRequest.WHY_NOT, "There is no plan without", without=["(ask kitchen)"])
         goal = next(goal for goal in GOALS if self.running.strip("()").split()[2] not in goal)
         self.answer(ExplainRequest.WHY_NOT, first=[goal])
 
     def test_no_plan(self):
-        answer = self.answer(ExplainRequest.NO_PLAN, goals=["(robot_at anywhere)"])
-        self.assertIn("There is no plan", answer.sentence)
-        self.assertEqual([claim.kind for claim in answer.claims], ["impossible", "enough"])
-        self.assertIn("There is a plan", self.answer(ExplainRequest.NO_PLAN, goals=GOALS).sentence)
+        kinds, goals = ["impossible", "enough"], ["(robot_at anywhere)"]
+        answer = self.answer(ExplainRequest.NO_PLAN, "There is no plan", kinds, goals=goals)
+        self.assertEqual([claim.kind for claim in answer.claims], kinds)
+        self.answer(ExplainRequest.NO_PLAN, "There is a plan", goals=GOALS)
 
     def test_what_if(self):
-        answer = self.answer(ExplainRequest.WHAT_IF, facts=["(checked kitchen)"])
-        self.assertIn("instead of", answer.sentence)
-        both = self.answer(ExplainRequest.WHAT_IF, facts=["(checked kitchen)", "(checked bathroom)"])
-        self.assertIn("nothing would have to be done", both.sentence)
+        self.answer(ExplainRequest.WHAT_IF, "instead of", facts=["(checked kitchen)"])
+        both = ["(checked kitchen)", "(checked bathroom)"]
+        self.answer(ExplainRequest.WHAT_IF, "nothing would have to be done", facts=both)
         self.answer(ExplainRequest.WHAT_IF, goals=["(checked main_door)"])
 
     def test_a_wrong_question_is_refused(self):
@@ -141,7 +145,9 @@ class Explained(unittest.TestCase):
             ["--no-plan"],
             ["--what-if", "(checked kitchen)"],
         ):
-            self.assertEqual(self.why(*words).returncode, 0, words)
+            end = time.monotonic() + LONG
+            while (answered := self.why(*words)).returncode:
+                self.assertLess(time.monotonic(), end, (words, answered))
         for words in (
             ["(fly kitchen)"],
             [],
