@@ -9,6 +9,7 @@ import unittest
 
 import rospy
 from merlin_msgs.msg import DispatchStatus, KnowledgeChanges
+from node_world import FastClock
 from rosplan_dispatch_msgs.srv import DispatchService, ParsingService
 from rosplan_knowledge_msgs.msg import DomainFormula
 
@@ -24,6 +25,8 @@ OPERATORS = {"burn", "mend", "double", "note"}
 class Nodes(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
+        cls.clock = FastClock()
+        cls.clock.factor = 4.0
         cls.knowledge = knowledge_client(KB)
         cls.parse = patient_service("/rosplan_parsing_interface/parse_plan_from_file", ParsingService)
         cls.dispatch = patient_service("/rosplan_plan_dispatcher/dispatch_plan", DispatchService)
@@ -39,6 +42,10 @@ class Nodes(unittest.TestCase):
         wait_for_publishers(*cls.subscribers)  # what is sent before is never heard
         with cls.changed:  # the plans' times leave no room for an interface that has not started
             assert cls.changed.wait_for(lambda: cls.announced >= OPERATORS, LONG), cls.announced
+
+    @classmethod
+    def tearDownClass(cls):
+        cls.clock.stop()
 
     @classmethod
     def meet(cls, message):
