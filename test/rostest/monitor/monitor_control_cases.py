@@ -323,17 +323,21 @@ class ControlCases(PageCases):
     def test_7_a_pause_lets_the_goal_end_and_no_other_begin(self):
         visit = self.operator()
         page = visit.page
+        self.drives.hold()
         mission, thread, ended = self.start_round(Patrol())
         self.addCleanup(mission.cancel)
+        self.drives.wait_driving()
         page.click("#pause")
         self.assertTrue(self.status.wait(lambda status: status.paused))
         visit.wait_text("#now-doing", "paused")
+        self.drives.hold()  # the next one
         self.assertTrue(self.status.wait(lambda status: status.state == ExecutorStatus.IDLE))
         visit.wait_text("#queue-note", "1 waiting")
         self.assertEqual(ended, [])
         visit.wait_text("#history-list .said", "Ana pauses")
         page.get_by_role("button", name="Resume").click()
         self.assertTrue(self.status.wait(lambda status: not status.paused and bool(status.running)))
+        self.drives.wait_driving()
         # The mission survives a cancel: it waits until it is resumed.
         page.click("#cancel-all")
         visit.wait_text("#control-said", "cancel of all requests")

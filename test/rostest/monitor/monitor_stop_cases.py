@@ -17,9 +17,10 @@ from merlin_executor.executor_client import outcome_name
 class StopCases(ControlCases):
     def test_7_a_mission_survives_a_stop_and_goes_on_after_the_release(self):
         visit = self.operator()
+        self.drives.hold()
         mission, thread, ended = self.start_round(Patrol())
         self.addCleanup(mission.cancel)
-        self.assertTrue(self.guard.wait(lambda status: status.moving))
+        self.drives.wait_driving()
         visit.page.click("#stop")
         visit.wait_text("#control-said", "confirmed by the guard")
         self.assertTrue(self.status.wait(lambda status: "the base is held by Ana since" in status.waits))
