@@ -24,7 +24,7 @@ from merlin_ros.deadline import Deadline
 from merlin_rosplan.dispatch.dispatch import DispatchReport, DispatchState
 from merlin_rosplan.dispatch.dispatch_schedule import Schedule
 from merlin_rosplan.dispatcher import plan_dispatcher
-from merlin_rosplan.dispatcher.dispatcher_kinds import SimplePlanDispatcher
+from merlin_rosplan.dispatcher.simple_and_esterel import SimplePlanDispatcher
 from merlin_rosplan.transport import component
 from merlin_rosplan.transport.handover import Handover
 

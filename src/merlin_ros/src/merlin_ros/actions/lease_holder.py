@@ -19,8 +19,8 @@ LIFE = uuid.uuid4().hex[:12]  #: names this process
 class LeaseHolder:
     """Holds leases of the goals that this process has sent to one server; thread-safe.
 
-    All holders of a process for one server publish one lease: a server takes what a lease does not name as
-    let go. A lease is renewed in wall time: a paused simulator must not make its owner look dead.
+    All holders of a process for one server publish one lease: for a server, what a lease does not name is
+    released. A lease is renewed in wall time: a paused simulator must not make its owner look dead.
 
     :param topic: ``<action>/lease``.
     """

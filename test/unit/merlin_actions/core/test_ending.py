@@ -6,9 +6,16 @@ from typing import Any
 
 import pytest
 
-from merlin_actions.core.ending import GIVEN_UP, NOT_BEGUN, Ending, information_of
+from merlin_actions.core.ending import (
+    GIVEN_UP,
+    NOT_BEGUN,
+    Ending,
+    MachineEnd,
+    answer_of,
+    ending_of,
+    information_of,
+)
 from merlin_actions.core.execution import Execution
-from merlin_actions.core.machine_end import MachineEnd, answer_of, ending_of
 from merlin_ros.work.goal_end import GoalEnd
 
 ABORTED = MachineEnd("aborted", "the door is closed")
