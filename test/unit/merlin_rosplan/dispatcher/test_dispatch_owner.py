@@ -175,7 +175,7 @@ def bench(monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
 # --- between two plans ----------------------------------------------------------------------------------
 
 
-def test_one_that_has_told_its_end_is_waited_for(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_one_that_has_reported_its_end_is_waited_for(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     waits = threading.Event()
 
     class Watched(Deadline):
