@@ -311,12 +311,12 @@ def missing_in_manifest(root: Path, imports: List[Import]) -> Iterator[str]:
     manifest = (root / "package.xml").read_text(encoding="utf-8")
     named = set(re.findall(r"<(?:exec_|run_)?depend[^>]*>([^<]+)<", manifest))
     named |= {root.name, *FROM_PIP}
-    told: Set[str] = set()
+    reported: Set[str] = set()
     for found in imports:
         name = found.package
-        if name in sys.stdlib_module_names or KEYS.get(name, name) in named or name in told:
+        if name in sys.stdlib_module_names or KEYS.get(name, name) in named or name in reported:
             continue
-        told.add(name)
+        reported.add(name)
         yield found.finding(f"{root.name}/package.xml does not name {KEYS.get(name, name)}")
 
 

@@ -163,8 +163,8 @@ class Campaign:
             if value is not None
         )
         verdict = f"{len(judgement.violations)} VIOLATIONS" if judgement.violations else "good"
-        told = f"{judgement.outcome or '-'}; {figures}"
-        self._say(f"{number:3} {result.trial.label}: {verdict} [{told}] ({seconds:.0f} s)")
+        reported = f"{judgement.outcome or '-'}; {figures}"
+        self._say(f"{number:3} {result.trial.label}: {verdict} [{reported}] ({seconds:.0f} s)")
         for violation in judgement.violations:
             self._say(f"      {violation}")
         for ended in (event for event in result.log if event.kind == events.ENDED and judgement.violations):
@@ -182,8 +182,8 @@ class Campaign:
 
 def named(result: Result) -> Optional[bool]:
     """Whether the robot named what was broken, when it was asked why; None: it was not asked."""
-    told = [event["sentence"] for event in result.log if event.kind == events.WHY]
-    return names_it(result.trial.fault, told[-1]) if told else None
+    reported = [event["sentence"] for event in result.log if event.kind == events.WHY]
+    return names_it(result.trial.fault, reported[-1]) if reported else None
 
 
 def _write_events(path: Path, result: Result) -> None:

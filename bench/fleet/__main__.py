@@ -9,11 +9,11 @@ from typing import Any, Callable, Dict, List, Optional
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from fleet.demonstration import Broken, Demonstration, make_folder
 from fleet.ledger import Ledger
 from fleet.network import FleetNetwork
 from fleet.robot import Robot
 from fleet.setup import FLEET, Say, allow_robots, launch_arguments, make_keys, make_network, play
-from fleet.story import Broken, Story, make_folder
 from merlin_fleet.certificates import Folder
 from merlin_fleet.fleet_client import FleetClient, FleetError
 from merlin_test.etcd_process import EtcdProcess
@@ -40,7 +40,7 @@ def _make_hub(network: Optional[FleetNetwork], names: List[str], folder: Path) -
 
 
 def run(options: argparse.Namespace, say: Say) -> int:
-    """Plays the story; returns the exit code."""
+    """Plays the demonstration; returns the exit code."""
     names = list(NAMES[: options.robots])
     folder = make_folder(options.results)
     say(f"logs are in {folder}")
@@ -55,8 +55,8 @@ def run(options: argparse.Namespace, say: Say) -> int:
         client = FleetClient(FLEET, [etcd.endpoint], tls)
         stack.callback(client.close)
         robots: Dict[str, Robot] = {}
-        story = Story(client, robots, network, Ledger(), say)
-        stack.callback(story.close)
+        demonstration = Demonstration(client, robots, network, Ledger(), say)
+        stack.callback(demonstration.close)
         stack.callback(say, "all is ended")
         ports = [PORT] * len(names) if network is not None else free_ports(len(names))
         for name, port in zip(names, ports):
@@ -64,9 +64,11 @@ def run(options: argparse.Namespace, say: Say) -> int:
                 *launch_arguments(name, network, [etcd.port], folder),
                 f"drive_duration:={options.drive}",
             ]
-            robots[name] = Robot(name, given, _inside(network, name), port, folder, _receiver(story, name))
+            robots[name] = Robot(
+                name, given, _inside(network, name), port, folder, _receiver(demonstration, name)
+            )
             stack.callback(robots[name].close)
-        found = story.play()
+        found = demonstration.play()
     for text in found:
         say(f"WRONG: {text}")
     say("wrong" if found else "nothing was lost, nothing was done twice")
@@ -77,8 +79,8 @@ def _inside(network: Optional[FleetNetwork], name: str) -> Callable[[List[str]],
     return lambda command: command if network is None else network.inside(name, command)
 
 
-def _receiver(story: Story, name: str) -> Callable[[Any], None]:
-    return lambda event: story.take(name, event)
+def _receiver(demonstration: Demonstration, name: str) -> Callable[[Any], None]:
+    return lambda event: demonstration.take(name, event)
 
 
 def main(arguments: List[str]) -> int:

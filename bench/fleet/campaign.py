@@ -19,9 +19,9 @@ from chaos.under_test.network import NetworkError
 from measuring.tables import markdown
 
 from fleet.clocks import APART
+from fleet.demonstration import make_folder
 from fleet.faults import FAULTS
 from fleet.setup import Say, play
-from fleet.story import make_folder
 from fleet.system import Fleet, Late
 from fleet.trial import Row, run_trial
 from merlin_fleet.fleet_client import FleetError

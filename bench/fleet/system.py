@@ -166,16 +166,16 @@ class Fleet:
 
     def _follow(self) -> None:
         """Notes what the fleet says of the goals."""
-        told: Dict[str, Tuple[str, str]] = {}
+        reported: Dict[str, Tuple[str, str]] = {}
         while not self._closed:
-            self.client.wait(lambda known=told: self._closed or self._states() != known, 1.0)  # type: ignore[misc]
+            self.client.wait(lambda known=reported: self._closed or self._states() != known, 1.0)  # type: ignore[misc]
             states, now = self._states(), time.monotonic()
             with self.changed:
                 for goal, (owner, outcome) in states.items():
-                    if told.get(goal) != (owner, outcome):
+                    if reported.get(goal) != (owner, outcome):
                         self.seen.append(Seen(now, goal, owner, outcome))
                 self.changed.notify_all()
-            told = states
+            reported = states
 
     def _states(self) -> Dict[str, Tuple[str, str]]:
         states = {}

@@ -18,7 +18,7 @@ from merlin_sim.robot.truth_localization import PoseNoise, TruthLocalization
 from merlin_sim.world.survey import map_of
 from merlin_sim.world.world_model import World
 
-TOLD_EVERY = 10  # physics steps between two words of a robot to the others
+REPORT_EVERY = 10  # physics steps between two words of a robot to the others
 
 
 @dataclass(frozen=True)
@@ -104,7 +104,7 @@ def meet(world: World, routes: Sequence[Route], seed: int = 1, limit: float = 24
                 for driver in drivers:
                     driver.step(simulation, angles)
                     tracks[driver.route.name].append(driver.robot.body.pose())
-            if simulation.tick % TOLD_EVERY == 0:
+            if simulation.tick % REPORT_EVERY == 0:
                 _tell(drivers, rules, simulation.time)
             simulation.step()
             for driver in drivers:

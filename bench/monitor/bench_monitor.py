@@ -57,18 +57,18 @@ _WATCH = """() => {
 class Step(smach.State):
     """Waits a moment, and notes when it lets the next state begin."""
 
-    def __init__(self, following: str, told: List[Tuple[str, float]], stop: threading.Event) -> None:
+    def __init__(self, following: str, reported: List[Tuple[str, float]], stop: threading.Event) -> None:
         smach.State.__init__(self, outcomes=["done", "stopped"])
-        self._following, self._told, self._stop = following, told, stop
+        self._following, self._reported, self._stop = following, reported, stop
 
     def execute(self, ud: Any) -> str:
         if self._stop.wait(1.0 / STATE_RATE):
             return "stopped"
-        self._told.append((self._following, time.time()))
+        self._reported.append((self._following, time.time()))
         return "done"
 
 
-def ring(told: List[Tuple[str, float]], stop: threading.Event) -> smach.StateMachine:
+def ring(reported: List[Tuple[str, float]], stop: threading.Event) -> smach.StateMachine:
     """200 states, one after the other, over and over."""
     machine = smach.StateMachine(outcomes=["stopped"])
     with machine:
@@ -76,13 +76,13 @@ def ring(told: List[Tuple[str, float]], stop: threading.Event) -> smach.StateMac
             following = f"STATE_{(number + 1) % STATES}"
             smach.StateMachine.add(
                 f"STATE_{number}",
-                Step(following, told, stop),
+                Step(following, reported, stop),
                 transitions={"done": following, "stopped": "stopped"},
             )
     return machine
 
 
-def change_facts(shelves: Shelves, told: List[Tuple[str, float]], stop: threading.Event) -> None:
+def change_facts(shelves: Shelves, reported: List[Tuple[str, float]], stop: threading.Event) -> None:
     """Adds facts and takes them away again, at an even pace."""
     begin = time.monotonic()
     number = 0
@@ -90,29 +90,29 @@ def change_facts(shelves: Shelves, told: List[Tuple[str, float]], stop: threadin
         turn = number // 2
         thing, shelf = f"t{turn % Shelves.THINGS}", f"s{FACTS // Shelves.THINGS + 2 + turn // Shelves.THINGS}"
         sign, kind = ("+", ADD) if number % 2 == 0 else ("−", REMOVE)
-        told.append((f"{sign} (on {thing} {shelf})", time.time()))
+        reported.append((f"{sign} (on {thing} {shelf})", time.time()))
         if not shelves.update(kind, fact("on", thing, shelf)).success:
             raise RuntimeError("the knowledge base refused a fact")
         number += 1
 
 
-def latencies_ms(told: List[Tuple[str, float]], seen: List[List[Any]]) -> Tuple[List[float], int]:
+def latencies_ms(reported: List[Tuple[str, float]], seen: List[List[Any]]) -> Tuple[List[float], int]:
     """ms from each change to the page that shows it, or what came after it; and how many were never shown."""
     places: Dict[str, List[int]] = {}
-    for place, (what, _) in enumerate(told):
+    for place, (what, _) in enumerate(reported):
         places.setdefault(what, []).append(place)
     shown: Dict[int, float] = {}
     for what, at in seen:
-        before = [place for place in places.get(what, []) if told[place][1] <= at]
+        before = [place for place in places.get(what, []) if reported[place][1] <= at]
         if before:
             shown.setdefault(before[-1], at)
     samples: List[float] = []
     at = float("inf")
-    for place in reversed(range(len(told))):
+    for place in reversed(range(len(reported))):
         at = min(at, shown.get(place, at))
         if at < float("inf"):
-            samples.append(1000.0 * (at - told[place][1]))
-    return samples, len(told) - len(shown)
+            samples.append(1000.0 * (at - reported[place][1]))
+    return samples, len(reported) - len(shown)
 
 
 def browser_pids() -> List[int]:

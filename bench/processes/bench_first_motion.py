@@ -64,11 +64,11 @@ def first_motion() -> float:
                 start_new_session=True,
             )
         try:
-            told, _ = watch.communicate(timeout=LIMIT)
+            reported, _ = watch.communicate(timeout=LIMIT)
             if watch.returncode:
                 said = (Path(folder) / "launch.out").read_text()[-1000:]
                 raise RuntimeError(f"the robot has not moved; the launch said: {said}")
-            return float(told) - begin
+            return float(reported) - begin
         finally:
             watch.kill()
             with contextlib.suppress(ProcessLookupError):

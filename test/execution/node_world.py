@@ -12,6 +12,7 @@ import threading
 import time
 from pathlib import Path
 from typing import Any, Callable, Dict, Iterator, List, Sequence
+from unittest import mock
 
 import rospy
 from cases import FACTS, Case, plan_of, sections
@@ -19,12 +20,15 @@ from merlin_msgs.msg import DispatchStatus
 from merlin_msgs.srv import ListExecutions
 from pddl21 import Model, State
 from rosgraph_msgs.msg import Clock
+from rosplan_dispatch_msgs.msg import ActionDispatch
 from rosplan_dispatch_msgs.srv import DispatchService, ParsingService
 from rosplan_knowledge_msgs.msg import DomainFormula
 from semantics import Event
 
+from merlin_actions import action_interface
 from merlin_actions.action_interface import ActionInterface
 from merlin_actions.core.ending import Closing, Ending
+from merlin_actions.effects import effects_of
 from merlin_pddl.plan_text import OUTDATED
 from merlin_planning.knowledge_client import ADD, REMOVE, Update, fact, function_value, knowledge_client
 from merlin_ros.ros_alarm import RosAlarm
@@ -79,22 +83,23 @@ class Recorded:
     """The effects of an interface; writes down when they came true, in the order of their transactions."""
 
     lock = threading.Lock()  # held during a transaction
+    of_run: "Run"
 
-    def __init__(self, effects: Any, run: "Run") -> None:
-        self._effects, self._run = effects, run
+    def __init__(self, effects: Any) -> None:
+        self._effects = effects
 
     def open(self, opening: Any) -> None:
         with self.lock:
             self._effects.open(opening)
             number = int(opening.token.split("/")[1])
-            if self._run.changes_at_start(number):
-                self._run.note("start", number)
+            if self.of_run.changes_at_start(number):
+                self.of_run.note("start", number)
 
     def close(self, opening: Any, closing: Closing, *on_gone: Callable[[], None]) -> None:
         with self.lock:
             self._effects.close(opening, closing, *on_gone)
             if closing is Closing.END:
-                self._run.note("end", int(opening.token.split("/")[1]))
+                self.of_run.note("end", int(opening.token.split("/")[1]))
 
 
 class Interface(ActionInterface):
@@ -102,6 +107,36 @@ class Interface(ActionInterface):
 
     concurrent = True
     of_run: "Run"
+
+    def __init__(self, *names: str) -> None:
+        def record(*given: Any) -> Recorded:
+            self.recorded = Recorded(effects_of(*given))
+            return self.recorded
+
+        with mock.patch.object(action_interface, "effects_of", record):
+            super().__init__(*names)
+
+    def start(self) -> None:
+        """Serves, notes the begin of actions, and keeps its publishers."""
+        self.publishers: List[rospy.Publisher] = []
+        publisher, subscriber = rospy.Publisher, rospy.Subscriber
+
+        def advertise(*args: Any, **options: Any) -> rospy.Publisher:
+            self.publishers.append(publisher(*args, **options))
+            return self.publishers[-1]
+
+        def subscribe(name: str, kind: type, callback: Callable[[Any], None], **options: Any) -> Any:
+            def receive(message: Any) -> None:
+                if kind is ActionDispatch:
+                    self.note(message)
+                callback(message)
+
+            return subscriber(name, kind, receive, **options)
+
+        with mock.patch.object(rospy, "Publisher", advertise), mock.patch.object(
+            rospy, "Subscriber", subscribe
+        ):
+            super().start()
 
     def run(self, execution: Any) -> Ending:
         over = threading.Event()
@@ -114,16 +149,15 @@ class Interface(ActionInterface):
 
     def serve(self, run: "Run") -> None:
         """Belongs to a run from now on."""
-        self.of_run = run
-        self._effects = Recorded(getattr(self._effects, "_effects", self._effects), run)
+        self.of_run = self.recorded.of_run = run
 
-    def _receive(self, dispatch: Any) -> None:
+    def note(self, dispatch: ActionDispatch) -> None:
+        """Notes that an action begins, where nothing but its conditions begins."""
         # All that the start of some actions is, are conditions: they were checked just now. What made
         # them true may be a transaction whose answer is still under way.
         if dispatch.name == self.operator and not self.of_run.changes_at_start(dispatch.action_id):
             with Recorded.lock:
                 self.of_run.note("start", dispatch.action_id)
-        super()._receive(dispatch)
 
 
 class Run:
@@ -241,8 +275,8 @@ class NodeWorld:
         finally:
             for interface in found:
                 interface.shutdown()
-                interface._feedback.unregister()
-                interface._announcements.unregister()
+                for publisher in interface.publishers:
+                    publisher.unregister()
 
     def run(
         self, case: Case, model: Model, kind: str, interfaces: Sequence[Interface], durations: Sequence[float]

@@ -48,14 +48,14 @@ def test_every_package_is_there_with_what_it_may_import() -> None:
     (table,) = re.findall(
         r"^\| package \| what it is \| may import \|\n\|---\|---\|---\|\n((?:\|.*\n)+)", MAP, re.M
     )
-    told = {row[0].strip("`"): set(re.findall(r"`(merlin\w*)`", row[2])) for row in rows(table)}
+    documented = {row[0].strip("`"): set(re.findall(r"`(merlin\w*)`", row[2])) for row in rows(table)}
     allowed = {
         name: set(others) - EVERYWHERE
         for name, others in CONTRACTS.MAY_IMPORT.items()
         if not name.startswith("rosplan") and name != "merlin_test"
     }
-    assert told.pop("merlin_msgs") == set()
-    assert told == allowed
+    assert documented.pop("merlin_msgs") == set()
+    assert documented == allowed
 
 
 @pytest.mark.parametrize("package", sorted(CONTRACTS.LAYERS))
@@ -64,11 +64,11 @@ def test_every_sub_package_is_there_in_its_order(package: str) -> None:
     existing = set(folders(source))
     if existing <= {"actions"}:  # an example to copy: its actions need no map
         return
-    told = [re.findall(r"`(\w+)/?`", row[0]) or ["."] for row in rows(tables()[package])]
+    documented = [re.findall(r"`(\w+)/?`", row[0]) or ["."] for row in rows(tables()[package])]
     levels = {name: level for level, names in enumerate(CONTRACTS.LAYERS[package]) for name in names.split()}
-    named = {name for row in told for name in row}
+    named = {name for row in documented for name in row}
     assert existing <= named and named | {"."} == set(levels) | {"."}
-    order = [{levels[name] for name in row} for row in told]
+    order = [{levels[name] for name in row} for row in documented]
     assert all(low <= high for row, after in zip(order, order[1:]) for low in row for high in after)
 
 
@@ -88,10 +88,10 @@ def classes_of_the_paper() -> Dict[str, Any]:
     """Name → class, of each row that names its module in the table, also in its last column."""
     (table,) = re.findall(r"^\| in the paper \| module \| \|\n\|---\|---\|---\|\n((?:\|.*\n)+)", PAPER, re.M)
     found: Dict[str, Any] = {}
-    for name, module, told in rows(table):
+    for name, module, documented in rows(table):
         loaded = importlib.import_module(module.strip("`"))
-        names = re.findall(r"`([A-Z]\w+)`", f"{name} {told}")
-        inside = re.findall(r"`([A-Z]\w+)` \(`([\w.]+)`\)", told)
+        names = re.findall(r"`([A-Z]\w+)`", f"{name} {documented}")
+        inside = re.findall(r"`([A-Z]\w+)` \(`([\w.]+)`\)", documented)
         found.update({inner: getattr(importlib.import_module(where), inner) for inner, where in inside})
         own = [n for n in names if n not in found and n != "RPActionInterface"]
         found.update({n: getattr(loaded, n) for n in own})
@@ -135,9 +135,9 @@ def threads_of(source: str) -> Set[str]:
 
 def test_every_thread_of_a_node_is_in_the_table() -> None:
     section = PAGE.split("\n## Threads", 1)[1].split("\n## ", 1)[0]
-    told = set(re.findall(r"`([^`]+)`", section))
+    documented = set(re.findall(r"`([^`]+)`", section))
     # Of tests, and of guests, each of which has a thread of its name.
     others = {"testing", "merlin_test", "merlin_guests"}
     for path in sorted((ROOT / "src").glob("merlin_*/src/**/*.py")):
         if not others & set(path.parts):
-            assert threads_of(path.read_text(encoding="utf-8")) <= told, path
+            assert threads_of(path.read_text(encoding="utf-8")) <= documented, path

@@ -304,7 +304,7 @@ def _hangs(evidence: Evidence) -> List[str]:
     asked, ended = evidence.first(events.CANCEL, REQUEST), evidence.first(events.ENDED, REQUEST)
     until = min(event.at for event in (asked, ended) if event is not None) if asked or ended else evidence.end
     if evidence.trial.fault.kind == AGAIN:
-        return _told_late(evidence, until)
+        return _reported_late(evidence, until)
     over = evidence.first(events.OVER)
     begin = max(evidence.zero, over.at if over is not None and over.at < until else evidence.zero)
     if until < evidence.deadline(begin, ANSWER_LIMIT - 0.5):
@@ -326,7 +326,7 @@ def _hangs(evidence: Evidence) -> List[str]:
     return [f"the request neither ends nor goes on: nothing runs from {span}"]
 
 
-def _told_late(evidence: Evidence, until: float) -> List[str]:
+def _reported_late(evidence: Evidence, until: float) -> List[str]:
     """What dies again and again has one limit, not a new one each time; an action that runs is progress."""
     waited = _without_action(evidence, until)
     if waited <= evidence.deadline(evidence.zero, RETURN_LIMIT) - evidence.zero:

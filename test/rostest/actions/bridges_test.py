@@ -8,6 +8,7 @@ import signal
 import subprocess
 import threading
 import unittest
+from unittest import mock
 
 import rospy
 from actionlib_msgs.msg import GoalStatus, GoalStatusArray
@@ -18,7 +19,9 @@ from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback
 from sound_play.msg import SoundRequestActionGoal
 
 import rostest
+from merlin_actions import action_interface
 from merlin_actions.merlin_action import MerlinAction
+from merlin_ros.publishing import publish
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 from merlin_test.announced_interfaces import wait_for_interfaces
 from merlin_test.held_drives import HeldDrives
@@ -33,24 +36,23 @@ FINAL = (ActionFeedback.ACTION_FAILED, ActionFeedback.ACTION_SUCCEEDED_TO_GOAL_S
 
 
 class LateBridge(MerlinAction):
-    """A bridge that notes what it does with a dispatch that was latched before, however late that comes."""
+    """A bridge that reads a dispatch which was latched before, however late, behind a status."""
 
     def start(self):
-        self.told, self.received, self.begun = threading.Event(), threading.Event(), []
-        super().start()
+        subscriber = rospy.Subscriber
+        read = {DispatchStatus: threading.Event(), ActionDispatch: threading.Event()}
+        self.received = read[ActionDispatch]
 
-    def _note_dispatcher(self, status):
-        super()._note_dispatcher(status)
-        self.told.set()
+        def subscribe(name, kind, callback, **options):
+            def receive(message):
+                assert kind is DispatchStatus or read[DispatchStatus].wait(LONG)
+                callback(message)
+                read[kind].set()
 
-    def _receive(self, dispatch):
-        assert self.told.wait(LONG)
-        super()._receive(dispatch)
-        self.received.set()
+            return subscriber(name, kind, receive if kind in read else callback, **options)
 
-    def _begin(self, dispatch):
-        self.begun.append(dispatch)
-        super()._begin(dispatch)
+        with mock.patch.object(rospy, "Subscriber", subscribe):
+            super().start()
 
 
 class Bridges(unittest.TestCase):
@@ -384,10 +386,18 @@ class Bridges(unittest.TestCase):
         self.addCleanup(status.unregister)
         status.publish(DispatchStatus())  # as dispatchers do: nothing runs
         late = LateBridge("ask", dispatch_topic="test_dispatch", feedback_topic="test_feedback")
-        late.start()
-        self.addCleanup(late.shutdown)
-        self.assertTrue(late.received.wait(LONG))
-        self.assertEqual((late.begun, late.executions()), ([], []))
+        answers = []
+
+        def note(publisher, message):
+            if isinstance(message, ActionFeedback):
+                answers.append(message)
+            publish(publisher, message)
+
+        with mock.patch.object(action_interface, "publish", note):
+            late.start()
+            self.addCleanup(late.shutdown)
+            self.assertTrue(late.received.wait(LONG))
+            self.assertEqual((answers, late.executions()), ([], []))
         self.assertEqual(len(self.answers_to(old)), count)
 
 

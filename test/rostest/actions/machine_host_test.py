@@ -5,6 +5,7 @@
 import threading
 import time
 import unittest
+from unittest import mock
 
 import rospy
 from actionlib_msgs.msg import GoalStatus
@@ -18,13 +19,14 @@ from rospy.impl.registration import get_topic_manager
 
 import rostest
 import smach
+from merlin_actions import merlin_action_server
 from merlin_actions.merlin_action_bt import MerlinActionBT
 from merlin_actions.merlin_action_server import MerlinActionServer
 from merlin_actions.merlin_action_sm import MerlinActionSM
 from merlin_ros.actions.action_client import ActionClient
 from merlin_ros.actions.action_server import ActionServer
 from merlin_ros.health import ERROR
-from merlin_sm.states.action_state import shared_client
+from merlin_sm.states.action_state import give_up_goals, shared_client
 from merlin_test.named_case import named_case
 
 LONG = 60.0
@@ -243,19 +245,20 @@ class MachineHost(unittest.TestCase):
 
     def test_what_ends_as_it_is_abandoned_is_answered_once_and_the_next_goal_runs(self):
         server, client = self.serve(machine("EndsLate", Stubborn))
-        abandon = server._abandon
-
-        def abandon_when_it_has_ended(goal, left):
-            Stubborn.release.set()
-            server._threads[goal.id].join(LONG)
-            abandon(goal, left)
-
-        server._abandon = abandon_when_it_has_ended
         first = self.start(client)
-        second = client.send(RunActionGoal())
-        self.assertEqual(self.finish(first).status, GoalStatus.ABORTED)
+        (run,) = [thread for thread in threading.enumerate() if thread.name == f"machine {server.operator}"]
+
+        def end_meanwhile(goal):
+            Stubborn.release.set()
+            run.join(LONG)
+            give_up_goals(goal)
+
+        with mock.patch.object(merlin_action_server, "give_up_goals", end_meanwhile):
+            second = client.send(RunActionGoal())
+            self.assertEqual(self.finish(first).status, GoalStatus.ABORTED)
+            self.assertEqual(self.finish(second).status, GoalStatus.SUCCEEDED)
+        self.assertFalse(run.is_alive())
         self.assertIn("did not stop", first.result.reason)
-        self.assertEqual(self.finish(second).status, GoalStatus.SUCCEEDED)
 
     def test_whatever_a_state_raises_its_goal_is_answered(self):
         for name, state in (("Exits", Exits), ("Recurses", Recurses)):

@@ -153,20 +153,20 @@ class Actions(unittest.TestCase):
         self.assertEqual(begun, [])
 
     def test_a_newer_goal_preempts_the_older_at_once(self):
-        begun, stopped, told = [], [], threading.Event()
+        begun, stopped, reported = [], [], threading.Event()
 
         def execute(goal):
             begun.append(goal.id)
             if len(begun) == 1:
                 # Not for the event alone: the callback follows it, and is left out for a goal that has ended.
-                self.assertTrue(goal.cancel_event.wait(LONG) and told.wait(LONG))
+                self.assertTrue(goal.cancel_event.wait(LONG) and reported.wait(LONG))
                 goal.cancelled()
             else:
                 goal.succeed()
 
         def stop(goal):
             stopped.append(goal.id)
-            told.set()
+            reported.set()
 
         client = self.serve("newer", execute, stop)
         first = client.send(Goal())
@@ -350,7 +350,7 @@ class Owners(unittest.TestCase):
         client.shutdown()
         self.wait_for(lambda: self.stopped)
 
-    def test_two_clients_of_one_process_do_not_let_go_of_each_others_goals(self):
+    def test_two_clients_of_one_process_do_not_release_each_others_goals(self):
         self.serve_owned(lose_after=LONG)
         clients = [ActionClient("owned", Action) for _ in range(2)]
         for client in clients:

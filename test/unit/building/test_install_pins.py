@@ -60,7 +60,7 @@ def test_what_has_no_wheel_that_fits_is_built_from_source(checkout: Path) -> Non
     assert "pybullet==3.2.7 has no wheel for this Python" in done.stdout
 
 
-def test_a_pin_that_cannot_be_had_is_told(checkout: Path) -> None:
+def test_a_pin_that_cannot_be_had_is_reported(checkout: Path) -> None:
     done = install(checkout, "#!/bin/sh\necho no such version >&2; exit 1\n")
     assert done.returncode == 1
     assert done.stderr.startswith("no such version\nbuild: pip could not build pybullet==3.2.7 (network?)")

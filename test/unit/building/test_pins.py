@@ -76,7 +76,7 @@ def run(page: Path, monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
     return pins.main()
 
 
-def test_a_table_that_is_no_longer_true_is_told_and_written(
+def test_a_table_that_is_no_longer_true_is_reported_and_written(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
 ) -> None:
     page = tmp_path / "platforms.md"

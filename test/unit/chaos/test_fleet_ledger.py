@@ -77,7 +77,7 @@ def test_a_robot_that_hung_and_goes_on_alone_is_right(ledger: Ledger) -> None:
     assert ledger.mistakes(GOALS, {"a": "SUCCEEDED", "b": "SUCCEEDED"}) == []
 
 
-def test_what_a_hung_robot_had_begun_may_be_told_late(ledger: Ledger) -> None:
+def test_what_a_hung_robot_had_begun_may_be_reported_late(ledger: Ledger) -> None:
     ledger.hang("ann")
     ledger.begin("ann", "b", 3.0)
     ledger.begin("bob", "b", 20.0)

@@ -54,8 +54,8 @@ def test_a_robot_that_talks_is_not_quiet_and_now_is_at_once() -> None:
     assert Moment("robot_2", MOMENTS["now"]).come.is_set()
 
 
-def test_nothing_to_kill_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    told: list = []
+def test_nothing_to_kill_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
+    reported: list = []
     monkeypatch.setattr(lose_robot, "processes_of", lambda robot, uri: [])
-    assert lose_robot.lose("robot_9", "all", MASTER, told.append) == 0
-    assert told == ["killed of robot_9: nothing"]
+    assert lose_robot.lose("robot_9", "all", MASTER, reported.append) == 0
+    assert reported == ["killed of robot_9: nothing"]

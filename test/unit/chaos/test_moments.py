@@ -8,9 +8,9 @@ from chaos.judging.scene import Scene
 from chaos.moments import Moment, begins, holds
 
 
-def scene(*story: Event) -> Scene:
+def scene(*scenario: Event) -> Scene:
     made = Scene()
-    for event in story:
+    for event in scenario:
         made.apply(event)
     return made
 
@@ -28,7 +28,7 @@ def status(state: int, stage: str) -> Event:
 
 
 @pytest.mark.parametrize(
-    ("moment", "story"),
+    ("moment", "scenario"),
     [
         (Moment.DRIVING, [truth(0.2), goals("move_base", "a")]),
         (Moment.SPEAKING, [goals("sound_play", "a")]),
@@ -37,14 +37,14 @@ def status(state: int, stage: str) -> Event:
         (Moment.IDLE, [status(0, ""), truth(0.0)]),
     ],
 )
-def test_a_moment_that_lasts(moment: Moment, story: list) -> None:
-    assert holds(moment, scene(*story))
-    others = [other for other in Moment if other is not moment and holds(other, scene(*story))]
+def test_a_moment_that_lasts(moment: Moment, scenario: list) -> None:
+    assert holds(moment, scene(*scenario))
+    others = [other for other in Moment if other is not moment and holds(other, scene(*scenario))]
     assert not others
 
 
 @pytest.mark.parametrize(
-    ("moment", "story"),
+    ("moment", "scenario"),
     [
         (Moment.DRIVING, [truth(0.05), goals("move_base", "a")]),
         (Moment.DRIVING, [truth(0.3), goals("move_base", "a"), goals("move_base")]),
@@ -53,8 +53,8 @@ def test_a_moment_that_lasts(moment: Moment, story: list) -> None:
         (Moment.IDLE, []),
     ],
 )
-def test_a_moment_that_is_not_there(moment: Moment, story: list) -> None:
-    assert not holds(moment, scene(*story))
+def test_a_moment_that_is_not_there(moment: Moment, scenario: list) -> None:
+    assert not holds(moment, scene(*scenario))
 
 
 def test_between_two_actions_begins_with_the_end_of_one() -> None:

@@ -33,14 +33,14 @@ class Goal:
         self.status = GoalStatus.PENDING
         self.cancel_requested = False
         self.ends: List[tuple] = []
-        self.told: List[str] = []
+        self.reported: List[str] = []
         self.ended = threading.Event()
 
     def accept(self) -> None:
         self.status = GoalStatus.ACTIVE
 
     def feedback(self, feedback: Any) -> None:
-        self.told.append(feedback.reason)
+        self.reported.append(feedback.reason)
 
     def _end(self, status: int, result: ExecuteResult) -> bool:
         self.ends.append((status, outcome_name(result.outcome), result.reason))

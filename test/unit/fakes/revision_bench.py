@@ -348,7 +348,7 @@ class Bench:
         self.machine = ExecutorSM(system, own, lambda: None, lambda: self.engine)
         robot.on_change = self.machine.dispatch_changed
         self.engine: Engine[Request] = Engine(
-            self.machine, lambda: None, self.told, self.succeeded, lambda *_: None, Agenda(together=20)
+            self.machine, lambda: None, self.reported, self.succeeded, lambda *_: None, Agenda(together=20)
         )
         self.engine.start()
         self.order = itertools.count()
@@ -358,7 +358,7 @@ class Bench:
         if verdict.outcome.achieved:
             self.ended += [goal for goal in request.texts if goal not in self.robot.facts]
 
-    def told(self) -> None:
+    def reported(self) -> None:
         with self.robot.changed:
             self.robot.changed.notify_all()
 

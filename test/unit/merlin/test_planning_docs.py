@@ -66,8 +66,8 @@ def test_the_commands_that_install_planners_name_packages_and_variable_of_the_co
 
 
 def test_the_outcomes_of_the_page_are_those_of_the_planner_interface():
-    told = {cells[0] for cells in rows("How it ends")}
-    assert told == {state.name for state in PlannerState} - {"IDLE", "RUNNING"}
+    reported = {cells[0] for cells in rows("How it ends")}
+    assert reported == {state.name for state in PlannerState} - {"IDLE", "RUNNING"}
 
 
 def test_the_limits_of_the_page_are_the_defaults():

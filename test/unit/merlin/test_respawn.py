@@ -335,8 +335,8 @@ def test_the_c_library_keeps_no_memory_for_each_thread_unless_it_is_told_to(give
     if given is not None:
         environment["GLIBC_TUNABLES"] = given
     command = [str(RESPAWN), "sh", "-c", 'echo "$GLIBC_TUNABLES $RESPAWN_TUNED"; exit 2']
-    told = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=LONG).stdout
-    assert told == f"{seen}\n"
+    reported = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=LONG).stdout
+    assert reported == f"{seen}\n"
 
 
 @pytest.mark.skipif(not SLACK.exists(), reason=f"this kernel has no {SLACK}")

@@ -172,8 +172,8 @@ def test_a_machine_says_at_which_states_it_is_not_interrupted(serve: Callable[..
     deliver = serve(Deliver())
     deliver.send("a")
     assert deliver.answer()[1] == GoalStatus.SUCCEEDED
-    told = deliver.topics.published("/actions/deliver/feedback")
-    feedback = [told.get(timeout=LONG).feedback for _ in range(told.qsize())]
+    reported = deliver.topics.published("/actions/deliver/feedback")
+    feedback = [reported.get(timeout=LONG).feedback for _ in range(reported.qsize())]
     assert [(each.state, each.uninterruptible) for each in feedback] == [
         ("DELIVER/DRIVE", False),
         ("DELIVER/GRASP", True),

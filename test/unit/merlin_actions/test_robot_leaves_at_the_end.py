@@ -7,11 +7,10 @@ The next plan is made at the answer. It must not be given the robot once more.
 from typing import Any, List, Optional
 
 import pytest
-from diagnostic_msgs.msg import KeyValue
-from rosplan_dispatch_msgs.msg import ActionDispatch
-from rosplan_knowledge_msgs.msg import DomainFormula
+from fakes.dispatched import Dispatcher
+from rosplan_dispatch_msgs.msg import ActionFeedback
 
-from merlin_actions import action_interface, merlin_action
+from merlin_actions import merlin_action
 from merlin_actions.core.ending import Ending
 from merlin_actions.core.execution import Execution
 from merlin_actions.merlin_action import MerlinAction
@@ -26,6 +25,9 @@ class Servers:
         self._log = log
         self._asked = 0
 
+    def robot(self, binding: Any) -> str:
+        return "ann"
+
     def why_not(self, robot: str, *_: Any) -> str:
         self._asked += 1
         return OUT if self._asked > 1 else ""
@@ -35,31 +37,24 @@ class Servers:
 
 
 class Drive(MerlinAction):
-    def __init__(self, log: List[str]) -> None:
-        super().__init__("drive")
-        self._log = log
-
     def ready(self, execution: Execution) -> Optional[Ending]:
         return Ending(False, "/ann/actions/drive aborted", begun=False)
 
-    def _answer(self, key: Any, ending: Optional[Ending] = None) -> None:
-        if ending is not None:
-            self._log.append(f"answered {ending.robot}: {ending.reason}")
-
 
 def test_the_answer_waits_for_the_knowledge(monkeypatch: pytest.MonkeyPatch) -> None:
-    operator = type("Details", (), {"formula": DomainFormula(name="drive")})
-    knowledge = type("Knowledge", (), {"name": "/kb", "operator": lambda self, name: operator})
     log: List[str] = []
-    monkeypatch.setattr(action_interface, "knowledge_client", lambda name: knowledge())
-    monkeypatch.setattr(action_interface, "effects_of", lambda details, knowledge: None)
-    monkeypatch.setattr(action_interface.rospy, "loginfo", lambda *_: None)
+    dispatcher = Dispatcher(monkeypatch)
     monkeypatch.setattr(merlin_action, "ActionServers", lambda *_: Servers(log))
-    drive = Drive(log)
-    monkeypatch.setattr(
-        drive, "_owners", type("Owners", (), {"forget": lambda self, number: None})(), raising=False
-    )
-    execution = Execution(ActionDispatch(plan_id=1, action_id=2, name="drive"), [KeyValue("r", "ann")])
-    execution.lane = "ann"
-    drive._live(execution)
-    assert log == ["published ann", f"answered ann: {OUT}"]
+
+    def note(topic: str, message: Any) -> None:
+        if isinstance(message, ActionFeedback) and message.status == ActionFeedback.ACTION_FAILED:
+            log.append(", ".join(f"{each.key}: {each.value}" for each in message.information))
+
+    dispatcher.topics.before = note
+    drive = Drive("navigate")
+    drive.start()
+    dispatcher.wait_announced()
+    dispatcher.dispatch(2)
+    dispatcher.end()
+    drive.shutdown()
+    assert log == ["published ann", f"reason: {OUT}, robot: ann"]

@@ -89,7 +89,7 @@ def test_a_robot_that_the_knowledge_does_not_know_hides_no_other_one() -> None:
     assert knowledge.wait(ghost=True)
 
 
-def test_robots_that_were_never_heard_are_told_after_a_knowledge_base_was_silent() -> None:
+def test_robots_that_were_never_heard_are_reported_after_a_knowledge_base_was_silent() -> None:
     knowledge = Knowledge("r1", "r2")
     knowledge.silent = 1
     AvailableFacts(knowledge).settle()  # type: ignore[arg-type]
@@ -124,8 +124,8 @@ def test_a_listener_that_fails_hides_no_later_change(announce: Announce) -> None
 def test_a_node_that_names_robots_without_end_hides_no_robot(
     announce: Announce, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    told: List[str] = []
-    monkeypatch.setattr(robot_watch.rospy, "logwarn", told.append)
+    reported: List[str] = []
+    monkeypatch.setattr(robot_watch.rospy, "logwarn", reported.append)
     ghosts = [f"ghost{number}" for number in range(2000)]
     knowledge = Knowledge("r1", "r2", *ghosts)
     watch = RobotWatch(knowledge)  # type: ignore[arg-type]
@@ -136,7 +136,7 @@ def test_a_node_that_names_robots_without_end_hides_no_robot(
     known = watch.why_not_each()
     assert len(known) < 100 and known["r1"] == known["r2"] == ""
     assert knowledge.wait(r1=True, r2=True)
-    assert len([text for text in told if "/flood names more than" in text]) == 1
+    assert len([text for text in reported if "/flood names more than" in text]) == 1
 
 
 def test_robots_that_come_and_go_for_ever_leave_nothing() -> None:
@@ -168,34 +168,34 @@ def test_a_wait_for_the_knowledge_does_not_count_a_stall_of_its_own(monkeypatch:
     assert not knowledge.available["r1"]
 
 
-def test_a_robot_that_is_forgotten_is_told_to_those_that_listen(
+def test_a_robot_that_is_forgotten_is_reported_to_those_that_listen(
     announce: Announce, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     clock = SimpleNamespace(monotonic=lambda: clock.now, sleep=lambda _: None, now=0.0)
     monkeypatch.setattr(robot_watch, "time", clock)
     guests = [f"guest{number}" for number in range(OF_ONE + 1)]
     watch = RobotWatch(Knowledge(*guests))  # type: ignore[arg-type]
-    told, heard = threading.Event(), []
+    reported, heard = threading.Event(), []
 
     def listen(change: Any) -> None:
         heard.append((change.robot, change.forgotten))
         if change.forgotten:
-            told.set()
+            reported.set()
 
     watch.listen(listen)
     for guest in guests:
         clock.now += 60.0
         announce(guest, sender="/relay")
-    assert told.wait(LONG) and ("guest0", True) in heard
+    assert reported.wait(LONG) and ("guest0", True) in heard
     assert "guest0" not in watch.why_not_each()
 
 
 @pytest.mark.parametrize("node", ["", "host", "/two words/host", "//host", "/a\nb/host"])
-def test_a_host_of_an_impossible_name_is_told_and_no_robot(
+def test_a_host_of_an_impossible_name_is_reported_and_no_robot(
     announce: Announce, monkeypatch: pytest.MonkeyPatch, node: str
 ) -> None:
-    told: List[str] = []
-    monkeypatch.setattr(robot_watch.rospy, "logwarn_throttle", lambda _, text: told.append(text))
+    reported: List[str] = []
+    monkeypatch.setattr(robot_watch.rospy, "logwarn_throttle", lambda _, text: reported.append(text))
     watch = RobotWatch(Knowledge("r1"))  # type: ignore[arg-type]
     announce("r1", node)
-    assert watch.why_not_each() == {} and len(told) == 1 and repr(node) in told[0]
+    assert watch.why_not_each() == {} and len(reported) == 1 and repr(node) in reported[0]

@@ -150,7 +150,7 @@ def test_a_robot_that_drives_again_holds_nothing(home: Home) -> None:
     assert "(free hall)" in home.knowledge.facts
 
 
-def test_a_knowledge_base_that_does_not_answer_is_told_later(home: Home) -> None:
+def test_a_knowledge_base_that_does_not_answer_is_reported_later(home: Home) -> None:
     drive = home.drive("ann", "hall", "kitchen")
     home.stands["ann"] = ["kitchen"]
     home.knowledge.silent = True

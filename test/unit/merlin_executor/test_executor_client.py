@@ -149,8 +149,8 @@ def test_a_request_that_the_next_executor_does_not_know_had_begun_when_it_was_ac
     topics = Topics(monkeypatch)
     client = ActionClient("merlin/execute", ExecuteAction)
     request = ExecutorRequest(client, ExecuteGoal())
-    told = GoalStatus(goal_id=GoalID(id=request.id), status=status)
-    topics.send("/merlin/execute/status", GoalStatusArray(status_list=[told]))
+    reported = GoalStatus(goal_id=GoalID(id=request.id), status=status)
+    topics.send("/merlin/execute/status", GoalStatusArray(status_list=[reported]))
     topics.send("/merlin/execute/status", GoalStatusArray())  # of another Executor: it knows no goal
     assert request.done and request.result is not None
     assert (request.result.outcome, request.begun) == (ExecuteResult.INTERNAL, begun)

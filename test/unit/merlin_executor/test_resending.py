@@ -190,8 +190,8 @@ def statuses(monkeypatch: pytest.MonkeyPatch) -> Statuses:
 
 
 def request(client: Client, on_lost: str, done: Optional[List[ExecutorRequest]] = None) -> ExecutorRequest:
-    told = done.append if done is not None else None
-    return ExecutorRequest(client, ExecuteGoal(), told, on_lost=on_lost)  # type: ignore[arg-type]
+    reported = done.append if done is not None else None
+    return ExecutorRequest(client, ExecuteGoal(), reported, on_lost=on_lost)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(

@@ -49,19 +49,19 @@ def test_another_clients_request_is_not_waited_for_to_end_a_task(bench: Bench) -
 
 
 @pytest.mark.parametrize("disturbance", [FOREIGN, {"waits": "the base is held by Ana since 14:03"}])
-def test_the_next_task_waits_for_what_disturbs_it_and_is_told_why(bench: Bench, disturbance: Any) -> None:
-    told: List[str] = []
+def test_the_next_task_waits_for_what_disturbs_it_and_says_why(bench: Bench, disturbance: Any) -> None:
+    reported: List[str] = []
     waits, free = threading.Event(), threading.Event()
 
     def tell(why: str) -> None:
-        told.append(why)
+        reported.append(why)
         waits.set()
 
     bench.say(1.0, **disturbance)
     waiting = threading.Thread(target=lambda: (bench.robot.wait_free(lambda: False, tell), free.set()))
     waiting.start()
     assert waits.wait(LONG) and not free.is_set()
-    assert "(checked hall) of another client runs" in told[0] or "the base is held by Ana" in told[0]
+    assert "(checked hall) of another client runs" in reported[0] or "the base is held by Ana" in reported[0]
     bench.say(9.0)
     assert free.wait(LONG)
 

@@ -171,10 +171,10 @@ def test_a_task_that_cannot_be_sent_is_no_data() -> None:
 
 
 def test_each_change_is_reported() -> None:
-    told = []
+    reported = []
 
     def tell(record: TaskRecord) -> None:
-        told.append((record.task.number, record.outcome))
+        reported.append((record.task.number, record.outcome))
 
     MeasuredMission(
         [MissionTask(1, "kitchen", True), MissionTask(2, "bathroom", False)],
@@ -182,7 +182,7 @@ def test_each_change_is_reported() -> None:
         10.0,
         on_change=tell,
     ).run()
-    assert told == [(1, ""), (1, ""), (1, "CANCELLED"), (2, ""), (2, "SUCCEEDED")]
+    assert reported == [(1, ""), (1, ""), (1, "CANCELLED"), (2, ""), (2, "SUCCEEDED")]
 
 
 class Factors(list):

@@ -30,7 +30,7 @@ class Crowd:
         self.now = 0.0
         self.begun: List[Tuple[str, str]] = []
         self.best: Dict[str, str] = {}
-        self.in_vain = 0
+        self.lost_claims = 0
         """How many claims were."""
         self.behind = 0.0
         """s after which robots see changes."""
@@ -86,7 +86,7 @@ class Crowd:
             inbox.append(ev.Leased(decision.lease, self.now, lease, TTL))
         elif isinstance(decision, ev.Transact):
             result = self.store.transact(decision.txn)
-            self.in_vain += decision.tag.startswith("claim ") and not result.done
+            self.lost_claims += decision.tag.startswith("claim ") and not result.done
             self._inboxes[index].append(ev.Answered(decision.tag, result))
         elif isinstance(decision, ev.AskCost):
             cost = lot(decision.goal.id, self.agents[index].robot.name) * (1.0 + len(decision.behind))

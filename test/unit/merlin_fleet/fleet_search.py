@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Searches for stories that do harm to a small fleet."""
+"""Searches for scenarios that do harm to a small fleet."""
 
 from typing import Dict, List, Optional, Set, Tuple
 
 import fleet_world as model
 
-Story = List[Tuple[int, "model.Event"]]
+Scenario = List[Tuple[int, "model.Event"]]
 ROUNDS = 12  # in which faults happen: both goals are done by then, where nothing happens
 
 
@@ -40,25 +40,25 @@ def explore(
     rules: "model.Rules" = model.RULES,
     rounds: int = ROUNDS,
     takes: int = model.TAKES,
-) -> Tuple[int, Optional[Tuple[str, Story]]]:
-    """Tries every story with at most so many events, at any moments and in any order.
+) -> Tuple[int, Optional[Tuple[str, Scenario]]]:
+    """Tries every scenario with at most so many events, at any moments and in any order.
 
     :param kinds: of events; none: all.
-    :param every: of the later events of a story only each so many rounds a moment is tried.
+    :param every: of the later events of a scenario only each so many rounds a moment is tried.
     :param rounds: in which faults happen.
     :param takes: rounds of an execution.
-    :return: the number of stories that differ in what they do, and one that goes wrong.
+    :return: the number of scenarios that differ in what they do, and one that goes wrong.
     """
     begin = model.World(robots, rules, finish=finish, takes=takes)
     for goal in goals:
         begin.send(goal)
-    stories = 0
+    scenarios = 0
     stack = [(begin, 0, budget, [])]
     known: Set[Tuple[int, int, bytes]] = set()
     while stack:
-        world, moment, left, story = stack.pop()
+        world, moment, left, scenario = stack.pop()
         while moment < rounds:
-            if left and (not story or (moment - story[-1][0]) % every == 0):
+            if left and (not scenario or (moment - scenario[-1][0]) % every == 0):
                 saved = world.saved()
                 for event in world.events():
                     if kinds and event[0] not in kinds:
@@ -68,13 +68,13 @@ def explore(
                     state = (moment, left, struck.saved())
                     if state not in known:  # other events have led to the same
                         known.add(state)
-                        stack.append((struck, moment, left - 1, [*story, (moment, event)]))
+                        stack.append((struck, moment, left - 1, [*scenario, (moment, event)]))
             world.act()
             moment += 1
             if world.wrong():
-                return stories, (world.wrong(), story)
-        stories += 1
+                return scenarios, (world.wrong(), scenario)
+        scenarios += 1
         reason = world.settles()
         if reason:
-            return stories, (reason, story)
-    return stories, None
+            return scenarios, (reason, scenario)
+    return scenarios, None

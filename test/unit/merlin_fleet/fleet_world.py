@@ -93,7 +93,7 @@ class World:
                 if robot.state == DEAD and not robot.running and self._forgettable(robot):
                     yield "forget", index
             yield ("cut" if robot.linked else "mend"), index
-            if robot.agent.tenure.lease:
+            if robot.agent.robot_lease.lease:
                 yield "revoke", index
             if robot.slow:
                 yield "quick", index
@@ -129,7 +129,7 @@ class World:
         elif what in ("lose question", "lose answer", "delay"):
             self._lose(what, self.messages.pop(int(which[0])))
         elif what == "revoke":  # by someone else
-            self.store.revoke(self.robots[int(which[0])].agent.tenure.lease)
+            self.store.revoke(self.robots[int(which[0])].agent.robot_lease.lease)
         elif what == "unclaim":
             self.store.transact(Txn(deletes=(KEYS.key(records.CLAIMS, f"r{which[0]}", which[1]),)))
         else:

@@ -91,7 +91,7 @@ def test_nothing_is_lost_while_the_hub_is_full(etcd: EtcdProcess, monkeypatch: p
         while statuses.get(timeout=LIMIT).refused != words:
             continue
         assert [report.goal for report, _ in outbox.reports()] == [request.id]
-        assert agent.tenure.holds(agent.now), "its lease is renewed"
+        assert agent.robot_lease.holds(agent.now), "its lease is renewed"
         monkeypatch.setattr("merlin_fleet.fleet_client.LIMIT", 2.0)
         with pytest.raises(FleetError, match="not known: the hub is full and takes no changes"):
             client.send("(done b)")
@@ -134,7 +134,7 @@ def test_a_robot_that_finds_a_full_hub_says_so_and_joins_later(etcd: EtcdProcess
         hub.close()
 
 
-def test_a_hub_that_refuses_for_another_reason_is_told_once(etcd: EtcdProcess) -> None:
+def test_a_hub_that_refuses_for_another_reason_is_reported_once(etcd: EtcdProcess) -> None:
     said: queue.Queue[str] = queue.Queue()
     body = WaitingBody()
     hub = EtcdHub(KEYS.root, [etcd.endpoint], timeout=20.0)

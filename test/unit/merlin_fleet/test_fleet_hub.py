@@ -145,7 +145,7 @@ def test_a_key_that_is_not_a_text_does_not_end_the_changes(own: EtcdProcess, hub
 
 
 @pytest.mark.parametrize("error", [KeyError, ValueError])
-def test_a_listener_that_raises_is_told_everything_anew(
+def test_a_listener_that_raises_gets_everything_anew(
     shared: EtcdProcess,
     hubs: Any,
     monkeypatch: pytest.MonkeyPatch,
@@ -365,7 +365,7 @@ def test_without_certificates_only_this_machine_is_used() -> None:
         EtcdHub(ROOT, ["hub.lab:2379"], Tls("/nowhere/ca.pem", "/nowhere/c.pem", "/nowhere/k.pem"))
 
 
-def test_a_hub_that_is_not_there_is_told_once(hubs: Any, own: EtcdProcess) -> None:
+def test_a_hub_that_is_not_there_is_reported_once(hubs: Any, own: EtcdProcess) -> None:
     own.kill()
     hub, heard = hubs(own), Heard()
     hub.follow(heard)
@@ -378,8 +378,8 @@ def test_a_hub_that_is_not_there_is_told_once(hubs: Any, own: EtcdProcess) -> No
 def test_the_hub_tells_its_time(shared: EtcdProcess) -> None:
     hub = EtcdHub(ROOT, [shared.endpoint], timeout=20.0)
     before = time.time()
-    told = hub.time()
-    assert before - 1.0 <= told <= time.time() + 1.0
+    reported = hub.time()
+    assert before - 1.0 <= reported <= time.time() + 1.0
     hub.close()
 
 

@@ -104,7 +104,7 @@ def test_odometry_that_is_not_a_number_is_not_taken_for_standing():
     assert drive.after(30.0, FORWARD) == ""
 
 
-def test_velocities_above_the_limits_are_counted_and_told_once():
+def test_velocities_above_the_limits_are_counted_and_reported_once():
     drive = Drive()
     texts = {drive.after(0.05, FORWARD, moving=True, fault=f"fast: {number}") for number in range(20)}
     assert texts == {"/move_base: fast: 0"} and drive.watch.faults == 20

@@ -132,7 +132,7 @@ def test_a_new_life_may_take_its_goals_over():
     assert world.drive() and not world.cancels
 
 
-def test_a_goal_that_its_owner_let_go_holds_at_once_and_is_cancelled():
+def test_a_goal_that_its_owner_released_holds_at_once_and_is_cancelled():
     world = driving()
     assert world.lease([]).send is Send.ZERO
     assert world.cancels == []  # as a rule it has just ended, and its status is on the way
@@ -140,7 +140,7 @@ def test_a_goal_that_its_owner_let_go_holds_at_once_and_is_cancelled():
     assert world.cancels == ["a"] and "has let go" in world.reason
 
 
-def test_a_let_go_goal_that_ends_is_not_cancelled():
+def test_a_released_goal_that_ends_is_not_cancelled():
     world = driving()
     world.lease([])
     world.status(("a", SUCCEEDED))

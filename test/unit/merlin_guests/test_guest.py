@@ -152,12 +152,12 @@ def test_who_follows_gives_up_when_the_robot_does_not_go_on() -> None:
 def test_who_is_told_that_the_robot_has_lost_them_gives_up_though_it_drives_on() -> None:
     room, hear = Room(line(30.0), 5), Room.hear
 
-    def told(name: str, texts: Sequence[str], seconds: float, by: str) -> str:
+    def reported(name: str, texts: Sequence[str], seconds: float, by: str) -> str:
         hear(room, name, texts, seconds)
         sorry = "i am sorry, i have lost you. please wait at the entrance."
         return sorry if room.now() > 5.0 and any(text in sorry for text in texts) else ""
 
-    room.hear = told
+    room.hear = reported
     assert not follow(room)
     assert room.now() < 6.0
 

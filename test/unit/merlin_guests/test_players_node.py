@@ -16,7 +16,7 @@ LONG = 60.0
 
 
 @pytest.fixture()
-def told(monkeypatch: pytest.MonkeyPatch) -> Dict[str, Any]:
+def reported(monkeypatch: pytest.MonkeyPatch) -> Dict[str, Any]:
     """The node's parameters; the evening itself ends at once, with what it would be."""
     parameters: Dict[str, Any] = {"~world": "restaurant"}
     monkeypatch.setattr(players_node, "init_node", lambda name: None)
@@ -48,19 +48,19 @@ def told(monkeypatch: pytest.MonkeyPatch) -> Dict[str, Any]:
     ],
 )
 def test_a_parameter_that_cannot_be_is_named(
-    told: Dict[str, Any], capsys: pytest.CaptureFixture, name: str, value: object, text: str
+    reported: Dict[str, Any], capsys: pytest.CaptureFixture, name: str, value: object, text: str
 ) -> None:
-    told[name] = value
+    reported[name] = value
     assert players_node.main() == 2
     assert text in capsys.readouterr().err
-    assert "given" not in told
+    assert "given" not in reported
 
 
 @pytest.mark.parametrize("disturbances", ("leaves,chair", "leaves chair", ["leaves", "chair"]))
-def test_disturbances_can_be_named(told: Dict[str, Any], disturbances: object) -> None:
-    told.update({"~disturbances": disturbances, "~guests": 3.0, "~wrong_share": 1})
+def test_disturbances_can_be_named(reported: Dict[str, Any], disturbances: object) -> None:
+    reported.update({"~disturbances": disturbances, "~guests": 3.0, "~wrong_share": 1})
     assert players_node.main() == 0
-    _, plans, _, wrong_share, robots = told["given"]
+    _, plans, _, wrong_share, robots = reported["given"]
     assert robots == [""]
     assert sorted(kind for plan in plans for kind in plan.disturbances) == ["chair", "leaves"]
     assert (len(plans), wrong_share) == (3, 1.0)
@@ -72,7 +72,7 @@ class Stand:
     def __init__(self) -> None:
         self.missing = ""
         self.listened = True
-        self.told: List[int] = []
+        self.reported: List[int] = []
         self.removed: List[str] = []
         self.closed = threading.Event()
 
@@ -89,7 +89,7 @@ class Stand:
         self.removed.append(name)
 
     def publish(self, event: int, *_: object) -> None:
-        self.told.append(event)
+        self.reported.append(event)
 
     def close(self) -> None:
         self.closed.set()
@@ -133,7 +133,7 @@ def evening(stand: Stand, guest: Callable[[], None] = lambda: None) -> Players:
 def test_the_evening_closes_when_all_guests_have_left(log: Log) -> None:
     stand = Stand()
     assert evening(stand).run() == 0
-    assert stand.told == [players_node.GuestEvent.CLOSED]
+    assert stand.reported == [players_node.GuestEvent.CLOSED]
     assert log.lines == {"logwarn": [], "logfatal": []}
 
 

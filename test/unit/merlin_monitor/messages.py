@@ -14,7 +14,7 @@ from merlin_monitor.state.history_events import Event
 from merlin_monitor.text.request_words import OUTCOMES
 
 
-class Told(List[Event]):
+class Reported(List[Event]):
     """Takes events."""
 
     def __call__(self, event: Event) -> None:

@@ -126,7 +126,7 @@ def test_a_failure_names_its_action_and_reason() -> None:
     assert not result.cancelled and not result.unstopped
 
 
-def test_the_first_failure_is_told_not_that_of_what_was_stopped_with_it() -> None:
+def test_the_first_failure_is_reported_not_that_of_what_was_stopped_with_it() -> None:
     progress = book(NAVIGATE, WAVE)
     progress.answered(1, 7, DispatchAnswer.FAILED, {"reason": "the way is blocked"})
     progress.answered(2, 7, DispatchAnswer.FAILED, CANCELLED)
@@ -168,8 +168,8 @@ def test_an_interface_that_took_an_action_and_does_not_answer_a_cancel_is_named(
     progress = book(NAVIGATE)
     progress.stop()
     assert progress.result(Reply()).unstopped == ("(navigate hall kitchen)",)
-    told = "cancelled; no answer to the cancel from (navigate hall kitchen), (wave)"
-    assert progress.result(Reply(), reason=told).unstopped == ("(navigate hall kitchen)", "(wave)")
+    reported = "cancelled; no answer to the cancel from (navigate hall kitchen), (wave)"
+    assert progress.result(Reply(), reason=reported).unstopped == ("(navigate hall kitchen)", "(wave)")
 
 
 def test_an_action_that_no_interface_took_is_not_running() -> None:
@@ -190,7 +190,7 @@ def test_a_dispatcher_that_refuses_says_why() -> None:
     assert (result.reason, result.gone) == ("there is no plan", False)
 
 
-def test_a_dispatcher_that_is_gone_is_told_so() -> None:
+def test_a_dispatcher_that_is_gone_is_reported() -> None:
     result = book(NAVIGATE).result(Reply(gone=f"{PART} /d ended while it carried out the plan"))
     assert result.gone and result.reason.startswith(PART)
     assert not result.cancelled

@@ -81,6 +81,6 @@ def test_only_a_status_of_this_dispatch_says_that_it_is_over_and_why(events: Lis
     assert dispatcher.busy == (state != "idle")
     assert dispatcher.at_rest == (since_begin[-1:] == ["idle"])
     assert dispatcher.started(progress(DRIVE)) == dispatcher.busy
-    told = any(event != "begin" for event in events) and bool(since_begin)
+    reported = any(event != "begin" for event in events) and bool(since_begin)
     result = dispatcher.result(progress(), Reply())
-    assert (result.reason == "the door is shut") == told
+    assert (result.reason == "the door is shut") == reported

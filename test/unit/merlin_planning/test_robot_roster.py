@@ -13,9 +13,9 @@ from merlin_planning.robot_roster import KEEP, OF_ALL, OF_ONE, RobotRoster
 def test_a_node_that_names_robots_without_end_costs_no_other_one_a_robot() -> None:
     roster = RobotRoster()
     assert roster.admit("r1", "/r1/host", 0.0).counts
-    told = [roster.admit(f"ghost{number}", "/flood", 0.0) for number in range(10 * OF_ALL)]
-    assert sum(admission.counts for admission in told) == OF_ONE
-    refusals = [admission.refusal for admission in told if admission.refusal]
+    reported = [roster.admit(f"ghost{number}", "/flood", 0.0) for number in range(10 * OF_ALL)]
+    assert sum(admission.counts for admission in reported) == OF_ONE
+    refusals = [admission.refusal for admission in reported if admission.refusal]
     assert refusals == [f"/flood names more than {OF_ONE} robots; further ones of it do not count"]
     assert roster.admit("r1", "/r1/host", 0.2).counts and roster.admit("r2", "/r2/host", 0.2).counts
 

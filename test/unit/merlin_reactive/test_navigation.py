@@ -84,7 +84,7 @@ def test_a_door_that_opens_again_lets_it_through(drive):
     assert result.waited > 1.0
 
 
-def test_somebody_who_crosses_the_way_is_not_run_into(drive):
+def test_a_person_who_crosses_the_way_is_not_run_into(drive):
     person = Person("ann", ((4.8, 5.5), (4.8, 2.8)), speed=0.8, pause=0.5)
     result = drive(Pose(3.4, 3.6), Pose(6.4, 3.7), people=[person])
     assert result.reached, result.text

@@ -180,7 +180,7 @@ def test_overlap():
 
 
 @pytest.mark.parametrize("bearing", range(28, 38))
-def test_somebody_whom_the_edge_of_the_picture_cuts_is_not_seen_elsewhere(bearing):
+def test_a_person_whom_the_edge_of_the_picture_cuts_is_not_seen_elsewhere(bearing):
     assert look([Placed("person", 2.0, math.radians(bearing))]).false == []
 
 

@@ -33,7 +33,7 @@ class Goal:
         target.pose.position.x, target.pose.position.y, target.pose.orientation.w = 4.0, 2.5, 1.0
         self.goal = SimpleNamespace(target_pose=target)
         self.cancel_event = threading.Event()
-        self.told: List[str] = []
+        self.reported: List[str] = []
         self.text = ""
 
     @property
@@ -41,7 +41,7 @@ class Goal:
         return self.cancel_event.is_set()
 
     def tell(self, text: str) -> None:
-        self.told.append(text)
+        self.reported.append(text)
 
     def abort(self, text: str) -> None:
         self.text = text
@@ -159,8 +159,8 @@ def test_it_stands_without_a_sensor_and_drives_on_with_it(robot: Robot, goal: Go
     robot.stands(sensor)
     what = {"tf": "the transform from odom to map", "scan": "/scan", "odom": "/odom"}[sensor]
     robot.tick(sensor)
-    assert goal.told and what in goal.told[-1]
-    while goal.told[-1]:
+    assert goal.reported and what in goal.reported[-1]
+    while goal.reported[-1]:
         robot.tick()
         robot.speed()
     robot.drives()

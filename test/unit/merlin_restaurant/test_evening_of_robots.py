@@ -98,10 +98,10 @@ def test_clients_are_seated_by_the_plan_that_serves_tables_one_for_each_ready_ta
 def test_a_client_waits_while_no_table_is_ready_and_that_is_reported(evening: FakeRobot) -> None:
     evening.known = [fact for fact in evening.known if "ready" not in fact]
     evening.known.append("(waiting client_1)")
-    told: List[str] = []
-    Evening(lambda: True, told.append, robots=NAMES).run()
+    reported: List[str] = []
+    Evening(lambda: True, reported.append, robots=NAMES).run()
     assert not any("seated" in goal for goal in evening.goals)
-    assert "a client has to wait: no table is known to be free" in told
+    assert "a client has to wait: no table is known to be free" in reported
 
 
 def test_where_a_robot_stands_that_is_gone_no_other_one_is_sent(evening: FakeRobot) -> None:
@@ -156,15 +156,15 @@ def test_a_round_in_which_nothing_can_be_looked_at_is_not_begun_anew_at_once(
     evening.results = dict.fromkeys(["(checked table_1)", "(entrance_checked)"], FAILED)
     looked, closed = threading.Event(), threading.Event()
     evening.on_goal = lambda goal: looked.set() if goal == "(entrance_checked)" else None
-    told: List[str] = []
-    mission = threading.Thread(target=Evening(closed.is_set, told.append, robots=NAMES).run)
+    reported: List[str] = []
+    mission = threading.Thread(target=Evening(closed.is_set, reported.append, robots=NAMES).run)
     mission.start()
     assert looked.wait(60.0)
     closed.set()
     evening.change(add="(checked table_2)")
     mission.join(60.0)
     assert not mission.is_alive()
-    assert told == ["checks all tables", "closed: looks once more at what is not ready"]
+    assert reported == ["checks all tables", "closed: looks once more at what is not ready"]
 
 
 def test_what_a_robot_carries_that_is_gone_is_out_of_reach(evening: FakeRobot) -> None:
@@ -267,11 +267,11 @@ def test_more_guests_than_robots_wait_until_one_is_served(evening: FakeRobot) ->
     evening.known += ["(needs_serving table_1)", "(needs_serving table_2)"]
     evening.things["table"].append("table_3")
     evening.never = ["(already_served table_2)"]
-    told: List[int] = []
+    reported: List[int] = []
 
     def serve(goal: str) -> None:
-        if goal == "(already_served table_2)" and not told:
-            told.append(len(plans))
+        if goal == "(already_served table_2)" and not reported:
+            reported.append(len(plans))
             evening.change(add="(needs_serving table_3)")  # all robots have a guest
             evening.change(remove="(needs_serving table_1)")  # one has served
         elif goal == "(already_served table_2)":
@@ -308,8 +308,10 @@ def test_a_client_who_was_greeted_is_led_before_the_plan_is_made_anew(evening: F
 
 def test_a_client_who_calls_again_is_still_one_client(evening: FakeRobot) -> None:
     evening.known = [fact for fact in evening.known if "ready" not in fact]
-    told: List[str] = []
-    mission = Evening(lambda: told.count("a client at the entrance calls") == 2, told.append, robots=NAMES)
+    reported: List[str] = []
+    mission = Evening(
+        lambda: reported.count("a client at the entrance calls") == 2, reported.append, robots=NAMES
+    )
     call = ListenResult(text="good evening we would like a table", heard=True)
     evening.servers["calls/listen"].results += [call, call]
     assert mission.run() == "succeeded"

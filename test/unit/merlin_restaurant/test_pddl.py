@@ -94,7 +94,7 @@ def test_a_client_gets_the_nearest_free_table(tmp_path: Path, capsys: pytest.Cap
     assert steps == ["(navigate anywhere entrance)", "(greet_client ann)", "(guide_client ann table_1)"]
 
 
-def test_nobody_is_seated_where_no_table_is_free(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+def test_no_client_is_seated_where_no_table_is_free(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
     problem = tmp_path / "problem.pddl"
     problem.write_text(PROBLEM.read_text().replace("- item)", "- item ann - client)"))
     assert validate([str(DOMAIN), str(problem), "(seated ann)"]) != 0

@@ -18,8 +18,8 @@ LONG = 60.0
 def test_a_callback_that_fails_does_not_end_the_alarm(monkeypatch):
     monkeypatch.setattr(rospy.rostime, "_rostime_initialized", True)
     rospy.rostime.switch_to_wallclock()
-    told, rung = queue.Queue(), queue.Queue()
-    log, handler = logging.getLogger("rosout"), QueueHandler(told)
+    reported, rung = queue.Queue(), queue.Queue()
+    log, handler = logging.getLogger("rosout"), QueueHandler(reported)
     log.addHandler(handler)
 
     def ring():
@@ -31,7 +31,7 @@ def test_a_callback_that_fails_does_not_end_the_alarm(monkeypatch):
         for moment in (1.0, 2.0):  # long past
             alarm.set(moment)
             assert rung.get(timeout=LONG)
-            assert "broken bell" in told.get(timeout=LONG).getMessage()
+            assert "broken bell" in reported.get(timeout=LONG).getMessage()
     finally:
         alarm.shutdown()
         log.removeHandler(handler)

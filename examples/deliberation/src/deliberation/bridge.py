@@ -125,7 +125,7 @@ class Bridge:
         self._senses = Senses(self._belief, simulation, knowledge)
         self._robot = threading.Lock()  # guards the robot, which does one action at a time, and the counts
         self._begun = self._failed = 0
-        self._told = rospy.Publisher("pyrobosim/state", String, queue_size=10, latch=True)
+        self._states = rospy.Publisher("pyrobosim/state", String, queue_size=10, latch=True)
         self._servers = [
             SerialActionServer(name, kind, functools.partial(self._execute, action), self._cancel)
             for action, (name, kind) in SERVERS.items()
@@ -202,7 +202,7 @@ class Bridge:
         """Publishes what is true. Called by :meth:`start` or with the robot's lock held."""
         data = as_data(self._simulation.house, self._simulation.state())
         counts = {"running": running, "begun": self._begun, "failed": self._failed}
-        self._told.publish(String(json.dumps({**data, **counts})))
+        self._states.publish(String(json.dumps({**data, **counts})))
 
 
 def target_of(house: House, goal: Any) -> str:

@@ -130,9 +130,9 @@ class FleetRobot(Listener):
         :param limit: s for the stop. A goal that has not ended by then stays owned until its lease ends.
         """
         self._events.put(ev.Leaving())
-        if self._idle.wait(limit) and self._agent.tenure.lease:
+        if self._idle.wait(limit) and self._agent.robot_lease.lease:
             try:
-                self._hub.revoke(self._agent.tenure.lease)
+                self._hub.revoke(self._agent.robot_lease.lease)
             except HubError as error:
                 self._say(f"what the robot owns is free when its lease ends: {error}")
         self._events.put("end")

@@ -67,7 +67,7 @@ class EtcdHub:
         self._endpoints = list(endpoints)
         self._tls = tls
         if tls is not None:
-            tls.credentials()  # a mistake is told at the start
+            tls.credentials()  # a mistake is reported at the start
         self._timeout = timeout
         self._lock = threading.Lock()  # guards what follows
         self._channel: Optional[grpc.Channel] = None
@@ -228,7 +228,7 @@ class EtcdHub:
         watch = Watch(listener, self._root, self._end)
         failures = 0
         while not self._closed.is_set():
-            told = watch.told
+            received = watch.received
             try:
                 cluster, known = self._where()
                 with self._lock:
@@ -249,7 +249,7 @@ class EtcdHub:
                 traceback.print_exc()
                 watch.forget()
                 reason = f"the changes of the hub were not taken: {error!r}"
-            failures = 0 if watch.told > told else failures + 1
+            failures = 0 if watch.received > received else failures + 1
             if not self._closed.is_set():
                 watch.lost(reason)
                 pause = PAUSES[min(failures, len(PAUSES) - 1)]

@@ -43,7 +43,7 @@ class Watch:
         self.last: Optional[Item] = None
         """The last delivered key; None: there is none, or the last change was a deletion."""
         self.connected = True  # so that the first failure is reported
-        self.told = 0
+        self.received = 0
         """How often something came."""
 
     def resumes(self, cluster: int, revision: int) -> bool:
@@ -114,7 +114,7 @@ class Watch:
             raise HubError(f"etcd has compacted its history up to {response.compact_revision}")
         if response.canceled:
             raise HubError(f"etcd refuses the watch: {response.cancel_reason}")
-        self.told += 1
+        self.received += 1
         if response.created:
             self._begin()
         changes = tuple(map(change_of, response.events))

@@ -8,7 +8,7 @@ always exactly one final answer.
 
 import threading
 from functools import partial
-from typing import Any, Dict, List, Optional, Union
+from typing import Any, Dict, List, NamedTuple, Optional, Union
 
 import rospy
 from diagnostic_msgs.msg import KeyValue
@@ -18,19 +18,19 @@ from rosplan_knowledge_msgs.msg import DomainFormula
 
 from merlin_actions.core.declared import bound, numeric_apart
 from merlin_actions.core.ending import Ending, after_closing, closing_of, information_of
-from merlin_actions.core.execution import Execution, Key, at_once
+from merlin_actions.core.execution import Execution, Key, Token, at_once
 from merlin_actions.core.latched import LATCH_GRACE, Latched, PutAside
 from merlin_actions.core.names import CONCURRENT, IF_INTERRUPTED, IF_STOPPED_AT, WHILE_RUNNING, action_param
-from merlin_actions.effects import Opening, effects_of
-from merlin_actions.left_executions import settle_left
+from merlin_actions.effects import APPLY_LIMIT, Opening, effects_of
 from merlin_planning.dispatch_progress import CANCEL_ACTION
+from merlin_planning.execution_journal import ExecutionJournal
 from merlin_planning.knowledge_client import (
     DEFAULT_KNOWLEDGE_BASE,
     KnowledgeClient,
     KnowledgeError,
     knowledge_client,
 )
-from merlin_planning.knowledge_text import parse_literals
+from merlin_planning.knowledge_text import action_text, parse_literals
 from merlin_ros.actions.lease import LeaseChange, LeaseState
 from merlin_ros.actions.lease_holder import LIFE
 from merlin_ros.actions.lease_watch import LeaseWatch
@@ -68,8 +68,43 @@ def answer_of(key: Key, ending: Optional[Ending] = None, **information: str) -> 
     return feedback
 
 
+class LeftExecution(NamedTuple):
+    """An execution that was settled."""
+
+    key: Key
+    text: str
+
+
+def settle_left(knowledge: KnowledgeClient, operator: str) -> List[LeftExecution]:
+    """Closes the open executions of an operator that an earlier process of this node has left.
+
+    Nothing of them continues: their state machines have lost their owner.
+
+    :raises KnowledgeError: when the knowledge base refuses.
+    :raises merlin_ros.service_proxy.ServiceError: when it does not answer.
+    """
+    journal = ExecutionJournal(knowledge.name, APPLY_LIMIT)
+    if not journal.offered():
+        return []  # the original ROSPlan
+    settled = []
+    for execution in journal.open(rospy.get_name()):
+        token = Token.read(execution.token)
+        if execution.operator_name.lower() != operator.lower() or not token.left_by_earlier(LIFE):
+            continue
+        refused = journal.interrupt(execution)
+        text = action_text(execution.operator_name, execution.parameters)
+        if refused:
+            raise KnowledgeError(f"{text} of an earlier process cannot be settled: {refused}")
+        if token.key is not None:
+            settled.append(LeftExecution(token.key, text))
+    return settled
+
+
 class ActionInterface:
     """Serves one PDDL operator, as ROSPlan's ``RPActionInterface`` does. Subclasses implement :meth:`run`.
+
+    The owner of an execution is the dispatcher that leases it. An execution waits for those before it, and
+    stops those of an older plan. One that ends without its end effects is put right in the knowledge base.
 
     :param operator: its name in the domain.
     :param knowledge_base: name of the knowledge base.

@@ -9,9 +9,8 @@ from merlin_msgs.msg import RunActionGoal
 
 from merlin_actions.action_interface import ActionInterface
 from merlin_actions.action_servers import ActionServers
-from merlin_actions.core.ending import Ending
+from merlin_actions.core.ending import Ending, MachineEnd, ending_of
 from merlin_actions.core.execution import Execution, Key
-from merlin_actions.core.machine_end import MachineEnd, ending_of
 from merlin_actions.core.robot_book import RobotChange
 from merlin_actions.robot_watch import RobotWatch
 from merlin_actions.stopped_robots import EffectsOfDrives, StoppedRobots

@@ -9,8 +9,7 @@ import rospy
 from merlin_msgs.msg import RunActionAction, RunActionFeedback, RunActionResult
 
 import smach
-from merlin_actions.core.ending import GIVEN_UP, NOT_BEGUN
-from merlin_actions.core.machine_end import MachineEnd, answer_of
+from merlin_actions.core.ending import GIVEN_UP, NOT_BEGUN, MachineEnd, answer_of
 from merlin_actions.core.names import CONCURRENT, DECLARED, action_param, ros_name
 from merlin_actions.merlin_action_sm import MerlinActionSM
 from merlin_ros.actions.action_server import ActionServer, ServerGoal

@@ -42,7 +42,7 @@ _BUSY = "is being dispatched already"
 
 
 class DispatchClient:
-    """One dispatcher.
+    """Sends plans to one dispatcher, one at a time, follows their actions, and cancels them.
 
     A dispatcher that publishes its status gets a goal of ``dispatch_plan_action``, which this client leases.
     The others are ROSPlan's own, and get the call of a service.

@@ -57,14 +57,14 @@ def test_a_node_is_killed_as_often_as_the_fault_says() -> None:
                 system.lives[0].kill()
             assert system.lives[-1].wait(LIMIT) == -9
             system.start()
-        told: List[str] = []
+        reported: List[str] = []
 
         def second(event: Event) -> Optional[bool]:
-            told.append(event.kind)
-            return True if len(told) == 2 else None
+            reported.append(event.kind)
+            return True if len(reported) == 2 else None
 
         assert system.log.wait_for(0, second, time.monotonic() + LIMIT, time.monotonic)
-        assert told == [events.AGAIN] * 2
+        assert reported == [events.AGAIN] * 2
         stroke.end()
         assert system.pid("node") is not None
     finally:

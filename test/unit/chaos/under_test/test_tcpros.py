@@ -48,7 +48,7 @@ def test_what_a_service_answers_comes_back() -> None:
     assert b"service=/stop" in seen[0]
 
 
-def test_a_node_that_greets_nobody_is_told_as_such() -> None:
+def test_a_node_that_does_not_greet_is_reported_as_such() -> None:
     over = threading.Event()
     with server(lambda connection: bool(over.wait(60.0)) and None) as service:
         ticks = Ticks(0.2)
@@ -69,12 +69,12 @@ def test_a_call_that_failed_says_why() -> None:
         service.ask(Ticks(60.0))
 
 
-def test_a_node_that_hangs_up_is_told_as_such() -> None:
+def test_a_node_that_hangs_up_is_reported_as_such() -> None:
     with server(lambda connection: None) as service, pytest.raises(Unanswered):
         service.ask(Ticks(60.0))
 
 
-def test_a_port_without_a_node_is_told_as_such() -> None:
+def test_a_port_without_a_node_is_reported_as_such() -> None:
     with socket.create_server(("127.0.0.1", 0)) as door:
         port = door.getsockname()[1]
     with pytest.raises(Unanswered, match="takes no connection"):

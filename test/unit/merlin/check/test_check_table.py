@@ -56,7 +56,7 @@ def test_the_guide_itself_fits(guide: Any) -> None:
 
 
 @pytest.mark.parametrize("row", ROWS, ids=[row.mistake for row in ROWS])
-def test_a_mistake_is_told_once(row: Row, guide: Any) -> None:
+def test_a_mistake_is_reported_once(row: Row, guide: Any) -> None:
     done = guide(row.file, row.old, row.new)
     said = done.stdout + done.stderr
     assert said.count(row.said) == 1, said

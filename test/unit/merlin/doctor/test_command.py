@@ -93,7 +93,7 @@ def doctor(env: Dict[str, str]) -> "subprocess.CompletedProcess[str]":
     )
 
 
-def test_faults_of_nodes_are_told(master: Any) -> None:
+def test_faults_of_nodes_are_reported(master: Any) -> None:
     master.node(SICK).expect("ready")
     dead = master.node(DEAD)
     dead.expect("ready")
@@ -112,7 +112,7 @@ def test_faults_of_nodes_are_told(master: Any) -> None:
         assert said in done.stdout
 
 
-def test_what_is_there_twice_or_in_the_wrong_place_is_told(master: Any) -> None:
+def test_what_is_there_twice_or_in_the_wrong_place_is_reported(master: Any) -> None:
     for started in (master.node(GUARD, "one"), master.node(GUARD, "two"), master.node(JOYSTICK)):
         started.expect("ready")
     done = doctor(master.env)
@@ -133,7 +133,7 @@ def test_what_is_there_twice_or_in_the_wrong_place_is_told(master: Any) -> None:
         assert said in done.stdout
 
 
-def test_simulated_time_without_a_clock_is_told(master: Any) -> None:
+def test_simulated_time_without_a_clock_is_reported(master: Any) -> None:
     master.spawn("rosparam", "set", "/use_sim_time", "true").ended()
     master.node(DEAD).expect("ready")
     done = doctor(master.env)
@@ -141,7 +141,7 @@ def test_simulated_time_without_a_clock_is_told(master: Any) -> None:
     assert "wrong: /use_sim_time is true and nothing publishes /clock" in done.stdout
 
 
-def test_what_the_shell_sets_wrongly_is_told(master: Any) -> None:
+def test_what_the_shell_sets_wrongly_is_reported(master: Any) -> None:
     master.kill()
     done = doctor({**master.env, "ROS_IP": "192.0.2.7", "ROS_HOME": "/proc/nowhere"})
     assert done.returncode == 2 and "Traceback" not in done.stderr, done  # rospack says of it, too
@@ -170,7 +170,7 @@ def test_of_several_systems_one_has_to_be_chosen(monkeypatch: pytest.MonkeyPatch
     assert "wrong: several systems have nodes; choose one: …\n1 wrong" in capsys.readouterr().out
 
 
-def test_a_master_that_ends_meanwhile_is_told(monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
+def test_a_master_that_ends_meanwhile_is_reported(monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
     (port,) = free_ports(1)
     choice(monkeypatch, (f"http://127.0.0.1:{port}", ["/base"]))
     try:
@@ -186,7 +186,7 @@ def test_of_a_computer_that_is_well_nothing_is_wrong(monkeypatch: pytest.MonkeyP
     assert capsys.readouterr().out.endswith("looked at\nnothing is wrong\n")
 
 
-def test_a_node_that_hangs_is_told_and_holds_nothing_up(master: Any) -> None:
+def test_a_node_that_hangs_is_reported_and_holds_nothing_up(master: Any) -> None:
     hung = master.node(DEAD)
     hung.expect("ready")
     hung.send(signal.SIGSTOP)

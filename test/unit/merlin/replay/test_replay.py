@@ -82,11 +82,11 @@ def played(path: Path, start: float = 0.0) -> Dict[str, List[Tuple[Any, float]]]
 
 
 def test_the_knowledge_is_one_row_of_changes_that_begins_with_all_that_was_known(tmp_path: Path) -> None:
-    told = [message for message, _ in played(recorded(tmp_path / "run.bag"))[CHANGES]]
-    names = [[item.attribute_name for item in message.added] for message in told]
+    reported = [message for message, _ in played(recorded(tmp_path / "run.bag"))[CHANGES]]
+    names = [[item.attribute_name for item in message.added] for message in reported]
     assert names == [["all"], ["while_reading"], ["after_a_gap"]]
-    assert [message.version for message in told] == [1, 2, 3]
-    assert told[0].cleared
+    assert [message.version for message in reported] == [1, 2, 3]
+    assert reported[0].cleared
 
 
 def test_namespace_and_parameters_are_those_of_the_robot(tmp_path: Path) -> None:

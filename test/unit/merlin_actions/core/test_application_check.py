@@ -116,7 +116,7 @@ class Steps(MerlinActionSM):
         self.add(Step.TELL, self.state("speak", "{order}."))
 
 
-def test_labels_that_are_members_of_an_enumeration_are_told_by_their_texts():
+def test_labels_that_are_members_of_an_enumeration_are_reported_by_their_texts():
     needs = survey(Steps())
     assert needs.servers == (("Step.DRIVE", "move_base"), ("Step.TELL", "sound_play"))
     assert needs.unset == ("state Step.TELL reads userdata 'order', which nothing sets; there is: t",)

@@ -99,7 +99,7 @@ _events = st.one_of(_words, st.floats(0.0, 3.0), st.sampled_from(["ann", "bob"])
 
 @given(st.lists(_events, max_size=40))
 def test_changes_tell_everything_and_nothing_twice(events):
-    book, told = RobotBook(), {}
+    book, reported = RobotBook(), {}
     for event in events:
         if isinstance(event, HostWord):
             changes = book.hear(event)
@@ -108,12 +108,12 @@ def test_changes_tell_everything_and_nothing_twice(events):
         else:
             changes = book.suspect(event, "its process is gone")
         for change in changes:
-            before = told.get(change.robot, RobotChange(change.robot, False))
+            before = reported.get(change.robot, RobotChange(change.robot, False))
             assert (change.available, change.reason) != (before.available, before.reason)
             assert change.available != bool(change.reason)
-            told[change.robot] = change
+            reported[change.robot] = change
         for robot in ("ann", "bob"):
-            assert book.available(robot) == (robot in told and told[robot].available)
+            assert book.available(robot) == (robot in reported and reported[robot].available)
     book.pass_time(GONE_AFTER + 0.1)
     assert not any(book.available(robot) for robot in book.robots)
 

@@ -30,10 +30,10 @@ def test_a_part_that_stayed_as_long_as_it_would_be_waited_for_is_waited_for_agai
 
 
 @given(st.lists(st.tuples(st.floats(0.0, 10.0), st.floats(0.0, 10.0)), max_size=20))
-def test_no_absence_is_longer_than_the_limit(story: list) -> None:
+def test_no_absence_is_longer_than_the_limit(scenario: list) -> None:
     """Whatever the part does: it is not waited for beyond the limit unless it has worked for as long."""
     absence, now, first = Absence(), 0.0, 0.0
-    for works, away in story:
+    for works, away in scenario:
         now += works
         if works >= LIMIT or absence.losses == 0:
             first = now

@@ -81,8 +81,8 @@ def test_an_interrupted_request_that_did_not_stop_ends_so(agenda: "Agenda[Ticket
     agenda.receive(first)
     agenda.begin()
     agenda.receive(Ticket(1, 3))
-    told = Verdict(Outcome.CANCEL_TIMEOUT, "(drive a b) did not stop; the guard has halted the base")
-    assert answers(agenda.ended(told)) == {first: told}
+    reported = Verdict(Outcome.CANCEL_TIMEOUT, "(drive a b) did not stop; the guard has halted the base")
+    assert answers(agenda.ended(reported)) == {first: reported}
 
 
 class ForKitchen(Ticket):

@@ -125,7 +125,7 @@ def test_a_waiting_request_ends_when_its_deadline_passes(agenda: "Agenda[Errand]
     assert agenda.waiting == [] and agenda.next_change is None
 
 
-def test_what_is_late_does_not_begin_before_it_is_told(agenda: "Agenda[Errand]", clock: Clock) -> None:
+def test_what_is_late_does_not_begin_before_it_is_reported(agenda: "Agenda[Errand]", clock: Clock) -> None:
     late = Errand(0, deadline=110.0)
     agenda.receive(late)
     clock.now = 111.0

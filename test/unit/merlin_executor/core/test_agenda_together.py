@@ -392,7 +392,7 @@ def test_the_end_of_the_executor_answers_all_that_run_together(agenda: "Agenda[E
     assert reasons == ["the executor shuts down"] * 2
 
 
-def test_who_waits_is_told_for_how_many(agenda: "Agenda[Errand]") -> None:
+def test_a_request_that_waits_knows_for_how_many(agenda: "Agenda[Errand]") -> None:
     errands = [Errand(0), Errand(1), Errand(2, deadline=100.5)]
     held(agenda, *errands[:2])
     begun(agenda)

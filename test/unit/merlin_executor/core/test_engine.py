@@ -105,13 +105,13 @@ class Steady(Stages[Wish]):
 @given(st.integers(0, 2**32), st.sampled_from([1, 6]))
 def test_clients_of_many_threads(seed: int, together: int) -> None:
     work = Work(seed)
-    told: List[Optional[BaseException]] = []
+    reported: List[Optional[BaseException]] = []
     engine: Engine[Wish] = Engine(
         work,
         lambda: None,
         lambda: None,
         lambda wish, verdict: None,
-        lambda wish, verdict, error: told.append(error),
+        lambda wish, verdict, error: reported.append(error),
         Agenda(together=together),
     )
     engine.start()
@@ -135,8 +135,8 @@ def test_clients_of_many_threads(seed: int, together: int) -> None:
     assert all(wish.ended.wait(LONG) for wish in wishes)
     assert all(len(wish.verdicts) == 1 for wish in wishes)
     assert engine.agenda.running is None and engine.waiting == []
-    assert len(told) == work.runs if together == 1 else len(told) >= work.runs
-    assert work.cleaned == sum(error is not None for error in told)
+    assert len(reported) == work.runs if together == 1 else len(reported) >= work.runs
+    assert work.cleaned == sum(error is not None for error in reported)
 
 
 def test_one_of_several_that_run_together_ends_before_the_others() -> None:

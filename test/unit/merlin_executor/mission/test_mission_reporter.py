@@ -22,13 +22,13 @@ class Topic:
     """A publisher that keeps what it was given."""
 
     def __init__(self, *_: Any, **__: Any) -> None:
-        self.told: List[Tuple[int, int, str]] = []
+        self.reported: List[Tuple[int, int, str]] = []
         self.closed = False
 
     def publish(self, status: MissionStatus) -> None:
         if self.closed:
             raise rospy.ROSException("publish() to a closed topic")
-        self.told.append((status.state, status.task, status.description))
+        self.reported.append((status.state, status.task, status.description))
 
 
 @pytest.fixture()
@@ -59,7 +59,7 @@ def test_a_mission_that_goes_on_tells_its_task_again(topic: Topic) -> None:
     reporter.task("(checked kitchen)")
     reporter.paused(True)
     reporter.paused(False)
-    assert topic.told == [
+    assert topic.reported == [
         (MissionStatus.STARTING, 0, "starting"),
         (RUNNING, 1, "(checked kitchen)"),
         (MissionStatus.PAUSED, 1, PAUSED),
@@ -72,11 +72,11 @@ def test_a_task_that_is_reached_while_paused_does_not_look_as_if_it_ran(topic: T
     reporter.task("TABLES")
     reporter.paused(True)
     reporter.task("SERVE")
-    assert topic.told[-1][::2] == (MissionStatus.PAUSED, PAUSED)
+    assert topic.reported[-1][::2] == (MissionStatus.PAUSED, PAUSED)
     reporter.paused(False)
-    assert topic.told[-1] == (RUNNING, 2, "SERVE")
+    assert topic.reported[-1] == (RUNNING, 2, "SERVE")
     reporter.report(MissionStatus.SUCCEEDED, "done")
-    assert topic.told[-1] == (MissionStatus.SUCCEEDED, 2, "done")
+    assert topic.reported[-1] == (MissionStatus.SUCCEEDED, 2, "done")
     assert reporter.health().message == "done"
 
 
@@ -90,7 +90,7 @@ def test_the_last_words_of_a_node_that_goes_down_may_be_lost(
         reporter.report(MissionStatus.CANCELLED, "cancelled")
     monkeypatch.setattr(core, "_in_shutdown", True)
     reporter.report(MissionStatus.CANCELLED, "cancelled")
-    assert topic.told == begin
+    assert topic.reported == begin
 
 
 class Client:
@@ -125,7 +125,7 @@ def test_a_mission_that_was_cancelled_sends_no_goal(topic: Topic, services: Serv
 
     assert Mission().execute() is False
     assert client.sent == []
-    assert topic.told[-1][0] == MissionStatus.CANCELLED
+    assert topic.reported[-1][0] == MissionStatus.CANCELLED
 
 
 def test_a_mission_whose_sleep_is_interrupted_was_cancelled(
@@ -137,16 +137,16 @@ def test_a_mission_whose_sleep_is_interrupted_was_cancelled(
             raise rospy.ROSInterruptException("ROS shutdown request")
 
     assert Mission().execute() is False
-    assert topic.told[-1][0] == MissionStatus.CANCELLED
+    assert topic.reported[-1][0] == MissionStatus.CANCELLED
 
 
 def test_a_mission_that_has_ended_is_not_paused(services: Services) -> None:
-    told: List[bool] = []
-    with MissionPause(told.append) as pause:
+    reported: List[bool] = []
+    with MissionPause(reported.append) as pause:
         assert services["merlin/mission/pause"](None).success
     answers = [service(None) for service in services.values()]
     assert [(answer.success, answer.message) for answer in answers] == [(False, "The mission has ended.")] * 2
-    assert told == [True]
+    assert reported == [True]
     with pause:  # again, from the beginning
         pause.wait(lambda: False)
 

@@ -163,11 +163,11 @@ def test_the_node_of_a_mission_that_ends_meanwhile_stays_until_the_release(
     robot: FakeRobot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     said: List[str] = []
-    told = threading.Event()
+    reported = threading.Event()
 
     def tell(text: str, **_: Any) -> None:
         said.append(text)
-        told.set()
+        reported.set()
 
     monkeypatch.setattr(mission_node, "print", tell, raising=False)
     monkeypatch.setattr(mission_host, "init_node", lambda name: None)
@@ -177,7 +177,7 @@ def test_the_node_of_a_mission_that_ends_meanwhile_stays_until_the_release(
     codes: List[int] = []
     node = threading.Thread(target=lambda: codes.append(mission_host.main("Round")))
     node.start()
-    assert told.wait(LONG)
+    assert reported.wait(LONG)
     assert not codes and HELD in said[0]
     robot.held("")
     node.join(LONG)

@@ -92,14 +92,14 @@ def test_lines_have_the_time_since_the_first(capsys: Any) -> None:
 def test_an_action_ends_once_and_a_cancelled_one_is_no_failure() -> None:
     lines: List[str] = []
     failures: List[str] = []
-    story = RobotLines(lines.append, lambda action, reason: failures.append(action))
-    story.end((1, 1), 5.0, None)  # it began before this log did
-    story.begin((1, 2), "(ask hall)", 6.0)
-    story.begin((1, 3), "(ask kitchen)", 6.5)
-    story.end((1, 2), 8.0, "cancelled")
-    story.end((1, 2), 9.0, "late")
-    story.end((1, 3), 9.5, None)
-    assert [(deed.text, deed.ended, deed.reason) for deed in story.deeds] == [
+    scenario = RobotLines(lines.append, lambda action, reason: failures.append(action))
+    scenario.end((1, 1), 5.0, None)  # it began before this log did
+    scenario.begin((1, 2), "(ask hall)", 6.0)
+    scenario.begin((1, 3), "(ask kitchen)", 6.5)
+    scenario.end((1, 2), 8.0, "cancelled")
+    scenario.end((1, 2), 9.0, "late")
+    scenario.end((1, 3), 9.5, None)
+    assert [(deed.text, deed.ended, deed.reason) for deed in scenario.deeds] == [
         ("(ask hall)", 8.0, "cancelled"),
         ("(ask kitchen)", 9.5, ""),
     ]
@@ -108,26 +108,26 @@ def test_an_action_ends_once_and_a_cancelled_one_is_no_failure() -> None:
 
 def test_what_is_remembered_does_not_grow_for_ever() -> None:
     lines: List[str] = []
-    story = RobotLines(lines.append, lambda action, reason: None)
+    scenario = RobotLines(lines.append, lambda action, reason: None)
     for number in range(2 * REMEMBERED):
-        story.pursue(f"request {number}", ["(checked hall)"], 0, "")
-        story.begin((number, 0), "(never answered)", 1.0)
-        story.begin((number, 1), f"(ask {number})", 1.0)
-        story.end((number, 1), 2.0, None)
-    assert len(story.deeds) <= REMEMBERED and story.deeds[-1].text == f"(ask {number})"
-    story.pursue(f"request {number - 1}", ["(checked hall)"], 0, "")
+        scenario.pursue(f"request {number}", ["(checked hall)"], 0, "")
+        scenario.begin((number, 0), "(never answered)", 1.0)
+        scenario.begin((number, 1), f"(ask {number})", 1.0)
+        scenario.end((number, 1), 2.0, None)
+    assert len(scenario.deeds) <= REMEMBERED and scenario.deeds[-1].text == f"(ask {number})"
+    scenario.pursue(f"request {number - 1}", ["(checked hall)"], 0, "")
     assert lines[-1] == "goes on with (checked hall)"
-    story.pursue("request 0", ["(checked hall)"], 0, "")
+    scenario.pursue("request 0", ["(checked hall)"], 0, "")
     assert lines[-1] == "goal (checked hall)", "the first request is still known"
-    story.end((0, 0), 3.0, "late")
+    scenario.end((0, 0), 3.0, "late")
     assert lines[-1] == "goal (checked hall)", "the first action still runs"
 
 
-def test_what_is_seen_is_told_with_its_place() -> None:
+def test_what_is_seen_is_reported_with_its_place() -> None:
     lines: List[str] = []
-    story = RobotLines(lines.append, lambda action, reason: None)
-    story.see([("cup", 1.23, -0.5)])
-    story.see([])
+    scenario = RobotLines(lines.append, lambda action, reason: None)
+    scenario.see([("cup", 1.23, -0.5)])
+    scenario.see([])
     assert lines == ["sees cup (1.2, -0.5)", "sees nothing"]
 
 

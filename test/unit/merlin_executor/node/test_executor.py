@@ -44,8 +44,8 @@ def test_an_urgent_request_waits_until_the_machine_leaves_its_state(bench: Bench
     bench.dispatch(RunningAction(name="deliver", uninterruptible=True))
     urgent = bench.send(Goal("(checked hall)", priority=1))
     assert [request.waits for request in bench.queue()] == ["waits until (deliver) can be interrupted"]
-    assert urgent.told == [bench.queue()[0].waits]
-    assert bench.status().urgent_waits == urgent.told[0]
+    assert urgent.reported == [bench.queue()[0].waits]
+    assert bench.status().urgent_waits == urgent.reported[0]
     bench.dispatch(RunningAction(name="deliver"))
     assert bench.machine.begun.acquire(timeout=LONG)  # the urgent one
     bench.dispatch()
@@ -59,11 +59,11 @@ def test_an_urgent_request_waits_until_the_machine_leaves_its_state(bench: Bench
 def test_a_request_that_is_never_interrupted_ends_first(bench: Bench) -> None:
     first = bench.run(Goal("(checked kitchen)", on_interrupt=ExecuteGoal.NEVER))
     urgent = bench.send(Goal("(checked hall)", priority=1))
-    assert urgent.told == ["waits until (checked kitchen) has ended"]
+    assert urgent.reported == ["waits until (checked kitchen) has ended"]
     bench.cancel(first)
     assert first.end()[1] == "CANCELLED"
     assert bench.machine.begun.acquire(timeout=LONG)
-    assert bench.queue() == [] and urgent.told[-1] == ""
+    assert bench.queue() == [] and urgent.reported[-1] == ""
 
 
 def test_a_request_is_run_and_answered(bench: Bench) -> None:
@@ -139,7 +139,7 @@ def test_a_cancel_reaches_the_running_request_only(bench: Bench) -> None:
     assert running.end() == (GoalStatus.PREEMPTED, "CANCELLED", "cancelled by its client")
 
 
-def test_a_cancel_that_something_does_not_obey_is_told_so(bench: Bench) -> None:
+def test_a_cancel_that_something_does_not_obey_is_reported(bench: Bench) -> None:
     bench.machine.unstoppable = True
     goal = bench.run(Goal("(checked kitchen)"))
     bench.cancel(goal)
@@ -184,11 +184,11 @@ def test_a_request_whose_client_dies_while_it_is_checked_is_not_cancelled_before
     bench: Bench,
 ) -> None:
     goal = Goal("(checked kitchen)", on_client_lost=ExecuteGoal.GO_ON)
-    told: List[Any] = []
+    reported: List[Any] = []
     owner = bench.callbacks["owner"]
-    bench.knowledge.on_check = lambda: told.append(owner(goal, LeaseState.LOST, "its client /x is gone"))
+    bench.knowledge.on_check = lambda: reported.append(owner(goal, LeaseState.LOST, "its client /x is gone"))
     bench.run(goal)
-    assert told == [False]  # the server leaves it alone
+    assert reported == [False]  # the server leaves it alone
     assert owner(goal, LeaseState.LOST, "its client /x is gone") is False
     bench.machine.end(Verdict(Outcome.SUCCEEDED))
     assert goal.end()[1] == "SUCCEEDED"
@@ -231,18 +231,18 @@ def test_a_client_that_is_gone_while_its_request_is_read_does_not_end_one_that_g
     bench: Bench, monkeypatch: pytest.MonkeyPatch, part: str
 ) -> None:
     goal = Goal("(checked kitchen)", on_client_lost=ExecuteGoal.GO_ON)
-    told: List[Any] = []
+    reported: List[Any] = []
     of: Any = executor_module if part == "Request" else executor_module.Engine
     once = getattr(of, part)
 
     def gone_before(*arguments: Any) -> Any:
         monkeypatch.setattr(of, part, once)
-        told.append(bench.callbacks["owner"](goal, LeaseState.LOST, "its client /x is gone"))
+        reported.append(bench.callbacks["owner"](goal, LeaseState.LOST, "its client /x is gone"))
         return once(*arguments)
 
     monkeypatch.setattr(of, part, gone_before)
     bench.run(goal)
-    assert told == [False]  # the server asks again when it has the request
+    assert reported == [False]  # the server asks again when it has the request
     bench.machine.end(Verdict(Outcome.SUCCEEDED))
     assert goal.end()[0] == GoalStatus.SUCCEEDED
 
@@ -268,14 +268,14 @@ def test_while_a_base_is_held_requests_wait_and_the_status_says_for_what(bench: 
     assert goal.end()[1] == "SUCCEEDED"
 
 
-def test_a_request_that_waits_ends_at_its_deadline_and_is_told_before(bench: Bench) -> None:
+def test_a_request_that_waits_ends_at_its_deadline_and_is_reported_before(bench: Bench) -> None:
     first = bench.run(Goal("(checked kitchen)"))
     action = ActionDispatch(name="drive", dispatch_time=0.0, duration=60.0)
     bench.machine.running[0].take_plan([action])  # it is expected to end at 61
     times = {"not_before": rospy.Time(2), "deadline": rospy.Time(31)}
     second = bench.send(Goal("(checked hall)", **times))
     late = "(checked kitchen) is expected to run until 61.0 s, and the deadline of this one is 31.0 s"
-    assert second.told == [late]
+    assert second.reported == [late]
     queued = bench.queue()[0]
     assert (queued.not_before, queued.deadline, queued.expected_begin, queued.late) == (
         rospy.Time(2),
@@ -291,7 +291,7 @@ def test_a_request_that_waits_ends_at_its_deadline_and_is_told_before(bench: Ben
     assert first.end()[1] == "SUCCEEDED" and bench.queue() == []
 
 
-def test_a_request_that_runs_is_told_and_stopped_at_its_deadline(bench: Bench) -> None:
+def test_a_request_that_runs_is_reported_and_stopped_at_its_deadline(bench: Bench) -> None:
     goal = bench.run(Goal("(checked kitchen)", deadline=rospy.Time(31)))
     action = ActionDispatch(name="drive", dispatch_time=0.0, duration=60.0)
     bench.machine.running[0].take_plan([action])
@@ -299,7 +299,7 @@ def test_a_request_that_runs_is_told_and_stopped_at_its_deadline(bench: Bench) -
     status = bench.status()
     assert (status.deadline, status.expected_end) == (rospy.Time(31), rospy.Time(61))
     late = "its plan is expected to end at 61.0 s, after its deadline 31.0 s"
-    assert status.late == late and goal.told[-1] == late
+    assert status.late == late and goal.reported[-1] == late
     bench.now = 31.0
     bench.pause(False)
     missed = "late: its goals do not hold by its deadline 31.0 s"

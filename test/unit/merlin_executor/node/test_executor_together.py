@@ -39,7 +39,7 @@ def test_requests_that_run_together_have_one_status_and_an_answer_each(bench: Be
     assert [(each.request, each.goals, each.by) for each in status.together] == [
         (second.id, ["(checked hall)"], "Ana")
     ]
-    assert first.told and second.told and bench.queue() == []
+    assert first.reported and second.reported and bench.queue() == []
     assert bench.executor.health().message == "running (checked kitchen), (checked hall)"
     bench.machine.end(Verdict(Outcome.SUCCEEDED, "done"))
     assert [goal.end()[1] for goal in (first, second)] == ["SUCCEEDED"] * 2
@@ -78,12 +78,12 @@ def test_cancels_of_all_say_nothing_but_statuses_until_the_end(bench: Bench) -> 
     bench.machine.revises, bench.machine.cancel = True, lambda: None  # type: ignore[method-assign]
     goals = run_together(bench, Goal("(checked kitchen)"), Goal("(checked hall)"))
     bench.dispatch(RunningAction(name="drive"))
-    published, told = len(bench.statuses), [[*goal.told] for goal in goals]
+    published, reported = len(bench.statuses), [[*goal.reported] for goal in goals]
     for goal in goals:
         bench.cancel(goal)
     bench.dispatch()
     assert not any(hasattr(message, "requests") for message in bench.statuses[published:]), "none waits"
-    assert [goal.told for goal in goals] == told
+    assert [goal.reported for goal in goals] == reported
     bench.machine.end(Verdict(Outcome.CANCELLED, "cancelled"))
     assert [goal.end()[1] for goal in goals] == ["CANCELLED"] * 2
 

@@ -107,7 +107,7 @@ def test_when_a_request_that_waits_will_be_done_is_said_before_it_begins(bench: 
     hopeless = bench.send(Goal("(not (checked hall))", deadline=rospy.Time(90)))
     queued = bench.queue_when(lambda queue: len(queue) > 1 and bool(queue[0].late))[0]
     late = "cannot be done before its deadline 90.0 s: needs 95 s from 61.0 s on"
-    assert (queued.late, hopeless.told, hopeless.ends) == (late, [late], [])
+    assert (queued.late, hopeless.reported, hopeless.ends) == (late, [late], [])
     assert [asked["deadlines"][0].within for asked in bench.previews[1:]] == [math.inf, 29.0]
 
     bench.send(Goal("(checked kitchen)", "(checked hall)", deadline=rospy.Time(140)))
@@ -118,7 +118,7 @@ def test_when_a_request_that_waits_will_be_done_is_said_before_it_begins(bench: 
     unknown = bench.send(Goal("(checked hall)", deadline=rospy.Time(150)))
     with bench.published:  # the planner has not found out, which is no proof
         assert bench.published.wait_for(lambda: not bench.answers, LONG)
-    assert unknown.told == [] and len(bench.previews) == 5
+    assert unknown.reported == [] and len(bench.previews) == 5
 
 
 def test_where_not_all_can_be_in_time_the_most_are_and_the_others_say_for_what(bench: Bench) -> None:
@@ -137,9 +137,9 @@ def test_where_not_all_can_be_in_time_the_most_are_and_the_others_say_for_what(b
     )
     assert [each.goals for each in queue] == [*goals, ["(checked kitchen)"]]
     assert [each.expected_end for each in queue[:2]] == [rospy.Time(76), rospy.Time(92)]
-    assert [each.late for each in queue[:2]] == ["", ""] and short[1].told[-1:] in ([], [""])
+    assert [each.late for each in queue[:2]] == ["", ""] and short[1].reported[-1:] in ([], [""])
     preferred = "there is no time for it (preferred: (checked hall), (not (checked hall)))"
-    assert queue[2].late == long.told[-1] == preferred
+    assert queue[2].late == long.reported[-1] == preferred
     for _ in (*short, long):  # all the same it waits, and begins when there is nothing else
         bench.machine.end(Verdict(Outcome.SUCCEEDED))
         assert bench.machine.begun.acquire(timeout=LONG)
@@ -201,7 +201,7 @@ def test_a_planning_system_without_previews_is_no_fault(bench: Bench) -> None:
     bench.machine.end(Verdict(Outcome.SUCCEEDED))
     assert bench.machine.begun.acquire(timeout=LONG)
     bench.machine.end(Verdict(Outcome.SUCCEEDED))
-    assert second.end()[1] == "SUCCEEDED" and second.told == []
+    assert second.end()[1] == "SUCCEEDED" and second.reported == []
 
 
 def test_an_answer_to_a_question_about_what_did_not_come_about_is_dropped(bench: Bench) -> None:

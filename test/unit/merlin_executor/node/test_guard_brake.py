@@ -143,14 +143,14 @@ def test_a_goal_that_does_not_end_delays_the_answer_only(monkeypatch: pytest.Mon
     assert guards.client.wait_standing()
 
 
-def test_a_hold_is_told_with_its_holder_until_the_release(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_hold_is_reported_with_its_holder_until_the_release(monkeypatch: pytest.MonkeyPatch) -> None:
     guards = Guards(monkeypatch)
-    told: List[str] = []
-    guards.client.follow(lambda: told.append(guards.client.hold))
+    reported: List[str] = []
+    guards.client.follow(lambda: reported.append(guards.client.hold))
     guards.stopped("merlin/guard")
     guards.stopped("merlin/guard")
     guards.callbacks["merlin/guard"](GuardStatus())
-    assert told == ["", "the base is held by Ana since 42.5 s", ""]
+    assert reported == ["", "the base is held by Ana since 42.5 s", ""]
 
 
 def test_of_several_robots_each_that_is_held_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

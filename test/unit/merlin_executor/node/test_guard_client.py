@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The guards are told to brake at once, also while another robot is being met."""
+"""A brake is published to the guards at once, also while the guard of a further robot is being met."""
 
 import threading
 from typing import Any, Iterator, List
 
 import pytest
+import rospy
 from fakes.topics import Topics
 from merlin_msgs.msg import RobotHost
 
@@ -18,43 +19,34 @@ registers = threading.Event()
 master_answers = threading.Event()
 
 
-class Guard:
-    """The guard of one base; that of a further robot is found when the master answers."""
-
-    def __init__(self, namespace: str, changed: threading.Condition, heard: Any) -> None:
-        self.namespace = namespace
-        if namespace:
-            registers.set()
-            assert master_answers.wait(LONG)
-
-    def shutdown(self) -> None:
-        ended.append(self.namespace)
-
-    def brake(self, reason: str) -> None:
-        braked.append(self.namespace)
-
-    def moves(self) -> bool:
-        return False
-
-    def hold(self) -> str:
-        return ""
-
-    def holds_goals(self) -> bool:
-        return False
+OWN = "/merlin/brake"
 
 
 @pytest.fixture
 def topics(monkeypatch: pytest.MonkeyPatch) -> Topics:
-    return Topics(monkeypatch)
+    """Those of the guards; a topic of a further robot is registered when the master answers."""
+    topics = Topics(monkeypatch)
+    publisher = rospy.Publisher
+    topics.before = lambda topic, message: braked.append(topic)
+
+    def register(name: str, *args: Any, **options: Any) -> Any:
+        if rospy.resolve_name(name) != OWN:
+            registers.set()
+            assert master_answers.wait(LONG)
+        made = publisher(name, *args, **options)
+        made.unregister = lambda: ended.append(name)
+        return made
+
+    monkeypatch.setattr(rospy, "Publisher", register)
+    return topics
 
 
 @pytest.fixture
-def client(topics: Topics, monkeypatch: pytest.MonkeyPatch) -> Iterator[GuardClient]:
+def client(topics: Topics) -> Iterator[GuardClient]:
     for event in (registers, master_answers):
         event.clear()
     braked.clear()
     ended.clear()
-    monkeypatch.setattr(guard_client, "_Guard", Guard)
     yield GuardClient("/kb")
     master_answers.set()
 
@@ -70,11 +62,11 @@ def test_a_brake_does_not_wait_for_the_master(client: GuardClient, topics: Topic
     assert registers.wait(LONG)
     braking = in_thread(client.brake, "cancelled")
     braking.join(LONG)
-    assert not braking.is_alive() and braked == [""]
+    assert not braking.is_alive() and braked == [OWN]
     master_answers.set()
     meeting.join(LONG)
     client.brake("cancelled")
-    assert braked == ["", "", "/r1/"]
+    assert braked == [OWN, OWN, "/r1/merlin/brake"]
 
 
 def announce(topics: Topics, node: str, sender: str) -> None:
@@ -85,14 +77,14 @@ def test_a_node_that_names_robots_without_end_gets_no_guards_without_end(
     client: GuardClient, topics: Topics, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     master_answers.set()
-    told: List[str] = []
-    monkeypatch.setattr(guard_client.rospy, "logwarn", told.append)
+    warnings: List[str] = []
+    monkeypatch.setattr(guard_client.rospy, "logwarn", warnings.append)
     for number in range(1000):
         announce(topics, f"/ghost{number}/host", "/flood")
     announce(topics, "/r1/host", "/r1/host")
     client.brake("cancelled")
-    assert len(braked) < 100 and braked[0] == "" and braked[-1] == "/r1/"
-    assert len(told) == 1 and "/flood" in told[0]
+    assert len(braked) < 100 and braked[0] == OWN and braked[-1] == "/r1/merlin/brake"
+    assert len(warnings) == 1 and "/flood" in warnings[0]
 
 
 def test_the_guard_of_a_robot_that_is_gone_makes_room(
@@ -105,7 +97,8 @@ def test_the_guard_of_a_robot_that_is_gone_makes_room(
         now += 60.0
         announce(topics, f"/guest{number}/host", "/relay")
     client.brake("cancelled")
-    assert len(braked) < 60 and braked[-1] == "/guest59/" and "/guest0/" in ended and "/guest0/" not in braked
+    assert len(braked) < 60 and braked[-1] == "/guest59/merlin/brake"
+    assert "/guest0/merlin/brake" in ended and "/guest0/merlin/brake" not in braked
 
 
 @pytest.mark.parametrize("node", ["", "host", "/two words/host", "//host"])
@@ -113,4 +106,4 @@ def test_a_node_of_an_impossible_name_has_no_guard(client: GuardClient, topics: 
     master_answers.set()
     announce(topics, node, "/flood")
     client.brake("cancelled")
-    assert braked == [""]
+    assert braked == [OWN]

@@ -111,7 +111,7 @@ def test_a_drive_that_only_the_cancelled_one_needs_is_stopped(bench: Bench, robo
     assert robot.began == ["(drive hall kitchen)", "(drive anywhere bath)", "(check bath)"]
 
 
-def test_a_newcomer_that_has_no_plan_waits_and_is_told_when_it_is_alone(bench: Bench, robot: Robot) -> None:
+def test_a_newcomer_that_has_no_plan_waits_and_ends_by_itself(bench: Bench, robot: Robot) -> None:
     robot.impossible = "(checked attic)"
     first = bench.driving("(checked kitchen)")
     second = bench.send("(checked attic)")

@@ -29,7 +29,7 @@ def test_names_of_outcomes() -> None:
     assert outcome_name(77) == "77"
 
 
-def test_a_crash_is_told_in_one_line() -> None:
+def test_a_crash_is_reported_in_one_line() -> None:
     verdict = crashed(RecursionError("maximum recursion depth exceeded"))
     assert verdict.outcome is Outcome.INTERNAL and verdict.outcome.of_software
     assert "RecursionError: maximum recursion depth exceeded" in verdict.reason
@@ -110,12 +110,12 @@ def test_what_did_not_stop_is_named_and_what_the_guard_did(halt: Halt, words: st
     assert verdict.action == "(navigate a b), (wave)"
 
 
-def test_why_it_had_to_stop_is_told_too() -> None:
+def test_why_it_had_to_stop_is_reported_too() -> None:
     assert unstopped(["(wave)"], HALTED, "(ask): no voice").reason.startswith(
         "(ask): no voice; (wave) did not"
     )
-    told = "(wave) did not stop: the planning system's plan dispatcher /d did not end its plan within 5 s"
-    assert unstopped(["(wave)"], HALTED, told).reason == f"{told}; the guard has halted the base"
+    reported = "(wave) did not stop: the planning system's plan dispatcher /d did not end its plan within 5 s"
+    assert unstopped(["(wave)"], HALTED, reported).reason == f"{reported}; the guard has halted the base"
 
 
 def test_a_cancel_is_not_complete_while_the_base_moves() -> None:

@@ -113,7 +113,7 @@ def test_only_a_goal_can_be_first(text):
         why_not(Wish(first=[text]), judge(goals), found(PLAN, goals), found(PLAN, goals), Words())
 
 
-def test_a_plan_that_does_not_stand_a_check_is_not_told():
+def test_a_plan_that_does_not_stand_a_check_is_not_reported():
     with pytest.raises(QuestionError, match="does not stand a check"):
         ask(Wish(include=["(drive hall yard)"]), other="0.0: (drive hall yard) [10.0]")
     with pytest.raises(QuestionError, match="is not in it"):

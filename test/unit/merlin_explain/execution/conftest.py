@@ -3,11 +3,11 @@ from pathlib import Path
 from typing import Iterator
 
 import pytest
-from robot_story import RobotStory
+from robot_scenario import RobotScenario
 
 
 @pytest.fixture
-def story(tmp_path: Path) -> Iterator[RobotStory]:
-    told = RobotStory(tmp_path)
-    yield told
-    told.close()
+def scenario(tmp_path: Path) -> Iterator[RobotScenario]:
+    reported = RobotScenario(tmp_path)
+    yield reported
+    reported.close()

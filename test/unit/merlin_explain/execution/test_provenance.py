@@ -8,7 +8,7 @@ from typing import List, Set, Tuple
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from robot_story import BEGIN, BRIDGES, DOMAIN, RobotStory
+from robot_scenario import BEGIN, BRIDGES, DOMAIN, RobotScenario
 
 from merlin_explain.claims import Answer, QuestionError, Words
 from merlin_explain.execution.moment import Moment, clock, key_of
@@ -21,8 +21,8 @@ from merlin_pddl.text_reader import PddlError
 DRIVE = "(drive d1 hall kitchen)"
 
 
-def ask(story: RobotStory, about: str, seconds: float = 0.0) -> Answer:
-    past = story.past(seconds)
+def ask(scenario: RobotScenario, about: str, seconds: float = 0.0) -> Answer:
+    past = scenario.past(seconds)
     try:
         return provenance(past.moment(), past, about, Words(), {BRIDGES})
     finally:
@@ -33,94 +33,94 @@ def kinds(answer: Answer) -> List[str]:
     return [claim.kind for claim in answer.claims]
 
 
-def drive(story: RobotStory) -> None:
-    story.runs("/mission-1-5.0", ["(tidy kitchen)"])
-    story.plans((DRIVE, 0.0, 10.0))
-    story.begins(0)
-    story.changes(BRIDGES, remove=["(at hall)"])
-    story.wait(10.0)
-    story.changes(BRIDGES, add=["(at kitchen)"], battery=19.0)
-    story.succeeds(0)
-    story.wait(30.0)
+def drive(scenario: RobotScenario) -> None:
+    scenario.runs("/mission-1-5.0", ["(tidy kitchen)"])
+    scenario.plans((DRIVE, 0.0, 10.0))
+    scenario.begins(0)
+    scenario.changes(BRIDGES, remove=["(at hall)"])
+    scenario.wait(10.0)
+    scenario.changes(BRIDGES, add=["(at kitchen)"], battery=19.0)
+    scenario.succeeds(0)
+    scenario.wait(30.0)
 
 
-def test_an_action_made_it_so(story: RobotStory) -> None:
-    drive(story)
-    answer = ask(story, "(at kitchen)")
+def test_an_action_made_it_so(scenario: RobotScenario) -> None:
+    drive(scenario)
+    answer = ask(scenario, "(at kitchen)")
     assert kinds(answer) == ["action"]
     assert f"became so at {clock(BEGIN + 10)}, version 3 of the knowledge, by “{DRIVE}”" in answer.sentence
     fact, step = answer.claims[0].evidence
     assert (fact.version, step.step) == (3, 1)
-    assert "by “(drive d1 hall kitchen)”" in ask(story, "(battery)").sentence
+    assert "by “(drive d1 hall kitchen)”" in ask(scenario, "(battery)").sentence
 
 
-def test_the_next_plan_may_come_at_once(story: RobotStory) -> None:
-    story.plans((DRIVE, 0.0, 10.0))
-    story.begins(0)
-    story.now += 0.05
-    story.changes(BRIDGES, remove=["(at hall)"])
-    story.now += 10.0
-    story.changes(BRIDGES, add=["(at kitchen)"])
-    story.now += 0.05
-    story.succeeds(0)
-    story.plans(("(mop kitchen)", 0.0, 4.0))
-    story.begins(0)
-    story.wait(20.0)
-    assert kinds(ask(story, "(at kitchen)")) == kinds(ask(story, "(at hall)")) == ["action"]
+def test_the_next_plan_may_come_at_once(scenario: RobotScenario) -> None:
+    scenario.plans((DRIVE, 0.0, 10.0))
+    scenario.begins(0)
+    scenario.now += 0.05
+    scenario.changes(BRIDGES, remove=["(at hall)"])
+    scenario.now += 10.0
+    scenario.changes(BRIDGES, add=["(at kitchen)"])
+    scenario.now += 0.05
+    scenario.succeeds(0)
+    scenario.plans(("(mop kitchen)", 0.0, 4.0))
+    scenario.begins(0)
+    scenario.wait(20.0)
+    assert kinds(ask(scenario, "(at kitchen)")) == kinds(ask(scenario, "(at hall)")) == ["action"]
 
 
-def test_an_action_made_it_untrue(story: RobotStory) -> None:
-    drive(story)
-    answer = ask(story, "(at hall)")
+def test_an_action_made_it_untrue(scenario: RobotScenario) -> None:
+    drive(scenario)
+    answer = ask(scenario, "(at hall)")
     assert kinds(answer) == ["action"]
     assert "does not hold" in answer.sentence and f"ceased to be so at {clock(BEGIN)}" in answer.sentence
-    assert ask(story, "(not (at hall))").claims == answer.claims
+    assert ask(scenario, "(not (at hall))").claims == answer.claims
 
 
-def test_another_client_did_it_while_an_action_ran_that_would_have(story: RobotStory) -> None:
-    story.plans((DRIVE, 0.0, 10.0))
-    story.begins(0)
-    story.changes("/localization", add=["(at kitchen)"])
-    answer = ask(story, "(at kitchen)")
+def test_another_client_did_it_while_an_action_ran_that_would_have(scenario: RobotScenario) -> None:
+    scenario.plans((DRIVE, 0.0, 10.0))
+    scenario.begins(0)
+    scenario.changes("/localization", add=["(at kitchen)"])
+    answer = ask(scenario, "(at kitchen)")
     assert kinds(answer) == ["client"]
     assert "by /localization" in answer.sentence
 
 
-def test_a_fact_of_before_the_recording(story: RobotStory) -> None:
-    assert "since before the recording began" in ask(story, "(open d1)").sentence
-    assert "nothing has made it true" in ask(story, "(open d2)").sentence
+def test_a_fact_of_before_the_recording(scenario: RobotScenario) -> None:
+    assert "since before the recording began" in ask(scenario, "(open d1)").sentence
+    assert "nothing has made it true" in ask(scenario, "(open d2)").sentence
 
 
-def test_a_change_of_long_ago_is_found(story: RobotStory) -> None:
-    story.changes("/door_sensor", remove=["(open d1)"])
+def test_a_change_of_long_ago_is_found(scenario: RobotScenario) -> None:
+    scenario.changes("/door_sensor", remove=["(open d1)"])
     for number in range(200):
-        story.now += 10.0
-        story.changes("/battery", battery=float(number))
-    answer = ask(story, "(open d1)")
+        scenario.now += 10.0
+        scenario.changes("/battery", battery=float(number))
+    answer = ask(scenario, "(open d1)")
     assert (
         f"ceased to be so at {clock(BEGIN)}, version 2 of the knowledge, by /door_sensor" in answer.sentence
     )
 
 
-def test_the_proof_of_a_derived_fact(story: RobotStory) -> None:
-    story.changes("/door_sensor", add=["(open d2)"])
-    answer = ask(story, "(way hall attic)")
+def test_the_proof_of_a_derived_fact(scenario: RobotScenario) -> None:
+    scenario.changes("/door_sensor", add=["(open d2)"])
+    answer = ask(scenario, "(way hall attic)")
     assert kinds(answer)[0] == "derived"
     shown = {each.text for each in answer.claims[0].evidence}
     assert shown == {"(joins d1 hall kitchen)", "(open d1)", "(joins d2 kitchen attic)", "(open d2)"}
     assert any("by /door_sensor" in claim.text for claim in answer.claims)
 
 
-def test_why_a_derived_fact_does_not_hold(story: RobotStory) -> None:
-    answer = ask(story, "(near kitchen attic)")
+def test_why_a_derived_fact_does_not_hold(scenario: RobotScenario) -> None:
+    answer = ask(scenario, "(near kitchen attic)")
     assert answer.sentence.startswith("“(near kitchen attic)” does not hold")
     assert all(claim.evidence for claim in answer.claims)
 
 
-def test_of_a_past_moment(story: RobotStory) -> None:
-    drive(story)
-    assert "“(at hall)” does not hold" in ask(story, "(at hall)", seconds=20.0).sentence
-    assert "“(at kitchen)” does not hold" in ask(story, "(at kitchen)", seconds=5.0).sentence
+def test_of_a_past_moment(scenario: RobotScenario) -> None:
+    drive(scenario)
+    assert "“(at hall)” does not hold" in ask(scenario, "(at hall)", seconds=20.0).sentence
+    assert "“(at kitchen)” does not hold" in ask(scenario, "(at kitchen)", seconds=5.0).sentence
 
 
 @pytest.mark.parametrize(
@@ -134,9 +134,9 @@ def test_of_a_past_moment(story: RobotStory) -> None:
         ("(at (", "is not PDDL"),
     ],
 )
-def test_what_cannot_be_asked_is_refused(story: RobotStory, about: str, words: str) -> None:
+def test_what_cannot_be_asked_is_refused(scenario: RobotScenario, about: str, words: str) -> None:
     with pytest.raises((ValueError, PddlError), match=words):
-        ask(story, about)
+        ask(scenario, about)
 
 
 Door = Tuple[str, str, bool]
@@ -191,11 +191,11 @@ def test_the_history_of_another_program_is_refused(tmp_path: Path) -> None:
             RecordedPast(path, parse_domain(DOMAIN))
 
 
-def test_a_condition_that_names_no_fact_is_refused(story: RobotStory) -> None:
+def test_a_condition_that_names_no_fact_is_refused(scenario: RobotScenario) -> None:
     with pytest.raises(QuestionError, match=r"^\(and\) names no fact$"):
-        ask(story, "(and)")
+        ask(scenario, "(and)")
 
 
-def test_a_condition_of_which_nothing_more_is_known_is_named_once(story: RobotStory) -> None:
-    answer = ask(story, "(forall (?r - room) (tidy ?r))")
+def test_a_condition_of_which_nothing_more_is_known_is_named_once(scenario: RobotScenario) -> None:
+    answer = ask(scenario, "(forall (?r - room) (tidy ?r))")
     assert answer.sentence.count("does not hold") == 1 and answer.sentence.endswith("does not hold.")

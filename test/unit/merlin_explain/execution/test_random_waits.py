@@ -6,7 +6,7 @@ from typing import Any, Dict, List, Set, Tuple
 
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from robot_story import DOMAIN, OPERATORS
+from robot_scenario import DOMAIN, OPERATORS
 
 from merlin_explain.claims import Words
 from merlin_explain.execution.moment import Moment

@@ -4,7 +4,7 @@
 import contextlib
 
 import pytest
-from robot_story import BEGIN, RobotStory
+from robot_scenario import BEGIN, RobotScenario
 
 from merlin_explain.claims import QuestionError
 from merlin_explain.execution.recorded_past import RecordedPast
@@ -12,39 +12,43 @@ from merlin_monitor.history.history_file import begin_run, open_for_writing
 
 
 @pytest.mark.parametrize("jump", [0.0, 3600.0, -86400.0])
-def test_a_clock_that_was_set_makes_the_present_neither_old_nor_new(story: RobotStory, jump: float) -> None:
-    ticks = 500.0  # of the machine when the story began
-    story.model.tree.set("why", "clock", BEGIN - ticks)
-    story.wait(10.0)
-    with contextlib.closing(story.past()) as past:
+def test_a_clock_that_was_set_makes_the_present_neither_old_nor_new(
+    scenario: RobotScenario, jump: float
+) -> None:
+    ticks = 500.0  # of the machine when the scenario began
+    scenario.model.tree.set("why", "clock", BEGIN - ticks)
+    scenario.wait(10.0)
+    with contextlib.closing(scenario.past()) as past:
         age = past.age(past.moment(), ticks + 12.0, BEGIN + 12.0 + jump)
     assert age == pytest.approx(2.0, abs=0.1)
 
 
-def test_a_monitor_that_goes_on_is_found_after_the_clock_was_set(story: RobotStory) -> None:
-    story.model.settle()
-    with contextlib.closing(open_for_writing(str(story.file))) as file:
+def test_a_monitor_that_goes_on_is_found_after_the_clock_was_set(scenario: RobotScenario) -> None:
+    scenario.model.settle()
+    with contextlib.closing(open_for_writing(str(scenario.file))) as file:
         file.execute("UPDATE runs SET session = 'master /merlin_monitor'")
         file.commit()
         begin_run(file, BEGIN, "master /other_robot")
     session = "master /merlin_monitor"
-    with contextlib.closing(RecordedPast(story.file, story.domain, session=session)) as past:
+    with contextlib.closing(RecordedPast(scenario.file, scenario.domain, session=session)) as past:
         assert past.moment().at == pytest.approx(BEGIN, abs=0.1)
 
 
-def test_a_run_that_is_not_there_is_named(story: RobotStory) -> None:
-    story.model.settle()
+def test_a_run_that_is_not_there_is_named(scenario: RobotScenario) -> None:
+    scenario.model.settle()
     with pytest.raises(QuestionError, match="there is no run 3; there are: 1"):
-        RecordedPast(story.file, story.domain, run=3)
+        RecordedPast(scenario.file, scenario.domain, run=3)
 
 
-def test_what_is_recorded_before_the_time_is_renewed_is_not_of_the_moment_before(story: RobotStory) -> None:
-    story.wait(1.0)
-    story.now += 0.3
-    story.model.tree.set("now", "later", True)
-    story.model.record()  # with the time of 0.3 s ago
-    story.wait(1.0)
-    with contextlib.closing(story.past(1.1)) as past:
+def test_what_is_recorded_before_the_time_is_renewed_is_not_of_the_moment_before(
+    scenario: RobotScenario,
+) -> None:
+    scenario.wait(1.0)
+    scenario.now += 0.3
+    scenario.model.tree.set("now", "later", True)
+    scenario.model.record()  # with the time of 0.3 s ago
+    scenario.wait(1.0)
+    with contextlib.closing(scenario.past(1.1)) as past:
         assert "later" not in past.moment().section("now")
-    with contextlib.closing(story.past(1.4)) as past:
+    with contextlib.closing(scenario.past(1.4)) as past:
         assert "later" in past.moment().section("now")

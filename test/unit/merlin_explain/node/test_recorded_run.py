@@ -19,7 +19,7 @@ import yaml
 from diagnostic_msgs.msg import KeyValue
 from merlin_msgs.msg import ExecuteActionResult, ExecuteResult, ExecutorStatus, KnowledgeChanges, QueuedGoal
 from merlin_msgs.srv import ExplainRequest
-from robot_story import BEGIN, BRIDGES, DOMAIN, RobotStory
+from robot_scenario import BEGIN, BRIDGES, DOMAIN, RobotScenario
 from rosplan_knowledge_msgs.msg import KnowledgeItem
 from std_msgs.msg import String
 
@@ -38,30 +38,30 @@ SENTENCES = "predicates: {tidy: {en: 'the {r} is tidy'}}"
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     """With the history of a run in which the mop does its work, and a request fails later."""
-    story = RobotStory(tmp_path)
-    tell = story.model.tree.set
+    scenario = RobotScenario(tmp_path)
+    tell = scenario.model.tree.set
     parameters = {
         "rosplan_knowledge_base/domain_path": {"text": DOMAIN + "\n; longer than what a page shows" * 500},
         "merlin/sentences": {"text": SENTENCES},
     }
     robot = SimpleNamespace(resolve=str, parameter=parameters.get)
-    WhyPanel(story.model, robot).look({})  # type: ignore[arg-type]
+    WhyPanel(scenario.model, robot).look({})  # type: ignore[arg-type]
     tell("why", "interfaces", [BRIDGES])
-    story.runs("/m-1", [GOAL])
-    story.plans(("(mop kitchen)", 0.0, 4.0))
-    story.begins(0)
-    story.wait(4.0)
-    story.changes(BRIDGES, add=[GOAL])
-    story.succeeds(0)
-    story.wait(60.0)
-    story.plans((DRIVE, 0.0, 10.0))
-    story.begins(0)
-    story.fails(0, "/move_base aborted: no way")
-    story.dispatch_ended(DRIVE, f"{DRIVE} failed: /move_base aborted: no way")
-    story.ends("/m-1", ExecuteResult.ACTION_FAILED, f"{DRIVE} failed: /move_base aborted: no way")
-    story.runs()
-    story.model.settle()
-    story.close()
+    scenario.runs("/m-1", [GOAL])
+    scenario.plans(("(mop kitchen)", 0.0, 4.0))
+    scenario.begins(0)
+    scenario.wait(4.0)
+    scenario.changes(BRIDGES, add=[GOAL])
+    scenario.succeeds(0)
+    scenario.wait(60.0)
+    scenario.plans((DRIVE, 0.0, 10.0))
+    scenario.begins(0)
+    scenario.fails(0, "/move_base aborted: no way")
+    scenario.dispatch_ended(DRIVE, f"{DRIVE} failed: /move_base aborted: no way")
+    scenario.ends("/m-1", ExecuteResult.ACTION_FAILED, f"{DRIVE} failed: /move_base aborted: no way")
+    scenario.runs()
+    scenario.model.settle()
+    scenario.close()
     return tmp_path
 
 
@@ -101,9 +101,9 @@ def test_a_moment_of_the_run(folder: Path) -> None:
 
 
 def test_the_command_needs_no_robot(folder: Path) -> None:
-    told = why("--so", GOAL, "--recording", str(folder), "--at", "30s", "--evidence")
-    assert told.returncode == 0, told.stderr
-    assert "the kitchen is tidy" in told.stdout and "step: (mop kitchen)" in told.stdout
+    reported = why("--so", GOAL, "--recording", str(folder), "--at", "30s", "--evidence")
+    assert reported.returncode == 0, reported.stderr
+    assert "the kitchen is tidy" in reported.stdout and "step: (mop kitchen)" in reported.stdout
     assert "does not hold" in why("--so", GOAL, "--recording", str(folder), "--at", "63s").stdout
 
 
@@ -131,9 +131,9 @@ def test_what_cannot_be_answered_says_why(folder: Path) -> None:
     questions.append(["--failed", "--run", "7"])
     done = why(json.dumps(questions), command=[sys.executable, "-c", REFUSE])
     assert done.returncode == 0 and "Traceback" not in done.stderr, done.stderr
-    *told, without_recording, rest = done.stderr.split("exit code 2\n")
-    assert len(told) == len(REFUSED) and not rest, done.stderr
-    for said, text in zip(REFUSED.values(), told):
+    *reported, without_recording, rest = done.stderr.split("exit code 2\n")
+    assert len(reported) == len(REFUSED) and not rest, done.stderr
+    for said, text in zip(REFUSED.values(), reported):
         assert said in text
     assert "--recording" in without_recording
 
@@ -141,26 +141,26 @@ def test_what_cannot_be_answered_says_why(folder: Path) -> None:
 @pytest.fixture
 def planned(tmp_path: Path) -> Path:
     """With a run in which the robot drives at 2 s and mops at 12 s; before, its battery was low."""
-    story = RobotStory(tmp_path)
-    story.model.tree.set("why", "domain", DOMAIN.splitlines())
-    story.changes("/charger", battery=4.0)
-    story.wait(1.0)
-    story.changes("/charger", battery=20.0)
-    story.wait(1.0)
-    story.runs("/m-1", [GOAL], priority=3)
+    scenario = RobotScenario(tmp_path)
+    scenario.model.tree.set("why", "domain", DOMAIN.splitlines())
+    scenario.changes("/charger", battery=4.0)
+    scenario.wait(1.0)
+    scenario.changes("/charger", battery=20.0)
+    scenario.wait(1.0)
+    scenario.runs("/m-1", [GOAL], priority=3)
     drive = "(drive d1 hall kitchen)"
-    story.plans((drive, 0.0, 10.0), ("(mop kitchen)", 10.001, 4.0), edges=[(0, 1)])
-    story.begins(0)
-    story.changes(BRIDGES, remove=["(at hall)"])
-    story.wait(10.0)
-    story.changes(BRIDGES, add=["(at kitchen)"], battery=19.0)
-    story.succeeds(0)
-    story.begins(1)
-    story.wait(4.0)
-    story.changes(BRIDGES, add=[GOAL, "(wet kitchen)"])
-    story.succeeds(1)
-    story.model.settle()
-    story.close()
+    scenario.plans((drive, 0.0, 10.0), ("(mop kitchen)", 10.001, 4.0), edges=[(0, 1)])
+    scenario.begins(0)
+    scenario.changes(BRIDGES, remove=["(at hall)"])
+    scenario.wait(10.0)
+    scenario.changes(BRIDGES, add=["(at kitchen)"], battery=19.0)
+    scenario.succeeds(0)
+    scenario.begins(1)
+    scenario.wait(4.0)
+    scenario.changes(BRIDGES, add=[GOAL, "(wet kitchen)"])
+    scenario.succeeds(1)
+    scenario.model.settle()
+    scenario.close()
     return tmp_path
 
 
@@ -179,13 +179,15 @@ def test_why_a_step_of_a_recorded_plan(planned: Path) -> None:
 
 
 def test_why_a_step_of_requests_that_run_together(tmp_path: Path) -> None:
-    story = RobotStory(tmp_path)
-    story.model.tree.set("why", "domain", DOMAIN.splitlines())
-    story.runs("/m-1", [GOAL], together=[QueuedGoal(request="/tablet-1", goals=["(wet kitchen)"], by="Ana")])
-    story.plans((DRIVE, 0.0, 10.0), ("(mop kitchen)", 10.001, 4.0), edges=[(0, 1)])
-    story.begins(0)
-    story.model.settle()
-    story.close()
+    scenario = RobotScenario(tmp_path)
+    scenario.model.tree.set("why", "domain", DOMAIN.splitlines())
+    scenario.runs(
+        "/m-1", [GOAL], together=[QueuedGoal(request="/tablet-1", goals=["(wet kitchen)"], by="Ana")]
+    )
+    scenario.plans((DRIVE, 0.0, 10.0), ("(mop kitchen)", 10.001, 4.0), edges=[(0, 1)])
+    scenario.begins(0)
+    scenario.model.settle()
+    scenario.close()
     step = ask(tmp_path, "why", DRIVE)
     asked = [claim.text for claim in step.claims if claim.kind == "request"]
     assert "is there for “kitchen tidy” and “kitchen wet”" in step.sentence
@@ -194,37 +196,37 @@ def test_why_a_step_of_requests_that_run_together(tmp_path: Path) -> None:
 
 
 def test_why_of_a_plan_that_was_there_before_the_knowledge_was_read(tmp_path: Path) -> None:
-    story = RobotStory(tmp_path)
-    tell = story.model.tree.set
+    scenario = RobotScenario(tmp_path)
+    tell = scenario.model.tree.set
     tell("why", "domain", DOMAIN.splitlines())
-    objects = dict(story.model.tree.get("knowledge", "objects"))
+    objects = dict(scenario.model.tree.get("knowledge", "objects"))
     tell("knowledge", "objects", {})
-    story.wait(1.0)
-    story.runs("/m-1", [GOAL])
-    story.plans((DRIVE, 0.0, 10.0), ("(mop kitchen)", 10.001, 4.0), edges=[(0, 1)])
+    scenario.wait(1.0)
+    scenario.runs("/m-1", [GOAL])
+    scenario.plans((DRIVE, 0.0, 10.0), ("(mop kitchen)", 10.001, 4.0), edges=[(0, 1)])
     tell("knowledge", "objects", objects)
-    story.wait(1.0)
-    story.model.settle()
-    story.close()
+    scenario.wait(1.0)
+    scenario.model.settle()
+    scenario.close()
     assert "is there for “kitchen tidy”" in ask(tmp_path, "why", DRIVE).sentence
 
 
 def test_why_of_a_plan_for_facts_that_no_frame_has(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The drive before was cancelled at once, and the next one has begun before the monitor wrote again."""
-    story = RobotStory(tmp_path)
-    story.model.tree.set("why", "domain", DOMAIN.splitlines())
-    story.changes(BRIDGES, remove=["(at hall)"])
-    story.wait(1.0)
+    scenario = RobotScenario(tmp_path)
+    scenario.model.tree.set("why", "domain", DOMAIN.splitlines())
+    scenario.changes(BRIDGES, remove=["(at hall)"])
+    scenario.wait(1.0)
     with monkeypatch.context() as unwritten:
-        unwritten.setattr(story, "record", lambda: None)
-        story.changes(BRIDGES, add=["(at hall)"])
-        story.runs("/m-2", [GOAL], priority=0)
-        story.plans(("(drive d1 hall kitchen)", 0.0, 10.0), ("(mop kitchen)", 10.001, 4.0), edges=[(0, 1)])
-        story.begins(0)
-        story.changes(BRIDGES, remove=["(at hall)"])
-    story.wait(0.5)
-    story.model.settle()
-    story.close()
+        unwritten.setattr(scenario, "record", lambda: None)
+        scenario.changes(BRIDGES, add=["(at hall)"])
+        scenario.runs("/m-2", [GOAL], priority=0)
+        scenario.plans(("(drive d1 hall kitchen)", 0.0, 10.0), ("(mop kitchen)", 10.001, 4.0), edges=[(0, 1)])
+        scenario.begins(0)
+        scenario.changes(BRIDGES, remove=["(at hall)"])
+    scenario.wait(0.5)
+    scenario.model.settle()
+    scenario.close()
     assert "is there for “kitchen tidy”" in ask(tmp_path, "why", DRIVE, 1.6).sentence
 
 
@@ -246,12 +248,12 @@ def test_what_was_missing_at_a_recorded_moment(planned: Path) -> None:
 
 
 def test_a_value_that_is_no_number_is_none(tmp_path: Path) -> None:
-    story = RobotStory(tmp_path)
-    story.model.tree.set("why", "domain", DOMAIN.splitlines())
-    story.changes("/charger", battery=math.inf)
-    story.wait(1.0)
-    story.model.settle()
-    story.close()
+    scenario = RobotScenario(tmp_path)
+    scenario.model.tree.set("why", "domain", DOMAIN.splitlines())
+    scenario.changes("/charger", battery=math.inf)
+    scenario.wait(1.0)
+    scenario.model.settle()
+    scenario.close()
     assert ask(tmp_path, "so", "(battery)").sentence == "(battery) has no value."
     assert "does not hold" in ask(tmp_path, "so", "(>= (battery) 5)").sentence
     empty = ask(tmp_path, "no_plan", goals=["(at kitchen)"])
@@ -274,11 +276,11 @@ def problem(more: str = "", metric: str = "") -> String:
 
 
 @pytest.fixture
-def with_problems(tmp_path: Path) -> Callable[..., RobotStory]:
-    """A story whose robot publishes problems, as the panel follows them; it is at its begin."""
+def with_problems(tmp_path: Path) -> Callable[..., RobotScenario]:
+    """A scenario whose robot publishes problems, as the panel follows them; it is at its begin."""
 
-    def begun(**planner: Any) -> RobotStory:
-        story = RobotStory(tmp_path)
+    def begun(**planner: Any) -> RobotScenario:
+        scenario = RobotScenario(tmp_path)
         domain = {"rosplan_knowledge_base/domain_path": {"text": DOMAIN}}
         parameters = {**domain, "rosplan_planner_interface": planner}
         heard: Dict[str, Any] = {}
@@ -286,28 +288,28 @@ def with_problems(tmp_path: Path) -> Callable[..., RobotStory]:
             resolve=str,
             parameter=parameters.get,
             subscribe=lambda topic, kind, receive, **_: heard.update({topic: receive}),
-            time_of=lambda message: story.now,
+            time_of=lambda message: scenario.now,
         )
-        panel = WhyPanel(story.model, robot)  # type: ignore[arg-type]
+        panel = WhyPanel(scenario.model, robot)  # type: ignore[arg-type]
         panel.start()
         panel.look({})
         hears = heard["rosplan_problem_interface/problem_instance"]
-        story.hears = lambda message: (hears(message), story.record())  # type: ignore[attr-defined]
-        return story
+        scenario.hears = lambda message: (hears(message), scenario.record())  # type: ignore[attr-defined]
+        return scenario
 
     return begun
 
 
 def test_the_metric_of_the_recorded_problem_judges(with_problems: Any, tmp_path: Path) -> None:
     """By the battery a way through the attic is as good as any that is longer, and by the time it is not."""
-    story = with_problems()
-    story.changes(BRIDGES, add=["(open d2)", "(joins d2 kitchen hall)"], battery=20.0)
-    story.hears(problem(metric="(:metric maximize (- (battery) (* 2 (total-time))))"))
-    story.wait(1.0)
-    story.hears(problem(metric="(:metric minimize (total-time))"))
-    story.wait(1.0)
-    story.model.settle()
-    story.close()
+    scenario = with_problems()
+    scenario.changes(BRIDGES, add=["(open d2)", "(joins d2 kitchen hall)"], battery=20.0)
+    scenario.hears(problem(metric="(:metric maximize (- (battery) (* 2 (total-time))))"))
+    scenario.wait(1.0)
+    scenario.hears(problem(metric="(:metric minimize (total-time))"))
+    scenario.wait(1.0)
+    scenario.model.settle()
+    scenario.close()
     question = {"include": ["(drive d2 kitchen hall)"], "goals": ["(at kitchen)"]}
     judged = ask(tmp_path, "why_not", seconds=0.5, **question)
     assert "worse" in judged.sentence and "(- (battery) (* 2 (total-time)))" in judged.sentence
@@ -317,15 +319,15 @@ def test_the_metric_of_the_recorded_problem_judges(with_problems: Any, tmp_path:
 
 
 def test_facts_that_come_true_by_themselves_count_from_their_time(with_problems: Any, tmp_path: Path) -> None:
-    story = with_problems(anytime=0.1, time_limit=5.0, planner_command="")
-    story.changes(BRIDGES, remove=["(open d1)"], battery=20.0)
-    story.hears(problem("(at 30 (open d1))\n(at 90.5 (not (open d1)))"))
-    story.runs("/m-1", [GOAL])
-    story.plans((DRIVE, 30.001, 10.0), ("(mop kitchen)", 40.002, 4.0), edges=[(0, 1)])
-    story.wait(10.0)
-    story.wait(10.0)
-    story.model.settle()
-    story.close()
+    scenario = with_problems(anytime=0.1, time_limit=5.0, planner_command="")
+    scenario.changes(BRIDGES, remove=["(open d1)"], battery=20.0)
+    scenario.hears(problem("(at 30 (open d1))\n(at 90.5 (not (open d1)))"))
+    scenario.runs("/m-1", [GOAL])
+    scenario.plans((DRIVE, 30.001, 10.0), ("(mop kitchen)", 40.002, 4.0), edges=[(0, 1)])
+    scenario.wait(10.0)
+    scenario.wait(10.0)
+    scenario.model.settle()
+    scenario.close()
     soon = ask(tmp_path, "what_if", goals=["(at kitchen)"], seconds=0.1)
     assert "the plan would have 1 step and 4" in soon.sentence, soon
     later = ask(tmp_path, "what_if", goals=["(at kitchen)"], seconds=10.1)  # 20 s are left, and 10 s to drive
@@ -341,11 +343,11 @@ def test_what_is_not_recorded_is_said_with_each_plan(planned: Path, with_problem
 
 def test_a_program_of_the_robots_computer_does_not_plan_here(with_problems: Any, tmp_path: Path) -> None:
     ran = tmp_path / "ran"
-    story = with_problems(planner_command=f"touch {ran} DOMAIN PROBLEM")
-    story.hears(problem())
-    story.wait(1.0)
-    story.model.settle()
-    story.close()
+    scenario = with_problems(planner_command=f"touch {ran} DOMAIN PROBLEM")
+    scenario.hears(problem())
+    scenario.wait(1.0)
+    scenario.model.settle()
+    scenario.close()
     answer = ask(tmp_path, "what_if", goals=["(wet kitchen)"])
     assert "the plan would have 2 steps" in answer.sentence
     assert "“touch " in answer.sentence and "is not run here" in answer.sentence
@@ -356,11 +358,11 @@ def test_a_planner_that_is_not_on_this_computer_is_named(
     with_problems: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(planner_engines, "expand", lambda name: f"{name}-of-no-computer DOMAIN PROBLEM")
-    story = with_problems(planner_command="popf")
-    story.hears(problem())
-    story.wait(1.0)
-    story.model.settle()
-    story.close()
+    scenario = with_problems(planner_command="popf")
+    scenario.hears(problem())
+    scenario.wait(1.0)
+    scenario.model.settle()
+    scenario.close()
     answer = ask(tmp_path, "what_if", goals=["(wet kitchen)"])
     assert "the plan would have 2 steps" in answer.sentence
     assert "the planner popf-of-no-computer is not installed; kairos plans instead" in answer.sentence
@@ -369,27 +371,31 @@ def test_a_planner_that_is_not_on_this_computer_is_named(
 def test_a_metric_is_known_however_long_it_is(with_problems: Any, tmp_path: Path) -> None:
     terms = 2000  # more text than the state keeps in one piece
     long = f"(:metric maximize (- (battery) {'(+ (total-time) ' * terms}1{')' * (terms + 1)})"
-    story = with_problems(planner_command="")
-    story.hears(problem(metric=long))
-    story.wait(1.0)
-    panel = story.model.tree.get("why", "problem")
-    story.model.settle()
-    story.close()
+    scenario = with_problems(planner_command="")
+    scenario.hears(problem(metric=long))
+    scenario.wait(1.0)
+    panel = scenario.model.tree.get("why", "problem")
+    scenario.model.settle()
+    scenario.close()
     assert "".join(panel["metric"]) == long.replace(" ", "")
 
 
 def test_the_command_plans_without_a_robot(planned: Path) -> None:
-    told = why("--recording", str(planned), "--at", "13s", "--what-if", "(wet attic)", "--goal", "(at attic)")
-    assert told.returncode == 0 and "the plan would be the same: 1 step and 10.0 s" in told.stdout, told
+    reported = why(
+        "--recording", str(planned), "--at", "13s", "--what-if", "(wet attic)", "--goal", "(at attic)"
+    )
+    assert reported.returncode == 0 and "the plan would be the same: 1 step and 10.0 s" in reported.stdout, (
+        reported
+    )
     wrong = why("--recording", str(planned), "--what-if", "(wett attic)", "--goal", "(at attic)")
     assert wrong.returncode == 2 and "wett" in wrong.stderr and "Traceback" not in wrong.stderr
 
 
 def test_a_recording_without_a_domain_asks_for_its_file(tmp_path: Path) -> None:
-    story = RobotStory(tmp_path)
-    story.runs("/m-1", [GOAL])
-    story.model.settle()
-    story.close()
+    scenario = RobotScenario(tmp_path)
+    scenario.runs("/m-1", [GOAL])
+    scenario.model.settle()
+    scenario.close()
     with pytest.raises(QuestionError, match="--domain"):
         ask(tmp_path, "doing")
     (tmp_path / "domain.pddl").write_text(DOMAIN)
@@ -410,7 +416,7 @@ def test_a_bag_is_asked_likewise(tmp_path: Path) -> None:
         result=ExecuteResult(outcome=ExecuteResult.ACTION_FAILED, reason="/move_base aborted: no way")
     )
     result.status.goal_id.id = "/m-1"
-    told = [
+    reported = [
         (PARAMETERS, String(yaml.safe_dump(parameters)), 0.0),
         (KNOWLEDGE, KnowledgeChanges(cleared=True, added=[kitchen]), 0.0),
         ("merlin/status", began, 1.0),
@@ -419,7 +425,7 @@ def test_a_bag_is_asked_likewise(tmp_path: Path) -> None:
         ("merlin/status", ExecutorStatus(), 5.0),
     ]
     with rosbag.Bag(str(tmp_path / BAG), "w") as bag:
-        for topic, message, after in told:
+        for topic, message, after in reported:
             at = genpy.Time.from_sec(BEGIN + after)
             if message._has_header:
                 message.header.stamp = at
@@ -430,11 +436,11 @@ def test_a_bag_is_asked_likewise(tmp_path: Path) -> None:
 
 
 def test_sentences_that_cannot_be_read_are_named(tmp_path: Path) -> None:
-    story = RobotStory(tmp_path)
-    story.model.tree.set("why", "domain", DOMAIN.splitlines())
-    story.model.tree.set("why", "sentences", ["["])
-    story.runs("/m-1", [GOAL])
-    story.model.settle()
-    story.close()
+    scenario = RobotScenario(tmp_path)
+    scenario.model.tree.set("why", "domain", DOMAIN.splitlines())
+    scenario.model.tree.set("why", "sentences", ["["])
+    scenario.runs("/m-1", [GOAL])
+    scenario.model.settle()
+    scenario.close()
     with pytest.raises(QuestionError, match="sentences"):
         ask(tmp_path, "doing")

@@ -104,10 +104,10 @@ def test_a_client_sends_and_gets_the_end(lab: Lab, tmp_path: object) -> None:
     outbox = SqliteOutbox(f"{tmp_path}/outbox.sqlite")
     lab.robot("r1", outbox=outbox)
     done = threading.Event()
-    told: List[FleetRequest] = []
-    request = lab.client.send("(done a)", on_done=lambda it: (told.append(it), done.set())[0])
+    reported: List[FleetRequest] = []
+    request = lab.client.send("(done a)", on_done=lambda it: (reported.append(it), done.set())[0])
     assert done.wait(LIMIT)
-    assert told == [request]
+    assert reported == [request]
     assert request.wait(0.0)
     assert request.result is not None
     assert (request.result.robot, request.result.outcome) == ("r1", "SUCCEEDED")

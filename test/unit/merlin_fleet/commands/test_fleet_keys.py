@@ -312,7 +312,7 @@ def test_a_certificate_whose_time_is_over_is_named_and_the_next_one_taken(lab: L
     assert "or its time is over" in reason
 
 
-def test_a_certificate_without_rights_is_told_so(
+def test_a_certificate_without_rights_is_reported(
     lab: Lab, capsys: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     make_certificates(lab.folder.path, [], [], ["guest"])

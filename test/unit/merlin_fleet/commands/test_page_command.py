@@ -21,7 +21,7 @@ def hub() -> Iterator[str]:
 
 
 @pytest.mark.parametrize(
-    "named, options, told",
+    "named, options, reported",
     [(False, [], True), (True, [], False), (False, ["--operators", "none"], False)],
     ids=["no file", "an operator", "none wanted"],
 )
@@ -29,7 +29,7 @@ def test_a_page_without_operators_says_so(
     hub: str,
     named: bool,
     options: List[str],
-    told: bool,
+    reported: bool,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture,
@@ -40,4 +40,4 @@ def test_a_page_without_operators_says_so(
     if named:
         write_operators(file, {"ana": "x" * SHORTEST_TOKEN})
     assert main(["page", "--hub", hub, "--port", "0", *options]) == 0
-    assert ("names no operator" in capsys.readouterr().out) is told
+    assert ("names no operator" in capsys.readouterr().out) is reported

@@ -7,7 +7,7 @@ import fleet_world as model
 import pytest
 from fleet_search import begun, explore
 
-#: Every moment, where the same stories with fewer moments are told in seconds.
+#: Every moment, where the same scenarios with fewer moments are told in seconds.
 LONG = (pytest.mark.long, pytest.mark.timeout(3600))
 
 
@@ -24,16 +24,16 @@ LONG = (pytest.mark.long, pytest.mark.timeout(3600))
     ],
 )
 def test_claims_that_anyone_ends_do_no_harm(budget: int, every: int, kinds: Tuple[str, ...]) -> None:
-    stories, found = explore(2, "a", budget, kinds, every=every, takes=4 * model.TAKES)
+    scenarios, found = explore(2, "a", budget, kinds, every=every, takes=4 * model.TAKES)
     assert found is None
-    assert stories > 50
+    assert scenarios > 50
 
 
 def test_an_owner_that_hears_late_of_the_end_of_its_lease_does_no_harm() -> None:
     # Until an execution that begins again without its claim meets the one of the next robot.
-    stories, found = explore(2, "a", 2, ("slow", "revoke"), every=5, rounds=20, takes=4 * model.TAKES)
+    scenarios, found = explore(2, "a", 2, ("slow", "revoke"), every=5, rounds=20, takes=4 * model.TAKES)
     assert found is None
-    assert stories > 20
+    assert scenarios > 20
 
 
 def test_an_owner_whose_claim_is_gone_stops_at_once_and_may_do_it_again() -> None:

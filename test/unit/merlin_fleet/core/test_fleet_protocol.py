@@ -16,31 +16,31 @@ from merlin_fleet.core.agent import Agent
 from merlin_fleet.core.reporting import Outbox
 from merlin_fleet.core.robot_lease import LeaseTimes
 
-#: Every moment, where the same stories with fewer moments are told in seconds.
+#: Every moment, where the same scenarios with fewer moments are told in seconds.
 LONG = (pytest.mark.long, pytest.mark.timeout(3600))
 
 
 @pytest.mark.parametrize(("goals", "finish"), [("ab", False), ("a", True)])
 def test_no_fault_does_harm(goals: str, finish: bool) -> None:
-    stories, found = explore(2, goals, 1, finish=finish)
+    scenarios, found = explore(2, goals, 1, finish=finish)
     assert found is None
-    assert stories > 150
+    assert scenarios > 150
 
 
 @pytest.mark.parametrize("finish", [False, True])
 def test_no_fault_does_harm_while_ended_goals_are_removed(finish: bool) -> None:
-    stories, found = explore(2, "a", 1, finish=finish, rules=model.KEEP, rounds=18)
+    scenarios, found = explore(2, "a", 1, finish=finish, rules=model.KEEP, rounds=18)
     assert found is None
-    assert stories > 150
+    assert scenarios > 150
 
 
 @pytest.mark.parametrize(
     "kinds", [("lose answer", "kill", "restart"), ("delay", "arrive", "cancel"), ("cut", "mend")]
 )
 def test_no_two_faults_do_harm_while_ended_goals_are_removed(kinds: Tuple[str, ...]) -> None:
-    stories, found = explore(2, "a", 2, kinds, every=9, rules=model.KEEP, rounds=18)
+    scenarios, found = explore(2, "a", 2, kinds, every=9, rules=model.KEEP, rounds=18)
     assert found is None
-    assert stories > 50
+    assert scenarios > 50
 
 
 @pytest.mark.parametrize(
@@ -53,9 +53,9 @@ def test_no_two_faults_do_harm_while_ended_goals_are_removed(kinds: Tuple[str, .
     ],
 )
 def test_no_two_faults_do_harm(every: int, kinds: Tuple[str, ...]) -> None:
-    stories, found = explore(2, "a", 2, kinds, every=every)
+    scenarios, found = explore(2, "a", 2, kinds, every=every)
     assert found is None
-    assert stories > 100
+    assert scenarios > 100
 
 
 @pytest.mark.parametrize(
@@ -75,9 +75,9 @@ def test_no_two_faults_do_harm(every: int, kinds: Tuple[str, ...]) -> None:
 def test_a_robot_is_forgotten_without_harm(
     budget: int, every: int, kinds: Tuple[str, ...], finish: bool
 ) -> None:
-    stories, found = explore(2, "a", budget, kinds, finish, every, rounds=20)
+    scenarios, found = explore(2, "a", budget, kinds, finish, every, rounds=20)
     assert found is None
-    assert stories > 50
+    assert scenarios > 50
 
 
 @pytest.mark.long
@@ -149,7 +149,7 @@ def test_a_stop_that_takes_longer_than_said_is_found() -> None:
     assert found and ("any robot may take it" in found or "owned by" in found)
 
 
-# --- stories ----------------------------------------------------------------------------------------
+# --- scenarios ----------------------------------------------------------------------------------------
 
 
 def end_of(world: "model.World", goal: str) -> records.Report:
@@ -329,7 +329,7 @@ def test_a_robot_that_is_fit_again_takes_what_it_refused_behind_goals_that_it_ca
     assert world.succeeded == [("b", "r0")]
 
 
-# --- random stories ---------------------------------------------------------------------------------
+# --- random scenarios ---------------------------------------------------------------------------------
 
 
 class FleetMachine(RuleBasedStateMachine):

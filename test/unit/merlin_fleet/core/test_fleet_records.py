@@ -183,20 +183,20 @@ def test_the_cheapest_takes_a_goal_at_once_when_all_have_answered() -> None:
     assert take_at("g", "r2", offers, 1, 10.0, times) is None
 
 
-def test_a_tenure_ends_early_enough_for_stop_and_drift() -> None:
-    tenure = RobotLease(LeaseTimes(ttl=20.0, renew_every=2.0, stop_time=6.0, drift=0.05))
-    assert not tenure.holds(0.0)
-    tenure.renew(7, 100.0, 20.0)
-    assert tenure.holds(112.9)
-    assert not tenure.holds(113.0)
-    tenure.renew(7, 104.0, 20.0)
-    tenure.renew(7, 102.0, 20.0)  # an answer that was overtaken shortens nothing
-    assert tenure.holds(116.9)
-    tenure.renew(7, 110.0, 10.0)  # the store keeps it for less than was agreed
-    assert tenure.holds(119.4)
-    assert not tenure.holds(119.5)
-    tenure.lose()
-    assert not tenure.holds(105.0)
+def test_a_lease_ends_early_enough_for_stop_and_drift() -> None:
+    robot_lease = RobotLease(LeaseTimes(ttl=20.0, renew_every=2.0, stop_time=6.0, drift=0.05))
+    assert not robot_lease.holds(0.0)
+    robot_lease.renew(7, 100.0, 20.0)
+    assert robot_lease.holds(112.9)
+    assert not robot_lease.holds(113.0)
+    robot_lease.renew(7, 104.0, 20.0)
+    robot_lease.renew(7, 102.0, 20.0)  # an answer that was overtaken shortens nothing
+    assert robot_lease.holds(116.9)
+    robot_lease.renew(7, 110.0, 10.0)  # the store keeps it for less than was agreed
+    assert robot_lease.holds(119.4)
+    assert not robot_lease.holds(119.5)
+    robot_lease.lose()
+    assert not robot_lease.holds(105.0)
 
 
 def test_the_store_keeps_a_lease_as_long_as_its_goals_may_run_and_others_wait_for_the_stop() -> None:

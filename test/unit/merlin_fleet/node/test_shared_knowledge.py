@@ -53,12 +53,12 @@ class Lab:
         with self.changed:
             assert self.changed.wait_for(holds, LIMIT), vars(self)
 
-    def change(self, predicate: str, *facts: str, step: int = 1, told: bool = True) -> None:
+    def change(self, predicate: str, *facts: str, step: int = 1, reported: bool = True) -> None:
         """Something changes, and is published in `changes`."""
         with self.changed:
             self.state[predicate] = set(facts)
             self.version += step
-        if told:
+        if reported:
             self.receive(KnowledgeChanges(version=self.version, added=[fact(predicate, "x")]))
 
     # --- as a knowledge base has it
@@ -101,7 +101,7 @@ def connect(lab: Lab) -> None:
     lab.until(lambda: lab.known and lab.known[-1][1] is not None)
 
 
-def test_own_facts_are_told_with_each_change(lab: Lab) -> None:
+def test_own_facts_are_reported_with_each_change(lab: Lab) -> None:
     connect(lab)
     assert lab.known[-1][:2] == ("door_open", ("ward",))
     lab.change("door_open", "ward", "lab")
@@ -116,12 +116,12 @@ def test_after_a_gap_all_is_read_again(lab: Lab) -> None:
     connect(lab)
     lab.change("delivered")  # whatever was missed before the first one is read, too
     lab.until(lambda: lab.known[-1] == ("door_open", ("ward",), 6))
-    lab.change("door_open", "vault", told=False)
+    lab.change("door_open", "vault", reported=False)
     lab.change("delivered")
     lab.until(lambda: lab.known[-1] == ("door_open", ("vault",), 8))
 
 
-def test_a_knowledge_base_that_is_gone_or_silent_is_told_and_tried_again(lab: Lab) -> None:
+def test_a_knowledge_base_that_is_gone_or_silent_is_reported_and_tried_again(lab: Lab) -> None:
     connect(lab)
     lab.connections[:] = []
     lab.until(lambda: lab.known[-1][1] is None)
@@ -136,7 +136,7 @@ def test_facts_of_others_are_taken_as_they_are(lab: Lab) -> None:
     lab.until(lambda: lab.state["delivered"] == {"box_2 ward", "box_3 lab"})
     assert lab.updates == 1
     connect(lab)
-    lab.change("delivered", told=False)  # it has begun anew with its file
+    lab.change("delivered", reported=False)  # it has begun anew with its file
     lab.connections[:] = [object()]
     lab.until(lambda: lab.state["delivered"] == {"box_2 ward", "box_3 lab"})
 

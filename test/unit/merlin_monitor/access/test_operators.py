@@ -102,12 +102,12 @@ def test_the_command_makes_and_removes_operators(
     assert os.listdir(path.parent) == [path.name]
 
 
-def test_wrong_tokens_of_an_address_cost_more_and_more_and_are_told_with_their_number() -> None:
-    told: List[Tuple[str, int]] = []
-    tokens = WrongTokens(lambda address, count: told.append((address, count)))
+def test_wrong_tokens_of_an_address_cost_more_and_more_and_are_reported_with_their_number() -> None:
+    reported: List[Tuple[str, int]] = []
+    tokens = WrongTokens(lambda address, count: reported.append((address, count)))
     delays = [tokens.note("10.0.0.7", 100.0 + number) for number in range(8)]
     assert delays == sorted(delays) and delays[0] < delays[1] and delays[-1] == LONGEST_DELAY
-    assert told == [("10.0.0.7", 1), ("10.0.0.7", 6)]
+    assert reported == [("10.0.0.7", 1), ("10.0.0.7", 6)]
     assert tokens.note("10.0.0.8", 108.0) == delays[0], "others are not slowed down"
     assert tokens.note("10.0.0.7", 108.0 + FORGET + 1.0) == delays[0]
 

@@ -39,7 +39,7 @@ pytestmark = pytest.mark.processes
 LONG = 60.0
 BEGIN = 1_700_000_000.0  # s since 1970, of a robot
 KITCHEN = {"x": 4.0, "y": 2.0, "yaw": 0.0}
-Told = Tuple[str, Any, float, str]
+Reported = Tuple[str, Any, float, str]
 
 
 def stamped(message: Any, at: float) -> Any:
@@ -70,7 +70,7 @@ def reports(name: str, level: int = DiagnosticStatus.OK, message: str = "well") 
     return DiagnosticArray(status=[DiagnosticStatus(level, f"{name}: life", message, "", [])])
 
 
-def record(path: Path, begin: float, *told: Told, panels: Any = (), **more: Any) -> Path:
+def record(path: Path, begin: float, *reported: Reported, panels: Any = (), **more: Any) -> Path:
     """A bag of the robot ann: topics, messages, s after the begin, nodes that published them."""
     parameters = {
         "/ann/world": {"points_of_interest": {"kitchen": KITCHEN}},
@@ -79,7 +79,7 @@ def record(path: Path, begin: float, *told: Told, panels: Any = (), **more: Any)
     }
     first = (f"/ann/{PARAMETERS}", String(yaml.safe_dump(parameters)), 0.0, "/ann/recorded_state")
     with rosbag.Bag(str(path), "w") as bag:
-        for topic, message, after, node in (first, *told):
+        for topic, message, after, node in (first, *reported):
             header = {
                 "topic": topic,
                 "type": message._type,
@@ -143,7 +143,7 @@ def no_master(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("no_master")
-def test_any_moment_is_what_the_bag_has_told_until_then(tmp_path: Path) -> None:
+def test_any_moment_is_what_the_bag_has_reported_until_then(tmp_path: Path) -> None:
     opened = Opened(robot(tmp_path / "run.bag"))
     early, late = opened.at(BEGIN + 8.0), opened.at(BEGIN + 19.0)
     assert (list(early["knowledge"]["facts"]), early["meta"]["robot"]) == (["(hungry)"], "ann")
@@ -160,8 +160,8 @@ def test_any_moment_is_what_the_bag_has_told_until_then(tmp_path: Path) -> None:
 def test_its_words_are_those_of_the_sentences_in_the_bag(tmp_path: Path) -> None:
     kept = {"file": "/nowhere/sentences.yaml", "text": "predicates: {served: {en: the tea is there}}"}
     status = stamped(ExecutorStatus(state=ExecutorStatus.RUNNING, goals=["(served)"]), BEGIN + 1)
-    told = ("/ann/merlin/status", status, 1.0, "/ann/executor")
-    opened = Opened(record(tmp_path / "run.bag", BEGIN, told, **{"/ann/merlin/sentences": kept}))
+    reported = ("/ann/merlin/status", status, 1.0, "/ann/executor")
+    opened = Opened(record(tmp_path / "run.bag", BEGIN, reported, **{"/ann/merlin/sentences": kept}))
     assert "the tea is there" in json.dumps(opened.at(BEGIN + 1.0))
 
 
@@ -230,11 +230,11 @@ def test_a_long_silence_costs_nothing_and_moves_nothing(
     beat = PanelBoard.beat
     monkeypatch.setattr(PanelBoard, "beat", lambda board: (beats.append(None), beat(board)))
     day = 86_400.0
-    told = [
+    reported = [
         ("/ann/sound_play/goal", said(words), at, "/ann/say")
         for words, at in (("Late", day), ("Later", day + 1))
     ]
-    opened = Opened(record(tmp_path / "run.bag", BEGIN, *told))
+    opened = Opened(record(tmp_path / "run.bag", BEGIN, *reported))
     assert len(beats) < 1000
     late = dict(opened.events())["said “Late”"]
     assert late == pytest.approx(BEGIN + day, abs=0.01)

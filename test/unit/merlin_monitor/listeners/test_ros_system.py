@@ -12,7 +12,7 @@ from merlin_monitor.listeners.ros_system import STANDS, ReplayedSystem, RosSyste
 FEEDBACK = "/rosplan_plan_dispatcher/action_feedback"
 
 
-def test_nobody_is_gone_because_the_master_is_new(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_node_is_gone_because_the_master_is_new(monkeypatch: pytest.MonkeyPatch) -> None:
     system = RosSystem()
     known = [["/diagnostics", [system.name]], [FEEDBACK, ["/merlin_bridges"]]]
     registered: List[Any] = list(known)

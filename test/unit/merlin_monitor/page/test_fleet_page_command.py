@@ -67,7 +67,7 @@ def test_other_computers_see_it_after_a_sign_in(
     assert command.end()[0] == 0
 
 
-def test_a_page_that_nobody_could_look_at_is_not_served(
+def test_a_page_that_no_visitor_could_look_at_is_not_served(
     etcd: EtcdProcess, capsys: pytest.CaptureFixture
 ) -> None:
     assert main(["page", "--hub", etcd.endpoint, "--operators", "none", "--host", "0.0.0.0"]) == 2

@@ -72,7 +72,7 @@ class Followed:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.client = Client()
-        self.told: queue.Queue[Tuple[str, Any]] = queue.Queue()
+        self.reported: queue.Queue[Tuple[str, Any]] = queue.Queue()
         callbacks: Dict[str, Callable[[Any], None]] = {}
         monkeypatch.setattr(knowledge_panel, "KnowledgeClient", lambda name: self.client)
         monkeypatch.setattr(
@@ -86,7 +86,7 @@ class Followed:
         monkeypatch.setattr(rospy, "get_time", lambda: 1.0)
         names = ("source", "replace", "changed")
         section = SimpleNamespace(**{name: name for name in names})
-        inbox = SimpleNamespace(put=lambda what, *arguments: self.told.put((what, arguments[0])))
+        inbox = SimpleNamespace(put=lambda what, *arguments: self.reported.put((what, arguments[0])))
         monkeypatch.setattr(rospy, "get_param", lambda name, default: default)
         state = SimpleNamespace(knowledge=section, inbox=inbox, domain="domain")
         self.listener = KnowledgePanel(state, System())  # type: ignore
@@ -94,7 +94,7 @@ class Followed:
         self.listener.look({f"{NAME}/changes": "merlin_msgs/KnowledgeChanges"})
 
     def next(self) -> Tuple[str, Any]:
-        return self.told.get(timeout=LONG)
+        return self.reported.get(timeout=LONG)
 
     def change(self, version: int) -> KnowledgeChanges:
         message = KnowledgeChanges(version=version)
@@ -108,7 +108,7 @@ def followed(monkeypatch: pytest.MonkeyPatch) -> Any:
     return Followed(monkeypatch)
 
 
-def test_what_changes_while_all_is_read_is_told_behind_it(followed: Followed) -> None:
+def test_what_changes_while_all_is_read_is_reported_behind_it(followed: Followed) -> None:
     assert followed.next()[0] == "source"
     followed.client.begun.get(timeout=LONG)
     held = [followed.change(7), followed.change(8)]

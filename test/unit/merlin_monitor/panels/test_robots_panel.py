@@ -5,7 +5,7 @@ from typing import Any, Iterator, Tuple
 
 import pytest
 from merlin_msgs.msg import DispatchStatus, RobotHost, RunningAction
-from messages import Told, dispatch, parameters
+from messages import Reported, dispatch, parameters
 from rosplan_dispatch_msgs.msg import CompletePlan
 from served import Served
 from shown_page import NOW, Visit, chromium, show_panels
@@ -35,8 +35,8 @@ def running(*drives: Tuple[str, str]) -> DispatchStatus:
 
 
 @pytest.fixture
-def told() -> Told:
-    return Told()
+def reported() -> Reported:
+    return Reported()
 
 
 @pytest.fixture
@@ -45,8 +45,8 @@ def tree() -> StateTree:
 
 
 @pytest.fixture
-def section(tree: StateTree, told: Told) -> RobotsSection:
-    section = RobotsSection(tree, told)
+def section(tree: StateTree, reported: Reported) -> RobotsSection:
+    section = RobotsSection(tree, reported)
     for robot in ("ann", "bob"):
         section.host(word(robot), 1.0, 10.0)
     return section
@@ -65,8 +65,8 @@ def test_each_robot_does_its_own(section: RobotsSection, tree: StateTree) -> Non
     assert tree.get("robots", "parameters") == {"drive": "r"}
 
 
-def test_why_a_robot_takes_no_actions_is_told_once(
-    section: RobotsSection, tree: StateTree, told: Told
+def test_why_a_robot_takes_no_actions_is_reported_once(
+    section: RobotsSection, tree: StateTree, reported: Reported
 ) -> None:
     def away(robot: str) -> str:
         return str(tree.get("robots", "robots", robot, "away"))
@@ -83,7 +83,7 @@ def test_why_a_robot_takes_no_actions_is_told_once(
     section.host(word("ann"), 6.0, 12.0)
     section.check_silence(7.0, 12.0 + SILENT)
     assert (away("ann"), away("bob")) == ("", "its host is silent")
-    assert told.texts == [
+    assert reported.texts == [
         "robot ann takes no actions: was taken out by its operator",
         "robot bob takes no actions: its host has ended",
         "robot ann takes actions again",
@@ -94,18 +94,18 @@ def test_why_a_robot_takes_no_actions_is_told_once(
 
 
 def test_a_late_word_of_a_host_that_was_restarted_or_has_ended_does_not_bring_its_robot_back(
-    section: RobotsSection, told: Told
+    section: RobotsSection, reported: Reported
 ) -> None:
     section.host(word("ann", life="one"), 2.0, 11.0)
     section.host(word("ann", life="two"), 3.0, 11.1)
     section.host(word("ann", life="one", out="was taken out by its operator"), 3.0, 11.2)
     section.host(word("ann", life="two", leaving=True), 4.0, 11.3)
     section.host(word("ann", life="two"), 4.0, 11.4)
-    assert told.texts == ["robot ann takes no actions: its host has ended"]
+    assert reported.texts == ["robot ann takes no actions: its host has ended"]
 
 
 def test_robots_that_a_node_names_without_end_are_not_all_shown(
-    section: RobotsSection, tree: StateTree, told: Told
+    section: RobotsSection, tree: StateTree, reported: Reported
 ) -> None:
     for number in range(2000):
         ghost = word(f"ghost{number}", leaving=True)
@@ -116,7 +116,7 @@ def test_robots_that_a_node_names_without_end_are_not_all_shown(
     assert len(shown) < 100 and {"ann", "bob", "ghost1999"} <= set(shown)
     assert len(tree.get("robots", "parameters")) <= 1000
     section.host(word("ann", out="was taken out by its operator"), 3.0, 3000.0)
-    assert told.texts[-1] == "robot ann takes no actions: was taken out by its operator"
+    assert reported.texts[-1] == "robot ann takes no actions: was taken out by its operator"
 
 
 def test_the_terminal_says_it(section: RobotsSection, tree: StateTree) -> None:
@@ -134,7 +134,7 @@ def browser() -> Iterator[Any]:
 
 def test_the_page_has_lanes_for_each_robot_and_its_name_on_the_map(browser: Any, served: Served) -> None:
     show_panels(served)
-    section = RobotsSection(served.state.tree, Told())
+    section = RobotsSection(served.state.tree, Reported())
     for robot in ("ann", "bob"):
         section.host(word(robot), 1.0, 10.0)
     drives = [("ann", "hall"), ("bob", "hall"), ("ann", "kitchen")]
@@ -149,7 +149,7 @@ def test_the_page_has_lanes_for_each_robot_and_its_name_on_the_map(browser: Any,
     served.state.map.robots({"ann": (1.0, 1.0, 0.0), "bob": (3.0, 1.0, 1.6)})
     served.state.map.track("ann").path([(1.0, 1.0), (2.0, 1.0)])
     served.state.map.track("ann").goal((2.0, 1.0, 0.0))
-    said = SaidSection(served.state.tree, Pictures(), Told())
+    said = SaidSection(served.state.tree, Pictures(), Reported())
     said.spoken(SoundRequest(sound=SoundRequest.SAY, arg="Hello."), NOW, "ann")
     said.seen(["cup"], NOW, "bob")
     page = Visit(browser, served.url)

@@ -5,7 +5,7 @@ from typing import Tuple
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from merlin_msgs.msg import ExecutorStatus, GoalQueue, GuardStatus, MissionStatus
-from messages import Told, dispatch, executor, running
+from messages import Reported, dispatch, executor, running
 from rosplan_dispatch_msgs.msg import CompletePlan
 
 from merlin_monitor.state.freshness import Source
@@ -19,10 +19,10 @@ from merlin_ros.health import ENDED, STALE
 EXECUTOR = "/ann/merlin_executor"
 
 
-def model() -> Tuple[MonitorModel, Told]:
-    state, told = MonitorModel(Inbox()), Told()
-    state.on_event = told
-    return state, told
+def model() -> Tuple[MonitorModel, Reported]:
+    state, reported = MonitorModel(Inbox()), Reported()
+    state.on_event = reported
+    return state, reported
 
 
 def report(state: MonitorModel, wall: float, *names: str) -> None:
@@ -38,13 +38,13 @@ def check(state: MonitorModel, wall: float, connected: bool = True) -> None:
 
 
 def test_a_source_that_was_never_there_is_not_missed() -> None:
-    state, told = model()
+    state, reported = model()
     check(state, 0.0, connected=False)
-    assert state.tree.get("now", "silent") is None and told == []
+    assert state.tree.get("now", "silent") is None and reported == []
 
 
 def test_an_executor_that_is_gone_is_the_headline() -> None:
-    state, told = model()
+    state, reported = model()
     drive = executor(
         ExecutorStatus.RUNNING, goals=["(a)"], running=[running(0, "navigate", ("to", "kitchen"))]
     )
@@ -63,7 +63,7 @@ def test_an_executor_that_is_gone_is_the_headline() -> None:
     check(state, 2.5)
     assert state.tree.get("now", "doing") == "navigating to kitchen"
     assert state.tree.get("now", "silent") is None and state.tree.get("queue", "silent") is None
-    assert told.texts[-2:] == [f"{EXECUTOR} is gone", f"{EXECUTOR} is connected again"]
+    assert reported.texts[-2:] == [f"{EXECUTOR} is gone", f"{EXECUTOR} is connected again"]
 
 
 def test_an_executor_that_hangs_does_not_answer() -> None:
@@ -91,25 +91,25 @@ def test_another_node_that_is_silent_is_trouble() -> None:
 
 
 def test_a_part_that_reports_every_ten_seconds_is_silent_later() -> None:
-    state, told = model()
+    state, reported = model()
     for wall in (0.0, 10.0, 20.0, 30.0):
         report(state, wall, "slow: part")
-    told.clear()
+    reported.clear()
     state.health.check_silence(45.0, 45.0)
-    assert told == []
+    assert reported == []
     state.health.check_silence(56.0, 56.0)
-    assert told.texts == ["slow: part has fallen silent"]
+    assert reported.texts == ["slow: part has fallen silent"]
 
 
 def test_one_long_pause_is_forgotten_soon() -> None:
-    state, told = model()
+    state, reported = model()
     wall = 2 * LONGEST_PERIOD
     report(state, 0.0, "part: of")
     for second in range(8):
         report(state, wall + second, "part: of")
-    told.clear()
+    reported.clear()
     state.health.check_silence(wall + 7.1 + SILENT_AFTER, wall + 7.1 + SILENT_AFTER)
-    assert told.texts == ["part: of has fallen silent"]
+    assert reported.texts == ["part: of has fallen silent"]
 
 
 def test_the_steps_of_a_request_that_has_ended_do_not_wait() -> None:
@@ -134,7 +134,7 @@ def test_the_end_of_a_mission_is_the_headline() -> None:
 
 
 def test_owners_without_a_section_are_the_headline_while_they_matter() -> None:
-    state, told = model()
+    state, reported = model()
     state.now.executor(executor(ExecutorStatus.IDLE), 0.0)
     state.now.mission(MissionStatus(mission="Round", state=MissionStatus.RUNNING, description="a"), 0.0)
 
@@ -159,11 +159,11 @@ def test_owners_without_a_section_are_the_headline_while_they_matter() -> None:
     assert state.tree.get("now", "doing") == "not known: Round is gone"
     # One that ends as it should is not missed.
     state.now.mission(MissionStatus(mission="Round", state=MissionStatus.SUCCEEDED), 8.0)
-    told.clear()
+    reported.clear()
     state.freshness.check(8.0, {}, {})
     state.now.refresh()
     assert state.tree.get("now", "doing") == "Round has ended: no more"
-    assert told.texts == ["/mission is connected again"]
+    assert reported.texts == ["/mission is connected again"]
 
 
 def test_an_executor_that_is_back_is_not_silent_as_the_one_before() -> None:
@@ -234,46 +234,46 @@ def test_the_dispatcher_that_hangs_is_the_headline_while_something_runs() -> Non
 
 
 def test_a_node_that_ends_in_order_is_not_silent() -> None:
-    state, told = model()
+    state, reported = model()
     names = [DiagnosticStatus(name=f"{node}: part") for node in ("players", "camera")]
     for second in range(3):
         for status in names:
             node = f"/{status.name.partition(':')[0]}"
             state.health.diagnostics(DiagnosticArray(status=[status]), 0.0, float(second), node)
-    told.clear()
+    reported.clear()
     state.health.check_silence(3.1 + SILENT_AFTER, 3.1 + SILENT_AFTER, ["/camera"])
-    assert told.texts == ["camera: part has fallen silent", "/players has ended"]
+    assert reported.texts == ["camera: part has fallen silent", "/players has ended"]
     assert state.health.silent_nodes() == ["camera"]
     assert list(state.tree.get("health", "parts")) == ["camera: part"]
 
 
 def test_a_node_that_says_that_it_ends_is_not_silent() -> None:
     """Also of a recording, whose nodes stay publishers and which a player publishes."""
-    state, told = model()
+    state, reported = model()
     names, player = ("ann/merlin_executor: a", "ann/merlin_executor: b", "camera: a"), "/player"
     for second in range(3):
         well = DiagnosticArray(status=[DiagnosticStatus(name=name) for name in names])
         state.health.diagnostics(well, 0.0, float(second), player)
-    told.clear()
+    reported.clear()
     last = [DiagnosticStatus(name=name, level=STALE, message=ENDED) for name in names[:2]]
     state.health.diagnostics(DiagnosticArray(status=last), 2.5, 2.5, player)
-    assert told.texts == ["/ann/merlin_executor has ended"]
+    assert reported.texts == ["/ann/merlin_executor has ended"]
     state.health.diagnostics(DiagnosticArray(status=last), 2.6, 2.6, player)
     state.health.check_silence(3.1 + SILENT_AFTER, 3.1 + SILENT_AFTER, [player])
-    assert told.texts == ["/ann/merlin_executor has ended", "camera: a has fallen silent"]
+    assert reported.texts == ["/ann/merlin_executor has ended", "camera: a has fallen silent"]
     assert state.health.silent_nodes() == ["camera"]
     assert list(state.tree.get("health", "parts")) == ["camera: a"]
 
 
-def test_a_problem_that_an_operator_knows_is_told_and_stays_known() -> None:
-    state, told = model()
+def test_a_problem_that_an_operator_knows_is_reported_and_stays_known() -> None:
+    state, reported = model()
     warm = DiagnosticStatus(name="arm: motor", level=DiagnosticStatus.WARN, message="warm")
     state.health.diagnostics(DiagnosticArray(status=[warm]), 1.0, 1.0)
     state.refresh_problems(1.0)
     (problem,) = state.tree.get("now", "problems")
     state.acknowledge(problem["key"], "Ana", 2.0, 2.0)
     state.acknowledge("part of the moon", "Ana", 2.0, 2.0)
-    assert told.texts[-1] == "Ana knows: arm: motor: warm" and told[-1].detail["by"] == "Ana"
+    assert reported.texts[-1] == "Ana knows: arm: motor: warm" and reported[-1].detail["by"] == "Ana"
     state.refresh_problems(3.0)
     assert [each["by"] for each in state.tree.get("now", "problems")] == ["Ana"]
 

@@ -6,7 +6,7 @@ from typing import Any, Dict, List, Tuple
 from hypothesis import given
 from hypothesis import strategies as st
 from merlin_msgs.msg import KnowledgeChanges
-from messages import Told, changes, fact, thing, value
+from messages import Reported, changes, fact, thing, value
 from rosplan_knowledge_msgs.msg import DomainInequality, ExprBase, ExprComposite, KnowledgeItem
 
 from merlin_monitor.state.knowledge_section import RECENT, Contents, KnowledgeSection
@@ -17,9 +17,9 @@ NAMES = ["robot_at", "checked", "<script>alert(1)</script>", "__proto__", "ünï
 FACTS = st.builds(fact, st.sampled_from(NAMES), st.sampled_from(["kitchen", "<img src=x>", "__proto__"]))
 
 
-def section() -> Tuple[StateTree, KnowledgeSection, Told]:
-    tree, told = StateTree(), Told()
-    return tree, KnowledgeSection(tree, told), told
+def section() -> Tuple[StateTree, KnowledgeSection, Reported]:
+    tree, reported = StateTree(), Reported()
+    return tree, KnowledgeSection(tree, reported), reported
 
 
 def shown(tree: StateTree) -> Dict[str, Any]:
@@ -33,7 +33,7 @@ def shown(tree: StateTree) -> Dict[str, Any]:
 
 
 def test_the_beginning_is_no_change() -> None:
-    tree, knowledge, told = section()
+    tree, knowledge, reported = section()
     contents = Contents({"kitchen": "poi"}, [fact("robot_at", "kitchen")], [value("d", number=2.0)], [])
     knowledge.replace(contents, "", 0.0, first=True)
     assert shown(tree) == {
@@ -42,11 +42,11 @@ def test_the_beginning_is_no_change() -> None:
         "values": {"(d)": 2.0},
         "goals": [],
     }
-    assert told == [] and tree.get("knowledge", "recent") == {}
+    assert reported == [] and tree.get("knowledge", "recent") == {}
 
 
 def test_a_change_says_who_and_when() -> None:
-    tree, knowledge, told = section()
+    tree, knowledge, reported = section()
     knowledge.changed(
         changes("/bridge", added=[fact("checked", "kitchen")], goals_added=[fact("checked", "x")]), 12.5
     )
@@ -62,7 +62,7 @@ def test_a_change_says_who_and_when() -> None:
     assert shown(tree)["facts"] == [] and shown(tree)["goals"] == ["(checked x)"]
     entry = {"value": 20.0, "by": "/executor", "at": 13.0, "version": 7}
     assert tree.get("knowledge", "values", "(battery)") == entry
-    assert told.texts == [
+    assert reported.texts == [
         "kitchen checked added and goal x checked added, by /bridge",
         "kitchen checked removed and battery is 20, by /executor",
     ]
@@ -75,14 +75,14 @@ def test_a_change_says_who_and_when() -> None:
 
 
 def test_reading_again_tells_only_what_differs() -> None:
-    tree, knowledge, told = section()
+    tree, knowledge, reported = section()
     knowledge.replace(Contents({}, [fact("a"), fact("b")], [value("n", number=1.0)], []), "", 0.0, True)
     tree_before = tree.version
     knowledge.replace(Contents({}, [fact("a"), fact("b")], [value("n", number=1.0)], []), "", 1.0, False)
     assert tree.version == tree_before
     knowledge.replace(Contents({}, [fact("b"), fact("c")], [value("n", number=2.0)], []), "/x", 2.0, False)
     assert shown(tree)["facts"] == ["(b)", "(c)"] and shown(tree)["values"] == {"(n)": 2.0}
-    assert told.texts == ["a removed, c added and n is 2, by /x"]
+    assert reported.texts == ["a removed, c added and n is 2, by /x"]
 
 
 @given(

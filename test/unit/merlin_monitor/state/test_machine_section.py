@@ -11,7 +11,7 @@ import rospy
 from hypothesis import given
 from hypothesis import strategies as st
 from merlin_msgs.msg import StateOutcome
-from messages import Told, status, structure
+from messages import Reported, status, structure
 from std_msgs.msg import Header
 
 from merlin_monitor.drawing.graph_layout import DrawnGraph, LayoutThread, layout, machine_graph, plan_graph
@@ -35,14 +35,14 @@ INNER = structure("/M/SUB", ["X"], [("ok", "X", "done")], ["done"])
 KEY = container_key("/m", "/M")
 
 
-def section() -> Tuple[StateTree, MachineSection, Told, List[str]]:
-    tree, told = StateTree(), Told()
+def section() -> Tuple[StateTree, MachineSection, Reported, List[str]]:
+    tree, reported = StateTree(), Reported()
     pictures: List[str] = []
-    return tree, MachineSection(tree, told, pictures.append), told, pictures
+    return tree, MachineSection(tree, reported, pictures.append), reported, pictures
 
 
 def test_a_nested_machine_runs() -> None:
-    tree, machines, told, pictures = section()
+    tree, machines, reported, pictures = section()
     machines.structure("/m", OUTER, 0.0)
     machines.structure("/m", INNER, 0.0)
     machines.structure("/m", INNER, 2.0)
@@ -58,7 +58,7 @@ def test_a_nested_machine_runs() -> None:
     machines.status("/m", status("/M", info="TERMINATED: done"), 3.0, 3.0)
     container = tree.get("machines", "containers", KEY)
     assert container["outcome"] == "done" and container["last"]["SUB"] == ["done"]
-    assert told.texts == ["M: in A", "M: in SUB", "M: ended with done"]
+    assert reported.texts == ["M: in A", "M: in SUB", "M: ended with done"]
     assert machines.active_leaf("m") == ""
 
 
@@ -140,7 +140,7 @@ def test_machines_of_two_nodes_with_one_server_and_path_stay_apart() -> None:
 @pytest.mark.parametrize("root", ["/", "SM_ROOT", "//SM_ROOT", "/SM/ROOT"])
 @pytest.mark.parametrize("label", ["SUB", "[a/b]", "a:b"])
 def test_a_container_is_inside_the_one_that_has_it_as_a_child(root: str, label: str) -> None:
-    _, machines, told, pictures = section()
+    _, machines, reported, pictures = section()
     inner = f"{root.rstrip('/')}/{label}"
     machines.structure(
         "/m", structure(inner, ["X"], [("ok", "X", "None")], ["ok"]), 0.0
@@ -154,7 +154,7 @@ def test_a_container_is_inside_the_one_that_has_it_as_a_child(root: str, label: 
         machines.status("/m", status(inner, *filter(None, [state])), 1.0, 1.0)
         machines.status("/m", status(root, *([label] if state else [])), 1.0, 1.0)
     name = path.strip("/")
-    assert told.texts == [f"{name or '/m'}: in {label}"], "of the machine, not of what is in it"
+    assert reported.texts == [f"{name or '/m'}: in {label}"], "of the machine, not of what is in it"
     graph = machine_graph(machines.containers_below(key), path)
     outer, within = graph.clusters
     assert (outer.text, within.text, within.parent) == (name.split("/")[-1] or "/", label, path)
@@ -321,7 +321,7 @@ def decided(
 
 def test_executed_steps_show_what_an_operator_decided_whichever_is_heard_first() -> None:
     for first in (True, False):
-        tree, machines, told, _ = section()
+        tree, machines, reported, _ = section()
         machines.structure("/m", OUTER, 0.0)
         machines.status("/m", status("/M", info="Initial state", initial="A"), 0.0, 0.0)
         machines.status("/m", status("/M", "A"), 1.0, 1.0)
@@ -333,7 +333,7 @@ def test_executed_steps_show_what_an_operator_decided_whichever_is_heard_first()
             machines.outcome(forced, 2.0)
         (step,) = tree.get("machines", "containers", KEY, "steps").values()
         assert (step["state"], step["outcome"], in_english(step["said"])) == ("A", ["bad"], "forced by Ana")
-        assert "M/A left with bad, forced by Ana; nothing has set found" in told.texts
+        assert "M/A left with bad, forced by Ana; nothing has set found" in reported.texts
         machines.status("/m", status("/M", info="TERMINATED: done"), 3.0, 3.0)
         assert "said" not in tree.get("machines", "containers", KEY, "steps", "2")
 
@@ -352,11 +352,11 @@ def test_steps_of_an_inner_machine_and_of_a_second_instance_are_marked_too() -> 
 
 
 def test_what_operators_decide_is_reported() -> None:
-    _, machines, told, _ = section()
+    _, machines, reported, _ = section()
     machines.outcome(decided("M/A", "ok", "ok"), 2.0)
     machines.outcome(decided("M/A", "ok", "bad", refused="/base did not stop"), 2.0)
     machines.outcome(decided("M/A", "ok", "ok", by=""), 2.0)
-    assert told.texts == [
+    assert reported.texts == [
         "M/A left with ok, confirmed by Ana",
         "Ana wished ok of M/A, which did not come true: /base did not stop",
         "M/A left with ok, not confirmed: there was no console",

@@ -13,7 +13,7 @@ from geometry_msgs.msg import Point, Pose, PoseArray, Quaternion
 from hypothesis import given
 from hypothesis import strategies as st
 from merlin_msgs.msg import SimPeople, SimPerson
-from messages import Told
+from messages import Reported
 from nav_msgs.msg import OccupancyGrid
 
 from merlin_monitor.history.pictures import Pictures
@@ -180,8 +180,8 @@ def diagnostics(level: int, message: str = "") -> DiagnosticArray:
 
 
 def test_health_changes_are_events_and_silence_is_one() -> None:
-    tree, told = StateTree(), Told()
-    health = HealthSection(tree, told)
+    tree, reported = StateTree(), Reported()
+    health = HealthSection(tree, reported)
     health.diagnostics(diagnostics(DiagnosticStatus.OK), 0.0, 0.0)
     health.diagnostics(diagnostics(DiagnosticStatus.ERROR, "no power"), 1.0, 1.0)
     health.check_silence(3.0, 3.0)
@@ -189,12 +189,12 @@ def test_health_changes_are_events_and_silence_is_one() -> None:
     health.check_silence(11.0, 11.0)
     assert tree.get("health", "parts", "arm", "silent") is True
     health.diagnostics(diagnostics(DiagnosticStatus.OK, "ready"), 12.0, 12.0)
-    assert told.texts == ["arm: error: no power", "arm has fallen silent", "arm is heard again: ready"]
+    assert reported.texts == ["arm: error: no power", "arm has fallen silent", "arm is heard again: ready"]
 
 
 def test_a_part_that_goes_to_and_fro_does_not_fill_the_history() -> None:
-    told = Told()
-    section = HealthSection(StateTree(), told)
+    reported = Reported()
+    section = HealthSection(StateTree(), reported)
 
     def report(level: int, wall: float) -> None:
         status = DiagnosticStatus(name="world", message=f"at {wall:.0f}", level=level)
@@ -202,13 +202,13 @@ def test_a_part_that_goes_to_and_fro_does_not_fill_the_history() -> None:
 
     for second in range(300):
         report((DiagnosticStatus.OK, DiagnosticStatus.WARN)[second % 2], float(second))
-    assert 1 < len(told.texts) <= 6, told.texts
+    assert 1 < len(reported.texts) <= 6, reported.texts
     # A worse level is reported at once, and so is the level that lasts.
     report(DiagnosticStatus.ERROR, 300.0)
-    assert told.texts[-1] == "world: error: at 300"
+    assert reported.texts[-1] == "world: error: at 300"
     report(DiagnosticStatus.WARN, 301.0)
     report(DiagnosticStatus.OK, 302.0)
-    assert told.texts[-1] == "world: warning: at 301"
+    assert reported.texts[-1] == "world: warning: at 301"
     for second in range(303, 365):
         report(DiagnosticStatus.OK, float(second))
-    assert told.texts[-1].startswith("world: ok: at 36")
+    assert reported.texts[-1].startswith("world: ok: at 36")

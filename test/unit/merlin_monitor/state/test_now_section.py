@@ -18,7 +18,7 @@ from merlin_msgs.msg import (
     MissionStatus,
     QueuedGoal,
 )
-from messages import Told, dispatch, executor, feedback, running
+from messages import Reported, dispatch, executor, feedback, running
 from rosplan_dispatch_msgs.msg import CompletePlan
 
 from merlin_monitor.state.freshness import Freshness
@@ -35,17 +35,17 @@ from merlin_monitor.text.wording import Wording
 REQUEST = "/mission-1-12.5"
 
 
-def section() -> Tuple[StateTree, NowSection, PlanSection, Told]:
-    tree, told = StateTree(), Told()
+def section() -> Tuple[StateTree, NowSection, PlanSection, Reported]:
+    tree, reported = StateTree(), Reported()
     wording = Wording()
     wording.places = {"kitchen", "dorm_room"}
-    plan = PlanSection(tree, told, wording)
-    freshness = Freshness(tree, told, HealthSection(tree, told))
-    now = NowSection(tree, told, plan, MachineSection(tree, told, lambda key: None), freshness)
-    return tree, now, plan, told
+    plan = PlanSection(tree, reported, wording)
+    freshness = Freshness(tree, reported, HealthSection(tree, reported))
+    now = NowSection(tree, reported, plan, MachineSection(tree, reported, lambda key: None), freshness)
+    return tree, now, plan, reported
 
 
-def test_a_request_of_somebody_else_is_not_the_missions() -> None:
+def test_a_request_of_another_client_is_not_the_missions() -> None:
     tree, now, _, _ = section()
     now.mission(MissionStatus(mission="mission 1", state=MissionStatus.RUNNING), 0.0, "/mission")
     for request, who in ((REQUEST, "mission 1"), ("/merlin_monitor-1-13.0", "/merlin_monitor")):
@@ -56,7 +56,7 @@ def test_a_request_of_somebody_else_is_not_the_missions() -> None:
 
 
 def test_an_operators_goal_has_the_operators_name_and_is_no_task_of_the_mission() -> None:
-    tree, now, _, told = section()
+    tree, now, _, reported = section()
     mission = MissionStatus(mission="Round", state=MissionStatus.RUNNING, task=3, tasks=6)
     now.mission(mission, 0.0, "/mission")
     now.executor(executor(ExecutorStatus.RUNNING, request=REQUEST, goals=["(checked hall)"]), 1.0)
@@ -68,7 +68,7 @@ def test_an_operators_goal_has_the_operators_name_and_is_no_task_of_the_mission(
     assert tree.get("now", "because") == "for “dorm checked”, asked for by Ana"
     assert tree.get("now", "executor", "mission") is False
     assert [level[0] for level in tree.get("now", "chain")] == ["goal"]
-    assert "“dorm checked” asked for by Ana" in told.texts
+    assert "“dorm checked” asked for by Ana" in reported.texts
     # Its node is the mission's, too: a mission that has a page in its own process.
     now.executor(executor(ExecutorStatus.RUNNING, request=REQUEST, goals=["(checked a)"], by="Ana"), 3.0)
     assert tree.get("now", "executor", "mission") is False
@@ -76,8 +76,8 @@ def test_an_operators_goal_has_the_operators_name_and_is_no_task_of_the_mission(
     assert tree.get("now", "chain")[0][0] == "mission", "between two goals the mission is what goes on"
 
 
-def test_requests_that_run_in_one_plan_are_all_told() -> None:
-    tree, now, plan, told = section()
+def test_requests_that_run_in_one_plan_are_all_reported() -> None:
+    tree, now, plan, reported = section()
     others = [
         QueuedGoal(request=f"/page-1-{name}", goals=[f"(checked {name})"], by=by)
         for name, by in (("dorm", "Ana"), ("bath", "Bob"), ("door", "Ana"))
@@ -96,17 +96,17 @@ def test_requests_that_run_in_one_plan_are_all_told() -> None:
         ("/page-1-bath", "Bob", True),
         ("/page-1-door", "Ana", True),
     ]
-    assert "“bath checked” asked for by Bob" in told.texts
-    count = len(told.texts)
+    assert "“bath checked” asked for by Bob" in reported.texts
+    count = len(reported.texts)
     # The first one ends: another one is the first now, with the same plan.
     now.executor(
         executor(ExecutorStatus.RUNNING, request="/page-1-dorm", goals=["(checked dorm)"], by="Ana"), 2.0
     )
-    assert len(told.texts) == count
+    assert len(reported.texts) == count
 
 
-def test_the_pace_of_a_mission_is_told_where_its_end_is_known() -> None:
-    tree, now, _, told = section()
+def test_the_pace_of_a_mission_is_reported_where_its_end_is_known() -> None:
+    tree, now, _, reported = section()
     for tasks, known in ((6, True), (0, False)):
         for task, at in ((1, 10.0), (2, 30.0), (2, 31.0)):
             now.mission(MissionStatus(mission="Round", state=1, task=task, tasks=tasks), at, "/mission")
@@ -114,11 +114,11 @@ def test_the_pace_of_a_mission_is_told_where_its_end_is_known() -> None:
         assert ((shown.get("pace"), shown.get("since")) == (20.0, 30.0)) is known
     now.mission(MissionStatus(mission="Round", state=3, task=2, tasks=6), 50.0, "/mission")
     assert "pace" not in tree.get("now", "mission"), "it has ended"
-    assert told.texts[:2] == ["Round running, task 1 of 6", "Round running, task 2 of 6"]
+    assert reported.texts[:2] == ["Round running, task 1 of 6", "Round running, task 2 of 6"]
 
 
 def test_a_breakpoint_is_in_the_headline_and_the_history() -> None:
-    tree, now, _, told = section()
+    tree, now, _, reported = section()
     action = running(1, "navigate", ("from", "kitchen"), ("to", "hall"))
     held = "(ask hall)"
     now.executor(
@@ -128,13 +128,13 @@ def test_a_breakpoint_is_in_the_headline_and_the_history() -> None:
     assert tree.get("now", "doing").endswith(", then held before (ask hall)")
     now.executor(executor(ExecutorStatus.RUNNING, request=REQUEST, held=held), 2.0)
     assert tree.get("now", "doing") == "held before (ask hall)"
-    assert told.texts.count("held before (ask hall)") == 1
+    assert reported.texts.count("held before (ask hall)") == 1
     now.executor(executor(ExecutorStatus.RUNNING, request=REQUEST, stage="DISPATCH_PLAN"), 3.0)
     assert "held" not in tree.get("now", "doing")
 
 
 def test_a_machine_that_is_held_is_the_headline_until_its_node_is_gone() -> None:
-    tree, now, plan, told = section()
+    tree, now, plan, reported = section()
     machines = now._machines
     action = running(1, "navigate", ("from", "kitchen"), ("to", "hall"))
     now.executor(executor(ExecutorStatus.RUNNING, request=REQUEST, running=[action]), 1.0)
@@ -144,7 +144,7 @@ def test_a_machine_that_is_held_is_the_headline_until_its_node_is_gone() -> None
         )
     now.refresh()
     assert tree.get("now", "doing") == "held before state DRIVE of NAVIGATE"
-    assert told.texts.count("held before state DRIVE of NAVIGATE") == 1
+    assert reported.texts.count("held before state DRIVE of NAVIGATE") == 1
     assert machines.held == ["NAVIGATE/DRIVE"] and machines.may_be_held
     assert not machines.check_holds(2.0 + HELD_SILENT_AFTER)
     assert machines.check_holds(2.1 + HELD_SILENT_AFTER)
@@ -159,14 +159,14 @@ def test_a_machine_that_is_held_is_the_headline_until_its_node_is_gone() -> None
 
 
 def test_an_outcome_that_waits_for_an_operator_is_the_headline_until_its_node_is_gone() -> None:
-    tree, now, plan, told = section()
+    tree, now, plan, reported = section()
     machines = now._machines
     waits = {"confirm": ["GRASP/CLOSE"], "confirm_outcomes": ["succeeded"], "autonomy": "low"}
     for wall in (1.0, 2.0):
         machines.holds(MachineHolds(node="/host", **waits), 1.0, wall)
     now.refresh()
     said = "succeeded of GRASP/CLOSE waits for an operator"
-    assert tree.get("now", "doing") == said and told.texts.count(said) == 1
+    assert tree.get("now", "doing") == said and reported.texts.count(said) == 1
     assert "autonomy level" in tree.get("now", "because")
     assert machines.unconfirmed == [("GRASP/CLOSE", "succeeded")] and machines.may_be_held
     assert machines.check_holds(2.1 + HELD_SILENT_AFTER)
@@ -186,9 +186,9 @@ def test_a_pause_is_in_the_headline() -> None:
 
 
 def test_a_held_base_is_the_headline_whatever_the_executor_does() -> None:
-    tree, now, _, told = section()
+    tree, now, _, reported = section()
     now.executor(executor(ExecutorStatus.IDLE), 1.0)
-    guard = GuardSection(tree, told)
+    guard = GuardSection(tree, reported)
     stopped = GuardStatus(state=GuardStatus.STOPPED, reason="stopped by Ana", since=rospy.Time(42.5))
     guard.status(stopped, 43.0, 1.0)
     now.refresh()
@@ -200,7 +200,7 @@ def test_a_held_base_is_the_headline_whatever_the_executor_does() -> None:
 
 
 def test_a_request_that_is_gone_on_with_began_when_it_began() -> None:
-    _, now, _, told = section()
+    _, now, _, reported = section()
     for request, at in ((REQUEST, 1.0), ("", 5.0), ("/other-1-5.0", 6.0), ("", 7.0), (REQUEST, 8.0)):
         state = ExecutorStatus.RUNNING if request else ExecutorStatus.IDLE
         goals = ["(checked kitchen)"] if request else []
@@ -208,7 +208,7 @@ def test_a_request_that_is_gone_on_with_began_when_it_began() -> None:
     result = ExecuteActionResult(result=ExecuteResult(outcome=ExecuteResult.SUCCEEDED))
     result.status = GoalStatus(goal_id=GoalID(id=REQUEST))
     now.result(result, 11.0)
-    texts = [event.text for event in told]
+    texts = [event.text for event in reported]
     assert texts[-2:] == ["goes on with “kitchen checked”", "“kitchen checked”: succeeded after 10.0 s"]
 
 
@@ -282,7 +282,7 @@ def test_over_another_executive_the_plan_tells() -> None:
 
 
 def test_requests_are_remembered_from_asking_to_outcome() -> None:
-    tree, now, _, told = section()
+    tree, now, _, reported = section()
     now.executor(executor(ExecutorStatus.RUNNING, request=REQUEST, goals=["(checked kitchen)"]), 10.0)
     now.executor(
         executor(
@@ -299,7 +299,7 @@ def test_requests_are_remembered_from_asking_to_outcome() -> None:
         result=ExecuteResult(outcome=ExecuteResult.ACTION_FAILED, reason="the door is shut"),
     )
     now.result(result, 14.0)
-    assert told.texts == [
+    assert reported.texts == [
         "“kitchen checked” asked for by /mission",
         "planning again: door shut",
         "“kitchen checked”: action failed after 4.0 s: the door is shut",
@@ -320,8 +320,8 @@ def queue(*waiting: Tuple[str, str, int, bool]) -> GoalQueue:
 
 @pytest.mark.parametrize("waits", [False, True])
 @pytest.mark.parametrize("runs", [False, True])
-def test_an_interruption_is_told_with_what_was_more_urgent(waits: bool, runs: bool) -> None:
-    _, now, _, told = section()
+def test_an_interruption_is_reported_with_what_was_more_urgent(waits: bool, runs: bool) -> None:
+    _, now, _, reported = section()
     mine, lesser = (REQUEST, "(checked kitchen)", 1, True), ("/c-1-1.0", "(checked hall)", 0, False)
     urgent = ("/merlin_monitor-1-13.0", "(robot_at main_door)", 5, False)
     now.queue(queue(), 0.0)
@@ -329,10 +329,10 @@ def test_an_interruption_is_told_with_what_was_more_urgent(waits: bool, runs: bo
     now.queue(queue(urgent, lesser), 2.0)
     if runs:  # of two topics, either may be heard first
         now.executor(executor(ExecutorStatus.RUNNING, request=urgent[0], goals=[urgent[1]], priority=5), 3.0)
-    told.clear()
+    reported.clear()
     now.queue(queue(*([urgent] if waits else []), mine, lesser), 4.0)
     now.queue(queue(mine), 5.0)
-    (event,) = told
+    (event,) = reported
     assert (event.kind, event.at) == ("goal", 4.0)
     assert event.text == (
         "“kitchen checked” interrupted by the more urgent “robot at main door”, asked for by /merlin_monitor"
@@ -340,42 +340,42 @@ def test_an_interruption_is_told_with_what_was_more_urgent(waits: bool, runs: bo
     assert in_english(event.detail["said"]) == event.text
 
 
-def test_what_was_interrupted_before_the_monitor_began_is_not_told_as_new() -> None:
-    _, now, _, told = section()
+def test_what_was_interrupted_before_the_monitor_began_is_not_reported_as_new() -> None:
+    _, now, _, reported = section()
     now.queue(queue((REQUEST, "(checked kitchen)", 1, True)), 1.0)
-    assert told == []
+    assert reported == []
     now.queue(queue(), 2.0)
     now.queue(queue((REQUEST, "(checked kitchen)", 1, True)), 3.0)
-    assert told.texts == ["“kitchen checked” interrupted"]
+    assert reported.texts == ["“kitchen checked” interrupted"]
 
 
-def test_a_cancel_is_told_with_its_client_and_what_it_cancels() -> None:
-    _, now, _, told = section()
+def test_a_cancel_is_reported_with_its_client_and_what_it_cancels() -> None:
+    _, now, _, reported = section()
     now.mission(MissionStatus(mission="mission 1", state=MissionStatus.RUNNING), 0.0, "/mission")
     now.executor(executor(ExecutorStatus.RUNNING, request=REQUEST, goals=["(checked kitchen)"]), 1.0)
     now.queue(queue(("/c-1-1.0", "(checked hall)", 0, False)), 2.0)
-    told.clear()
+    reported.clear()
     for request, node in ((REQUEST, "/mission"), ("/c-1-1.0", "/c"), ("/gone-1-1.0", "/c"), ("", "/rosout")):
         now.cancel(GoalID(id=request), 3.0, node)
-    assert told.texts == [
+    assert reported.texts == [
         "mission 1 cancels “kitchen checked”",
         "/c cancels “hall checked”",
         "/c cancels a request",
         "/rosout cancels all requests",
     ]
-    assert {event.kind for event in told} == {"goal"}
+    assert {event.kind for event in reported} == {"goal"}
 
 
 def test_of_two_topics_either_may_be_heard_first() -> None:
-    _, now, _, told = section()
+    _, now, _, reported = section()
     now.mission(MissionStatus(mission="mission 1", state=MissionStatus.SUCCEEDED), 0.0, "/mission")
-    told.clear()
+    reported.clear()
     now.executor(executor(ExecutorStatus.RUNNING, request=REQUEST, goals=["(checked kitchen)"]), 1.0)
     result = ExecuteActionResult(status=GoalStatus(goal_id=GoalID(id=REQUEST)))
     result.result.outcome = ExecuteResult.CANCELLED
     now.result(result, 2.0)
     now.cancel(GoalID(id=REQUEST), 2.0, "/mission")
-    assert [told.texts[0], told.texts[2]] == [
+    assert [reported.texts[0], reported.texts[2]] == [
         "“kitchen checked” asked for by mission 1",
         "mission 1 cancels “kitchen checked”",
     ]

@@ -6,7 +6,7 @@ from typing import Any, Dict, Tuple
 
 import pytest
 from merlin_msgs.msg import DispatchStatus, PlannerStatus
-from messages import Told, dispatch, feedback, running
+from messages import Reported, dispatch, feedback, running
 from rosplan_dispatch_msgs.msg import CompletePlan, EsterelPlan, EsterelPlanEdge, EsterelPlanNode
 
 from merlin_monitor.state.plan_section import PlanSection
@@ -21,9 +21,9 @@ PLAN = CompletePlan(
 )
 
 
-def section() -> Tuple[StateTree, PlanSection, Told]:
-    tree, told = StateTree(), Told()
-    return tree, PlanSection(tree, told), told
+def section() -> Tuple[StateTree, PlanSection, Reported]:
+    tree, reported = StateTree(), Reported()
+    return tree, PlanSection(tree, reported), reported
 
 
 def states(tree: StateTree) -> Dict[str, str]:
@@ -31,7 +31,7 @@ def states(tree: StateTree) -> Dict[str, str]:
 
 
 def test_a_plan_is_carried_out() -> None:
-    tree, plan, told = section()
+    tree, plan, reported = section()
     plan.planned(*sequential_steps(PLAN), 10.0)
     assert tree.get("plan", "edges") == [["0", "1"]]
     plan.dispatched(dispatch(0, "navigate", ("from", "hall"), ("to", "kitchen"), plan=7), 11.0)
@@ -43,16 +43,16 @@ def test_a_plan_is_carried_out() -> None:
     plan.dispatched(dispatch(1, "ask", ("p", "kitchen"), plan=7), 21.1)
     plan.feedback(feedback(1, 10, "cancelled", plan=7), 22.0)
     assert states(tree) == {"0": "succeeded", "1": "cancelled"} and plan.current is None
-    assert told.texts == [
+    assert reported.texts == [
         "plan of 2 steps: navigating to kitchen and asking kitchen",
         "navigating to kitchen: succeeded after 10.0 s",
         "asking kitchen: cancelled after 0.9 s",
     ]
-    assert told[1].detail["began"] == 11.0 and told[1].detail["ended"] == 21.0
-    assert told[1].detail["label"] == "(navigate hall kitchen)"
+    assert reported[1].detail["began"] == 11.0 and reported[1].detail["ended"] == 21.0
+    assert reported[1].detail["label"] == "(navigate hall kitchen)"
 
 
-def test_a_step_that_is_told_behind_the_end_of_its_request_is_not_dropped() -> None:
+def test_a_step_that_is_reported_behind_the_end_of_its_request_is_not_dropped() -> None:
     tree, plan, _ = section()
     plan.planned(*sequential_steps(PLAN), 0.0)
     plan.request_ended()
@@ -63,16 +63,16 @@ def test_a_step_that_is_told_behind_the_end_of_its_request_is_not_dropped() -> N
 
 
 def test_failures_say_why() -> None:
-    tree, plan, told = section()
+    tree, plan, reported = section()
     plan.planned(*sequential_steps(PLAN), 0.0)
     plan.dispatched(dispatch(0, "navigate", ("from", "hall"), ("to", "kitchen")), 1.0)
     plan.feedback(feedback(0, 10, "the way is blocked"), 3.0)
     assert tree.get("plan", "steps", "0", "reason") == "the way is blocked"
-    assert told.texts[-1] == "navigating to kitchen: failed after 2.0 s: the way is blocked"
+    assert reported.texts[-1] == "navigating to kitchen: failed after 2.0 s: the way is blocked"
 
 
 def test_latched_messages_of_an_earlier_plan_count_for_nothing() -> None:
-    tree, plan, told = section()
+    tree, plan, reported = section()
     plan.dispatched(dispatch(0, "navigate", ("from", "bath"), ("to", "hall"), plan=6), 1.0)
     plan.feedback(feedback(0, 2, plan=6), 1.0)
     plan.planned(*sequential_steps(PLAN), 2.0)
@@ -134,13 +134,13 @@ def test_a_graph_with_a_cycle_is_still_drawn() -> None:
 
 
 def test_the_planner_says_why_it_failed() -> None:
-    tree, plan, told = section()
+    tree, plan, reported = section()
     plan.planner(PlannerStatus(state=PlannerStatus.IDLE), 0.0)
     plan.planner(
         PlannerStatus(state=PlannerStatus.UNSOLVABLE, planner="kairos", seconds=0.5, reason="no door"), 1.0
     )
     assert tree.get("plan", "planner", "state") == "unsolvable"
-    assert told.texts == ["kairos: unsolvable after 0.50 s: no door"]
+    assert reported.texts == ["kairos: unsolvable after 0.50 s: no door"]
     plan.replanned("(navigate hall kitchen) failed", 2.0)
     assert tree.get("plan", "replans") == [{"at": 2.0, "reason": "(navigate hall kitchen) failed"}]
 

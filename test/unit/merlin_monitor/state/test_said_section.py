@@ -7,7 +7,7 @@ from typing import Any, Dict, Optional, Tuple
 import numpy
 import pytest
 from merlin_msgs.msg import ListenResult
-from messages import Told
+from messages import Reported
 from sensor_msgs.msg import Image
 from sound_play.msg import SoundRequest
 
@@ -17,9 +17,9 @@ from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.text.phrase import in_english
 
 
-def section(told: Optional[Told] = None) -> Tuple[StateTree, SaidSection, Dict[str, bytes]]:
+def section(reported: Optional[Reported] = None) -> Tuple[StateTree, SaidSection, Dict[str, bytes]]:
     tree, pictures = StateTree(), Pictures()
-    return tree, SaidSection(tree, pictures, told if told is not None else Told()), pictures
+    return tree, SaidSection(tree, pictures, reported if reported is not None else Reported()), pictures
 
 
 def shown(tree: StateTree) -> Any:
@@ -39,8 +39,8 @@ def pixels(picture: bytes) -> Any:
 
 
 def test_the_newest_comes_first_and_the_oldest_go() -> None:
-    told = Told()
-    tree, said, pictures = section(told)
+    reported = Reported()
+    tree, said, pictures = section(reported)
     said.spoken(SoundRequest(sound=SoundRequest.SAY, arg=" Hello. "), 1.0)
     said.spoken(SoundRequest(sound=1, arg=""), 1.5)
     said.heard(ListenResult(text="yes", heard=True), 2.0)
@@ -55,14 +55,14 @@ def test_the_newest_comes_first_and_the_oldest_go() -> None:
         ("heard", "yes"),
         ("said", "Hello."),
     ]
-    assert [(event.kind, event.text, event.at) for event in told] == [
+    assert [(event.kind, event.text, event.at) for event in reported] == [
         ("speech", "said “Hello.”", 1.0),
         ("speech", "heard “yes”", 2.0),
         ("speech", "heard something that was not understood", 3.0),
         ("sight", "saw 2 × red cup and person", 5.0),
         ("sight", "saw nothing of what it knows", 6.0),
     ]
-    assert all(in_english(event.detail["said"]) == event.text for event in told)
+    assert all(in_english(event.detail["said"]) == event.text for event in reported)
     for number in range(2 * MOST):
         said.seen([str(number)], 7.0)
     assert len(shown(tree)) == MOST

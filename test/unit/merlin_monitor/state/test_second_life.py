@@ -15,7 +15,7 @@ from merlin_msgs.msg import (
     ExecutorStatus,
     MissionStatus,
 )
-from messages import Told, dispatch, executor, feedback, running
+from messages import Reported, dispatch, executor, feedback, running
 from rosplan_dispatch_msgs.msg import CompletePlan
 
 from merlin_monitor.state.history_store import HistoryStore
@@ -35,8 +35,8 @@ class Life:
         file = folder / "history.sqlite" if options.pop("kept", True) else None
         history = file and HistoryStore(file, 1000, clock=lambda: wall, session=session)
         self.state = MonitorModel(DirectInbox(), history)
-        self.told = Told()
-        self.state.on_event = self.told
+        self.reported = Reported()
+        self.state.on_event = self.reported
         self.state.start()
 
     def hears(self, at: float, done: int, first: bool = True) -> None:
@@ -93,11 +93,11 @@ def test_finished_steps_stay_finished_and_the_run_goes_on(tmp_path: Path, plan_f
     life.hears(34.0, 2, first=not plan_first)
     assert life.states == ["succeeded", "succeeded", "dispatched", "waiting"]
     assert (life.steps[0]["began"], life.steps[0]["ended"]) == (5.0, 14.0)
-    assert life.told.texts == ["the monitor was started again"], "nothing is told twice"
+    assert life.reported.texts == ["the monitor was started again"], "nothing is told twice"
     ended = ExecuteActionResult(result=ExecuteResult(outcome=ExecuteResult.SUCCEEDED))
     ended.status = GoalStatus(goal_id=GoalID(id=REQUEST))
     life.state.now.result(ended, 36.0)
-    assert life.told.texts[-1] == "“a”: succeeded after 26.0 s", "it began before"
+    assert life.reported.texts[-1] == "“a”: succeeded after 26.0 s", "it began before"
     warm = DiagnosticStatus(name="arm: motor", level=DiagnosticStatus.WARN)
     life.state.health.diagnostics(DiagnosticArray(status=[warm]), 34.0, 2.0)
     life.state.refresh_problems(2.0)
@@ -122,7 +122,7 @@ def test_another_plan_is_not_taken_for_the_one_of_before(tmp_path: Path) -> None
     life.state.planned(*sequential_steps(CompletePlan(PLAN.plan[:2])), 34.0)
     life.hears(34.0, 2, first=False)
     assert life.states == ["waiting", "waiting"]
-    assert any(text.startswith("plan of 2 steps") for text in life.told.texts)
+    assert any(text.startswith("plan of 2 steps") for text in life.reported.texts)
     life.state.stop()
 
 
@@ -132,5 +132,5 @@ def test_another_session_a_clock_that_went_back_and_a_long_gap_begin_a_run(tmp_p
     for number, (wall, session) in enumerate(later, 2):
         life = Life(tmp_path, wall, session)
         assert life.state.history.run == number
-        assert life.told.texts == []
+        assert life.reported.texts == []
         life.state.stop()

@@ -57,7 +57,7 @@ SHAPES = [
 
 
 @pytest.mark.parametrize(("text", "said"), SHAPES)
-def test_a_wrong_shape_is_told_once_with_its_key(tmp_path: Path, text: str, said: str) -> None:
+def test_a_wrong_shape_is_reported_once_with_its_key(tmp_path: Path, text: str, said: str) -> None:
     (fault,) = faults(tmp_path, text)
     assert fault.startswith(said)
 
@@ -71,7 +71,7 @@ def test_each_name_needs_all_languages_of_the_file(tmp_path: Path) -> None:
     assert read_sentences(write(tmp_path, "operators: {a: {en: a}}")).languages == ["en"]
 
 
-def test_a_file_that_is_missing_is_told(tmp_path: Path) -> None:
+def test_a_file_that_is_missing_is_reported(tmp_path: Path) -> None:
     with pytest.raises(SentencesError, match="cannot be read: .*No such file"):
         read_sentences(tmp_path / "none.yaml")
 
@@ -106,7 +106,7 @@ FAULTS = [
 
 
 @pytest.mark.parametrize(("text", "said"), FAULTS)
-def test_what_the_domain_does_not_have_is_told_once(tmp_path: Path, text: str, said: str) -> None:
+def test_what_the_domain_does_not_have_is_reported_once(tmp_path: Path, text: str, said: str) -> None:
     (fault,) = domain_faults(read_sentences(write(tmp_path, text)), DOMAIN)
     assert fault == f"the list of sentences {tmp_path / 'sentences.yaml'}, {said}"
 

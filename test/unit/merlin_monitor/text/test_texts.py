@@ -86,7 +86,7 @@ def test_every_text_has_its_translation_with_the_same_blanks() -> None:
     assert tables and {"en", *re.findall(r'"(\w+)"', tables[1])} == set(LANGUAGES)
 
 
-def test_every_event_is_told_as_data() -> None:
+def test_every_event_is_reported_as_data() -> None:
     plain = [
         module.name
         for module in SOURCE.rglob("*.py")
@@ -149,7 +149,7 @@ GOALS = [
 
 
 #: Goals as they are told with the sentences of the home, and as facts.
-TOLD = [
+REPORTED = [
     ("(checked kitchen)", "ask in the kitchen", "kitchen: was asked there"),
     ("(not (checked Kitchen))", "not kitchen: was asked there", "not kitchen: was asked there"),
     ("(and (in_service) (dusty hall_2))", "be in service and hall 2 dusty", "is in service and hall 2 dusty"),
@@ -165,8 +165,8 @@ def test_goals_in_words(goal: str, words: str) -> None:
     assert in_english(Wording().goal(goal)) == words
 
 
-@pytest.mark.parametrize(("goal", "wanted", "true"), TOLD)
-def test_what_is_wanted_is_not_told_as_true(goal: str, wanted: str, true: str) -> None:
+@pytest.mark.parametrize(("goal", "wanted", "true"), REPORTED)
+def test_what_is_wanted_is_not_reported_as_true(goal: str, wanted: str, true: str) -> None:
     wording = Wording(read_sentences(HOME / "sentences.yaml"))
     wording.learn(DOMAIN)
     assert [in_english(wording.goal(goal)), in_english(wording.fact(goal))] == [wanted, true]
@@ -176,7 +176,7 @@ def test_the_page_makes_the_same_words_of_goals_and_values(served: Served) -> No
     show_panels(served)
     wording = Wording(read_sentences(HOME / "sentences.yaml"))
     wording.learn(DOMAIN)
-    told = [goal for goal, _, _ in TOLD]
+    reported = [goal for goal, _, _ in REPORTED]
     with chromium() as browser:
         visit = Visit(browser, served.url)
         made = visit.page.evaluate(
@@ -186,11 +186,11 @@ def test_the_page_makes_the_same_words_of_goals_and_values(served: Served) -> No
               return [goals.map((each) => factWords(each)), ...[{}, words].map((known) =>
                 values.map((each) => valueWords(each, known))), told.map(both)];
             }""",
-            [[goal for goal, _ in GOALS], VALUES, told, wording.shown()],
+            [[goal for goal, _ in GOALS], VALUES, reported, wording.shown()],
         )
         visit.close()
     values = [[in_english(each.value(text)) for text in VALUES] for each in (Wording(), wording)]
-    assert made == [[words for _, words in GOALS], *values, [list(both) for _, *both in TOLD]]
+    assert made == [[words for _, words in GOALS], *values, [list(both) for _, *both in REPORTED]]
 
 
 def test_sentences_without_a_start_that_is_no_place_and_without_articles_of_numbers() -> None:

@@ -14,7 +14,7 @@ from merlin_msgs.msg import (
     MissionStatus,
     PlannerStatus,
 )
-from messages import Told, dispatch, executor, feedback, running
+from messages import Reported, dispatch, executor, feedback, running
 from rosplan_dispatch_msgs.msg import CompletePlan
 
 from merlin_monitor.panels.robots import RobotsSection
@@ -104,7 +104,7 @@ def test_without_a_sentence_the_words_are_those_of_the_names(sentences: Sentence
     assert in_english(unknown.fact("(already_served table_4)")) == "table 4 already served"
 
 
-def test_a_goal_is_told_as_something_wanted(sentences: Sentences) -> None:
+def test_a_goal_is_reported_as_something_wanted(sentences: Sentences) -> None:
     words = wording(sentences, ONE)
     assert both(words.goal("(already_served table_4)")) == ("serve table 4", "Tisch 4 bedienen")
     assert both(words.fact("(already_served table_4)")) == ("table 4 is served", "Tisch 4 ist bedient")
@@ -132,14 +132,14 @@ def model(sentences: Sentences) -> MonitorModel:
     return state
 
 
-def test_what_was_heard_before_the_domain_is_told_anew_with_it(sentences: Sentences) -> None:
+def test_what_was_heard_before_the_domain_is_reported_anew_with_it(sentences: Sentences) -> None:
     state = model(sentences)
     greet = (("r", "robot_2"), ("c", "client_2"))
     state.planned(*sequential_steps(CompletePlan([dispatch(0, "greet", *greet)])), 0.0)
     request = {"request": "/m-1-1.0", "goals": ["(already_served table_4)"]}
     status = executor(ExecutorStatus.RUNNING, running=[running(0, "greet", *greet)], **request)
     state.now.executor(status, 1.0)
-    robots = RobotsSection(state.tree, Told(), state.wording)
+    robots = RobotsSection(state.tree, Reported(), state.wording)
     state.domain(SEVERAL)
     now = state.tree.get("now")
     assert now["doing"] == "robot 2 greets guest 2"
@@ -198,9 +198,9 @@ def test_what_the_planner_prints_is_not_in_the_headline(
 def test_the_reason_of_a_step_does_not_name_it_again(sentences: Sentences) -> None:
     state = model(sentences)
     state.domain(ONE)
-    told = Told()
-    state.on_event = told
+    reported = Reported()
+    state.on_event = reported
     state.planned(*sequential_steps(CompletePlan([dispatch(0, "greet", ("c", "client_2"))])), 0.0)
     state.plan.dispatched(dispatch(0, "greet", ("c", "client_2")), 1.0)
     state.plan.feedback(feedback(0, 10, "(greet client_2) did not end within 60 s"), 2.0)
-    assert told.texts[-1] == "greets guest 2: failed after 1.0 s: did not end within 60 s"
+    assert reported.texts[-1] == "greets guest 2: failed after 1.0 s: did not end within 60 s"

@@ -63,7 +63,7 @@ def test_a_last_state_without_panels_is_damaged(tmp_path: Path) -> None:
         Archive(kept(tmp_path, None), "name")
 
 
-def test_panels_that_are_told_after_the_first_frame_are_shown(tmp_path: Path) -> None:
+def test_panels_that_are_announced_after_the_first_frame_are_shown(tmp_path: Path) -> None:
     state = MonitorModel(Inbox(), HistoryStore(tmp_path / "history.sqlite", 1000))
     state.start()
     end = time.monotonic() + 60.0

@@ -389,19 +389,19 @@ def test_the_plan_in_time_and_what_was_said_heard_and_seen(visits: Any, served: 
 
 def test_the_queue_is_shown_in_time_as_expected_and_as_it_was(visits: Any, served: Served) -> None:
     page = visits(bypass_csp=True)
-    told, now = served.state.inbox.put, served.state.now
+    reported, now = served.state.inbox.put, served.state.now
     for request, end in (("/round-1-1.0", 150.0), ("/round-2-1.0", 190.0)):
         running = executor(ExecutorStatus.RUNNING, request=request, goals=["(checked hall)"])
         running.expected_end, running.deadline = map(rospy.Time.from_sec, (end, end + 2.0))
-        told(now.executor, running, end - 30.0)
+        reported(now.executor, running, end - 30.0)
         if request == "/round-1-1.0":  # idle comes before the answer
-            told(now.executor, executor(ExecutorStatus.IDLE), 155.0)
-            told(now.result, ended(request, "late"), 155.0)
+            reported(now.executor, executor(ExecutorStatus.IDLE), 155.0)
+            reported(now.result, ended(request, "late"), 155.0)
     waits = QueuedGoal(request="/round-3-1.0", goals=["(checked dorm_room)"])
     times = {"expected_begin": 190.0, "expected_end": 220.0, "deadline": 1e9}
     for name, at in times.items():
         setattr(waits, name, rospy.Time.from_sec(at))
-    told(now.queue, GoalQueue(requests=[waits]), 160.0)
+    reported(now.queue, GoalQueue(requests=[waits]), 160.0)
     page.wait("() => document.querySelectorAll('#queue-time .planned').length === 3")
     states = "() => [...document.querySelectorAll('#queue-time .real')].map((bar) => bar.dataset.state)"
     assert page.page.evaluate(states) == ["late", "running"]

@@ -135,11 +135,11 @@ def test_the_page_behind_nginx_below_a_path(proxy: Proxy, browser: Any, open_sto
     assert export == 200
     assert visit.complaints == []
     # Another robot of the same host: the token is not told to it.
-    told = []
-    visit.page.on("request", lambda request: told.append(request.headers.get("x-merlin-token")))
+    reported = []
+    visit.page.on("request", lambda request: reported.append(request.headers.get("x-merlin-token")))
     visit.page.goto(proxy.address("merlin_allowed"))
     visit.wait_text("#operator", "Sign in")
-    assert not any(told)
+    assert not any(reported)
     visit.close()
 
 

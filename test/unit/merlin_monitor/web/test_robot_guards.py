@@ -15,7 +15,7 @@ class Robots:
     """Guards of robots as topics: what they say goes in, what they are told comes out."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        self.told: List[Tuple[str, str]] = []
+        self.reported: List[Tuple[str, str]] = []
         self.now = 1000.0
         self._listeners: Dict[str, Any] = {}
         monkeypatch.setattr(rospy, "Publisher", self._publisher)
@@ -27,7 +27,7 @@ class Robots:
         return self.now
 
     def _publisher(self, topic: str, *_: Any, **__: Any) -> Any:
-        return _Told(self.told, topic.partition("/")[0])
+        return _Reported(self.reported, topic.partition("/")[0])
 
     def _subscriber(self, topic: str, _: Any, listener: Any, **__: Any) -> None:
         self._listeners[topic.partition("/")[0]] = listener
@@ -53,12 +53,12 @@ class Robots:
         self._listeners[robot](GuardStatus(state=state, reason=reason))
 
 
-class _Told:
-    def __init__(self, told: List[Tuple[str, str]], robot: str) -> None:
-        self._told, self._robot = told, robot
+class _Reported:
+    def __init__(self, reported: List[Tuple[str, str]], robot: str) -> None:
+        self._reported, self._robot = reported, robot
 
     def publish(self, by: Any) -> None:
-        self._told.append((self._robot, by.data))
+        self._reported.append((self._robot, by.data))
 
 
 @pytest.fixture
@@ -69,11 +69,11 @@ def robots(monkeypatch: pytest.MonkeyPatch) -> Robots:
 def test_a_restarted_monitor_holds_who_joins_while_a_stop_stands(robots: Robots) -> None:
     monitor = robots.monitor("ria")
     robots.say("ria", stopped_by="Ana")
-    assert monitor.stop_stands and robots.told == []
+    assert monitor.stop_stands and robots.reported == []
     robots.now += 3600.0
     monitor.follow("tom", True)
     robots.say("tom")
-    assert robots.told == [("tom", "Ana")]
+    assert robots.reported == [("tom", "Ana")]
 
 
 @pytest.mark.parametrize("by", ["/rosservice_12", "an unknown node", "button 3 of /joy"])
@@ -81,16 +81,16 @@ def test_the_stop_of_one_robot_is_no_stop_of_all(robots: Robots, by: str) -> Non
     monitor = robots.monitor("ria", "tom")
     robots.say("ria", stopped_by=by)
     robots.say("tom")
-    assert not monitor.stop_stands and robots.told == []
+    assert not monitor.stop_stands and robots.reported == []
 
 
-def test_a_robot_that_comes_held_stops_nobody_later(robots: Robots) -> None:
+def test_a_robot_that_comes_held_stops_no_other_later(robots: Robots) -> None:
     monitor = robots.monitor("ria", "tom")
     robots.say("ria")
     robots.now += START
     robots.say("tom", stopped_by="Ana")
     robots.say("ria")
-    assert not monitor.stop_stands and robots.told == []
+    assert not monitor.stop_stands and robots.reported == []
 
 
 def test_what_was_released_is_not_taken_up(robots: Robots) -> None:

@@ -121,7 +121,7 @@ def test_ten_pages_see_the_same_and_changes_come_in_frames(served: Served) -> No
         assert page.frames < 500, "a thousand changes do not make a thousand frames"
 
 
-def test_a_page_that_reads_slowly_gets_the_state_and_holds_up_nobody(
+def test_a_page_that_reads_slowly_gets_the_state_and_holds_up_no_other(
     served: Served, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # A busy machine needs long for all that: the slow page does not count as gone meanwhile.
@@ -164,7 +164,7 @@ def test_a_page_that_reads_slowly_gets_the_state_and_holds_up_nobody(
     assert slow.frames < fast.frames
 
 
-def test_who_closes_is_forgotten_and_nothing_is_kept_for_nobody(served: Served) -> None:
+def test_a_page_that_closes_is_forgotten_and_nothing_is_kept_for_it(served: Served) -> None:
     before = list(served.state.tree._feeds)  # that of the recorder
     follow(served.url, 3, lambda page: bool(page.state))
     end = time.monotonic() + LIMIT

@@ -6,9 +6,9 @@ The books are the real ones (`merlin_ros.actions.lease.LeaseBook`), kept by thei
 
 import copy
 from functools import lru_cache
-from typing import Dict, FrozenSet, NamedTuple, Tuple
+from typing import Dict, FrozenSet, Iterable, NamedTuple, Tuple
 
-from merlin_ros.actions.lease import LeaseBook, LeaseState
+from merlin_ros.actions.lease import LeaseBook, LeaseChange, LeaseState
 
 UP, HUNG, DEAD = "up", "hung", "dead"
 LATE = "late "  # messages that are not read in this round
@@ -43,19 +43,28 @@ class Rules(NamedTuple):
 _books: Dict[tuple, LeaseBook] = {}
 
 
-def _key(book: LeaseBook) -> tuple:
-    for goal in book._goals.values():
-        goal.age, goal.reason = 0.0, ""  # it is remembered for longer than any story here takes
-    goals = tuple(
-        sorted((name, goal.owner, goal.life, goal.state.value) for name, goal in book._goals.items())
-    )
-    owners = {goal.owner for goal in book._goals.values() if goal.state is not LeaseState.LOST}
-    key = (goals, tuple(sorted((owner, book._owners.silence(owner)) for owner in owners)))
+def _key(book: LeaseBook, names: Iterable[str] = ()) -> tuple:
+    """What a book says of its goals now, and after how many rounds of silence it loses those of each owner.
+
+    :param names: of the goals that it may know.
+    """
+    owners = {name: book.owner(name) for name in sorted(names) if book.owner(name)}
+    goals = tuple((name, owner, str(life_of(name)), book.state(name).value) for name, owner in owners.items())
+    later, rounds = copy.deepcopy(book), []
+    for number in range(LOSE + 1):
+        changes = later.pass_time(1.0, owners.values())
+        rounds += [(owner, number) for owner in sorted({owners[goal] for goal in _lost(changes)})]
+    key = (goals, tuple(rounds))
     _books.setdefault(key, book)
     return key
 
 
-EMPTY = _key(LeaseBook(SUSPEND, LOSE, GONE, SUSPEND))
+def _names(key: tuple) -> Tuple[str, ...]:
+    return tuple(entry[0] for entry in key[0])
+
+
+def _lost(changes: Iterable[LeaseChange]) -> Tuple[str, ...]:
+    return tuple(change.goal for change in changes if change.state is LeaseState.LOST)
 
 
 @lru_cache(maxsize=None)
@@ -63,7 +72,7 @@ def renewed(key: tuple, owner: str, life: str, held: tuple, suspended: tuple) ->
     """The book after a lease, and the goals that it has lost by it."""
     book = copy.deepcopy(_books[key])
     changes = book.renew(owner, life, held, suspended)
-    return _key(book), tuple(change.goal for change in changes if change.state is LeaseState.LOST)
+    return _key(book, {*_names(key), *held}), _lost(changes)
 
 
 @lru_cache(maxsize=None)
@@ -71,7 +80,7 @@ def passed(key: tuple, connected: Tuple[str, ...]) -> Tuple[tuple, tuple]:
     """The book one round later, and the goals that it has lost by it."""
     book = copy.deepcopy(_books[key])
     changes = book.pass_time(1.0, connected)
-    return _key(book), tuple(change.goal for change in changes if change.state is LeaseState.LOST)
+    return _key(book, _names(key)), _lost(changes)
 
 
 @lru_cache(maxsize=None)
@@ -79,7 +88,7 @@ def forgotten(key: tuple, goal: str) -> tuple:
     """The book without a goal."""
     book = copy.deepcopy(_books[key])
     book.forget(goal)
-    return _key(book)
+    return _key(book, _names(key))
 
 
 def expected(key: tuple, owner: str, goal: str) -> tuple:
@@ -101,6 +110,8 @@ def state_of(key: tuple, goal: str) -> LeaseState:
 
 
 # --- processes --------------------------------------------------------------------------------------
+
+EMPTY = _key(LeaseBook(SUSPEND, LOSE, GONE, SUSPEND))
 
 
 class Job(NamedTuple):

@@ -90,15 +90,15 @@ def ended() -> List[ClientGoal]:
 
 
 @pytest.fixture
-def told() -> List[ClientGoal]:
+def reported() -> List[ClientGoal]:
     return []
 
 
 @pytest.fixture
-def twice(client: ActionClient, ended: List[ClientGoal], told: List[ClientGoal]) -> List[ClientGoal]:
-    first = client.send(ListenGoal(), ended.append, lambda goal, _: told.append(goal), lasting=True)
+def twice(client: ActionClient, ended: List[ClientGoal], reported: List[ClientGoal]) -> List[ClientGoal]:
+    first = client.send(ListenGoal(), ended.append, lambda goal, _: reported.append(goal), lasting=True)
     second = client.send(
-        ListenGoal(), ended.append, lambda goal, _: told.append(goal), lasting=True, again=first.id
+        ListenGoal(), ended.append, lambda goal, _: reported.append(goal), lasting=True, again=first.id
     )
     assert first.id == second.id
     return [first, second]
@@ -116,9 +116,9 @@ def test_both_get_the_result(topics: Topics, twice: List[ClientGoal], ended: Lis
     assert sorted(map(twice.index, ended)) == [0, 1]
 
 
-def test_both_get_the_feedback(topics: Topics, twice: List[ClientGoal], told: List[ClientGoal]) -> None:
+def test_both_get_the_feedback(topics: Topics, twice: List[ClientGoal], reported: List[ClientGoal]) -> None:
     topics.send("/owned/feedback", ListenActionFeedback(status=status(twice[1], GoalStatus.ACTIVE)))
-    assert sorted(map(twice.index, told)) == [0, 1]
+    assert sorted(map(twice.index, reported)) == [0, 1]
 
 
 def test_both_know_that_it_runs(topics: Topics, twice: List[ClientGoal]) -> None:

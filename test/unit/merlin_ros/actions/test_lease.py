@@ -164,9 +164,9 @@ _events = st.one_of(
 
 
 @given(st.lists(_events, max_size=40))
-def test_lost_is_final_and_each_change_is_told_once(events):
+def test_lost_is_final_and_each_change_is_reported_once(events):
     book = LeaseBook()
-    told = {}
+    reported = {}
     for event in events:
         if event[0] == "renew":
             changes = book.renew(*event[1:])
@@ -175,18 +175,18 @@ def test_lost_is_final_and_each_change_is_told_once(events):
         else:
             changes = []
             book.forget(event[1])
-            told.pop(event[1], None)
+            reported.pop(event[1], None)
         for change in changes:
-            assert change.state is not told.get(change.goal, LeaseState.FOREIGN)
-            assert told.get(change.goal) is not LeaseState.LOST
+            assert change.state is not reported.get(change.goal, LeaseState.FOREIGN)
+            assert reported.get(change.goal) is not LeaseState.LOST
             assert bool(change.reason) == (change.state is not LeaseState.HELD)
-            told[change.goal] = change.state
-        for goal, state in told.items():
+            reported[change.goal] = change.state
+        for goal, state in reported.items():
             # An end that is remembered long enough may be forgotten.
             assert book.state(goal) in (state, LeaseState.FOREIGN)
             if book.state(goal) is LeaseState.FOREIGN:
                 assert state is LeaseState.LOST
-        told = {goal: state for goal, state in told.items() if book.state(goal) is state}
+        reported = {goal: state for goal, state in reported.items() if book.state(goal) is state}
 
 
 @given(st.lists(st.floats(0.01, 0.2), min_size=1, max_size=60))

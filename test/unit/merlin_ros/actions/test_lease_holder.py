@@ -1,13 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a holder of leases publishes: one message for each change, and one for each period."""
 
-from typing import Callable, Collection, Iterator, List
+import threading
+from typing import Callable, Iterator, List
 
 import pytest
+from merlin_msgs.msg import Lease
 
 from merlin_ros.actions import lease_holder
 from merlin_ros.actions.lease_holder import LeaseHolder
 from merlin_ros.alarms import Alarm
+
+LONG = 60.0
 
 
 @pytest.fixture
@@ -67,18 +71,31 @@ def test_what_is_held_is_renewed_and_nothing_is_said_when_nothing_is(
     holder.shutdown()
 
 
+def test_a_holder_that_ends_releases_its_own_goals_and_those_of_no_other_holder(
+    holder: LeaseHolder, published: List[List[str]]
+) -> None:
+    other = LeaseHolder("/dispatcher/lease")
+    other.exchange(["7/1", "7/2"], [])
+    holder.hold("7/3")
+    other.release("7/1")
+    other.shutdown()
+    assert published[-2:] == [["7/2", "7/3"], ["7/3"]]
+
+
 def test_a_holder_that_ends_while_another_thread_releases_a_goal(
     published: List[List[str]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     holder = LeaseHolder("/dispatcher/lease")
     holder.exchange(["7/1", "7/2"], [])
-    exchange = holder._lease.exchange
+    threads: List[threading.Thread] = []
 
-    def release_meanwhile(held: Collection[str], released: Collection[str], owner: None) -> None:
-        holder._goals.discard("7/1")
-        assert set(released) == {"7/1", "7/2"}  # Python raises where a set changes that is gone through
-        exchange(held, released, owner)
+    def publish_meanwhile(publisher: object, message: Lease) -> None:
+        published.append(message.held)
+        threads.append(threading.Thread(target=holder.release, args=["7/1"], name="release"))
+        threads[-1].start()
 
-    monkeypatch.setattr(holder._lease, "exchange", release_meanwhile)
+    monkeypatch.setattr(lease_holder, "publish", publish_meanwhile)
     holder.shutdown()
-    assert published[-1] == []
+    (thread,) = threads
+    thread.join(LONG)
+    assert not thread.is_alive() and published == [["7/1", "7/2"], []]

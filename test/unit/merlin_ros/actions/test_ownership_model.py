@@ -16,7 +16,7 @@ class Found(NamedTuple):
     """What went wrong, and how it came about."""
 
     what: str
-    story: List[str]
+    scenario: List[str]
 
 
 def stands_within(rules: "parts.Rules") -> int:
@@ -42,7 +42,7 @@ def wrong(rules: "parts.Rules", world: "parts.World", faults: int) -> str:
 
 
 class Search:
-    """Tries every story with at most so many events, at any moments and in any order.
+    """Tries every scenario with at most so many events, at any moments and in any order.
 
     :param rules: of the protocol.
     :param actions: that are wanted at the beginning, a letter each.
@@ -63,7 +63,7 @@ class Search:
         return len(self._from)
 
     def run(self) -> Optional[Found]:
-        """The first story in which an invariant breaks; None: every story keeps them."""
+        """The first scenario in which an invariant breaks; None: every scenario keeps them."""
         while self._front:
             front, self._front = self._front, []
             for node in front:
@@ -88,7 +88,7 @@ class Search:
             if not what and event is None and not self._settles(new[0]):
                 what = "when all live again, something still runs, or what is wanted next does not begin"
             if what:
-                return Found(what, self._story(new))
+                return Found(what, self._scenario(new))
             self._front.append(new)
         return None
 
@@ -115,7 +115,7 @@ class Search:
             world = model.after(self._rules, world)
         return len(parts.passing(world)) == 1
 
-    def _story(self, node: tuple) -> List[str]:
+    def _scenario(self, node: tuple) -> List[str]:
         events: List[str] = []
         moment = 0
         steps = []
@@ -134,7 +134,7 @@ class Search:
     ("length", "actions", "budget"),
     [(5, "AB", 1), (2, "AB", 2)],
 )
-def test_no_story_breaks_an_invariant(length: int, actions: str, budget: int) -> None:
+def test_no_scenario_breaks_an_invariant(length: int, actions: str, budget: int) -> None:
     search = Search(parts.Rules(length), actions, budget)
     assert search.run() is None
     assert search.states > 500
@@ -142,7 +142,7 @@ def test_no_story_breaks_an_invariant(length: int, actions: str, budget: int) ->
 
 @pytest.mark.long
 @pytest.mark.parametrize(("length", "actions", "budget"), [(3, "A", 2), (5, "A", 2), (2, "A", 3)])
-def test_no_long_story_breaks_an_invariant(length: int, actions: str, budget: int) -> None:
+def test_no_long_scenario_breaks_an_invariant(length: int, actions: str, budget: int) -> None:
     assert Search(parts.Rules(length), actions, budget).run() is None
 
 
@@ -161,7 +161,7 @@ def play(rules: "parts.Rules", script: Dict[int, List[str]], rounds: int = 60) -
     return ""
 
 
-#: A rule that the protocol needs, and a story that shows it.
+#: A rule that the protocol needs, and a scenario that shows it.
 NEEDED = {
     "a client that dies before its first lease is heard": (
         {"leases_named": False},
@@ -186,7 +186,7 @@ NEEDED = {
 @pytest.mark.parametrize("case", NEEDED)
 def test_each_rule_is_needed(case: str) -> None:
     without, script = NEEDED[case]
-    assert play(parts.Rules(2)._replace(**without), script), "the story does no harm"
+    assert play(parts.Rules(2)._replace(**without), script), "the scenario does no harm"
     kept = {key: value for key, value in without.items() if key == "server_leases"}
     assert play(parts.Rules(2)._replace(**kept), script) == ""
 

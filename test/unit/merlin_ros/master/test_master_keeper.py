@@ -83,7 +83,7 @@ def slow(monkeypatch: pytest.MonkeyPatch) -> Iterator[SlowMaster]:
 @pytest.fixture
 def asking(slow: SlowMaster, monkeypatch: pytest.MonkeyPatch) -> Iterator[MasterKeeper]:
     """A keeper that asks the slow master."""
-    monkeypatch.setattr(MasterKeeper, "_look", lambda self: None)
+    monkeypatch.setattr(KeptParameters, "look", lambda *_: {})
     monkeypatch.setattr(master_keeper, "register_again", lambda *_: None)
     monkeypatch.setattr(master_keeper, "PERIOD", 0.05)
     keeper = MasterKeeper("/node", ME)

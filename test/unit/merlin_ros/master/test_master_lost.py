@@ -251,14 +251,14 @@ def test_no_call_waits_for_a_master_that_hangs(master: Any) -> None:
     node.expect("started")
     master.process.send(signal.SIGSTOP)
     node.say("go")
-    told = [node.expect("ASKED").split(" ", 3) for _ in range(7)]
-    assert all(float(took) < 2.5 + STALL for _, took, _, _ in told), node.output
-    assert [kind for _, _, kind, _ in told] == [
+    reported = [node.expect("ASKED").split(" ", 3) for _ in range(7)]
+    assert all(float(took) < 2.5 + STALL for _, took, _, _ in reported), node.output
+    assert [kind for _, _, kind, _ in reported] == [
         "int", "MasterSilent", "MasterSilent", "bool", "ServiceUnavailable", "MasterSilent", "NoneType"
     ]  # fmt: skip
-    assert told[0][3] == "7"
-    assert f"cannot read the parameter /asking/unknown: {master.uri} did not answer" in told[1][3]
-    assert "service /nowhere does not answer: cannot look it up: " in told[4][3]
+    assert reported[0][3] == "7"
+    assert f"cannot read the parameter /asking/unknown: {master.uri} did not answer" in reported[1][3]
+    assert "service /nowhere does not answer: cannot look it up: " in reported[4][3]
     master.process.send(signal.SIGCONT)
     assert node.ended() == 0
 
@@ -358,9 +358,9 @@ def test_what_needs_a_topic_without_a_master_fails_and_names_it(master: Any, fau
     master.process.send(fault)
     node.say("go")
     node.expect("TIME True")
-    told = node.expect("STATE")
-    assert f"cannot subscribe to /count: the master at {master.uri} does not answer" in told
-    assert "aborted" in told
+    reported = node.expect("STATE")
+    assert f"cannot subscribe to /count: the master at {master.uri} does not answer" in reported
+    assert "aborted" in reported
     assert "['drive']" in node.expect("SERVERS")
     assert "True service /ask does not answer: cannot look it up: the master" in node.expect("ASK")
     if fault == signal.SIGSTOP:

@@ -34,7 +34,7 @@ def test_a_question_that_was_refused_is_no_loss() -> None:
     assert not watch.lost
 
 
-def test_a_loss_is_told_once() -> None:
+def test_a_loss_is_reported_once() -> None:
     watch = lost()
     assert watch.lost
     assert [watch.refused() for _ in range(10)] == [WatchDecision.NOTHING] * 10
@@ -112,7 +112,7 @@ def test_the_name_of_another_node_is_not_taken_from_it() -> None:
     assert watch.answered(2, None) is WatchDecision.BACK_NEW
 
 
-def test_a_master_that_is_lost_again_while_registration_is_due_is_told_again() -> None:
+def test_a_master_that_is_lost_again_while_registration_is_due_is_reported_again() -> None:
     watch = lost()
     watch.answered(2, None)
     watch.registered()
@@ -124,12 +124,12 @@ SILENCE = st.floats(0.0, 2 * HUNG)
 
 
 @given(st.lists(st.one_of(st.none(), SILENCE, ANSWER), max_size=40), st.data())
-def test_after_any_story_an_answering_master_knows_the_node(
-    story: List[Union[None, float, Tuple[int, Optional[str]]]], data: st.DataObject
+def test_after_any_scenario_an_answering_master_knows_the_node(
+    scenario: List[Union[None, float, Tuple[int, Optional[str]]]], data: st.DataObject
 ) -> None:
     watch = watching()
     process, known = 1, True
-    for event in story:
+    for event in scenario:
         if event is None:
             watch.refused()
             continue

@@ -30,17 +30,17 @@ def at_once(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_one_that_comes_back_is_called_again() -> None:
-    gone, told = Gone(answers_at=3), []  # type: ignore[var-annotated]
-    assert when_back(gone.call, on_gone=lambda: told.append(gone.calls)) == "answer"
-    assert (gone.calls, told) == (3, [1])
+    gone, reported = Gone(answers_at=3), []  # type: ignore[var-annotated]
+    assert when_back(gone.call, on_gone=lambda: reported.append(gone.calls)) == "answer"
+    assert (gone.calls, reported) == (3, [1])
 
 
 def test_one_that_stays_away_is_an_error_in_the_end() -> None:
-    told: List[int] = []
+    reported: List[int] = []
     gone = Gone(answers_at=10**9)
     with pytest.raises(ServiceUnavailable):
-        when_back(gone.call, 0.0, lambda: told.append(1))
-    assert (gone.calls, told) == (1, [])
+        when_back(gone.call, 0.0, lambda: reported.append(1))
+    assert (gone.calls, reported) == (1, [])
 
 
 def test_a_caller_that_gives_up_does_not_wait() -> None:

@@ -77,20 +77,20 @@ def test_an_empty_plan_succeeds_and_publishes_nothing(world):
 
 
 @pytest.mark.parametrize(
-    ("reason", "told"),
+    ("reason", "reported"),
     [
         ("the door is shut", "(work o0) failed: the door is shut"),
         ("(work o0) did not end within 60 s", "(work o0) did not end within 60 s"),
         ("", "(work o0) failed"),
     ],
 )
-def test_a_failed_action_ends_the_dispatch_with_its_reason_and_is_named_once(world, reason, told):
+def test_a_failed_action_ends_the_dispatch_with_its_reason_and_is_named_once(world, reason, reported):
     run = Run(world, SequentialSchedule(actions("work", "work")))
     world.wait("action", 0)
     run.feedback(0, FeedbackStatus.FAILED, reason=reason)
     report = run.report()
     assert report.state == DispatchState.FAILED
-    assert report.failed_action.id == 0 and report.reason == told
+    assert report.failed_action.id == 0 and report.reason == reported
     assert ("action", 1) not in world.published and world.published.count(("tombstone", 0)) == 1
 
 
@@ -262,7 +262,7 @@ def test_feedback_of_other_plans_and_unknown_actions_is_ignored(world):
     assert run.report().steps_done == 1
 
 
-def test_answers_told_twice_count_once(world):
+def test_answers_reported_twice_count_once(world):
     run = Run(world, SequentialSchedule(actions("work", "work", "work")))
     for action_id in range(3):
         world.wait("action", action_id)

@@ -49,11 +49,11 @@ class Run(PlainRun):
 
     def done(self, action_id):
         self.world.wait("action", action_id)
-        self.made.put(self.told(action_id, FeedbackStatus.ENABLED))
-        self.made.put(self.told(action_id, FeedbackStatus.SUCCEEDED))
+        self.made.put(self.reported(action_id, FeedbackStatus.ENABLED))
+        self.made.put(self.reported(action_id, FeedbackStatus.SUCCEEDED))
 
     @staticmethod
-    def told(action_id, status):
+    def reported(action_id, status):
 
         return Feedback(action_id, int(status), PLAN_ID)
 

@@ -54,7 +54,7 @@ class Robots(DispatchEnvironment):
         self.events, self.wrong = [], []
         self.there = set(ROBOTS)
         self.running = {}  # action id -> robot
-        self.robot_told = self.stop_told = False  # the events that the dispatch has got
+        self.robot_reported = self.stop_reported = False  # the events that the dispatch has got
         self.sent, self.cancelled, self.succeeded, self.ever_left = [], [], [], set()
 
     def must(self, holds, otherwise):
@@ -83,10 +83,10 @@ class Robots(DispatchEnvironment):
     def deliver(self):
         event = self.events.pop(0)
         if isinstance(event, CancelRequest):
-            self.stop_told = True
+            self.stop_reported = True
         elif isinstance(event, Feedback) and event.status == FeedbackStatus.FAILED:
-            self.robot_told |= bool(event.robot)
-            self.stop_told |= not event.robot
+            self.robot_reported |= bool(event.robot)
+            self.stop_reported |= not event.robot
         return event
 
     def happen(self, timeout):
@@ -139,13 +139,13 @@ class Robots(DispatchEnvironment):
         self.must(action.id not in self.sent, "dispatched twice")
         self.must(robot not in self.running.values(), "two actions on one robot")
         self.must(robot in self.there, "an action for a robot that has left")
-        self.must(not self.robot_told and not self.stop_told, "a start after the end was decided")
+        self.must(not self.robot_reported and not self.stop_reported, "a start after the end was decided")
         self.sent.append(action.id)
         self.running[action.id] = robot
         self.put(Feedback(action.id, int(FeedbackStatus.ENABLED), PLAN_ID))
 
     def send_cancel(self, action):
-        self.must(self.stop_told, "only a cancel and a failure stop what runs, not a robot that leaves")
+        self.must(self.stop_reported, "only a cancel and a failure stop what runs, not a robot that leaves")
         self.cancelled.append(action.id)
 
     def close(self, action):
@@ -200,9 +200,9 @@ def test_a_robot_that_leaves_stops_its_own_actions_only(data, robots, changes):
     assert not world.wrong
     assert report.running == () and report.unanswered == () and not world.running
     assert report.success == (len(world.succeeded) == len(actions))
-    assert bool(world.cancelled) <= world.stop_told
+    assert bool(world.cancelled) <= world.stop_reported
     if report.success:
         return
-    if not world.stop_told:
+    if not world.stop_reported:
         failed = dict(report.failed_action.parameters)["r"]
         assert report.state is DispatchState.FAILED and failed in world.ever_left

@@ -53,7 +53,7 @@ def test_an_interface_that_announces_itself_slowly_is_given_more_time(clock):
     assert silent == pytest.approx(1.0)
 
 
-def test_nobody_was_silent_while_this_process_was_stalled(clock):
+def test_no_interface_was_silent_while_this_process_was_stalled(clock):
     watch = InterfaceWatch(clock)
     for _ in range(3):
         watch.announce("paint")

@@ -462,9 +462,9 @@ def test_orders_of_what_ends_read_and_write_are_strict():
 
 def test_an_end_and_a_start_of_one_moment_keep_their_order_in_the_times_of_messages():
     steps, actions = plan((48.966, "move", "ab", 51.609), (100.575, "ask", "b", 5))
-    told = [ActionDispatch(dispatch_time=step.time, duration=step.duration) for step in steps]
+    reported = [ActionDispatch(dispatch_time=step.time, duration=step.duration) for step in steps]
     buffer = BytesIO()
-    CompletePlan(plan=told).serialize(buffer)  # float32: the end is 4 µs behind the start
+    CompletePlan(plan=reported).serialize(buffer)  # float32: the end is 4 µs behind the start
     of_message = CompletePlan().deserialize(buffer.getvalue()).plan
     rounded = [replace(step, time=m.dispatch_time, duration=m.duration) for step, m in zip(steps, of_message)]
     schedule = GraphSchedule(build_graph(steps, actions), planned(rounded))

@@ -24,7 +24,7 @@ from merlin_ros.deadline import Deadline
 from merlin_rosplan.dispatch.dispatch import DispatchReport, DispatchState
 from merlin_rosplan.dispatch.dispatch_schedule import Schedule
 from merlin_rosplan.dispatcher import plan_dispatcher
-from merlin_rosplan.dispatcher.dispatcher_kinds import SimplePlanDispatcher
+from merlin_rosplan.dispatcher.simple_and_esterel import SimplePlanDispatcher
 from merlin_rosplan.transport import component
 from merlin_rosplan.transport.handover import Handover
 
@@ -175,7 +175,7 @@ def bench(monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
 # --- between two plans ----------------------------------------------------------------------------------
 
 
-def test_one_that_has_told_its_end_is_waited_for(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_one_that_has_reported_its_end_is_waited_for(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     waits = threading.Event()
 
     class Watched(Deadline):

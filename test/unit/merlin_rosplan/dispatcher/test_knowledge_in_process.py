@@ -10,7 +10,7 @@ from knowledge_world import add
 from merlin_pddl.knowledge import Fact, FunctionValue, Instance
 from merlin_rosplan.dispatch.operator_model import Conditions, PlanTerm
 from merlin_rosplan.dispatcher import plan_knowledge
-from merlin_rosplan.dispatcher.knowledge_events import KnowledgeEvents
+from merlin_rosplan.dispatcher.dispatch_topics import KnowledgeEvents
 from merlin_rosplan.dispatcher.plan_knowledge import PlanKnowledge
 
 

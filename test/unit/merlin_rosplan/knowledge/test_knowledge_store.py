@@ -255,9 +255,9 @@ def test_goals(store):
     assert texts(store.goals()) == ["(not (idle))"]
 
 
-def test_changes_are_told_in_order(store):
-    told = []
-    store.listen(told.append)
+def test_changes_are_reported_in_order(store):
+    reported = []
+    store.listen(reported.append)
     add(store, Fact("checked", ("hall",)), FunctionValue("limit", (), 1.0))
     add(store, Fact("checked", ("hall",)))
     add(store, Fact("checked", ("hall",), negative=True), FunctionValue("limit", (), 2.0))
@@ -266,11 +266,13 @@ def test_changes_are_told_in_order(store):
         change.remove(Fact("idle", ()))
         change.clear()
         change.add(Instance("poi", "den"))
-    assert [change.version for change in told] == [2, 3, 4]
-    assert texts(told[0].added) == ["(checked hall)", "(limit)"]
-    assert texts(told[1].removed) == ["(checked hall)"] and texts(told[1].added) == ["(not (checked hall))"]
-    assert [row.value for row in told[1].changed] == [2.0]
-    assert told[2].cleared and texts(told[2].added) == ["den - poi"] and told[2].client == "me"
+    assert [change.version for change in reported] == [2, 3, 4]
+    assert texts(reported[0].added) == ["(checked hall)", "(limit)"]
+    assert texts(reported[1].removed) == ["(checked hall)"] and texts(reported[1].added) == [
+        "(not (checked hall))"
+    ]
+    assert [row.value for row in reported[1].changed] == [2.0]
+    assert reported[2].cleared and texts(reported[2].added) == ["den - poi"] and reported[2].client == "me"
 
 
 def test_clear_keeps_constants_and_sensed_flags(store):

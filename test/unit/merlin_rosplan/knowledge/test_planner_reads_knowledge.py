@@ -262,7 +262,7 @@ def test_an_effect_on_an_object_of_a_type_that_the_predicate_does_not_take_is_re
 
 
 def test_what_a_tolerant_store_has_left_in_the_state_file_is_dropped(tmp_path):
-    path, told = str(tmp_path / "state.sqlite"), []
+    path, reported = str(tmp_path / "state.sqlite"), []
     tolerant = KnowledgeStore(DOMAIN, strict=False, journal=StateFile(path, DOMAIN))
     tolerant.load_problem(parse_problem(PROBLEM, DOMAIN))
     with tolerant.transaction() as change:
@@ -277,9 +277,9 @@ def test_what_a_tolerant_store_has_left_in_the_state_file_is_dropped(tmp_path):
         )
     tolerant.close()
     for number in (5, 0):  # for good
-        told.clear()
-        store = KnowledgeStore(DOMAIN, journal=StateFile(path, DOMAIN), warn=told.append)
-        assert len(told) == number, told
+        reported.clear()
+        store = KnowledgeStore(DOMAIN, journal=StateFile(path, DOMAIN), warn=reported.append)
+        assert len(reported) == number, reported
         assert [row.text() for row in store.facts()] == ["(at c1 hall)", "(calm)"]
         assert [goal.text() for goal in store.goals()] == ["(calm)"]
         assert fault(store) is None

@@ -60,7 +60,7 @@ def test_only_news_is_reported():
     assert sensed.take_news() == {}
 
 
-def test_what_others_changed_is_told_again():
+def test_what_others_changed_is_reported_again():
     sensed = SensedFacts()
     sensed.sense({("powered", ()): True, ("at", ("ann",)): True})
     sensed.take_news()
@@ -71,7 +71,7 @@ def test_what_others_changed_is_told_again():
     assert len(sensed.take_news()) == 2
 
 
-def test_what_could_not_be_told_stays_news_with_its_newest_value():
+def test_what_could_not_be_reported_stays_news_with_its_newest_value():
     sensed = SensedFacts()
     sensed.sense({("battery", ("ann",)): 5.0})
     news = sensed.take_news()

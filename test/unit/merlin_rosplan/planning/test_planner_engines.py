@@ -149,7 +149,7 @@ class Fake:
 @pytest.mark.parametrize(
     "error, part", [(MemoryError(), "~memory_limit"), (OSError("gone"), "cannot be started")]
 )
-def test_an_engine_that_fails_is_told_of(tmp_path, error, part):
+def test_an_engine_that_fails_is_reported(tmp_path, error, part):
     task = Task(Path("d"), Path("p"), "", "", tmp_path, PlannerSettings())
     entry = PlannerRace([Fake("bad", error)], task).run()
     assert entry.attempt.state == PlannerState.CRASHED and part in entry.attempt.reason

@@ -52,11 +52,11 @@ def planning(command, **settings):
     )
 
 
-def test_the_begin_is_told_while_the_planner_works(planner, tmp_path):
-    told = tmp_path / "told"
-    command = planner(f"while [ ! -e {told} ]; do sleep 0.01; done; echo no plan")
-    assert planning(command, time_limit=LONG).run(told.touch).state != PlannerState.TIMEOUT
-    assert told.exists()
+def test_the_begin_is_reported_while_the_planner_works(planner, tmp_path):
+    reported = tmp_path / "reported"
+    command = planner(f"while [ ! -e {reported} ]; do sleep 0.01; done; echo no plan")
+    assert planning(command, time_limit=LONG).run(reported.touch).state != PlannerState.TIMEOUT
+    assert reported.exists()
 
 
 def test_a_node_whose_folder_was_removed_plans(planner, tmp_path, monkeypatch):
@@ -67,11 +67,11 @@ def test_a_node_whose_folder_was_removed_plans(planner, tmp_path, monkeypatch):
     assert planning(planner("echo '0.0: (none) [1.0]'"), time_limit=LONG).run().state != PlannerState.CRASHED
 
 
-def test_no_begin_is_told_of_a_planner_that_cannot_be_started():
-    told = []
+def test_no_begin_is_reported_of_a_planner_that_cannot_be_started():
+    reported = []
     wanted = planning("there-is-no-such-planner DOMAIN PROBLEM", fallback=False)
-    assert wanted.run(lambda: told.append("begun")).state == PlannerState.CRASHED
-    assert told == []
+    assert wanted.run(lambda: reported.append("begun")).state == PlannerState.CRASHED
+    assert reported == []
 
 
 def three(pids):
@@ -193,14 +193,14 @@ def opened_by_a_reader(fifo):
 
 
 def test_a_cancel_does_not_wait_for_the_output_to_be_read(planner, tmp_path):
-    told = tmp_path / "told"
-    os.mkfifo(told)
+    reported = tmp_path / "reported"
+    os.mkfifo(reported)
     # In the place of what it printed there is something that has no end.
-    wanted = planning(planner(f"rm stdout.txt; mkfifo stdout.txt; pwd > {told}"))
+    wanted = planning(planner(f"rm stdout.txt; mkfifo stdout.txt; pwd > {reported}"))
     outcomes = []
     thread = threading.Thread(target=lambda: outcomes.append(wanted.run()), daemon=True)
     thread.start()
-    writer = opened_by_a_reader(Path(told.read_text().strip()) / "stdout.txt")
+    writer = opened_by_a_reader(Path(reported.read_text().strip()) / "stdout.txt")
     try:
         os.write(writer, b"0.000: (navigate anywhere kitchen)  [25.000]\n")
         wanted.cancel()

@@ -41,7 +41,7 @@ def test_a_service_of_this_process_is_called_without_a_connection(knowledge_base
 @pytest.mark.parametrize(
     "error", [rospy.ServiceException("no such predicate"), KeyError("no such predicate")]
 )
-def test_a_failure_is_told_as_over_a_connection(knowledge_base, error):
+def test_a_failure_is_reported_as_over_a_connection(knowledge_base, error):
     knowledge_base[0].side_effect = error
     with pytest.raises(ServiceError, match="/kb/state/goals failed: .*no such predicate"):
         DirectServiceProxy("/kb/state/goals", GetAttributeService)("")

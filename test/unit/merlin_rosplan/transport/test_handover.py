@@ -9,7 +9,7 @@ from std_msgs.msg import String
 from std_srvs.srv import TriggerRequest
 
 from merlin_rosplan.transport import handover
-from merlin_rosplan.transport.handover import Handover
+from merlin_rosplan.transport.handover import Handover, Subscription
 
 
 class Message:
@@ -65,27 +65,18 @@ def test_a_receiver_that_is_made_later_gets_what_was_handed_over_before(received
     assert texts == ["new"]
 
 
-class HandsOverAfter:
-    """A lock; when it is released for the first time, something happens before anything else."""
-
-    def __init__(self, then):
-        self._lock, self._then = threading.Lock(), then
-
-    def __enter__(self):
-        self._lock.acquire()
-
-    def __exit__(self, *_):
-        self._lock.release()
-        then, self._then = self._then, lambda: None
-        then()
-
-
 def test_a_message_that_comes_while_a_receiver_is_made_is_its_last_one(received, monkeypatch):
     texts, _ = received
     sender = Handover.sender("/meanwhile")
     sender.hand_over(Message("old", "/me"))
-    handing_over = HandsOverAfter(lambda: sender.hand_over(Message("new", "/me")))
-    monkeypatch.setattr(Handover, "_lock", handing_over)
+    messages, from_sender = [Message("new", "/me")], Subscription.from_sender
+
+    def after_the_next(subscription, handed):
+        while messages:
+            sender.hand_over(messages.pop())
+        from_sender(subscription, handed)
+
+    monkeypatch.setattr(Subscription, "from_sender", after_the_next)
     late = Handover.receiver("/meanwhile", lambda message: texts.append(message.text))
     assert texts[-1] == "new"
     late.shutdown()
@@ -113,7 +104,7 @@ def found():
 @pytest.fixture
 def in_another_process(monkeypatch, found):
     """A receiver whose sender can only be asked; returns it, its texts and the sender."""
-    sender = handover.Sender("/topic")
+    sender = handover.Sender("/topic of another process")
     monkeypatch.setattr(handover, "bounded_master", lambda limit: found)
     found.proxy = proxy = mock.Mock(
         side_effect=lambda: sender.answer_digest(TriggerRequest()), connected=False
@@ -124,6 +115,7 @@ def in_another_process(monkeypatch, found):
     subscription = Handover.receiver("/topic", lambda message: texts.append(message.data))
     yield subscription, texts, sender
     subscription.shutdown()
+    sender.shutdown()
 
 
 def sent(text):
@@ -136,7 +128,7 @@ def test_what_another_process_has_sent_is_waited_for(in_another_process, monkeyp
     monkeypatch.setattr(handover, "IN_FLIGHT", 60.0)
     subscription, texts, sender = in_another_process
     subscription.from_topic(sent("old"))
-    sender._last = String("new")
+    sender.hand_over(String("new"))
     late = threading.Timer(0.05, subscription.from_topic, [sent("new")])
     late.start()
     subscription.catch_up()
@@ -147,12 +139,12 @@ def test_what_another_process_has_sent_is_waited_for(in_another_process, monkeyp
 def test_what_is_there_or_is_lost_is_not_waited_for(in_another_process, monkeypatch):
     subscription, texts, sender = in_another_process
     subscription.catch_up()
-    sender._last = String("a")
+    sender.hand_over(String("a"))
     subscription.from_topic(sent("a"))
     subscription.from_topic(sent("by hand"))
     subscription.catch_up()
     monkeypatch.setattr(handover, "IN_FLIGHT", 0.01)
-    sender._last = String("lost")
+    sender.hand_over(String("lost"))
     subscription.catch_up()
     monkeypatch.setattr(handover, "IN_FLIGHT", 1e6)  # a second wait would not end
     subscription.catch_up()

@@ -65,7 +65,7 @@ def test_what_is_refused_does_not_keep_the_rest(teller, knowledge):
     knowledge.wait(lambda: not knowledge.facts["(powered)"])
 
 
-def test_what_was_refused_is_told_when_its_object_appears(teller, knowledge, monkeypatch):
+def test_what_was_refused_is_reported_when_its_object_appears(teller, knowledge, monkeypatch):
     monkeypatch.setattr(sensed_updater, "LONGEST_RETRY", 3600.0)
     teller.sense({("at", ("ann", "moon")): True})
     knowledge.wait(lambda: knowledge.calls > 5)

@@ -63,7 +63,7 @@ def test_it_begins_on_its_wheels(simulate):
     assert before[2] == pytest.approx(1.40, abs=0.002)
 
 
-def test_it_drives_as_told_within_its_limits(simulate):
+def test_it_drives_as_commanded_within_its_limits(simulate):
     simulation = simulate(Pose(0.6, 3.4))
     robot = simulation.robots["r0"]
     acceleration = run(simulation, 5.0, (0.3, 0.0))

@@ -115,7 +115,7 @@ def test_a_walk_can_be_replaced_and_stopped(room):
     assert ann.state is WalkState.STANDING and ann.pose == stopped and 1.3 < ann.pose.x < 1.7
 
 
-def test_nobody_walks_through_walls_furniture_or_robots(room):
+def test_no_person_walks_through_walls_furniture_or_robots(room):
     simulation = room(Pose(1.0, 3.5))
     simulation.control.walk("ann", [(1.0, 4.6)], speed=1.0)
     run(simulation, 3.0)
@@ -243,7 +243,7 @@ def test_what_cannot_be_is_refused_and_changes_nothing(room, what, words):
     assert before == after and not simulation.scene.objects["can"].there
 
 
-def test_where_somebody_is_not_is_not_looked_at(room):
+def test_where_a_person_is_not_is_not_looked_at(room):
     simulation = room()
     simulation.control.place(Placing("ann", absent=True, on="shelf", pose=Pose(math.nan, 9), z=5.0))
     assert person(simulation, "ann").state is WalkState.ABSENT

@@ -45,7 +45,7 @@ class Run(threading.Thread):
         return self.entered
 
 
-class Told:
+class Reported:
     """Waits until a state is held."""
 
     def __init__(self, holds):
@@ -82,7 +82,7 @@ def test_what_is_no_state_is_refused(holds, text):
     assert holds.texts == ["NAVIGATE/DRIVE"]
 
 
-def test_states_are_told_from_actions_and_goals():
+def test_states_are_reported_from_actions_and_goals():
     assert names_state("NAVIGATE/DRIVE")
     assert not any(map(names_state, ("(navigate a b)", "navigate", "(at a/b)")))
     assert read_state_pattern("/navigate/Drive") == ("NAVIGATE", "DRIVE")
@@ -101,16 +101,16 @@ def test_only_states_that_exist_are_kept(holds):
 
 
 def test_it_is_held_steps_and_goes_on(holds):
-    told = Told(holds)
+    reported = Reported(holds)
     holds.set(["NAVIGATE/DRIVE"])
     run = Run(holds, [*PATHS[:2], *PATHS[:2]])
-    told.wait("NAVIGATE/DRIVE")
+    reported.wait("NAVIGATE/DRIVE")
     assert (run.entered, holds.held) == ([], "NAVIGATE/DRIVE")
     holds.step()
-    told.wait("NAVIGATE/SAY")
+    reported.wait("NAVIGATE/SAY")
     assert run.entered == PATHS[:1]
     holds.go_on()
-    told.wait("NAVIGATE/DRIVE")
+    reported.wait("NAVIGATE/DRIVE")
     assert run.entered == PATHS[:2]
     holds.set([])
     assert holds.waiting == ["NAVIGATE/DRIVE"]  # what is held stays so
@@ -120,10 +120,10 @@ def test_it_is_held_steps_and_goes_on(holds):
 
 
 def test_a_step_holds_its_own_machine_only_and_ends_with_its_run(holds):
-    told = Told(holds)
+    reported = Reported(holds)
     holds.set(["NAVIGATE/SAY"])
     run = Run(holds, PATHS[:2])
-    told.wait("NAVIGATE/SAY")
+    reported.wait("NAVIGATE/SAY")
     holds.set([])
     holds.step()
     run.end()
@@ -132,12 +132,12 @@ def test_a_step_holds_its_own_machine_only_and_ends_with_its_run(holds):
 
 
 def test_a_preempt_ends_the_hold_of_its_state_alone(holds):
-    told = Told(holds)
+    reported = Reported(holds)
     holds.set(["NAVIGATE/DRIVE", "ASK/SPEAK/SAY"])
     first = Run(holds, PATHS[:1])
-    told.wait("NAVIGATE/DRIVE")
+    reported.wait("NAVIGATE/DRIVE")
     second = Run(holds, PATHS[2:])
-    told.wait("NAVIGATE/DRIVE", "ASK/SPEAK/SAY")
+    reported.wait("NAVIGATE/DRIVE", "ASK/SPEAK/SAY")
     holds.release(first.state)
     assert first.end() == PATHS[:1]
     assert holds.waiting == ["ASK/SPEAK/SAY"]
@@ -152,15 +152,15 @@ def test_one_that_is_preempted_already_is_not_held(holds):
 
 def test_without_a_console_it_goes_on_by_itself(holds, clock):
     said = []
-    told = Told(holds)
+    reported = Reported(holds)
     holds.on_lost = said.append
     holds.set(["NAVIGATE/*"])
     run = Run(holds, PATHS[:2])
-    told.wait("NAVIGATE/DRIVE")
+    reported.wait("NAVIGATE/DRIVE")
     clock.now += GRACE - 1
     holds.followed()
     clock.now += GRACE  # of the console's last word
-    told.wait("NAVIGATE/DRIVE")
+    reported.wait("NAVIGATE/DRIVE")
     assert run.entered == []
     clock.now += 1
     assert run.end() == PATHS[:2]  # noticed at the next heartbeat
@@ -177,13 +177,13 @@ def test_without_a_console_it_goes_on_by_itself(holds, clock):
 def test_whatever_is_asked_for_each_state_is_entered_once_and_nothing_is_left(paths, points, orders):
     holds = StateHolds(Clock())
     holds.declare("ALL", PATHS)
-    told = Told(holds)
+    reported = Reported(holds)
     holds.set(points)
     run = Run(holds, paths)
     number = 0
     while run.is_alive():
-        with told.changed:
-            told.changed.wait_for(lambda: holds.waiting or not run.is_alive(), 0.01)
+        with reported.changed:
+            reported.changed.wait_for(lambda: holds.waiting or not run.is_alive(), 0.01)
         if holds.waiting:
             order = orders[number % len(orders)]
             number += 1

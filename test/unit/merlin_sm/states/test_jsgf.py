@@ -45,7 +45,7 @@ def test_what_is_wrong_is_named(grammar: str, said: str) -> None:
         check_grammar(grammar)
 
 
-def test_the_words_are_told() -> None:
+def test_the_words_are_reported() -> None:
     assert check_grammar(HEADER + 'public <a> = "ice cream" [please] | <b>; <b> = no;') == [
         *("ice", "cream", "please", "no"),
     ]

@@ -315,7 +315,7 @@ def test_a_goal_for_which_no_velocity_comes_is_cancelled_and_its_server_named(
     assert server.sents[-1].cancels == 1 and bool(server.given_up) is not stops
 
 
-def test_why_a_server_did_not_stop_is_told(server: Server) -> None:
+def test_why_a_server_did_not_stop_is_reported(server: Server) -> None:
     server.at_once = server.stops = False
     drive = state(cancel_limit=0.25)
 

@@ -99,7 +99,7 @@ class Agent:
         self.full = ""
         """Why the hub takes no changes."""
         self.leaving = False
-        self.tenure = RobotLease(rules.lease)
+        self.robot_lease = RobotLease(rules.lease)
         self.lag = Lag()
         self.decided: List[ev.Decision] = []
         self._flying: Dict[str, bool] = {}
@@ -121,7 +121,9 @@ class Agent:
     def joined(self) -> bool:
         """Whether the store names this process as the robot, and its lease runs."""
         mine = self.view.lives.get(self.robot.name)
-        return self.usable and self.tenure.holds(self.now) and mine is not None and mine.life == self.life
+        return (
+            self.usable and self.robot_lease.holds(self.now) and mine is not None and mine.life == self.life
+        )
 
     @property
     def usable(self) -> bool:
@@ -174,8 +176,8 @@ class Agent:
     def next_moment(self) -> float:
         """When `handle` has to be called at the latest."""
         moments = [self.now + self.rules.lease.renew_every]
-        if self.tenure.lease and self.tenure.stop_at > self.now:
-            moments.append(self.tenure.stop_at)
+        if self.robot_lease.lease and self.robot_lease.stop_at > self.now:
+            moments.append(self.robot_lease.stop_at)
         moments += [moment for moment in self._not_before.values() if moment > self.now]
         moments += self.bidding.moments() + self.sharing.moments()
         return min(moments)
@@ -239,12 +241,12 @@ class Agent:
         self.clock.ask_anew()
 
     def _leased(self, event: ev.Leased) -> None:
-        if event.asked != self.tenure.lease:
+        if event.asked != self.robot_lease.lease:
             return  # of a lease that is no longer ours, or a second new one: it ends by itself
         if event.lease:
-            self.tenure.renew(event.lease, event.asked_at, event.ttl)
+            self.robot_lease.renew(event.lease, event.asked_at, event.ttl)
         elif event.asked:
-            self.tenure.lose()
+            self.robot_lease.lose()
             self._asked_lease_at = None
             self.possession.lost_lease()
 
@@ -285,8 +287,8 @@ class Agent:
         asked = self._asked_lease_at
         if not self.refused and (asked is None or self.now >= asked + self.rules.lease.renew_every):
             self._asked_lease_at = self.now
-            self.decided.append(ev.AskLease(self.tenure.lease))
-        if not self.usable or not self.tenure.holds(self.now):
+            self.decided.append(ev.AskLease(self.robot_lease.lease))
+        if not self.usable or not self.robot_lease.holds(self.now):
             return
         self._take_life()
         if self.joined and (self._heard_at is None or self.now >= self._heard_at + self.rules.heard_every):
@@ -327,7 +329,7 @@ class Agent:
             self.say(f"waits: another process is the robot '{name}', or was until its lease ends")
         elif seen is None:
             text = records.encode(Claim(name, self.life))
-            self.transact("life", Txn((Compare(key, 0),), (Put(key, text, self.tenure.lease),)))
+            self.transact("life", Txn((Compare(key, 0),), (Put(key, text, self.robot_lease.lease),)))
 
     def mine(self) -> Compare:
         """Holds while this process is the robot's one."""

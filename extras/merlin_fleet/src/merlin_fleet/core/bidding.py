@@ -249,7 +249,7 @@ class Bidding:
         elif not bids.reason and (self._is_behind() or self._gathers()):
             return
         key = agent.keys.key(records.BIDS, agent.robot.name)
-        put = Put(key, records.encode_bids(bids), agent.tenure.lease)
+        put = Put(key, records.encode_bids(bids), agent.robot_lease.lease)
         if agent.transact("bids", Txn((agent.mine(),), (put,))):
             self._written, self._written_at, self._written_in = bids, agent.now, None
 

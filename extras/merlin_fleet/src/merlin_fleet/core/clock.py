@@ -41,7 +41,7 @@ class ClockCheck:
     def __init__(self, agent: "Agent") -> None:
         self._agent = agent
         self._hub_offset: Optional[float] = None  # what added to `now` is the hub's time, s since 1970
-        self._in_vain = 0
+        self._unanswered = 0
         self._asking = False
         self._ask_at = 0.0
         self._said = 0.0
@@ -51,7 +51,7 @@ class ClockCheck:
     @property
     def refusal(self) -> str:
         """Why deadlines are left alone; empty: they are not."""
-        if self._hub_offset is None and self._in_vain < TRIES:
+        if self._hub_offset is None and self._unanswered < TRIES:
             return "its clock was not yet compared with the hub's"
         if not self._wrong():
             return ""
@@ -66,12 +66,12 @@ class ClockCheck:
         agent, rules = self._agent, self._agent.rules
         self._asking = False
         if event.wall is not None:
-            self._hub_offset, self._in_vain = event.wall - event.at, 0
+            self._hub_offset, self._unanswered = event.wall - event.at, 0
         elif agent.usable:
-            self._in_vain += 1
-            if self._in_vain >= TRIES and self._hub_offset is None:
+            self._unanswered += 1
+            if self._unanswered >= TRIES and self._hub_offset is None:
                 agent.say("the hub does not tell its time: this robot's clock is not compared with it")
-        known = self._hub_offset is not None or self._in_vain >= TRIES
+        known = self._hub_offset is not None or self._unanswered >= TRIES
         self._ask_at = agent.now + (rules.clock_every if known else rules.retry)
 
     def decide(self) -> None:

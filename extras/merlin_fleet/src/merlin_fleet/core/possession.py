@@ -61,7 +61,7 @@ class Possession:
         """Goals whose claim is under way."""
         self._behind = (0, 0.0)
         """Revision of the last claim that was lost, and until when that revision is awaited."""
-        self._in_vain = 0
+        self._lost_claims = 0
         """How many claims in a row were lost before this robot saw the other claim."""
         self._free_at: Dict[str, float] = {}
         """Goal whose claim is gone → when its owner stands."""
@@ -102,7 +102,7 @@ class Possession:
         if agent.view.revision < revision and agent.now < until:
             return  # it would be lost again: this robot has not yet seen the other claim
         if agent.view.revision >= revision:
-            self._in_vain = 0
+            self._lost_claims = 0
         claim = records.encode(Claim(agent.robot.name, agent.life, ttl=agent.rules.lease.ttl))
         compare = (
             Compare(keys.key(records.GOALS, goal.id), agent.view.written[goal.id]),
@@ -110,7 +110,7 @@ class Possession:
             agent.still_open(goal.id),
             agent.mine(),
         )
-        lease = 0 if goal.finish else agent.tenure.lease
+        lease = 0 if goal.finish else agent.robot_lease.lease
         put = Put(keys.key(records.CLAIMS, agent.robot.name, goal.id), claim, lease)
         if agent.transact(f"claim {goal.id}", Txn(compare, (put, agent.mark(goal.id)))):
             self._claiming.add(goal.id)
@@ -124,8 +124,8 @@ class Possession:
         if result is not None and not result.done:
             # The revision may be of a key that no robot follows, so it is not awaited forever; and by
             # each turn longer, or robots that are behind would keep the hub and themselves busy with it.
-            self._behind = (result.revision, self._agent.now + self._agent.rules.retry * 2**self._in_vain)
-            self._in_vain = min(self._in_vain + 1, MOST_TURNS)
+            self._behind = (result.revision, self._agent.now + self._agent.rules.retry * 2**self._lost_claims)
+            self._lost_claims = min(self._lost_claims + 1, MOST_TURNS)
             if name in self._agent.view.goals and self.known_since(name) < self._agent.view.revision:
                 self._free_at[name] = self._read[1]
         goal = self._agent.view.goals.get(name)
@@ -157,7 +157,7 @@ class Possession:
             if not mine:
                 self._lose(owned)
         self._settled.clear()
-        self._behind, self._in_vain = (0, 0.0), 0
+        self._behind, self._lost_claims = (0, 0.0), 0
 
     def _forget(self) -> None:
         """Forgets goals that the store does not have any more: no answer or change makes them ours again."""
@@ -269,7 +269,7 @@ class Possession:
         return not self._agent.clock.refusal and self._agent.wall >= deadline
 
     def _may_run(self, owned: Owned) -> bool:
-        return owned.goal.finish or self._agent.tenure.holds(self._agent.now)
+        return owned.goal.finish or self._agent.robot_lease.holds(self._agent.now)
 
     def _begin(self) -> None:
         """Begins the next one when nothing of any other moves any more."""
@@ -302,7 +302,7 @@ class Possession:
             goal
             for goal in view.owned_by.get(agent.robot.name, ())
             if view.claims[goal].life == agent.life
-            and (agent.tenure.lease and goal in view.goals and not view.goals[goal].finish)
+            and (agent.robot_lease.lease and goal in view.goals and not view.goals[goal].finish)
             and not (goal in self.owned or agent.reporting.knows(goal, view.claims[goal].epoch))
         ]
 
@@ -312,7 +312,7 @@ class Possession:
         names = {goal: agent.keys.key(records.CLAIMS, agent.robot.name, goal) for goal in self.to_return()}
         text = records.encode(Claim(agent.robot.name, ""))
         compare = tuple(Compare(key, claims[goal].epoch) for goal, key in names.items())
-        puts = tuple(Put(key, text, agent.tenure.lease) for key in names.values())
+        puts = tuple(Put(key, text, agent.robot_lease.lease) for key in names.values())
         agent.transact("return", Txn(compare, puts))
 
     def _take_over(self) -> None:

@@ -27,7 +27,7 @@ class Sharing:
         self._agent = agent
         self._own: Dict[str, Facts] = {}
         self._written: Dict[str, Tuple[Facts, float]] = {}
-        self._told: Dict[str, Tuple[str, ...]] = {}
+        self._reported: Dict[str, Tuple[str, ...]] = {}
         self._heard: Dict[str, float] = {}
         self._began: Optional[float] = None
         self._stale: Dict[str, str] = {}
@@ -94,13 +94,13 @@ class Sharing:
         agent = self._agent
         facts = agent.view.facts.get((writer, predicate)) if agent.usable else None
         if facts is not None:
-            if self._told.get(predicate) != facts.facts:
-                self._told[predicate] = facts.facts
+            if self._reported.get(predicate) != facts.facts:
+                self._reported[predicate] = facts.facts
                 agent.decided.append(ev.Learn(predicate, facts.facts))
             life = agent.view.lives.get(writer)
             vouched = life is not None and life.life == facts.life
-            if vouched and agent.tenure.lease:  # since then the store may be out of reach
-                self._heard[predicate] = agent.tenure.renewed_at
+            if vouched and agent.robot_lease.lease:  # since then the store may be out of reach
+                self._heard[predicate] = agent.robot_lease.renewed_at
         before = predicate in self._stale
         if agent.now < self._due(predicate):
             self._stale.pop(predicate, None)

@@ -115,7 +115,7 @@ class SharedKnowledge:
                 again, looked_at = (set(), set()), time.monotonic()
             if self._began_anew():
                 read, take = set(self._own), set(learned)
-            again[0].update(each for each in read if not self._told(each, version))
+            again[0].update(each for each in read if not self._reported(each, version))
             again[1].update(each for each in take if not self._taken(each, learned[each]))
 
     def _began_anew(self) -> bool:
@@ -126,7 +126,7 @@ class SharedKnowledge:
         self._connections = connections
         return not same
 
-    def _told(self, predicate: str, version: int) -> bool:
+    def _reported(self, predicate: str, version: int) -> bool:
         """Reads and delivers the facts of a predicate; whether they could be read."""
         facts = None
         if self._connections or predicate == OBJECTS:  # else its changes do not come

@@ -76,7 +76,7 @@ Decision = Union[AgendaAnswer, StopRun, ReviseRun]
 
 
 class Agenda(Generic[T]):
-    """The requests of one Executor.
+    """The requests of one Executor: the most urgent ones run, equal ones together, and the others wait.
 
     :param clock: ROS time, s; may be set back and forward.
     :param overtake_limit: s for which requests of equal priority may overtake one that could begin.

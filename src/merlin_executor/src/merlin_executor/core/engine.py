@@ -80,7 +80,7 @@ class Stages(Generic[J]):
 
 
 class Engine(Generic[J]):
-    """Queues requests and runs them.
+    """Runs requests in one worker, as their agenda decides, and answers each once.
 
     :param stages: carry them out.
     :param on_status: called when what runs has changed, without a lock.

@@ -67,7 +67,9 @@ _CLIENTS = {LeaseState.SUSPENDED: Client.SILENT, LeaseState.LOST: Client.GONE}
 
 
 class Executor:
-    """Queues requests and runs them through :class:`ExecutorSM`.
+    """Queues requests and runs them through :class:`ExecutorSM`, as :class:`.Agenda` decides.
+
+    The owner of a request is its client, where that leases it. A request removes the goals that it has added.
 
     :param knowledge: of the planning system.
     :param planning: its stages before dispatch.

@@ -3,7 +3,7 @@
 
 import threading
 import uuid
-from typing import ClassVar, Collection, Dict, Optional, Set
+from typing import ClassVar, Collection, Dict, Optional, Tuple
 
 import rospy
 from merlin_msgs.msg import Lease
@@ -19,8 +19,8 @@ LIFE = uuid.uuid4().hex[:12]  #: names this process
 class LeaseHolder:
     """Holds leases of the goals that this process has sent to one server; thread-safe.
 
-    All holders of a process for one server publish one lease: a server takes what a lease does not name as
-    let go. A lease is renewed in wall time: a paused simulator must not make its owner look dead.
+    All holders of a process for one server publish one lease: for a server, what a lease does not name is
+    released. A lease is renewed in wall time: a paused simulator must not make its owner look dead.
 
     :param topic: ``<action>/lease``.
     """
@@ -30,7 +30,6 @@ class LeaseHolder:
 
     def __init__(self, topic: str) -> None:
         self.topic = rospy.resolve_name(topic)
-        self._goals: Set[str] = set()
         with self._lock:
             self._lease = self._shared.setdefault(self.topic, _Lease(self.topic))
             self._lease.users += 1
@@ -49,9 +48,7 @@ class LeaseHolder:
 
     def exchange(self, held: Collection[str], released: Collection[str], owner: Optional[str] = None) -> None:
         """Leases some goals from now on and others no more, in one message; see :meth:`hold`."""
-        self._goals.update(held)
-        self._goals.difference_update(released)
-        self._lease.exchange(held, released, owner)
+        self._lease.exchange(self, held, released, owner)
 
     @property
     def watched(self) -> bool:
@@ -60,8 +57,7 @@ class LeaseHolder:
 
     def shutdown(self) -> None:
         """Releases every lease."""
-        self._lease.exchange([], list(self._goals), None)  # a copy: another thread may release one
-        self._goals.clear()
+        self._lease.release_all(self)
         with self._lock:
             self._lease.users -= 1
             last = self._lease.users == 0
@@ -79,7 +75,8 @@ class _Lease:
         self.users = 0
         self._publisher: Optional[rospy.Publisher] = None
         self._lock = threading.Lock()  # guards the fields below and the order of messages
-        self._held: Dict[str, Optional[str]] = {}  # goal -> the one on whose behalf it was sent
+        # goal -> its holder, and the goal on whose behalf it was sent
+        self._held: Dict[str, Tuple[LeaseHolder, Optional[str]]] = {}
         self._stopped = False
         self._beat: Optional[Alarm] = None
 
@@ -87,13 +84,22 @@ class _Lease:
     def watched(self) -> bool:
         return self._publisher is not None and self._publisher.get_num_connections() > 0
 
-    def exchange(self, held: Collection[str], released: Collection[str], owner: Optional[str]) -> None:
+    def release_all(self, holder: LeaseHolder) -> None:
+        with self._lock:
+            kept = {goal: each for goal, each in self._held.items() if each[0] is not holder}
+            gone, self._held = len(kept) < len(self._held), kept
+            if gone:
+                self._publish()
+
+    def exchange(
+        self, holder: LeaseHolder, held: Collection[str], released: Collection[str], owner: Optional[str]
+    ) -> None:
         with self._lock:
             before = len(self._held)
             for goal in released:
                 self._held.pop(goal, None)
             gone = len(self._held) < before
-            self._held.update(dict.fromkeys(held, owner))
+            self._held.update(dict.fromkeys(held, (holder, owner)))
             if held and self._beat is None:
                 self._beat = every(PERIOD, self._renew)
             if held or gone:
@@ -126,7 +132,7 @@ class _Lease:
             owner=rospy.get_name(),
             life=LIFE,
             held=list(self._held),
-            suspended=[goal for goal, owner in self._held.items() if ownership.suspended(owner)],
+            suspended=[goal for goal, (_, owner) in self._held.items() if ownership.suspended(owner)],
         )
         message.header.stamp = rospy.Time.now()
         if self._publisher is not None:

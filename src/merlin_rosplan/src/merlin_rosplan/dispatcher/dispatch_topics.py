@@ -5,9 +5,11 @@ import threading
 import time
 from typing import (
     TYPE_CHECKING,
+    Any,
     Callable,
     Dict,
     FrozenSet,
+    Iterable,
     List,
     Mapping,
     Optional,
@@ -19,9 +21,9 @@ from typing import (
 
 import rospy
 from diagnostic_msgs.msg import KeyValue
-from merlin_msgs.msg import DispatchStatus, RobotHost, RunningAction
+from merlin_msgs.msg import DispatchStatus, KnowledgeChanges, RobotHost, RunningAction
 from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback
-from rosplan_knowledge_msgs.msg import DomainFormula
+from rosplan_knowledge_msgs.msg import DomainFormula, KnowledgeItem, StatusUpdate
 
 from merlin_pddl.breakpoints import Breakpoints
 from merlin_planning.action_messages import OWN_MARK
@@ -39,6 +41,7 @@ from merlin_rosplan.dispatch.dispatch_environment import (
     DispatchReport,
     DispatchState,
     FeedbackStatus,
+    KnowledgeChanged,
     PlanGoals,
     PlanKnowledgeError,
 )
@@ -49,6 +52,7 @@ from merlin_rosplan.transport.component import Component
 if TYPE_CHECKING:  # imported when there is a plan
     from merlin_rosplan.dispatch.operator_model import ActionModel, Conditions, PlanTerm
     from merlin_rosplan.dispatcher.plan_knowledge import PlanKnowledge
+    from merlin_rosplan.knowledge.transaction import StateChange
 
 _Answer = TypeVar("_Answer")
 SHUTDOWN_DEADLINE = 1.0  # s that running interfaces get to answer when the node ends
@@ -335,3 +339,53 @@ def _known(answer: Callable[[], _Answer]) -> _Answer:
 
 def _is_available(atom: "PlanTerm") -> bool:
     return atom.name.lower() == AVAILABLE and len(atom.arguments) == 1
+
+
+class KnowledgeEvents:
+    """Tells one dispatcher what has changed; in the same process without ROS.
+
+    A message to its own process takes two changes of thread, beside the answer of the interface that has made
+    the change: robots wait for the dispatch.
+
+    :param component: the dispatcher.
+    :param put: called with each event, in the thread that hears of the change.
+    """
+
+    def __init__(self, component: Component, put: Callable[[KnowledgeChanged], None]) -> None:
+        self._put = put
+        name = component.knowledge_base
+        store = getattr(Component.in_process(name), "store", None)
+        if store is not None:
+            store.listen(self._changed)
+            return
+        self._changes = component.subscriber(f"{name}/changes", KnowledgeChanges, self._receive_changes)
+        component.subscriber(f"{name}/status/update", StatusUpdate, self._receive_update)
+
+    def _changed(self, change: "StateChange") -> None:
+        from merlin_pddl.knowledge import Fact, Instance
+
+        rows = (*change.added, *change.removed, *change.changed)
+        facts = {row.key: False for row in change.removed if isinstance(row, Fact)}
+        facts.update((row.key, not row.negative) for row in change.added if isinstance(row, Fact))
+        self._tell(change.cleared, ("" if isinstance(row, Instance) else row.name for row in rows), facts)
+
+    def _receive_changes(self, message: KnowledgeChanges) -> None:
+        items = (*message.added, *message.removed, *message.changed)
+        facts = {_key(item): False for item in message.removed if item.knowledge_type == item.FACT}
+        facts.update(
+            (_key(item), not item.is_negative) for item in message.added if item.knowledge_type == item.FACT
+        )
+        self._tell(message.cleared, (item.attribute_name for item in items), facts)
+
+    def _receive_update(self, _: StatusUpdate) -> None:
+        # A knowledge base that publishes the changes themselves says there what they were.
+        connected = self._changes.get_num_connections() > 0
+        self._put(KnowledgeChanged(frozenset() if connected else None))
+
+    def _tell(self, cleared: Any, names: Iterable[str], facts: Dict[Tuple[str, ...], bool]) -> None:
+        changed = None if cleared else frozenset(name.lower() for name in names)
+        self._put(KnowledgeChanged(changed, frozenset(facts.items())))
+
+
+def _key(item: KnowledgeItem) -> Tuple[str, ...]:
+    return tuple(word.lower() for word in (item.attribute_name, *(value.value for value in item.values)))

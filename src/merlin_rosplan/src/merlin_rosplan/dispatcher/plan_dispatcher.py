@@ -49,8 +49,7 @@ from merlin_rosplan.dispatch.dispatch_environment import (
 )
 from merlin_rosplan.dispatch.dispatch_schedule import Ongoing, PlanError, Schedule
 from merlin_rosplan.dispatcher.dispatch_settler import DispatchSettler
-from merlin_rosplan.dispatcher.dispatch_topics import SHUTDOWN_DEADLINE, DispatchTopics
-from merlin_rosplan.dispatcher.knowledge_events import KnowledgeEvents
+from merlin_rosplan.dispatcher.dispatch_topics import SHUTDOWN_DEADLINE, DispatchTopics, KnowledgeEvents
 from merlin_rosplan.transport.component import Component
 from merlin_rosplan.transport.handover import Handover
 
@@ -104,7 +103,10 @@ IDLE = _Turn()
 
 
 class PlanDispatcher(Component):
-    """Base of both dispatchers.
+    """Base of both dispatchers: one dispatch at a time, whose owner is the client that leases its goal.
+
+    The next one waits while the first one ends, is refused while its owner lives, and else stops it. A stop
+    cancels the actions; those that do not answer in time are named, and settled in the knowledge base.
 
     Services ``dispatch_plan``, ``cancel_dispatch``, ``exchange_plan``, ``breakpoints``; action server
     ``dispatch_plan_action``; topics ``action_dispatch``, ``dispatch_status`` and what the subclass adds.

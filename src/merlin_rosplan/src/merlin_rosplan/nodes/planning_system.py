@@ -17,8 +17,8 @@ KINDS: Dict[str, Tuple[str, str]] = {
     "planner_interface": ("merlin_rosplan.nodes.planner_interface", "PlannerInterface"),
     "simple_plan_parser": ("merlin_rosplan.nodes.plan_parser_node", "SimplePlanParser"),
     "esterel_plan_parser": ("merlin_rosplan.nodes.plan_parser_node", "EsterelPlanParser"),
-    "simple_plan_dispatcher": ("merlin_rosplan.dispatcher.dispatcher_kinds", "SimplePlanDispatcher"),
-    "esterel_plan_dispatcher": ("merlin_rosplan.dispatcher.dispatcher_kinds", "EsterelPlanDispatcher"),
+    "simple_plan_dispatcher": ("merlin_rosplan.dispatcher.simple_and_esterel", "SimplePlanDispatcher"),
+    "esterel_plan_dispatcher": ("merlin_rosplan.dispatcher.simple_and_esterel", "EsterelPlanDispatcher"),
     "sensing_interface": ("merlin_rosplan.nodes.sensing_interface", "SensingInterface"),
 }
 

@@ -50,7 +50,7 @@ OPERATORS = {"drive": ("d", "from", "to"), "mop": ("r",)}
 Planned = Tuple[str, float, float]  # text, start, duration
 
 
-class RobotStory:
+class RobotScenario:
     """A robot with two rooms and a door."""
 
     def __init__(self, folder: Path) -> None:

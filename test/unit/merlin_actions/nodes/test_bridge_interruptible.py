@@ -1,18 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A bridge tells the Executor at which states of its machine a more urgent request has to wait."""
+"""A bridge publishes at which states of its machine a more urgent request has to wait."""
 
 from types import SimpleNamespace
 from typing import Any, Callable, List
 
 import pytest
 from actionlib_msgs.msg import GoalStatus
-from diagnostic_msgs.msg import KeyValue
+from fakes.dispatched import Dispatcher
 from merlin_msgs.msg import RunActionFeedback, RunActionResult
-from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback
-from rosplan_knowledge_msgs.msg import DomainFormula
+from rosplan_dispatch_msgs.msg import ActionFeedback
 
-from merlin_actions import action_interface, merlin_action
-from merlin_actions.core.execution import Execution
+from merlin_actions import merlin_action
 from merlin_actions.merlin_action import MerlinAction
 from merlin_planning.action_messages import answer_in
 from merlin_planning.dispatch_progress import DispatchAnswer
@@ -28,8 +26,17 @@ class Host:
         self.parameter = ""
         self.late: Callable[[], None] = lambda: None
 
+    def robot(self, binding: Any) -> str:
+        return ""
+
+    def param(self, robot: str) -> str:
+        return "actions/deliver"
+
     def client(self, robot: str) -> "Host":
         return self
+
+    def wait_for_server(self, limit: float, stopped: Callable[[], bool]) -> bool:
+        return True
 
     def send(self, goal: Any, on_done: Any, on_feedback: Any, owner: str) -> Any:
         sent = SimpleNamespace(done=True, status=GoalStatus.SUCCEEDED, text="", result=RunActionResult())
@@ -41,27 +48,35 @@ class Host:
 
 
 @pytest.mark.parametrize(
-    ("kept", "told"),
+    ("kept", "changes"),
     [
         ([False, True, True, False, True], ["no", "yes", "no"]),
         ([False, False], []),  # of a class that does not say anything
     ],
 )
-def test_each_change_is_told_once(monkeypatch: pytest.MonkeyPatch, kept: List[bool], told: List[str]) -> None:
-    operator = SimpleNamespace(formula=DomainFormula(name="deliver"))
-    knowledge = SimpleNamespace(name="/kb", operator=lambda name: operator)
+def test_each_change_is_published_once(
+    monkeypatch: pytest.MonkeyPatch, kept: List[bool], changes: List[str]
+) -> None:
     host, published = Host(*kept), []  # type: ignore[var-annotated]
-    monkeypatch.setattr(action_interface, "knowledge_client", lambda name: knowledge)
-    monkeypatch.setattr(action_interface, "effects_of", lambda details, knowledge: None)
-    monkeypatch.setattr(action_interface, "publish", lambda publisher, message: published.append(message))
+    dispatcher = Dispatcher(monkeypatch)
     monkeypatch.setattr(merlin_action, "ActionServers", lambda *_: host)
     monkeypatch.setattr(merlin_action.rospy.Time, "now", lambda: merlin_action.rospy.Time(1))
-    bridge = MerlinAction("deliver")
-    monkeypatch.setattr(bridge, "_feedback", None, raising=False)
-    execution = Execution(ActionDispatch(plan_id=7, action_id=2, name="deliver"), [KeyValue("c", "cup")])
-    assert bridge.run(execution).succeeded
-    execution.answered = True
+
+    def note(topic: str, message: Any) -> None:
+        if isinstance(message, ActionFeedback):
+            published.append(message)
+
+    dispatcher.topics.before = note
+    bridge = MerlinAction("navigate")
+    bridge.start()
+    dispatcher.wait_announced()
+    dispatcher.dispatch(2)
+    end = dispatcher.end()
     host.late()  # its feedback came behind the end
-    assert all((m.plan_id, m.action_id, m.status) == (7, 2, ActionFeedback.ACTION_ENABLED) for m in published)
-    answers = [answer_in(message) for message in published]
-    assert answers == [(DispatchAnswer.TAKEN, {"interruptible": each}) for each in told]
+    bridge.shutdown()
+    taken, *answers, last = published
+    assert last is end and end.status == ActionFeedback.ACTION_SUCCEEDED_TO_GOAL_STATE
+    assert answer_in(taken) == (DispatchAnswer.TAKEN, {})
+    assert all((m.plan_id, m.action_id, m.status) == (7, 2, ActionFeedback.ACTION_ENABLED) for m in answers)
+    interruptible = [(DispatchAnswer.TAKEN, {"interruptible": each}) for each in changes]
+    assert [answer_in(message) for message in answers] == interruptible

@@ -23,7 +23,7 @@ class Broken(Exception):
     """Something has not happened in time; the text says what."""
 
 
-class Story:
+class Demonstration:
     """Plays it.
 
     :param client: of the fleet.
@@ -46,7 +46,7 @@ class Story:
         self._ledger = ledger
         self._say = say
         self._changed = threading.Condition()
-        self._told: Dict[str, str] = {}
+        self._reported: Dict[str, str] = {}
         self._closed = False
         self._news = threading.Thread(target=self._follow, name="fleet news", daemon=True)
 
@@ -141,12 +141,12 @@ class Story:
     def _follow(self) -> None:
         """Says what the fleet says."""
         while not self._closed:
-            self._client.wait(lambda: self._closed or self._states() != self._told, 1.0)
+            self._client.wait(lambda: self._closed or self._states() != self._reported, 1.0)
             states = self._states()
             for what, state in states.items():
-                if self._told.get(what) != state:
+                if self._reported.get(what) != state:
                     self._say(f"hub: {what} {state}")
-            self._told = states
+            self._reported = states
             with self._changed:
                 self._changed.notify_all()
 

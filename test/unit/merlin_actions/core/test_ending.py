@@ -6,9 +6,16 @@ from typing import Any
 
 import pytest
 
-from merlin_actions.core.ending import GIVEN_UP, NOT_BEGUN, Ending, information_of
+from merlin_actions.core.ending import (
+    GIVEN_UP,
+    NOT_BEGUN,
+    Ending,
+    MachineEnd,
+    answer_of,
+    ending_of,
+    information_of,
+)
 from merlin_actions.core.execution import Execution
-from merlin_actions.core.machine_end import MachineEnd, answer_of, ending_of
 from merlin_ros.work.goal_end import GoalEnd
 
 ABORTED = MachineEnd("aborted", "the door is closed")
@@ -81,7 +88,7 @@ def test_what_another_try_cannot_help_is_named(outcome: str, begun: bool, execut
     assert information_of(ending) == {"reason": "no such place", "final": "(bring * attic)"}
 
 
-def test_a_dispatcher_is_told_what_does_not_stop() -> None:
+def test_what_does_not_stop_is_reported_to_the_dispatcher() -> None:
     assert information_of(Ending(False, "it hangs", unstopped="move_base")) == {
         "reason": "it hangs",
         "stopped": "no",
