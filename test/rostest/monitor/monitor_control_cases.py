@@ -329,8 +329,8 @@ class ControlCases(PageCases):
         self.drives.wait_driving()
         page.click("#pause")
         self.assertTrue(self.status.wait(lambda status: status.paused))
-        visit.wait_text("#now-doing", "paused")
         self.drives.hold()  # the next one
+        visit.wait_text("#now-doing", "paused")
         self.assertTrue(self.status.wait(lambda status: status.state == ExecutorStatus.IDLE))
         visit.wait_text("#queue-note", "1 waiting")
         self.assertEqual(ended, [])
