@@ -160,6 +160,34 @@ def test_a_dispatch_that_overtakes_its_plan_counts() -> None:
     assert states(tree) == {"0": "waiting", "1": "waiting"}
 
 
+@pytest.mark.parametrize("heard", [*permutations(["dispatch", "status"]), ("dispatch",), ("status",)])
+@pytest.mark.parametrize("answer", [1, 2])
+def test_a_plan_like_the_one_before_counts_though_its_dispatch_overtakes_it(
+    heard: Tuple[str, ...], answer: int
+) -> None:
+    tree, plan, _ = section()
+    drive = ("from", "hall"), ("to", "kitchen")
+    plan.planned(*sequential_steps(PLAN), 10.0)
+    plan.dispatched(dispatch(0, "navigate", *drive, plan=7), 11.0)
+    plan.dispatcher(DispatchStatus(state=DispatchStatus.RUNNING, plan_id=7), 11.0)
+    plan.feedback(feedback(0, 10, "cancelled", plan=7), 12.0)
+    plan.dispatcher(DispatchStatus(plan_id=7), 12.0)
+    begun = DispatchStatus(state=DispatchStatus.RUNNING, plan_id=8, running=[running(0, "navigate", *drive)])
+    for what in heard:
+        if what == "dispatch":
+            plan.dispatched(dispatch(0, "navigate", *drive, plan=8), 13.0)
+        else:
+            plan.dispatcher(begun, 13.0)
+    plan.feedback(feedback(0, answer, plan=8), 13.1)
+    assert states(tree)["0"] == "cancelled"
+    plan.planned(*sequential_steps(PLAN), 13.2)
+    if "dispatch" not in heard:
+        plan.dispatched(dispatch(0, "navigate", *drive, plan=8), 13.3)
+    assert states(tree) == {"0": "succeeded" if answer == 2 else "running", "1": "waiting"}
+    plan.planned(*sequential_steps(PLAN), 14.0)  # of which nothing has begun
+    assert states(tree) == {"0": "waiting", "1": "waiting"}
+
+
 def test_what_goes_on_is_shown_in_front_of_the_plan_that_follows() -> None:
     tree, plan, _ = section()
     drive = ("from", "hall"), ("to", "kitchen")

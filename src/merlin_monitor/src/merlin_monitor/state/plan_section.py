@@ -59,7 +59,8 @@ class PlanSection:
         self._status: Any = None  # the dispatcher's last one
         self._status_at = 0.0  # s of ROS time
         self._kept: Mapping[str, Any] = {}  # the section of an earlier life, until the first plan
-        self._missed: List[Tuple[Any, float]] = []  # dispatches of no step that is known
+        self._missed: List[Tuple[Any, float]] = []  # dispatches of no step that is known, or begun before
+        self._begun: Dict[int, int] = {}  # step -> the dispatch that has begun it
         tree.put(SECTION, steps={}, replans=[])
 
     @property
@@ -87,12 +88,13 @@ class PlanSection:
     def planned(self, steps: List[ShownStep], edges: Edges, at: float) -> None:
         """Takes a new plan."""
         late = not self._plans and self._status is not None and self._status.state
+        overtaken = self._status if self._of_another_plan(at) else None
         self._plans += 1
-        self._dispatch = 0
+        self._dispatch, self._begun = 0, {}
         missed = [(message, received) for message, received in self._missed if at - received < OVERTAKEN]
         self._missed = []
         if not late:
-            kept = {message.plan_id for message, _ in missed}
+            kept = {message.plan_id for message in (*(each for each, _ in missed), overtaken) if message}
             self._early = {key: answer for key, answer in self._early.items() if key[0] in kept}
         self._edges = edges
         self._replaced, self._steps = self._steps, {step.id: self._shown(step) for step in steps}
@@ -105,7 +107,10 @@ class PlanSection:
             self.dispatched(message, received)
         if late:
             self._catch_up()
-        elif self._plans > 1:
+            return
+        if overtaken:
+            self.dispatcher(overtaken, self._status_at)
+        if self._plans > 1:
             self._kept = {}
 
     def words_of(self, text: str) -> Phrase:
@@ -133,12 +138,14 @@ class PlanSection:
         self._follow(message.plan_id)
         step = self._steps.get(message.action_id)
         text = atom_text(message.name, [parameter.value for parameter in message.parameters])
-        if step is None or step["text"] != text:
-            # Latched, of a plan that was not received, or faster than its plan.
+        known = step is not None and step["text"] == text
+        if not known or self._begun.get(message.action_id, message.plan_id) != message.plan_id:
+            # Latched, of a plan that was not received, or faster than its plan, which may be the same again.
             self._missed = [*self._missed, (message, at)][-20:]
             return
+        assert step is not None
         if step["state"] in NOT_DISPATCHED:
-            self._put(step, state=DISPATCHED, began=at)
+            self._begin(step, message.plan_id, at)
         early = self._early.pop((message.plan_id, message.action_id), None)
         if early is not None:
             self._answer(step, *early)
@@ -148,8 +155,8 @@ class PlanSection:
         reason = next((pair.value for pair in message.information if pair.key == "reason"), "")
         step = self._steps.get(message.action_id)
         known = message.plan_id in (0, self._dispatch)
-        if step is None or not known or step["state"] in NOT_DISPATCHED:
-            # Latched by each interface: of an earlier plan, or of a dispatch whose message comes later.
+        if step is None or not known or step["state"] in (WAITING, *ENDED):
+            # Latched by each interface: of an earlier plan, or of a dispatch that, or whose plan, is late.
             if len(self._early) > 200:
                 self._early.clear()
             self._early[message.plan_id, message.action_id] = message.status, reason, at
@@ -174,7 +181,7 @@ class PlanSection:
                 # Of the dispatcher's own clock only how long ago it was is of use.
                 stamps = message.header.stamp, action.dispatched
                 ago = (stamps[0] - stamps[1]).to_sec() if all(stamps) else 0.0
-                self._put(step, state=DISPATCHED, began=at - ago)
+                self._begin(step, message.plan_id, at - ago)
         self._tree.set(
             SECTION,
             "dispatcher",
@@ -186,6 +193,17 @@ class PlanSection:
                 "reason": message.reason,
             },
         )
+
+    def _of_another_plan(self, at: float) -> bool:
+        """Whether the dispatcher has just said what runs, of a plan that is heard only now."""
+        status = self._status
+        if status is None or not status.state or at - self._status_at >= OVERTAKEN:
+            return False
+        return status.plan_id not in self._begun.values()
+
+    def _begin(self, step: Dict[str, Any], dispatch: int, at: float) -> None:
+        self._begun[step["id"]] = dispatch
+        self._put(step, state=DISPATCHED, began=at)
 
     def _show_earlier(self, running: Sequence[Any]) -> None:
         """Shows what goes on of a plan before in front of the one that follows it, whose ids are higher."""
