@@ -103,6 +103,11 @@ def pytest_collection() -> Generator[None, object, object]:
         gc.enable()
 
 
+def pytest_unconfigure() -> None:
+    """Else what kairos' bindings have left would be printed by each worker."""
+    gc.unfreeze()
+
+
 def pytest_collection_modifyitems(config: pytest.Config, items: List[pytest.Item]) -> None:
     """Begins with the files that take longest."""
     if config.getoption("progress"):

@@ -112,6 +112,13 @@ def lazily(folder, text):
 
 
 @pytest.mark.everywhere
+def test_a_node_that_has_checked_a_plan_prints_nothing_at_its_end():
+    text = "lean_start.end_lightly()\nfrom merlin_pddl.checks import kairos_check\nkairos_check.load()"
+    command = [sys.executable, "-c", f"from merlin_ros import lean_start\n{text}"]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
 def test_threads_that_use_a_lazy_module_at_once_import_it_once_and_get_all_of_it(tmp_path):
     lazily(
         tmp_path,

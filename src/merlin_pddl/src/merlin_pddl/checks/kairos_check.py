@@ -4,7 +4,9 @@
 With kairos where it is installed; else our own reader reads, and plans are carried out on paper.
 """
 
+import atexit
 import functools
+import gc
 import importlib
 import importlib.util
 import math
@@ -42,9 +44,12 @@ def available() -> bool:
 def load() -> Optional[ModuleType]:
     """kairos, loaded when it is first needed: a node that plans in another process never needs it."""
     try:
-        return importlib.import_module("kairos")
+        kairos = importlib.import_module("kairos")
     except ImportError:  # Python 3.8 of Noetic: kairos needs 3.10
         return None
+    # Its bindings print all that is left of them when Python ends without a look for garbage, as nodes do.
+    atexit.unregister(gc.freeze)
+    return kairos
 
 
 def check_input(domain: str, problem: str, domain_name: str, problem_name: str) -> Optional[str]:
