@@ -14,12 +14,13 @@ LONG = (pytest.mark.long, pytest.mark.timeout(3600))
 @pytest.mark.parametrize(
     ("budget", "every", "kinds"),
     [
-        (2, 4, ("revoke", "unclaim", "cut", "mend")),
-        (2, 6, ("revoke", "unclaim", "kill", "restart", "hang")),
-        (2, 4, ("revoke", "hub down", "hub up")),
-        (3, 10, ("revoke", "cut", "restart")),
+        (2, 5, ("revoke", "unclaim", "cut", "mend")),
+        (2, 9, ("revoke", "unclaim", "kill", "restart", "hang")),
+        (2, 5, ("revoke", "hub down", "hub up")),
+        (3, 12, ("revoke", "cut", "restart")),
         pytest.param(2, 2, ("revoke", "unclaim", "cut", "mend"), marks=LONG),
         pytest.param(2, 4, ("revoke", "unclaim", "kill", "restart", "hang"), marks=LONG),
+        pytest.param(2, 4, ("revoke", "hub down", "hub up"), marks=LONG),
         pytest.param(3, 8, ("revoke", "cut", "restart"), marks=LONG),
     ],
 )
