@@ -4,6 +4,7 @@
 Those whose name ends in ``_long`` are marked as long.
 """
 
+import atexit
 import contextlib
 import fcntl
 import gc
@@ -85,6 +86,9 @@ def pytest_configure(config: pytest.Config) -> None:
         os.environ.pop(name, None)
     # Else each process of a test compiles all messages, again and again.
     sys.dont_write_bytecode = False
+    if hasattr(config, "workerinput"):
+        # Python would look through all that was collected, and kairos' bindings would print what is left.
+        atexit.register(os._exit, 0)
     if config.getoption("numprocesses", None):
         compile_tests(config, (Path(each.split("::", 1)[0]) for each in config.args))
     use_loopback()
@@ -104,7 +108,7 @@ def pytest_collection() -> Generator[None, object, object]:
 
 
 def pytest_unconfigure() -> None:
-    """Else what kairos' bindings have left would be printed by each worker."""
+    """Else kairos' bindings would print what is left of them."""
     gc.unfreeze()
 
 

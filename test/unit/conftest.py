@@ -182,9 +182,12 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Iterator[SimulatedClock]:
     before = set(threading.enumerate())
     made.set(100.0)
     yield made
+    end = time.monotonic() + LIMIT
     for thread in set(threading.enumerate()) - before:
         if thread.name not in ("timer", "running limits"):  # those of the process stay
-            thread.join(LIMIT)  # one that looks at the clock later would find none
+            # One that looks at the clock later would find none. Not joined: it may be about to be started.
+            while thread in threading.enumerate() and time.monotonic() < end:
+                time.sleep(0.001)
     rostime.switch_to_wallclock()
 
 
