@@ -198,7 +198,7 @@ def end_children(limit: float = KILL_LIMIT) -> List[int]:
 
 
 def _reap(process: int, options: int = 0) -> bool:
-    """Whether a child has ended; then it is no longer there."""
+    """Whether a child has ended; it is reaped then."""
     try:
         return os.waitpid(process, options)[0] != 0
     except ChildProcessError:  # another thread has reaped it

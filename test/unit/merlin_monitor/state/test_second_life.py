@@ -93,7 +93,7 @@ def test_finished_steps_stay_finished_and_the_run_goes_on(tmp_path: Path, plan_f
     life.hears(34.0, 2, first=not plan_first)
     assert life.states == ["succeeded", "succeeded", "dispatched", "waiting"]
     assert (life.steps[0]["began"], life.steps[0]["ended"]) == (5.0, 14.0)
-    assert life.reported.texts == ["the monitor was started again"], "nothing is told twice"
+    assert life.reported.texts == ["the monitor was started again"], "nothing is reported twice"
     ended = ExecuteActionResult(result=ExecuteResult(outcome=ExecuteResult.SUCCEEDED))
     ended.status = GoalStatus(goal_id=GoalID(id=REQUEST))
     life.state.now.result(ended, 36.0)
