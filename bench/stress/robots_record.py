@@ -18,12 +18,18 @@ class _Seen:
         self.ends: Dict[str, bool] = {}  # goal -> whether it has succeeded; may come before the goal
         self.driving: List[str] = []
         self.moves = False
+        self.known: Optional[Set[str]] = None  # goals before its host, which hung, continues; None: did not
+        self.stirred = False  # it has moved since then
+
+    @property
+    def last(self) -> str:
+        """The goal of its last drive; empty: there was none."""
+        return max(self.drives, key=lambda goal: self.drives[goal].begin, default="")
 
     @property
     def place(self) -> Optional[str]:
         """Where its last drive has ended; None: on its way."""
-        last = max(self.drives, key=lambda goal: self.drives[goal].begin, default="")
-        return self.drives[last].place if self.ends.get(last) else None
+        return self.drives[self.last].place if self.ends.get(self.last) else None
 
 
 class RobotsRecord:
@@ -46,14 +52,20 @@ class RobotsRecord:
         self._planned = True
         for robot, seen in self._robots.items():
             self._earlier[robot] = set(seen.drives)
+            seen.known, seen.stirred = None, False
 
-    def rest(self, at: float) -> None:
+    def rest(self, at: float, continues: str = "") -> None:
         """No robot may move from now on.
 
         :param at: s of ROS time; messages about an earlier goal may still come.
+        :param continues: a robot whose host hung and continues. Its base may get a goal that this host was
+            about to send, and no motion for it; it may move for one that was on its way, until the host has
+            read the cancel.
         """
         self._planned = False
         self._rested = at
+        if continues:
+            self._robots[continues].known = set(self._robots[continues].drives)
 
     def running(self, actions: Sequence[Sequence[str]]) -> None:
         """The ground actions that a dispatcher waits for; the first argument is the robot."""
@@ -67,8 +79,9 @@ class RobotsRecord:
 
         :param begin: s of ROS time; orders the goals.
         """
-        self._robots[robot].drives[goal] = _Drive(place, begin)
-        if not self._planned and begin > self._rested:
+        seen = self._robots[robot]
+        seen.drives[goal] = _Drive(place, begin)
+        if not self._planned and begin > self._rested and seen.known is None:
             self.wrong.append(f"the base of {robot} gets a goal, and no plan is carried out")
 
     def carries_out(self, robot: str, goals: Sequence[str]) -> None:
@@ -85,7 +98,9 @@ class RobotsRecord:
         """The last velocity of a robot."""
         seen = self._robots[robot]
         if moves and not seen.moves and not self._planned:
-            self.wrong.append(f"{robot} drives, and no plan is carried out")
+            if seen.known is None:
+                self.wrong.append(f"{robot} drives, and no plan is carried out")
+            seen.stirred = True
         seen.moves = moves
 
     @property
@@ -105,6 +120,7 @@ class RobotsRecord:
         """
         reached: Set[str] = set()
         for robot, seen in self._robots.items():
+            yield from self._after_a_hang(robot, seen)
             said = list(positions.get(robot, []))
             if len(said) != 1:
                 yield f"{robot} is at {said or 'no place'}"
@@ -114,3 +130,13 @@ class RobotsRecord:
             reached |= {seen.drives[goal].place for goal in new if seen.ends.get(goal)}
         for place in sorted(set(visited) - reached):
             yield f"{place} is said to be visited, and no drive has ended there"
+
+    def _after_a_hang(self, robot: str, seen: _Seen) -> Iterator[str]:
+        """What a host that continues must not do."""
+        if seen.known is None:
+            return
+        late = [drive for goal, drive in seen.drives.items() if goal not in seen.known]
+        if seen.stirred and all(drive.begin > self._rested for drive in late):
+            yield f"{robot} has moved, and no goal for that was on its way when its host hung"
+        if any(seen.ends.get(goal) for goal in set(seen.drives) - seen.known):
+            yield f"{robot} has reached {late[-1].place} after its host hung, and no plan is carried out"

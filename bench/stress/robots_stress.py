@@ -138,7 +138,8 @@ class RobotsStress:
         self._until("an idle executor", lambda: [] if self._idle else ["it is busy"])
         self._until("the end of everything", lambda: self._record.restless)
         with self._changed:
-            self._record.rest(rospy.get_time())  # also when a host that hung continues
+            hangs = cycle.how == "stop" and cycle.cancel  # still
+            self._record.rest(rospy.get_time(), cycle.victim if hangs else "")
         back()
         self._check()
 
@@ -184,6 +185,8 @@ class RobotsStress:
         """Everything is as the knowledge says, and the robots come back."""
         self._until("the truth", self._contradictions)
         self._until("robots that are back", self._missing)
+        # A host that continues may have sent a goal, and taken it back.
+        self._until("the end of everything", lambda: [*self._record.restless, *self._contradictions()])
         with self._changed:
             wrong = [*self._record.wrong, *self._record.restless]
         if wrong:

@@ -12,6 +12,7 @@ from merlin_msgs.msg import Lease, ListenAction, ListenActionGoal
 
 from merlin_ros.actions import lease_watch
 from merlin_ros.actions.action_server import ActionServer, ServerGoal
+from merlin_ros.actions.hang_watch import HUNG, SETTLE, HangWatch
 from merlin_ros.actions.lease import LeaseState
 from merlin_ros.actions.ownership import Ownership, ownership
 from merlin_ros.alarms import Alarm
@@ -35,6 +36,20 @@ def test_one_suspended_goal_says_nothing_about_another() -> None:
     goals.suspend("drive 2")
     goals.resume("drive 1")
     assert goals.suspended("drive 2") is True and goals.suspended() is True
+
+
+def test_all_goals_are_suspended_until_what_came_during_a_hang_is_read() -> None:
+    now = [100.0]
+    watch = HangWatch(lambda: now[0])
+    goals = Ownership(watch)
+    watch.beat()
+    assert not goals.suspended("drive 1")
+    now[0] += 2 * HUNG
+    assert goals.suspended("drive 1") and goals.suspended()
+    watch.beat()
+    assert goals.suspended("drive 1")
+    now[0] += SETTLE
+    assert not goals.suspended("drive 1") and not goals.suspended()
 
 
 def test_a_listener_hears_each_change_once_and_after_it() -> None:

@@ -9,13 +9,18 @@ only that one counts; else one suspended goal suspends all that the process has 
 import threading
 from typing import Callable, List, Optional, Set
 
+from merlin_ros.actions.hang_watch import HangWatch, hangs
 from merlin_ros.master.master_link import silent
 
 
 class Ownership:
-    """The suspended goals of a process; thread-safe."""
+    """The suspended goals of a process; thread-safe.
 
-    def __init__(self) -> None:
+    :param watch: of the process.
+    """
+
+    def __init__(self, watch: HangWatch = hangs) -> None:
+        self._watch = watch
         self._lock = threading.Lock()  # guards both fields below
         self._suspended: Set[str] = set()
         self._listeners: List[Callable[[], None]] = []
@@ -38,8 +43,12 @@ class Ownership:
             listener()
 
     def suspended(self, goal: Optional[str] = None) -> bool:
-        """Whether a goal is suspended; None: any of the process. All are while the master is silent."""
-        if silent.is_set():
+        """Whether a goal is suspended; None: any of the process.
+
+        All are while the master is silent, and while this process may not have read what came during a hang
+        of it: a cancel, as a rule.
+        """
+        if silent.is_set() or self._watch.unsettled() > 0.0:
             return True
         with self._lock:
             return bool(self._suspended) if goal is None else goal in self._suspended
