@@ -18,7 +18,8 @@ class _Seen:
         self.ends: Dict[str, bool] = {}  # goal -> whether it has succeeded; may come before the goal
         self.driving: List[str] = []
         self.moves = False
-        self.known: Optional[Set[str]] = None  # goals before its host, which hung, continues; None: did not
+        self.known: Optional[Set[str]] = None  # goals at the rest, of one that was struck
+        self.over: Set[str] = set()  # those of them that had ended: its base may not have another one yet
         self.stirred = False  # it has moved since then
 
     @property
@@ -54,18 +55,19 @@ class RobotsRecord:
             self._earlier[robot] = set(seen.drives)
             seen.known, seen.stirred = None, False
 
-    def rest(self, at: float, continues: str = "") -> None:
+    def rest(self, at: float, struck: str = "") -> None:
         """No robot may move from now on.
 
         :param at: s of ROS time; messages about an earlier goal may still come.
-        :param continues: a robot whose host hung and continues. Its base may get a goal that this host was
-            about to send, and no motion for it; it may move for one that was on its way, until the host has
-            read the cancel.
+        :param struck: a robot whose host hangs and will continue, or was killed. Its base may get a goal that
+            this host was about to send, and no motion for it; it may move for one that was on its way, until
+            that is cancelled.
         """
         self._planned = False
         self._rested = at
-        if continues:
-            self._robots[continues].known = set(self._robots[continues].drives)
+        if struck:
+            seen = self._robots[struck]
+            seen.known, seen.over = set(seen.drives), set(seen.ends)
 
     def running(self, actions: Sequence[Sequence[str]]) -> None:
         """The ground actions that a dispatcher waits for; the first argument is the robot."""
@@ -135,8 +137,11 @@ class RobotsRecord:
         """What a host that continues must not do."""
         if seen.known is None:
             return
-        late = [drive for goal, drive in seen.drives.items() if goal not in seen.known]
-        if seen.stirred and all(drive.begin > self._rested for drive in late):
+        open_drives = [drive for goal, drive in seen.drives.items() if goal not in seen.over]
+        if seen.stirred and all(drive.begin > self._rested for drive in open_drives):
             yield f"{robot} has moved, and no goal for that was on its way when its host hung"
-        if any(seen.ends.get(goal) for goal in set(seen.drives) - seen.known):
-            yield f"{robot} has reached {late[-1].place} after its host hung, and no plan is carried out"
+        for goal in set(seen.drives) - seen.known:
+            # A simulated base arrives when its time is over, also where its guard let nothing pass.
+            if seen.stirred and seen.ends.get(goal):
+                place = seen.drives[goal].place
+                yield f"{robot} has reached {place} after its host hung, and no plan is carried out"

@@ -138,8 +138,8 @@ class RobotsStress:
         self._until("an idle executor", lambda: [] if self._idle else ["it is busy"])
         self._until("the end of everything", lambda: self._record.restless)
         with self._changed:
-            hangs = cycle.how == "stop" and cycle.cancel  # still
-            self._record.rest(rospy.get_time(), cycle.victim if hangs else "")
+            struck = cycle.how == "kill" or (cycle.how == "stop" and cycle.cancel)  # that one hangs still
+            self._record.rest(rospy.get_time(), cycle.victim if struck else "")
         back()
         self._check()
 

@@ -90,6 +90,7 @@ def test_what_must_not_happen_is_noted(record):
         (2.4, True, False, ""),
         (3.0, False, False, ""),
         (3.0, True, False, "ann has moved, and no goal for that was on its way when its host hung"),
+        (2.4, False, True, ""),
         (2.4, True, True, "ann has reached hall after its host hung, and no plan is carried out"),
     ],
 )
@@ -97,7 +98,7 @@ def test_a_host_that_continues_moves_its_base_only_for_a_goal_that_was_on_its_wa
     record, begin, moves, succeeds, found
 ):
     arrive(record)
-    record.rest(2.5, continues="ann")
+    record.rest(2.5, struck="ann")
     record.moved("ann", moves)
     assert bool(contradictions(record, ann="anywhere")) == moves, "the goal is not heard yet"
     record.sent("ann", "g2", "hall", begin)
@@ -106,6 +107,16 @@ def test_a_host_that_continues_moves_its_base_only_for_a_goal_that_was_on_its_wa
     assert contradictions(record, ann="anywhere") == [found][: bool(found)] and record.wrong == []
     record.begin()
     assert contradictions(record, ann="anywhere", visited=[]) == []
+
+
+def test_a_goal_that_is_heard_before_its_base_has_it_was_on_its_way(record):
+    arrive(record)
+    record.sent("ann", "g2", "hall", 2.4)
+    record.rest(2.5, struck="ann")
+    record.moved("ann", True)
+    record.moved("ann", False)
+    record.ended("ann", "g2", False)
+    assert contradictions(record, ann="anywhere") == [] == record.wrong
 
 
 def test_what_is_done_is_that_of_the_seed():
