@@ -57,9 +57,9 @@ class StopCases(ControlCases):
         finally:
             os.kill(pid, signal.SIGCONT)
         self.assertTrue(request.wait(LONG))
-        self.assertIn(
-            outcome_name(request.result.outcome), ("CANCELLED", "ACTION_FAILED"), request.result.reason
-        )
+        # INTERNAL: a slow page took longer than a client waits for an Executor that hangs.
+        ends = ("CANCELLED", "ACTION_FAILED", "INTERNAL")
+        self.assertIn(outcome_name(request.result.outcome), ends, request.result.reason)
         # Another page says it too, and offers to release.
         other = self.operator()
         other.wait_text("#now-doing", "stopped and held by a visitor at 127.0.0.1 since ")
