@@ -31,6 +31,7 @@ from merlin_planning.knowledge_client import (
     knowledge_client,
 )
 from merlin_planning.knowledge_text import action_text, parse_literals
+from merlin_ros.actions.hang_watch import hangs
 from merlin_ros.actions.lease import LeaseChange, LeaseState
 from merlin_ros.actions.lease_holder import LIFE
 from merlin_ros.actions.lease_watch import LeaseWatch
@@ -145,6 +146,7 @@ class ActionInterface:
     def start(self) -> None:
         """Begins to serve."""
         dispatch_topic, feedback_topic = self._topics
+        hangs.begin()  # a run that goes on after a hang may send its goal before the cancel is read
         self._owners = LeaseWatch(f"{self._dispatcher}/lease", self._owner_changed)
         self._feedback = rospy.Publisher(feedback_topic, ActionFeedback, latch=True, queue_size=QUEUE)
         self._announcements = rospy.Publisher(

@@ -11,7 +11,9 @@ from merlin_actions import action_interface
 from merlin_actions.core.ending import Ending
 from merlin_actions.core.execution import Execution
 from merlin_planning.dispatch_progress import CANCEL_ACTION
-from merlin_ros.actions.ownership import ownership
+from merlin_ros.actions import hang_watch
+from merlin_ros.actions.hang_watch import HUNG, HangWatch
+from merlin_ros.actions.ownership import Ownership, ownership
 
 LONG = 60.0
 
@@ -83,9 +85,23 @@ def test_an_action_that_is_cancelled_is_not_answered_before_it_has_stopped(
     assert dispatcher.end().action_id == 2
 
 
-def test_an_action_whose_lease_came_before_it_and_is_suspended_does_not_move(
-    interface: Probe, dispatcher: Dispatcher
+def test_what_an_interface_sends_after_a_hang_is_suspended_until_a_cancel_may_be_read(
+    dispatcher: Dispatcher, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    now = [100.0]
+    watch = HangWatch(lambda: now[0])
+    monkeypatch.setattr(action_interface, "hangs", watch)
+    interface = Probe()
+    interface.start()
+    now[0] += 2 * HUNG
+    assert Ownership(watch).suspended("7/2")
+    interface.shutdown()
+
+
+def test_an_action_whose_lease_came_before_it_and_is_suspended_does_not_move(
+    interface: Probe, dispatcher: Dispatcher, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(hang_watch, "HUNG", LONG)  # this process may hang
     dispatcher.lease(["7/2"], suspended=["7/2"])  # the owner of the dispatcher hangs
     run(interface, dispatcher, 2)
     assert interface.suspended == [True]
