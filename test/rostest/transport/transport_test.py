@@ -21,7 +21,7 @@ from transport_victim import start_victim
 
 import rostest
 from merlin_ros import deadline
-from merlin_ros.actions import action_client, lease_watch, server_silence
+from merlin_ros.actions import action_client, hang_watch, lease_watch, server_silence
 from merlin_ros.actions.action_client import ActionClient
 from merlin_ros.actions.action_server import ActionServer
 from merlin_ros.actions.lease import LOSE_AFTER, LeaseState
@@ -363,6 +363,7 @@ class Owners(unittest.TestCase):
         self.assertFalse(sent[1].wait(1.0), "the other client's goal is not wanted any more")
         self.assertEqual(len(self.stopped), 1)
 
+    @mock.patch.object(hang_watch, "HUNG", LONG)  # a hang of this process suspends all that it has sent
     def test_a_suspension_travels_down_the_chain(self):
         self.below = []
         # The client below is this process, which may be without a processor.

@@ -10,7 +10,7 @@ from actionlib_msgs.msg import GoalID
 from fakes.topics import Topics
 from merlin_msgs.msg import Lease, ListenAction, ListenActionGoal
 
-from merlin_ros.actions import lease_watch
+from merlin_ros.actions import hang_watch, lease_watch
 from merlin_ros.actions.action_server import ActionServer, ServerGoal
 from merlin_ros.actions.hang_watch import HUNG, SETTLE, HangWatch
 from merlin_ros.actions.lease import LeaseState
@@ -21,7 +21,7 @@ LONG = 60.0
 
 
 def test_a_goal_is_suspended_from_the_silence_of_its_owner_to_its_return() -> None:
-    goals = Ownership()
+    goals = Ownership(HangWatch())  # which has not begun: this process may hang
     assert goals.suspended("drive 1") is False and goals.suspended() is False
     goals.suspend("drive 1")
     assert goals.suspended("drive 1") is True and goals.suspended() is True
@@ -30,7 +30,7 @@ def test_a_goal_is_suspended_from_the_silence_of_its_owner_to_its_return() -> No
 
 
 def test_one_suspended_goal_says_nothing_about_another() -> None:
-    goals = Ownership()
+    goals = Ownership(HangWatch())
     goals.suspend("drive 1")
     assert goals.suspended("drive 2") is False
     goals.suspend("drive 2")
@@ -53,7 +53,7 @@ def test_all_goals_are_suspended_until_what_came_during_a_hang_is_read() -> None
 
 
 def test_a_listener_hears_each_change_once_and_after_it() -> None:
-    goals = Ownership()
+    goals = Ownership(HangWatch())
     heard: List[bool] = []
     goals.listen(lambda: heard.append(goals.suspended("drive 1")))
     goals.suspend("drive 1")
@@ -64,7 +64,7 @@ def test_a_listener_hears_each_change_once_and_after_it() -> None:
 
 
 def test_a_listener_that_was_removed_hears_nothing() -> None:
-    goals = Ownership()
+    goals = Ownership(HangWatch())
     first: List[bool] = []
     second: List[bool] = []
 
@@ -85,6 +85,7 @@ def test_an_owner_that_comes_back_while_its_goal_is_taken_is_not_taken_for_silen
     topics, taker, back = Topics(monkeypatch), threading.current_thread(), threading.Event()
     monkeypatch.setattr(rospy.Time, "now", lambda: rospy.Time(1))
     monkeypatch.setattr(lease_watch, "every", lambda period, call: Alarm(call, period))  # no time passes
+    monkeypatch.setattr(hang_watch, "HUNG", LONG)  # this process may
 
     def lease(*suspended: str) -> None:
         topics.send("/listen/lease", Lease(owner="/other", life="1", held=["goal"], suspended=suspended))

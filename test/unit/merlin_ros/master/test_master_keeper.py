@@ -9,6 +9,7 @@ from xmlrpc.server import SimpleXMLRPCServer
 
 import pytest
 
+from merlin_ros.actions import hang_watch
 from merlin_ros.actions.ownership import ownership
 from merlin_ros.master import master_keeper, master_link, master_watch
 from merlin_ros.master.foreign_nodes import ForeignNodes
@@ -83,6 +84,7 @@ def slow(monkeypatch: pytest.MonkeyPatch) -> Iterator[SlowMaster]:
 @pytest.fixture
 def asking(slow: SlowMaster, monkeypatch: pytest.MonkeyPatch) -> Iterator[MasterKeeper]:
     """A keeper that asks the slow master."""
+    monkeypatch.setattr(hang_watch, "HUNG", LONG)  # this process may hang, and suspends all then
     monkeypatch.setattr(KeptParameters, "look", lambda *_: {})
     monkeypatch.setattr(master_keeper, "register_again", lambda *_: None)
     monkeypatch.setattr(master_keeper, "PERIOD", 0.05)
