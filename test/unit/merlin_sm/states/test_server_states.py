@@ -296,7 +296,7 @@ def test_a_goal_for_which_no_velocity_comes_is_cancelled_and_its_server_named(
 
     def say(*goals: str) -> None:
         while not server.guard.followers:
-            pass
+            time.sleep(0.001)
         for take in list(server.guard.followers):
             take(GuardStatus(uncommanded=goals))
             take(GuardStatus(uncommanded=goals))
