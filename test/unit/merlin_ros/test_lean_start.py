@@ -89,6 +89,25 @@ assert callable(search.get_workspaces) and search.find_in_workspaces.__module__ 
     )
 
 
+def test_a_node_is_found_without_reading_every_package():
+    assert not run(
+        """
+lean_start.prepare()
+import roslib.packages
+(first, *_) = roslib.packages.find_node("merlin_guard", "guard")
+assert first.endswith("/guard"), first
+print(*sorted({"catkin_pkg.package", "pyparsing"} & set(sys.modules)))
+from catkin.workspace import get_source_paths, get_workspaces
+(source, *_) = get_source_paths(get_workspaces()[0])
+lean = {path: package.name for path, package in lean_start.find_packages(source).items()}
+import catkin_pkg.packages as whole
+assert whole.find_package_paths  # which imports what catkin has
+assert whole.find_packages is not lean_start.find_packages
+assert lean == {path: package.name for path, package in whole.find_packages(source).items()}
+"""
+    ).strip()
+
+
 LAZY = """
 import builtins, sys, threading
 builtins.entered, builtins.go, builtins.runs = threading.Event(), threading.Event(), []

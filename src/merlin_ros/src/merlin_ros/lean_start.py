@@ -17,7 +17,7 @@ import re
 import sys
 import threading
 from importlib.machinery import ModuleSpec, PathFinder
-from types import FrameType, ModuleType
+from types import FrameType, ModuleType, SimpleNamespace
 from typing import Any, Dict, Iterator, Optional, Sequence
 
 #: Modules that are imported when something of them is first used → functions that do not count as that: each
@@ -25,7 +25,8 @@ from typing import Any, Dict, Iterator, Optional, Sequence
 LAZY: Dict[str, Dict[str, str]] = {
     "ast": {},  # of genmsg
     "calendar": {},  # of email, which reads the headers of XML-RPC
-    "catkin.find_in_workspaces": {"find_in_workspaces": ""},  # of roslib; with pyparsing and unittest
+    "catkin.find_in_workspaces": {"find_in_workspaces": ""},  # of roslib
+    "catkin_pkg.packages": {"find_packages": __name__},  # of that; with pyparsing and unittest
     "ctypes": {},  # of what starts processes
     "difflib": {},  # of the reader of PDDL
     "diagnostic_updater": {},
@@ -172,6 +173,18 @@ def system() -> str:
 def release() -> str:
     """What `platform.release` returns."""
     return os.uname().release
+
+
+def find_packages(basepath: str, *_: Any, **__: Any) -> Dict[str, SimpleNamespace]:
+    """What `catkin_pkg.packages.find_packages` returns, with nothing but the names of the packages.
+
+    More is not asked for where roslib looks for a node, and catkin reads all that each package.xml has.
+    """
+    from rospkg.rospack import list_by_path
+
+    found: Dict[str, str] = {}
+    list_by_path("package.xml", basepath, found)
+    return {os.path.relpath(path, basepath): SimpleNamespace(name=name) for name, path in found.items()}
 
 
 class HTMLDoc:
