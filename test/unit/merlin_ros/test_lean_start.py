@@ -89,6 +89,27 @@ assert callable(search.get_workspaces) and search.find_in_workspaces.__module__ 
     )
 
 
+def test_a_node_is_found_without_reading_every_package():
+    assert not run(
+        """
+lean_start.prepare()
+import roslib.packages
+(first, *_) = roslib.packages.find_node("merlin_guard", "guard")
+assert first.endswith("/guard"), first
+print(*sorted({"catkin_pkg.package", "pyparsing"} & set(sys.modules)))
+from catkin.workspace import get_source_paths, get_workspaces
+(source, *_) = get_source_paths(get_workspaces()[0])
+lean = lean_start.find_packages(source)
+whole = lean_start.find_packages(source, warnings=[])
+import catkin_pkg.package, catkin_pkg.packages
+assert catkin_pkg.packages.find_packages is not lean_start.find_packages
+assert all(isinstance(package, catkin_pkg.package.Package) for package in whole.values())
+facts = [{path: (each.name, each.version) for path, each in found.items()} for found in (lean, whole)]
+assert facts[0] == facts[1]
+"""
+    ).strip()
+
+
 LAZY = """
 import builtins, sys, threading
 builtins.entered, builtins.go, builtins.runs = threading.Event(), threading.Event(), []

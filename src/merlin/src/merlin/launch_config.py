@@ -3,6 +3,7 @@
 
 import contextlib
 import os
+import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 from typing import Any, Callable, Dict, Iterable, Iterator, List, Sequence, Tuple
 
@@ -56,8 +57,9 @@ class Loader(roslaunch.xmlloader.XmlLoader):
         if sources[-1] == self._DISTRIBUTION:
             found = os.environ.get("ROS_DISTRO")
         elif sources[-1] == self._VERSION:
-            with contextlib.suppress(rospkg.ResourceNotFound, rospkg.InvalidManifest):
-                found = rospkg.RosPack().get_manifest("roslaunch").version
+            with contextlib.suppress(rospkg.ResourceNotFound, OSError, ElementTree.ParseError):
+                package = Path(rospkg.RosPack().get_path("roslaunch"), "package.xml")
+                found = (ElementTree.parse(package).findtext("version") or "").strip()
         if found:
             return roslaunch.loader.convert_value(f"{found}\n", ptype)  # the command ends its line, too
         return super().param_value(verbose, name, ptype, *sources)

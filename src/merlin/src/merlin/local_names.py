@@ -11,11 +11,14 @@ from typing import List
 
 LOOPBACK = "127.0.0.1"
 LOCALHOST = "localhost"
-#: roslaunch asks for the address of localhost before it starts a node. Its arguments: an address, the tool.
+#: roslaunch asks for the address of localhost before it starts a node, and two processes for the version of
+#: ROS. Its arguments: an address, the tool.
 _TOOL = (
     "from merlin_ros.lean_start import end_lightly, prepare\n"
     "prepare()\n"
-    "import sys, roslaunch, roslaunch.core, rostest\n"
+    "import sys, roslaunch, roslaunch.core, roslaunch.xmlloader, rostest\n"
+    "from merlin.launch_config import Loader\n"
+    "roslaunch.xmlloader.XmlLoader = Loader\n"
     "end_lightly()\n"
     "roslaunch.core.local_machine().address = sys.argv[1]\n"
     "del sys.argv[:2]\n"

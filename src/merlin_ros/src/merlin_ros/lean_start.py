@@ -25,7 +25,8 @@ from typing import Any, Dict, Iterator, Optional, Sequence
 LAZY: Dict[str, Dict[str, str]] = {
     "ast": {},  # of genmsg
     "calendar": {},  # of email, which reads the headers of XML-RPC
-    "catkin.find_in_workspaces": {"find_in_workspaces": ""},  # of roslib; with pyparsing and unittest
+    "catkin.find_in_workspaces": {"find_in_workspaces": ""},  # of roslib
+    "catkin_pkg.packages": {"find_packages": __name__},  # of that; with pyparsing and unittest
     "ctypes": {},  # of what starts processes
     "difflib": {},  # of the reader of PDDL
     "diagnostic_updater": {},
@@ -172,6 +173,32 @@ def system() -> str:
 def release() -> str:
     """What `platform.release` returns."""
     return os.uname().release
+
+
+def find_packages(basepath: str, *args: Any, **options: Any) -> Dict[str, Any]:
+    """What `catkin_pkg.packages.find_packages` returns; of each package only the name is read.
+
+    More is not asked for where roslib looks for a node, and catkin reads all that each package.xml has.
+    """
+    if args or options:
+        whole = importlib.import_module("catkin_pkg.packages")
+        vars(whole)  # imports it
+        return whole.find_packages(basepath, *args, **options)
+    from rospkg.rospack import list_by_path
+
+    found: Dict[str, str] = {}
+    list_by_path("package.xml", basepath, found)
+    return {os.path.relpath(folder, basepath): _Package(name, folder) for name, folder in found.items()}
+
+
+class _Package:
+    """A package, of which all but the name is read when it is asked for."""
+
+    def __init__(self, name: str, folder: str) -> None:
+        self.name, self._folder = name, folder
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(importlib.import_module("catkin_pkg.package").parse_package(self._folder), name)
 
 
 class HTMLDoc:
