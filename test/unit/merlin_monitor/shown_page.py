@@ -33,8 +33,16 @@ from merlin_test.chromium import Visit, chromium  # noqa: F401  (for the tests)
 
 # To be put in by the browser's own means (bypass_csp), past the policy of the page.
 AXE = Path(axe_core_python.__file__).with_name("axe.min.js")
-CHECK = """async () => (await axe.run(document, { resultTypes: ["violations"] })).violations.map(
-  ({ id, nodes }) => `${id}: ${nodes.slice(0, 4).map((node) => `${node.target} ${node.failureSummary}`)}`)"""
+#: What bars people from the page, and each rule of axe that cannot judge it; given rules, of these alone.
+CHECK = """async (rules) => {
+  const { violations, incomplete } = await axe.run(
+    document, { resultTypes: ["violations"], ...(rules && { runOnly: rules }) });
+  return [
+    ...incomplete.filter(({ message }) => message).map(({ id, message }) => `${id}: ${message}`),
+    ...violations.map(({ id, nodes }) =>
+      `${id}: ${nodes.slice(0, 4).map((node) => `${node.target} ${node.failureSummary}`)}`),
+  ];
+}"""
 
 LIMIT = 60.0  # s for the model to take it in
 NOW = 120.0  # s of ROS time
