@@ -99,11 +99,13 @@ assert first.endswith("/guard"), first
 print(*sorted({"catkin_pkg.package", "pyparsing"} & set(sys.modules)))
 from catkin.workspace import get_source_paths, get_workspaces
 (source, *_) = get_source_paths(get_workspaces()[0])
-lean = {path: package.name for path, package in lean_start.find_packages(source).items()}
-import catkin_pkg.packages as whole
-assert whole.find_package_paths  # which imports what catkin has
-assert whole.find_packages is not lean_start.find_packages
-assert lean == {path: package.name for path, package in whole.find_packages(source).items()}
+lean = lean_start.find_packages(source)
+whole = lean_start.find_packages(source, warnings=[])
+import catkin_pkg.package, catkin_pkg.packages
+assert catkin_pkg.packages.find_packages is not lean_start.find_packages
+assert all(isinstance(package, catkin_pkg.package.Package) for package in whole.values())
+facts = [{path: (each.name, each.version) for path, each in found.items()} for found in (lean, whole)]
+assert facts[0] == facts[1]
 """
     ).strip()
 

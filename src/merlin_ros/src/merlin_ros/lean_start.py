@@ -17,7 +17,7 @@ import re
 import sys
 import threading
 from importlib.machinery import ModuleSpec, PathFinder
-from types import FrameType, ModuleType, SimpleNamespace
+from types import FrameType, ModuleType
 from typing import Any, Dict, Iterator, Optional, Sequence
 
 #: Modules that are imported when something of them is first used → functions that do not count as that: each
@@ -175,16 +175,30 @@ def release() -> str:
     return os.uname().release
 
 
-def find_packages(basepath: str, *_: Any, **__: Any) -> Dict[str, SimpleNamespace]:
-    """What `catkin_pkg.packages.find_packages` returns, with nothing but the names of the packages.
+def find_packages(basepath: str, *args: Any, **options: Any) -> Dict[str, Any]:
+    """What `catkin_pkg.packages.find_packages` returns; of each package only the name is read.
 
     More is not asked for where roslib looks for a node, and catkin reads all that each package.xml has.
     """
+    if args or options:
+        whole = importlib.import_module("catkin_pkg.packages")
+        vars(whole)  # imports it
+        return whole.find_packages(basepath, *args, **options)
     from rospkg.rospack import list_by_path
 
     found: Dict[str, str] = {}
     list_by_path("package.xml", basepath, found)
-    return {os.path.relpath(path, basepath): SimpleNamespace(name=name) for name, path in found.items()}
+    return {os.path.relpath(folder, basepath): _Package(name, folder) for name, folder in found.items()}
+
+
+class _Package:
+    """A package, of which all but the name is read when it is asked for."""
+
+    def __init__(self, name: str, folder: str) -> None:
+        self.name, self._folder = name, folder
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(importlib.import_module("catkin_pkg.package").parse_package(self._folder), name)
 
 
 class HTMLDoc:
