@@ -23,23 +23,11 @@ import rostest
 from merlin_ros.actions.action_client import ActionClient
 from merlin_ros.service_proxy import ServiceError
 from merlin_test.named_case import named_case
+from merlin_test.process_end import gone
 from merlin_test.topic_links import patient_service
 
 LONG = 60.0
 NODE = "/rosplan_planner_interface"
-
-
-def gone(pid):
-    """Whether a killed process is gone; that takes it a moment."""
-    end = time.monotonic() + LONG
-    while time.monotonic() < end:
-        try:
-            if Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] == "Z":
-                return True
-        except (FileNotFoundError, ProcessLookupError):
-            return True
-        time.sleep(0.002)
-    return False
 
 
 class Planner(unittest.TestCase):

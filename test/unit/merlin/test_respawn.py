@@ -7,11 +7,12 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 from typing import Callable, List, Sequence
 
 import pytest
+
+from merlin_test.process_end import gone
 
 pytestmark = pytest.mark.processes
 
@@ -111,19 +112,6 @@ def run(tmp_path: Path):
             with contextlib.suppress(ProcessLookupError):
                 os.kill(pid, signal.SIGKILL)
         one.process.communicate()
-
-
-def gone(pid: int) -> bool:
-    """Whether a process ends; waits for it."""
-    until = time.monotonic() + LONG
-    while time.monotonic() < until:
-        try:
-            if Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] == "Z":
-                return True
-        except FileNotFoundError:
-            return True
-        time.sleep(0.01)
-    return False
 
 
 @pytest.mark.parametrize("code", [2, 126, 127])
