@@ -58,8 +58,9 @@ class ExecutorRestart(unittest.TestCase):
         return [to_pddl(goal) for goal in self.knowledge.goals()]
 
     def leave_a_goal(self, *parameters):
-        self.start(*parameters).send("(checked kitchen)")
+        request = self.start(*parameters).send("(checked kitchen)")
         while "(checked kitchen)" not in self.goals():
+            self.assertFalse(request.wait(0.0), request.result)
             rospy.rostime.wallsleep(0.01)
         self.knowledge.update([Update(ADD_GOAL, FOREIGN)])
         # Before it dies: moments later the knowledge base removes the goal of an owner that is gone.

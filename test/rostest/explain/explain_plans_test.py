@@ -34,6 +34,7 @@ class Explained(unittest.TestCase):
         cls.plan = []
         status = rospy.wait_for_message("rosplan_plan_dispatcher/dispatch_status", DispatchStatus, LONG)
         while not status.running:
+            assert not cls.request.wait(0.0), cls.request.result
             status = rospy.wait_for_message("rosplan_plan_dispatcher/dispatch_status", DispatchStatus, LONG)
         action = status.running[0]
         cls.running = f"({' '.join([action.name, *(each.value for each in action.parameters)])})"

@@ -161,9 +161,9 @@ def test_more_changes_than_a_feed_keeps_are_a_whole_state(tmp_path: Path) -> Non
 def test_it_keeps_what_changes_by_itself_and_the_last_change_at_its_end(tmp_path: Path) -> None:
     tree = StateTree(("plan",))
     store = HistoryStore(tmp_path / "h", 100)
-    store.follow(tree)
     for number in range(50):
         tree.set("plan", "number", number)
+    store.follow(tree)
     until = time.monotonic() + LIMIT
     while not store.runs().result(LIMIT) and time.monotonic() < until:
         time.sleep(0.01)

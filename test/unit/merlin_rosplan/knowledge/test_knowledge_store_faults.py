@@ -2,7 +2,6 @@
 """A journal that fails, and threads that read and write at once."""
 
 import threading
-import time
 
 import pytest
 import rospy
@@ -53,16 +52,16 @@ def test_what_is_due_while_the_journal_fails_comes_true_afterwards(clock):
     assert texts(store.facts()) == ["(idle)"] and store.next_due() is None
 
 
-def test_timed_knowledge_outlives_a_full_disk(monkeypatch):
+def test_timed_knowledge_outlives_a_full_disk(monkeypatch, clock):
     monkeypatch.setattr(knowledge_base, "RETRY", 0.01)
     monkeypatch.setattr(rospy, "logerr_throttle", lambda period, text: said.append(text))
     monkeypatch.setattr(rospy.rostime, "_rostime_initialized", True)
     rospy.rostime.switch_to_wallclock()
     disk, said, fired = Disk(), [], threading.Event()
     disk.full = False
-    store = KnowledgeStore(DOMAIN, clock=time.time_ns, journal=disk)
-    add(store, Fact("idle", ()), at=time.time_ns() + 50_000_000)
-    disk.full = True
+    store = KnowledgeStore(DOMAIN, clock=clock, journal=disk)
+    add(store, Fact("idle", ()), at=2_000)
+    disk.full, clock.now = True, 2_000
     store.listen(lambda change: fired.set())
     watch = knowledge_base.TimedKnowledge(store, "/kb")
     try:
