@@ -237,7 +237,8 @@ class Guard(GuardCase):
     def test_nothing_sets_off_while_the_guard_is_stopped_or_silent(self):
         state = NavigationState(target=PoseStamped())
         self.call("merlin/stop")
-        while state._guard._status is None or state._guard._status.state != STOPPED:
+        watch = guard_watch.shared_guard_watch()
+        while "has stopped the base" not in watch.why_not(lambda: True):  # without a wait
             rospy.rostime.wallsleep(0.05)
         self.assertEqual(state.execute(None), ABORTED)
         self.assertEqual(
@@ -248,7 +249,7 @@ class Guard(GuardCase):
         pid = pid_of("/merlin_guard")
         os.kill(pid, signal.SIGSTOP)
         try:
-            while state._guard._fresh():  # what it said before counts for a while
+            while watch.why_not(lambda: True) != guard_watch.SILENT:  # what it said before counts for a while
                 rospy.rostime.wallsleep(0.05)
             self.assertEqual(state.execute(None), ABORTED)
             self.assertEqual(state.reason, guard_watch.SILENT)

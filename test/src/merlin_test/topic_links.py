@@ -34,7 +34,9 @@ def sends(node: str, topic: str, other: str) -> bool:
 
 def wait_for_publisher(subscriber: rospy.Subscriber, node: str) -> None:
     """Waits until a node sends to a subscriber."""
+    end = time.monotonic() + LONG
     while node not in publishers_of(subscriber):
+        assert time.monotonic() < end, f"{node} does not send {subscriber.resolved_name}"
         rospy.rostime.wallsleep(0.01)
 
 
