@@ -95,7 +95,11 @@ class GuardCase(unittest.TestCase):
         return lambda: self.witness.wait(is_back)
 
     def drive(self, client=None):
-        goal = (client or self.client).ask("drive")
+        client = client or self.client
+        goal = client.ask("drive suspended")
+        self.witness.wait(lambda: goal in self.witness.status.goals)
+        self.witness.state(HOLDING, "says that its own owner is silent")  # the guard has heard its lease
+        client.ask("resume")
         self.witness.forget()
         self.witness.wait(lambda: any(self.witness.velocities))
         self.witness.wait(lambda: (self.witness.status.state, self.witness.status.goals) == (PASSING, [goal]))

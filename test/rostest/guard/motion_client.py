@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A client of move_base that leases its goal: for tests that kill, hang and restart it.
 
-Reads commands from its input, one a line: `drive`, `suspend`, `resume`, `release`; answers each with a line.
+Reads commands from its input, one a line, and answers each with a line: `drive`, `drive suspended`,
+`suspend`, `resume`, `release`.
 """
 
 import sys
@@ -38,12 +39,13 @@ threading.Thread(target=beat, daemon=True).start()
 for line in sys.stdin:
     answer = line.strip()
     with changed:
-        if answer == "drive":
+        if answer in ("drive", "drive suspended"):
             while not (reaches(goals, "/base", "/merlin_guard") and reaches(leases, "/merlin_guard")):
                 changed.wait(0.02)
-            answer = f"goal-{uuid.uuid4().hex}"
-            held[:] = [answer]
-            leases.publish(Lease(owner=rospy.get_name(), life=life, held=held))
+            held[:] = [f"goal-{uuid.uuid4().hex}"]
+            suspended[:] = held if answer == "drive suspended" else []
+            (answer,) = held
+            leases.publish(Lease(owner=rospy.get_name(), life=life, held=held, suspended=suspended))
             goals.publish(MoveBaseActionGoal(goal_id=GoalID(rospy.Time.now(), answer)))
         elif answer == "suspend":
             suspended[:] = held
