@@ -5,8 +5,11 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 from pathlib import Path
-from typing import Any
+from socketserver import ThreadingMixIn
+from typing import Any, Tuple
+from xmlrpc.server import SimpleXMLRPCServer
 
 import pytest
 
@@ -216,6 +219,32 @@ def test_a_node_that_hangs_keeps_its_name(master: Any) -> None:
     first.send(signal.SIGCONT)
     assert first.end() == 0
     assert "shutdown request" not in first.output
+
+
+class Threaded(ThreadingMixIn, SimpleXMLRPCServer):
+    daemon_threads = True
+
+
+def test_a_node_that_answers_late_does_not_hang(master: Any) -> None:
+    asked, again = [], threading.Event()
+
+    def name(caller: str) -> Tuple[int, str, str]:
+        asked.append(caller)
+        if len(asked) > 1:
+            again.set()
+        assert again.wait(LIMIT)
+        return 1, "", "/somebody"
+
+    with Threaded(("127.0.0.1", 0), logRequests=False) as late:
+        late.register_function(name, "getName")
+        late.register_function(lambda caller: (1, "", 4711), "getPid")
+        threading.Thread(target=late.serve_forever, daemon=True).start()
+        uri = f"http://127.0.0.1:{late.server_address[1]}/"
+        master.api.registerSubscriber("/somebody", "/old", "std_msgs/Empty", uri)
+        second = master.node(NODE)
+        assert second.ended() == CANNOT_BEGIN
+        late.shutdown()
+    assert f"node /somebody runs already (process 4711 at {uri})" in second.output
 
 
 @pytest.mark.parametrize("times", [2, pytest.param(5, marks=pytest.mark.long)])

@@ -27,7 +27,7 @@ from merlin_ros.lean_start import end_lightly, log_configured
 from merlin_ros.master import master_link, publisher_updates
 from merlin_ros.master.announcing import announced_together
 from merlin_ros.master.master_keeper import MasterKeeper
-from merlin_ros.master.namesake import living_namesake
+from merlin_ros.master.namesake import Namesake, living_namesake
 from merlin_ros.parameters import ParameterError
 from merlin_ros.ports import service_server, tcpros_port, xmlrpc_port
 from merlin_ros.ports.self_check import Port, SelfCheck
@@ -50,6 +50,8 @@ RETURN_LIMIT = 3.0
 #: Longest time for which a thread that computes keeps the interpreter from one that a message has woken, s.
 #: Python's own 5 ms are longer than most hops from node to node.
 SWITCH_INTERVAL = 0.0005
+#: How often a node of the same name is asked before it is said to hang, a second each time.
+NAMESAKE_LOOKS = 3
 
 _SETTLED = ("/rosout_disable_topics_generation", "/enable_statistics")
 
@@ -357,8 +359,12 @@ def _wait_for_master(name: str) -> None:
 def _refuse_second(name: str) -> None:
     own = load_mappings(sys.argv).get("__name", name)
     full = resolve_name(own, get_caller_id())
+    namesake: Optional[Namesake] = None
     try:
-        namesake = living_namesake(full, master_link.bounded_master())
+        for _ in range(NAMESAKE_LOOKS):
+            namesake = living_namesake(full, master_link.bounded_master())
+            if namesake is None or namesake.process:
+                break
     except master_link.ERRORS:
         return  # gone again; rospy waits for it
     if namesake is not None:
