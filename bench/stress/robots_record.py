@@ -20,6 +20,7 @@ class _Seen:
         self.moves = False
         self.known: Optional[Set[str]] = None  # goals at the rest, of one that was struck
         self.over: Set[str] = set()  # those of them that had ended: its base may not have another one yet
+        self.killed = False  # its host will send no goal any more
         self.stirred = False  # it has moved since then
 
     @property
@@ -55,19 +56,20 @@ class RobotsRecord:
             self._earlier[robot] = set(seen.drives)
             seen.known, seen.stirred = None, False
 
-    def rest(self, at: float, struck: str = "") -> None:
+    def rest(self, at: float, struck: str = "", killed: bool = False) -> None:
         """No robot may move from now on.
 
         :param at: s of ROS time; messages about an earlier goal may still come.
         :param struck: a robot whose host hangs and will continue, or was killed. Its base may get a goal that
             this host was about to send, and no motion for it; it may move for one that was on its way, until
             that is cancelled.
+        :param killed: that host was killed: its base gets no goal that is newer.
         """
         self._planned = False
         self._rested = at
         if struck:
             seen = self._robots[struck]
-            seen.known, seen.over = set(seen.drives), set(seen.ends)
+            seen.known, seen.over, seen.killed = set(seen.drives), set(seen.ends), killed
 
     def running(self, actions: Sequence[Sequence[str]]) -> None:
         """The ground actions that a dispatcher waits for; the first argument is the robot."""
@@ -83,7 +85,7 @@ class RobotsRecord:
         """
         seen = self._robots[robot]
         seen.drives[goal] = _Drive(place, begin)
-        if not self._planned and begin > self._rested and seen.known is None:
+        if not self._planned and begin > self._rested and (seen.known is None or seen.killed):
             self.wrong.append(f"the base of {robot} gets a goal, and no plan is carried out")
 
     def carries_out(self, robot: str, goals: Sequence[str]) -> None:

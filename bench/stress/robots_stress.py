@@ -138,8 +138,9 @@ class RobotsStress:
         self._until("an idle executor", lambda: [] if self._idle else ["it is busy"])
         self._until("the end of everything", lambda: self._record.restless)
         with self._changed:
-            struck = cycle.how == "kill" or (cycle.how == "stop" and cycle.cancel)  # that one hangs still
-            self._record.rest(rospy.get_time(), cycle.victim if struck else "")
+            killed = cycle.how == "kill"
+            struck = killed or (cycle.how == "stop" and cycle.cancel)  # that one hangs still
+            self._record.rest(rospy.get_time(), cycle.victim if struck else "", killed)
         back()
         self._check()
 

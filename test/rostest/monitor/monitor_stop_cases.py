@@ -3,6 +3,7 @@
 
 import os
 import signal
+import time
 
 import rospy
 from merlin_msgs.msg import ExecutorStatus, GuardStatus, MissionStatus
@@ -12,6 +13,7 @@ from monitor_process import LONG, pid_of
 from std_srvs.srv import Trigger
 
 from merlin_executor.executor_client import outcome_name
+from merlin_ros.actions.server_silence import CONNECTED_SILENCE
 
 
 class StopCases(ControlCases):
@@ -44,6 +46,7 @@ class StopCases(ControlCases):
         request = self.client.send(LONG_GOAL)
         self.assertTrue(self.guard.wait(lambda status: status.moving))
         pid = pid_of("/merlin_executor")
+        hangs_since = time.monotonic()
         os.kill(pid, signal.SIGSTOP)
         try:
             page.click("#stop")  # without a token
@@ -56,9 +59,11 @@ class StopCases(ControlCases):
             visit.wait_text("#guard-says", "until it is released")
         finally:
             os.kill(pid, signal.SIGCONT)
+            hung = time.monotonic() - hangs_since
         self.assertTrue(request.wait(LONG))
-        # INTERNAL: a slow page took longer than a client waits for an Executor that hangs.
-        ends = ("CANCELLED", "ACTION_FAILED", "INTERNAL")
+        # Its client gives up an Executor that hangs for longer: a busy machine draws the page so slowly.
+        given_up = ["INTERNAL"] if hung > CONNECTED_SILENCE else []
+        ends = ["CANCELLED", "ACTION_FAILED", *given_up]
         self.assertIn(outcome_name(request.result.outcome), ends, request.result.reason)
         # Another page says it too, and offers to release.
         other = self.operator()

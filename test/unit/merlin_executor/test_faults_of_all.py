@@ -111,10 +111,8 @@ def test_a_second_launch_names_the_first_one_and_does_not_harm_it(master: Any, w
     begun_to_work(witness)
     second = master.spawn("roslaunch", "merlin", "executor.launch")
     second.ended()  # roslaunch has no exit code for this
-    # One that has no processor for a second hangs, as it seems from outside.
-    assert "node /merlin_executor runs already (" in second.output
-    assert "that one first" in second.output
-    assert ", or name this one differently with __name:=" in second.output
+    assert "node /merlin_executor runs already (process " in second.output
+    assert "end that one first, or name this one differently with __name:=" in second.output
     assert "Traceback" not in second.output
     whole = master.spawn("roslaunch", "merlin_test", "whole_robot.launch")
     whole.ended()

@@ -119,6 +119,15 @@ def test_a_goal_that_is_heard_before_its_base_has_it_was_on_its_way(record):
     assert contradictions(record, ann="anywhere") == [] == record.wrong
 
 
+def test_a_host_that_was_killed_sends_no_goal_any_more(record):
+    arrive(record)
+    record.rest(2.5, struck="ann", killed=True)
+    record.sent("ann", "g2", "hall", 2.4)
+    assert record.wrong == []
+    record.sent("ann", "g3", "hall", 3.0)
+    assert record.wrong == ["the base of ann gets a goal, and no plan is carried out"]
+
+
 def test_what_is_done_is_that_of_the_seed():
     def cycles(seed):
         chance = random.Random(seed)

@@ -90,11 +90,14 @@ def server(monkeypatch: pytest.MonkeyPatch) -> Server:
     made = Server()
     monkeypatch.setattr(action_state, "shared_client", lambda name, action_spec: made)
     followers: List[Any] = []
+    follows = threading.Event()
 
     @contextlib.contextmanager
     def followed(take: Any) -> Iterator[None]:
         followers.append(take)
+        follows.set()
         yield
+        follows.clear()
         followers.remove(take)
 
     guard = SimpleNamespace(
@@ -102,6 +105,7 @@ def server(monkeypatch: pytest.MonkeyPatch) -> Server:
         names=lambda server: False,
         followed=followed,
         followers=followers,
+        follows=follows,
         why_not=lambda preempted, server: "",
         mark=lambda: None,
         why_unmoved=lambda mark, server: "",
@@ -295,8 +299,7 @@ def test_a_goal_for_which_no_velocity_comes_is_cancelled_and_its_server_named(
     drive = NavigationState("kitchen", cancel_limit=0.25)
 
     def say(*goals: str) -> None:
-        while not server.guard.followers:
-            time.sleep(0.001)
+        assert server.guard.follows.wait(LONG)
         for take in list(server.guard.followers):
             take(GuardStatus(uncommanded=goals))
             take(GuardStatus(uncommanded=goals))
