@@ -14,7 +14,7 @@ from std_srvs.srv import SetBool, SetBoolResponse, Trigger, TriggerResponse
 import rostest
 from merlin_planning.knowledge_client import ADD, REMOVE, Update, fact, instance, knowledge_client
 from merlin_test.knowledge_fixture import Received
-from merlin_test.topic_links import patient_service
+from merlin_test.topic_links import patient_service, wait_for_connections
 
 LONG = 60.0
 
@@ -33,8 +33,7 @@ class Sensing(unittest.TestCase):
             name: rospy.Publisher(name, message_class, queue_size=10)
             for name, message_class in (("/power", Bool), ("/battery", Float32), ("/place", String))
         }
-        while not all(publisher.get_num_connections() for publisher in cls.publishers.values()):
-            rospy.rostime.wallsleep(0.02)
+        wait_for_connections(*cls.publishers.values())
         Received("/rosplan_knowledge_base/changes", KnowledgeChanges)  # both are connected now
 
     @classmethod

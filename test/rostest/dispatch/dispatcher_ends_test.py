@@ -24,7 +24,7 @@ import rostest
 from merlin_planning import dispatch_client
 from merlin_planning.dispatch_client import DispatchClient
 from merlin_ros.service_proxy import ServiceError
-from merlin_test.topic_links import patient_service, wait_for_publishers
+from merlin_test.topic_links import patient_service, wait_for_connections, wait_for_publishers
 
 
 class DispatcherEnds(unittest.TestCase):
@@ -146,8 +146,7 @@ class DispatcherEnds(unittest.TestCase):
         answers = publisher(f"{name}/action_feedback", ActionFeedback, queue_size=10)
 
         def dispatch(_request):
-            while not (actions.get_num_connections() and answers.get_num_connections()):
-                rospy.rostime.wallsleep(0.01)
+            wait_for_connections(actions, answers)
             actions.publish(ActionDispatch(action_id=1, name="paint"))
             for status in (ActionFeedback.ACTION_ENABLED, ActionFeedback.ACTION_SUCCEEDED_TO_GOAL_STATE):
                 answers.publish(ActionFeedback(action_id=1, status=status))

@@ -33,7 +33,7 @@ from merlin_planning.knowledge_client import (
     function_value,
 )
 from merlin_ros.service_proxy import ServiceError
-from merlin_test.topic_links import patient_service
+from merlin_test.topic_links import patient_service, wait_for_connections
 
 
 class Expressions(DispatchFixture):
@@ -287,8 +287,7 @@ class SimpleDispatching(Dispatching, unittest.TestCase):
         seen = []
         subscriber = rospy.Subscriber(f"{self.dispatcher}/action_feedback", ActionFeedback, seen.append)
         self.addCleanup(subscriber.unregister)
-        while subscriber.get_num_connections() < 2:  # the dispatcher, and this test's interfaces
-            rospy.rostime.wallsleep(0.01)
+        wait_for_connections(subscriber, count=2)  # the dispatcher, and this test's interfaces
         self.interfaces.announced.clear()
         self.interfaces.answers["store_part"] = []
         self.knowledge.update([Update(ADD, fact("painted", "leg"))])
@@ -302,8 +301,7 @@ class SimpleDispatching(Dispatching, unittest.TestCase):
     def test_an_action_that_is_dropped_for_another_plan_and_does_not_stop_ends_the_dispatch(self):
         publisher = rospy.Publisher("/simple_parser/complete_plan", CompletePlan, queue_size=1)
         self.addCleanup(publisher.unregister)
-        while not publisher.get_num_connections():
-            rospy.rostime.wallsleep(0.01)
+        wait_for_connections(publisher)
         exchange = patient_service(f"{self.dispatcher}/exchange_plan", ExchangePlan)
         other = [KeyValue("r", "bob"), KeyValue("x", "seat")]
         self.interfaces.answers["paint"] = [(1,)]
@@ -328,8 +326,7 @@ class SimpleDispatching(Dispatching, unittest.TestCase):
     def test_a_list_with_an_unknown_operator_is_refused(self):
         publisher = rospy.Publisher("/simple_parser/complete_plan", CompletePlan, queue_size=1)
         self.addCleanup(publisher.unregister)
-        while not publisher.get_num_connections():
-            rospy.rostime.wallsleep(0.01)
+        wait_for_connections(publisher)
         for plan in (
             CompletePlan([ActionDispatch(name="fly")]),
             CompletePlan([ActionDispatch(name="paint", parameters=[KeyValue("r", "ann")])]),
@@ -393,8 +390,7 @@ class EsterelDispatching(Dispatching, unittest.TestCase):
     def test_a_damaged_graph_is_refused(self):
         publisher = rospy.Publisher("/esterel_parser/complete_plan", EsterelPlan, queue_size=1)
         self.addCleanup(publisher.unregister)
-        while not publisher.get_num_connections():
-            rospy.rostime.wallsleep(0.01)
+        wait_for_connections(publisher)
         self.give("0.0: (paint ann leg) [5.0]")
         plan = rospy.wait_for_message("/esterel_parser/complete_plan", EsterelPlan, LONG)
         self.assertTrue(self.dispatch().success)  # else it may come before the damaged one

@@ -46,6 +46,7 @@ from merlin_test.knowledge_fixture import (
     operator,
     travel_time,
 )
+from merlin_test.topic_links import wait_for_connections
 
 LENIENT = "lenient_knowledge_base"
 
@@ -206,8 +207,7 @@ class KnowledgeBaseTest(unittest.TestCase):
         changes = Received(f"{KB}/changes", KnowledgeChanges)
         topic = f"{KB}/goals/lease"
         publisher = rospy.Publisher(topic, Lease, queue_size=10)
-        while publisher.get_num_connections() == 0:
-            rospy.rostime.wallsleep(0.01)
+        wait_for_connections(publisher)
 
         def begin_life(name, *leases):
             publisher.publish(Lease(owner=rospy.get_name(), life=name, held=list(leases)))

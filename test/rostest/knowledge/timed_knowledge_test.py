@@ -11,6 +11,7 @@ from rosgraph_msgs.msg import Clock
 import rostest
 from merlin_planning.knowledge_client import ADD, REMOVE, Update, fact, knowledge_client
 from merlin_test.knowledge_fixture import LONG, Received
+from merlin_test.topic_links import wait_for_connections
 
 
 class TimedKnowledgeTest(unittest.TestCase):
@@ -21,8 +22,7 @@ class TimedKnowledgeTest(unittest.TestCase):
         self.addCleanup(self.clock.unregister)
         self.knowledge = knowledge_client()
         # a waiter in rospy waits for the clock: the wait must not stop it
-        while self.clock.get_num_connections() < 2:
-            rospy.rostime.wallsleep(0.01)
+        wait_for_connections(self.clock, count=2)
         self.assertTrue(self.knowledge.wait(LONG), "no knowledge base")
 
     def wait_for(self, name):

@@ -15,6 +15,7 @@ from nav_msgs.msg import Odometry
 
 import rostest
 from merlin_ros.actions.action_client import ActionClient
+from merlin_test.topic_links import wait_for_connections
 
 LONG = 120.0  # s of wall time
 
@@ -83,8 +84,7 @@ class Localization(unittest.TestCase):
         self.wait(lambda: self.error() < 0.25 and self.away_from(4.8, 3.5) < 0.25)
 
         publisher = rospy.Publisher("initialpose", PoseWithCovarianceStamped, queue_size=1)
-        while not publisher.get_num_connections():
-            rospy.rostime.wallsleep(0.01)
+        wait_for_connections(publisher)
         wrong = PoseWithCovarianceStamped()
         wrong.header.frame_id = "map"
         wrong.pose.pose.position.x, wrong.pose.pose.position.y = 4.3, 3.2

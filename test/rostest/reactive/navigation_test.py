@@ -19,7 +19,7 @@ from std_srvs.srv import Empty, Trigger
 import rostest
 from merlin_ros.actions.action_client import ActionClient
 from merlin_test.knowledge_fixture import Received
-from merlin_test.topic_links import patient_service
+from merlin_test.topic_links import patient_service, wait_for_connections
 
 LONG = 120.0  # s of wall time
 
@@ -178,8 +178,7 @@ class Navigation(unittest.TestCase):
         publisher = rospy.Publisher("move_base_simple/goal", PoseStamped, queue_size=1)
         current = Received("move_base/current_goal", PoseStamped)
         self.addCleanup(current.close)
-        while not publisher.get_num_connections():
-            rospy.rostime.wallsleep(0.01)
+        wait_for_connections(publisher)
         publisher.publish(pose(here.x, here.y))
         current.wait(lambda goal: (goal.pose.position.x, goal.pose.position.y) == (here.x, here.y))
 

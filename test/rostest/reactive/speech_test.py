@@ -15,7 +15,7 @@ from std_srvs.srv import Trigger
 import rostest
 from merlin_reactive.speech.speech_synthesizer import SpeechSynthesizer
 from merlin_ros.actions.action_client import ActionClient
-from merlin_test.topic_links import patient_service, wait_for_publishers
+from merlin_test.topic_links import patient_service, wait_for_connections, wait_for_publishers
 
 LONG = 60.0  # s of wall time
 SENTENCE = "Good morning. Do you need anything from the kitchen or from anywhere else?"
@@ -138,8 +138,7 @@ class Speech(unittest.TestCase):
 
     def publisher(self):
         publisher = rospy.Publisher("robotsound", SoundRequest, queue_size=5)
-        while not publisher.get_num_connections():
-            rospy.rostime.wallsleep(0.01)
+        wait_for_connections(publisher)
         return publisher
 
     def test_the_topic_speaks_and_stops(self):

@@ -18,7 +18,7 @@ from sensor_msgs.msg import LaserScan
 from std_srvs.srv import Trigger
 
 import rostest
-from merlin_test.topic_links import patient_service
+from merlin_test.topic_links import patient_service, wait_for_connections
 
 LONG = 120.0  # s of wall time
 SLOW = 0.25  # real-time factor that a machine with much else to do reaches, too
@@ -49,8 +49,7 @@ class Latest:
 
 def drive(topic, speed, turn):
     publisher = rospy.Publisher(topic, Twist, queue_size=5)
-    while not publisher.get_num_connections():
-        rospy.rostime.wallsleep(0.01)
+    wait_for_connections(publisher)
     twist = Twist()
     twist.linear.x, twist.angular.z = speed, turn
     return publisher, twist

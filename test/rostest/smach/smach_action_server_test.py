@@ -15,6 +15,7 @@ from smach_fixture import LONG, Calling, Done, machine
 
 import rostest
 import smach
+from merlin_test.topic_links import wait_for_connections
 from smach_ros import ActionServerWrapper
 
 
@@ -30,9 +31,7 @@ class Server(actionlib.ActionServer):
 
 def until_linked(server, clients=1):
     """Waits until a server sends to its clients: they hear of a connection before it does."""
-    for publisher in (server.status_pub, server.result_pub, server.feedback_pub):
-        while publisher.get_num_connections() < clients:
-            rospy.rostime.wallsleep(0.01)
+    wait_for_connections(server.status_pub, server.result_pub, server.feedback_pub, count=clients)
 
 
 def until_active(client):

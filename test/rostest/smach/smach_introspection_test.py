@@ -19,6 +19,7 @@ from smach_msgs.msg import (
 
 import rostest
 import smach
+from merlin_test.topic_links import wait_for_connections
 from smach_ros import IntrospectionClient, IntrospectionServer, introspection
 from smach_ros.userdata_codec import encode
 
@@ -143,9 +144,7 @@ class Introspection(unittest.TestCase):
         self.addCleanup(server.stop)
         viewer = Viewer("late")
         self.addCleanup(viewer.close)
-        for publisher in (server._structure_publisher, server._status_publisher):
-            while not publisher.get_num_connections():
-                rospy.rostime.wallsleep(0.01)
+        wait_for_connections(server._structure_publisher, server._status_publisher)
         Late.go.set()
         viewer.wait(lambda: viewer.structures and viewer.statuses)
         sm.execute()

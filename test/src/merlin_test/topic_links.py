@@ -5,7 +5,7 @@ rospy's own count of publishers has a connection before it is open.
 """
 
 import time
-from typing import Any, Optional, Set
+from typing import Any, Optional, Set, Union
 
 import rospy
 
@@ -46,6 +46,15 @@ def wait_for_publishers(*subscribers: rospy.Subscriber, count: int = 1) -> None:
     for subscriber in subscribers:
         while len(publishers_of(subscriber)) < count:
             assert time.monotonic() < end, f"{subscriber.resolved_name}: {publishers_of(subscriber)}"
+            rospy.rostime.wallsleep(0.01)
+
+
+def wait_for_connections(*links: Union[rospy.Publisher, rospy.Subscriber], count: int = 1) -> None:
+    """Waits until each publisher has so many subscribers, and each subscriber so many publishers."""
+    end = time.monotonic() + LONG
+    for link in links:
+        while link.get_num_connections() < count:
+            assert time.monotonic() < end, f"{link.resolved_name}: {link.get_num_connections()} connections"
             rospy.rostime.wallsleep(0.01)
 
 
