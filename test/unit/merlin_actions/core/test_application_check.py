@@ -8,7 +8,13 @@ import types
 import pytest
 
 from merlin_actions.action_classes import make_machines
-from merlin_actions.core.application_check import ApplicationError, ApplicationWorld, Needs, check_application
+from merlin_actions.core.application_check import (
+    ApplicationError,
+    ApplicationWorld,
+    Needs,
+    check_application,
+    not_looked_at,
+)
 from merlin_actions.core.ending import no_retry
 from merlin_actions.machine_survey import survey
 from merlin_actions.merlin_action_server import given_up, given_up_about
@@ -75,6 +81,16 @@ def test_what_is_declared_is_read_from_the_class():
 
 def test_a_host_of_one_action_does_not_have_to_run_all():
     assert check_application([NAVIGATE], world(), complete=False) == []
+
+
+def test_what_only_a_system_that_runs_has_is_named_as_not_looked_at():
+    asked = (("LOOK", "recognize", ("cup", "mug")), ("HEAR", "listen", ("yes",)))
+    needs = ASK._replace(asked=asked, services=(("LIGHT", "switch_on"),))
+    there = world()._replace(known={"listen": lambda words: ""})
+    assert not_looked_at([needs, NAVIGATE._replace(asked=(("LOOK", "recognize", ("cup",)),))], there) == [
+        "service 'switch_on' of state LIGHT of Ask: a node has to offer it",
+        "whether the server of 'recognize' knows cup, mug: it is not one of MERLIN's",
+    ]
 
 
 class Serve(MerlinActionSM):

@@ -98,3 +98,18 @@ def test_what_the_process_had_before_stays(package: Path) -> None:
     with modules.renewed():
         assert loaded()().say() == "hello"
     assert sys.modules["hospital_courier.words"] is words
+
+
+def test_generated_messages_are_not_edits(package: Path) -> None:
+    (package / "msg").mkdir()
+    (package / "msg" / "__init__.py").write_text("from hospital_courier.msg._Order import *\n")
+    (package / "msg" / "_Order.py").write_text("FIELDS = 1\n")
+    modules = ApplicationModules()
+    import hospital_courier.msg
+
+    loaded()
+    modules.note()
+    (package / "msg" / "_Order.py").write_text("FIELDS = 2\n")
+    assert modules.edited() == [] and hospital_courier.msg.FIELDS == 1
+    (package / "words.py").write_text('HELLO = "good morning"\n')
+    assert modules.edited() == ["hospital_courier.words"]
