@@ -265,7 +265,7 @@ class Guard(GuardCase):
     def test_a_second_guard_does_not_begin_and_harms_nothing(self):
         goal = self.drive()
         self.assertIn("/merlin_guard guards /cmd_vel already", refused_guard("__name:=second"))
-        self.assertIn("a guard named /merlin_guard runs already", refused_guard())
+        self.assertIn("node /merlin_guard runs already (process ", refused_guard())
         text = refused_guard("__name:=second", "cmd_vel:=/other")
         self.assertIn("/merlin_guard publishes /merlin/guard and serves merlin/stop already", text)
         self.assertEqual(self.witness.goals[goal], GoalStatus.ACTIVE)

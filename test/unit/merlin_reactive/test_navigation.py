@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from matrices.trial import Trial
 
-from merlin_reactive.navigation.navigator import DriveOutcome, NavigationSettings
+from merlin_reactive.navigation.navigator import DriveOutcome, NavigationSettings, Navigator
 from merlin_reactive.navigation.obstacle_memory import ObstacleMemory
 from merlin_reactive.navigation.path_follower import Cruise, PathFollower
 from merlin_reactive.navigation.path_follower import Path as Way
@@ -140,6 +140,19 @@ def test_the_guard_lets_nothing_come_closer_than_its_gap():
     assert guard.allowed(0.3, 0.0) == 0.3, "past it"
     guard.see(np.zeros((0, 2)))
     assert guard.allowed(0.3, 1.0) == 0.3
+
+
+@pytest.mark.parametrize(("mount", "moves"), [(Pose(-0.2, 0.0, math.pi), True), (Pose(0.0, 0.0), False)])
+def test_the_guard_knows_where_the_laser_is_on_the_robot(mount, moves):
+    """The same scan shows what is behind the robot to a laser that looks back, else what is before it."""
+    grid = OccupancyGrid(np.zeros((100, 100), dtype=np.int8), 0.05, (0.0, 0.0))
+    navigator, here = Navigator(grid, NavigationSettings()), Pose(2.0, 2.0)
+    angles = np.linspace(-math.pi, math.pi, 360, endpoint=False)
+    ranges = np.full(360, np.inf)
+    ranges[180] = 0.27  # straight ahead of the laser
+    navigator.see(here.compose(mount), angles, ranges, 0.0, mount)
+    navigator.start(Pose(4.0, 2.0), here, 0.0)
+    assert (navigator.step(here, (0.0, 0.0), 0.0).speed > 0.25) is moves
 
 
 def test_obstacles_are_remembered_until_they_are_seen_to_be_gone():

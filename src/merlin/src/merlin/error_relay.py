@@ -8,7 +8,6 @@ the middle of a run does. So the lines go to the screen while the run lasts, and
 import os
 import threading
 from pathlib import Path
-from typing import BinaryIO
 
 from merlin_ros.work.threads import start_thread
 
@@ -51,10 +50,7 @@ class ErrorRelay:
 
     def _relay(self) -> None:
         with self._log_file.open("ab", buffering=0) as log, os.fdopen(self._source, "rb") as source:
-            self._copy(source, log)
-
-    def _copy(self, source: BinaryIO, log: BinaryIO) -> None:
-        for line in source:
-            log.write(line)
-            if not self._muted.is_set():
-                os.write(self._screen, line)
+            for line in source:
+                log.write(line)
+                if not self._muted.is_set():
+                    os.write(self._screen, line)

@@ -18,7 +18,6 @@ from merlin_guard.goal_header import read_goal_header
 from merlin_guard.guard_parameters import GuardParameters, read_parameters
 from merlin_guard.motion_permit import GuardState, MotionPermit, PermitDecision, Send, View
 from merlin_guard.motion_server import GoalReport
-from merlin_guard.ros_graph import living_guard_of_this_name
 from merlin_guard.surroundings import Surroundings
 from merlin_ros.deadline import SIM_STATUS_TOPIC, simulated
 from merlin_ros.master.master_link import MasterSilent, get_param, set_param
@@ -36,7 +35,6 @@ STATUS_PERIOD = 0.5  # s of wall time between two statuses without a change
 SLOWEST = 0.1  # factor of a simulation below which a slow one counts as this slow
 WARN_AFTER = 0.25  # s; an owner releases a goal some moments before the end of the goal is published
 REMEMBER = 0.5  # s to wait for the master to keep a stop; one that hangs must not hold up its confirmation
-CANNOT_BEGIN = 2  # exit code that says: starting it again does not help
 FLUSH = 0.05  # s for the last zero velocity to leave the process
 LONGEST_FLUSH = 0.5  # s for a thread to begin with it
 STOPPED_PARAM, SINCE_PARAM = "~stopped", "~stopped_since"  # keep a stop over a restart of the node
@@ -375,8 +373,4 @@ def _start() -> None:
 def main() -> int:
     """The executable ``guard``; returns its exit code."""
     raise_priority(PRIORITY)
-    other = living_guard_of_this_name(NAME)
-    if other:
-        print(f"merlin_guard: a guard named {other} runs already; end it, or name this one differently")
-        return CANNOT_BEGIN
     return run_node(NAME, _start, ParameterError)

@@ -1,17 +1,96 @@
 # SPDX-License-Identifier: Apache-2.0
 """Whether the guard is wired as it should: the one way to the base, and motion servers that exist."""
 
+import contextlib
 import threading
 import time
-from typing import List, Set
+from typing import Any, Dict, List, Set
 
+import rosgraph
 import rospy
 
 from merlin_guard.guard_parameters import GuardParameters
-from merlin_guard.ros_graph import MASTER_ERRORS, RosGraph
+from merlin_ros.master.master_link import ERRORS, bounded_master, bounded_proxy
 from merlin_ros.parameters import ParameterError
 
+GUARD_TYPE = "merlin_msgs/GuardStatus"
+STATUS_TYPE = "actionlib_msgs/GoalStatusArray"
+ANSWER = 2.0  # s for a node to answer
 PERIOD = 5.0  # s of wall time between two looks at the ROS graph
+
+
+class NodeGone(Exception):
+    """The process of a node that the master knows has ended."""
+
+
+def publications(node_uri: str) -> Dict[str, str]:
+    """Topics and types that a node says it publishes.
+
+    :raises NodeGone: nothing answers there.
+    :raises OSError: it does not answer in time.
+    """
+    try:
+        answer: Any = bounded_proxy(node_uri, ANSWER).getPublications("/merlin_guard")
+        _, _, topics = answer
+        return dict(topics)
+    except ConnectionError as error:
+        raise NodeGone(node_uri) from error
+    except OSError:
+        raise
+    except (*ERRORS, TypeError, ValueError) as error:
+        raise NodeGone(f"{node_uri} is no longer a node: {error}") from error
+
+
+class RosGraph:
+    """Questions to the master, each with an end. Not for several threads at a time.
+
+    All methods raise one of :data:`merlin_ros.master.master_link.ERRORS` when the master does not answer.
+    """
+
+    def __init__(self) -> None:
+        self._caller = rospy.get_name()
+        self._master = bounded_master()
+
+    def other_guards(self, topic: str) -> List[str]:
+        """Guards other than this one that publish a topic; a text for one that does not answer."""
+        guards = []
+        types = dict(self._master.getTopicTypes())
+        publishers = self._publishers()
+        suspects = {
+            node for name, nodes in publishers.items() if types.get(name) == GUARD_TYPE for node in nodes
+        }
+        for node in sorted(suspects.intersection(publishers.get(topic, ())) - {self._caller}):
+            try:
+                if topic in publications(self._master.lookupNode(node)):
+                    guards.append(node)
+            except (NodeGone, rosgraph.MasterException):
+                continue
+            except OSError:
+                guards.append(f"{node} (which does not answer; end its process)")
+        return guards
+
+    def other_publishers(self, topic: str) -> List[str]:
+        """Living nodes other than this one that publish a topic, too."""
+        found = []
+        for node in sorted(set(self._publishers().get(topic, ())) - {self._caller}):
+            with contextlib.suppress(NodeGone, rosgraph.MasterException, OSError):
+                if topic in publications(self._master.lookupNode(node)):
+                    found.append(node)
+        return found
+
+    def actions(self) -> List[str]:
+        """Resolved names of the actions that are served."""
+        suffix = "/status"
+        served = self._publishers()
+        return sorted(
+            name[: -len(suffix)]
+            for name, type_name in self._master.getTopicTypes()
+            if type_name == STATUS_TYPE and name.endswith(suffix) and served.get(name)
+        )
+
+    def _publishers(self) -> Dict[str, List[str]]:
+        publishers, _, _ = self._master.getSystemState()
+        return dict(publishers)
 
 
 class Surroundings:
@@ -27,7 +106,7 @@ class Surroundings:
         self._output = output_topic
         self._status = rospy.resolve_name("merlin/guard")
         self._server_wait = parameters.server_wait
-        self._graph = RosGraph(rospy.get_name())
+        self._graph = RosGraph()
         self._lock = threading.Lock()  # guards _unheard
         self._unheard: Set[str] = set(parameters.servers)
         self._warned: Set[str] = set()  # servers that a warning named; only the thread uses it
@@ -48,7 +127,7 @@ class Surroundings:
         try:
             guards = self._graph.other_guards(self._output)
             neighbours = self._graph.other_guards(self._status)
-        except MASTER_ERRORS as error:
+        except ERRORS as error:
             raise ParameterError(f"the master does not say which guards there are: {error}") from error
         if guards:
             raise ParameterError(
@@ -78,7 +157,7 @@ class Surroundings:
                 self._check_bypass()
                 if time.monotonic() - begun >= self._server_wait:
                     self._check_servers()
-            except MASTER_ERRORS as error:
+            except ERRORS as error:
                 rospy.logwarn_throttle(60.0, f"{rospy.get_name()}: the master does not answer: {error}")
             left = self._server_wait - (time.monotonic() - begun)
             self._over.wait(min(PERIOD, left) if left > 0.0 else PERIOD)

@@ -269,8 +269,8 @@ class Guest:
                     walk = begin()
         return True
 
-    def _answers(self, answers: Dict[str, str], then: Sequence[str] = ()) -> None:
-        self._stage.answer(self._name, answers, then)
+    def _answers(self, answers: Dict[str, str]) -> None:
+        self._stage.answer(self._name, answers)
 
     def _disturb(self, kind: str) -> None:
         self._publish(GuestEvent.DISTURBED, reason=DISTURBANCES[kind])

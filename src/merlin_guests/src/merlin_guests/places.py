@@ -8,12 +8,11 @@ from typing import List, Sequence, Tuple
 import numpy as np
 
 from merlin_reactive.navigation.path_planner import NoPath, PathPlanner
+from merlin_reactive.pose import Point, Pose
 from merlin_sim.people.walkers import ROOM as FROM_ROBOT
 from merlin_sim.world.survey import map_of
 from merlin_sim.world.world_model import World
 from merlin_sim.world.world_places import ROBOT_RADIUS
-
-Point = Tuple[float, float]
 
 ENTRANCE_DOOR = "entrance_door"
 BAR = "bar"  # point of interest; further ones are bar_2, bar_3
@@ -55,12 +54,8 @@ class Places:
 
     def plate(self, table: str, number: int) -> Point:
         """Where the guest's dishes stand: m from the middle of the table."""
-        yaw = self._pois[table].yaw
-        sideways = (0.14, -0.14)[number % 2]
-        return (
-            0.12 * math.cos(yaw) - sideways * math.sin(yaw),
-            0.12 * math.sin(yaw) + sideways * math.cos(yaw),
-        )
+        turn = Pose(0.0, 0.0, self._pois[table].yaw)
+        return turn.compose(Pose(0.12, (0.14, -0.14)[number % 2])).point
 
     def way(self, start: Point, goal: Point) -> List[Point]:
         """A way round the furniture; straight when every way is blocked (people squeeze through)."""
@@ -111,9 +106,7 @@ class Places:
         return spot[0] - counter[0], spot[1] - counter[1] + (0.16, -0.16, 0.0)[number % 3]
 
     def _ahead(self, poi: str, distance: float, aside: float = 0.0) -> Point:
-        pose = self._pois[poi]
-        cos, sin = math.cos(pose.yaw), math.sin(pose.yaw)
-        return pose.x + distance * cos - aside * sin, pose.y + distance * sin + aside * cos
+        return self._pois[poi].compose(Pose(distance, aside)).point
 
 
 def _circle(middle: Point, radius: float) -> np.ndarray:

@@ -244,16 +244,11 @@ class Stage:
 
     # --- speech --------------------------------------------------------------------------------------------
 
-    def answer(self, name: str, answers: Dict[str, str], then: Sequence[str] = ()) -> None:
-        """Sets what a person answers: pattern of what a robot says → answer.
-
-        :param then: answers to the next questions, to any question.
-        """
+    def answer(self, name: str, answers: Dict[str, str]) -> None:
+        """Sets what a person answers: pattern of what a robot says → answer."""
         patterns, texts = list(answers), list(answers.values())
         for ask in self._answers:
-            self._demand(
-                ask(person=name, next=list(then), patterns=patterns, answers=texts, otherwise=[]), name
-            )
+            self._demand(ask(person=name, next=[], patterns=patterns, answers=texts, otherwise=[]), name)
 
     def forget(self, name: str) -> None:
         """Forgets what a person heard so far."""

@@ -65,7 +65,6 @@ class Domain:
     """A domain as its file declares it, in the order of the file. Names are lower-case."""
 
     name: str
-    requirements: Tuple[str, ...] = ()
     types: TypeHierarchy = field(default_factory=TypeHierarchy)
     constants: Dict[str, Tuple[str, ...]] = field(default_factory=dict)
     predicates: Dict[str, Signature] = field(default_factory=dict)

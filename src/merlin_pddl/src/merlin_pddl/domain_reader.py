@@ -80,7 +80,6 @@ class DomainReader:
         :raises PddlError: the first thing that is wrong.
         """
         readers: Dict[str, Callable[[Expression], None]] = {
-            ":requirements": self._requirements,
             ":types": self._types,
             ":constants": self._constants,
             ":predicates": self._predicates,
@@ -88,7 +87,7 @@ class DomainReader:
         }
         actions = (":action", ":durative-action")
         # The planner's business: a robot executes none of them.
-        passed = (":constraints", ":process", ":event")
+        passed = (":requirements", ":constraints", ":process", ":event")
         for section in self._sections:
             if section.head not in (*readers, *actions, *passed, ":derived"):
                 raise section.error(f"unknown section '{section.head}'")
@@ -108,9 +107,6 @@ class DomainReader:
             if section.head in actions:
                 self._operator(section)
         return self._domain
-
-    def _requirements(self, section: Expression) -> None:
-        self._domain.requirements += tuple(str(word) for word in section[1:])
 
     def _types(self, section: Expression) -> None:
         types = self._domain.types

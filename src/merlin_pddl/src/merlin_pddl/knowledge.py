@@ -6,10 +6,11 @@ Times are nanoseconds of ROS time.
 """
 
 from dataclasses import dataclass
-from typing import Any, List, Optional, Sequence, Tuple, Union
+from typing import Any, List, Optional, Sequence, Tuple, Type, TypeVar, Union
 
 from merlin_pddl.formula import And, Atom, Comparison, Condition, Not, Numeric, to_pddl
 
+Signed = TypeVar("Signed", Atom, Comparison)
 #: Lower-case name and arguments of a fact or function value.
 Key = Tuple[str, ...]
 
@@ -188,20 +189,17 @@ class StoredGoal(Row):
     @property
     def literal(self) -> Optional[Tuple[Atom, bool]]:
         """Atom and whether it is negated, when the goal is that simple."""
-        if isinstance(self.condition, Atom):
-            return self.condition, False
-        if isinstance(self.condition, Not) and isinstance(self.condition.part, Atom):
-            return self.condition.part, True
-        return None
+        return self._signed(Atom)
 
     @property
     def comparison(self) -> Optional[Tuple[Comparison, bool]]:
         """Comparison and whether it is negated, when the goal is one."""
-        if isinstance(self.condition, Comparison):
-            return self.condition, False
-        if isinstance(self.condition, Not) and isinstance(self.condition.part, Comparison):
-            return self.condition.part, True
-        return None
+        return self._signed(Comparison)
+
+    def _signed(self, kind: Type[Signed]) -> Optional[Tuple[Signed, bool]]:
+        negated = isinstance(self.condition, Not)
+        found = self.condition.part if isinstance(self.condition, Not) else self.condition
+        return (found, negated) if isinstance(found, kind) else None
 
 
 @dataclass(frozen=True)

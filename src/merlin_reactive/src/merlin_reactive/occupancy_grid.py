@@ -6,7 +6,7 @@ from typing import Optional, Tuple
 
 import numpy as np
 
-from merlin_reactive.pose import Point
+from merlin_reactive.pose import Point, Pose
 
 FREE, OCCUPIED, UNKNOWN = 0, 100, -1
 
@@ -48,3 +48,15 @@ class OccupancyGrid:
         height, width = self.cells.shape
         inside = (rows >= 0) & (rows < height) & (columns >= 0) & (columns < width)
         return rows, columns, inside
+
+
+def hit_points(laser: Pose, angles: np.ndarray, ranges: np.ndarray) -> np.ndarray:
+    """The points (n x 2, m) that a laser's rays hit, in the frame in which it has this pose.
+
+    :param angles: of the rays relative to it (rad), ranges in m, infinite where nothing was hit.
+    """
+    hit = np.isfinite(ranges)
+    bearing = angles[hit] + laser.yaw
+    return np.stack(
+        [laser.x + ranges[hit] * np.cos(bearing), laser.y + ranges[hit] * np.sin(bearing)], axis=1
+    )

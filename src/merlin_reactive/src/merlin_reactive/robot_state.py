@@ -28,12 +28,17 @@ class StateError(Exception):
 
 @dataclass(frozen=True)
 class PlacedScan:
-    """A scan and where the laser was: angles (rad) and ranges (m), infinite where nothing was hit."""
+    """A scan: angles (rad) and ranges (m), infinite where nothing was hit.
+
+    :ivar pose: of the laser, in the global frame.
+    :ivar mount: of the laser on the robot.
+    """
 
     pose: Pose
     angles: np.ndarray
     ranges: np.ndarray
     stamp: float
+    mount: Pose
 
 
 class RobotState:
@@ -131,7 +136,7 @@ class RobotState:
             frames = history[-1].child_frame_id, message.header.frame_id
             self._mount = pose_of_transform(self._transform(*frames, "robot_state_publisher"))
         base = self._frame_pose(history[-1].header.frame_id).compose(odometry_at(history, stamp))
-        return PlacedScan(base.compose(self._mount), *rays_of(message), stamp)
+        return PlacedScan(base.compose(self._mount), *rays_of(message), stamp, self._mount)
 
     def _frame_pose(self, frame: str) -> Pose:
         return pose_of_transform(self._frame(frame))

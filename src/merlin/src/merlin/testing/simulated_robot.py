@@ -5,7 +5,7 @@ import contextlib
 import functools
 import threading
 from pathlib import Path
-from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple, Type, Union
+from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple, Type, Union
 
 import rospy
 import yaml
@@ -45,14 +45,35 @@ class MissionEnd(NamedTuple):
         return self.succeeded
 
 
-class MissionRun:
-    """A mission that runs, in a thread of its own."""
+class _Run:
+    """What runs in a thread of its own."""
+
+    def __init__(self, name: str, run: Callable[[], None]) -> None:
+        self._carry_out = run
+        self._error: Optional[BaseException] = None
+        self._thread = start_thread(name, self._run)
+
+    def _run(self) -> None:
+        try:
+            self._carry_out()
+        except BaseException as error:  # of the test's own code; raised in its thread
+            self._error = error
+
+    def _wait(self, name: str, limit: float, where: Callable[[], str]) -> None:
+        self._thread.join(limit)
+        if self._thread.is_alive():
+            raise TimeoutError(f"{name} did not end within {limit:g} s; it is {where()}")
+        if self._error is not None:
+            raise self._error
+
+
+class MissionRun(_Run):
+    """A mission that runs."""
 
     def __init__(self, mission: Mission) -> None:
         self._mission = mission
         self._end = MissionEnd(False, "")
-        self._error: Optional[BaseException] = None
-        self._thread = start_thread("mission", self._run)
+        super().__init__("mission", self._run_mission)
 
     def cancel(self) -> None:
         """Cancels it: all of its goals are taken back."""
@@ -63,23 +84,15 @@ class MissionRun:
 
         :raises TimeoutError: when it has not ended within the limit, s.
         """
-        self._thread.join(limit)
-        if self._thread.is_alive():
-            doing = self._mission.reporter.health().message
-            raise TimeoutError(f"{self._mission.name} did not end within {limit:g} s; it is at: {doing}")
-        if self._error is not None:
-            raise self._error
+        self._wait(self._mission.name, limit, lambda: f"at: {self._mission.reporter.health().message}")
         return self._end
 
-    def _run(self) -> None:
-        try:
-            succeeded = self._mission.carry_out()
-            self._end = MissionEnd(succeeded, self._mission.reporter.health().message)
-        except BaseException as error:  # of the test's own code; raised in its thread
-            self._error = error
+    def _run_mission(self) -> None:
+        succeeded = self._mission.carry_out()
+        self._end = MissionEnd(succeeded, self._mission.reporter.health().message)
 
 
-class ActionRun:
+class ActionRun(_Run):
     """An action that runs.
 
     :ivar outcome: of its machine, once it has ended.
@@ -96,9 +109,8 @@ class ActionRun:
         self.reason = ""
         self._machine = machine
         self._parameters = dict(zip(machine.parameters, objects))
-        self._error: Optional[BaseException] = None
         machine.prepare()
-        self._thread = start_thread("action", self._run)
+        super().__init__("action", self._run_action)
 
     def cancel(self) -> None:
         """Cancels it, as its bridge would."""
@@ -109,22 +121,13 @@ class ActionRun:
 
         :raises TimeoutError: when it has not ended within the limit, s.
         """
-        self._thread.join(limit)
-        if self._thread.is_alive():
-            where = ", ".join(map(label_text, self._machine.get_active_states()))
-            raise TimeoutError(
-                f"{type(self._machine).__name__} did not end within {limit:g} s; it is in {where}"
-            )
-        if self._error is not None:
-            raise self._error
+        states = self._machine.get_active_states
+        self._wait(type(self._machine).__name__, limit, lambda: f"in {', '.join(map(label_text, states()))}")
         return self.outcome
 
-    def _run(self) -> None:
-        try:
-            self.outcome = self._machine.run_once(self._parameters)
-            self.reason = self._machine.reason
-        except BaseException as error:  # of the test's own code; raised in its thread
-            self._error = error
+    def _run_action(self) -> None:
+        self.outcome = self._machine.run_once(self._parameters)
+        self.reason = self._machine.reason
 
 
 class SimulatedRobot:

@@ -158,9 +158,7 @@ class MapPanel(Panel):
             stamped = self._transform(self._frames[0], scan.header.frame_id)
         except NO_TRANSFORM:
             return
-        found = stamped.transform
-        points = scan_points(scan, found.translation.x, found.translation.y, yaw_of(found.rotation))
-        self.state.inbox.put(self.state.map.seen, points)
+        self.state.inbox.put(self.state.map.seen, scan_points(scan, *_pose_in(stamped)))
 
     def _pose(self) -> Optional[Tuple[float, float, float]]:
         try:

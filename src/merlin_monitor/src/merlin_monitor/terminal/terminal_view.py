@@ -7,7 +7,7 @@ from typing import Any, Dict, List, NamedTuple
 
 from merlin_executor.core.base_hold import clock_text
 from merlin_monitor.text.phrase import in_english
-from merlin_monitor.truth.problems import WARNING
+from merlin_monitor.truth.problems import PLANNER, WARNING
 
 GLYPHS = {
     "waiting": "o",
@@ -132,7 +132,7 @@ def _plan(plan: Dict[str, Any]) -> List[Line]:
     planner = plan.get("planner", {})
     note = f"{planner.get('planner', '')} {planner.get('state', '')}".strip()
     shown = _section("Plan", note)
-    if planner.get("state") in ("unsolvable", "no plan", "timeout", "crashed", "invalid"):
+    if planner.get("state") in PLANNER:
         shown.append(Line(f"  {planner.get('reason', '')}", "bad"))
     for step in [step for step in steps if step][:MOST_STEPS]:
         style = {"running": "good", "failed": "bad"}.get(step["state"], "")

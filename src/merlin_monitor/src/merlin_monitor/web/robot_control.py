@@ -7,7 +7,7 @@ A stop needs neither Executor nor planner nor state machine.
 import threading
 import time
 from collections import deque
-from typing import Callable, Deque, Dict, List, Mapping
+from typing import Callable, Deque, Dict, Mapping
 
 import rospy
 from actionlib_msgs.msg import GoalID
@@ -92,13 +92,13 @@ class RobotControl(RobotRequests):
         if request not in known:
             raise ControlError("There is no such request: it has ended, or it never existed.")
         self._cancels.publish(GoalID(id=request))
-        self._report_cancel(by, request, known[request])
+        self._report(by, cancel_words(by, request, known[request]))
         return f"The cancel was sent.{self._silent_executor()}"
 
     def cancel_all(self, by: str) -> str:
         """Cancels all requests."""
         self._cancels.publish(ALL_REQUESTS)
-        self._report_cancel(by, "", [])
+        self._report(by, cancel_words(by, "", []))
         return f"The cancel of all requests was sent.{self._silent_executor()}"
 
     def pause(self, pause: bool, by: str) -> str:
@@ -187,9 +187,6 @@ class RobotControl(RobotRequests):
     def _silent_executor(self) -> str:
         silent = self._state.tree.get("now", SILENT)
         return f" The Executor {silent['what']}: it obeys when it is back." if silent else ""
-
-    def _report_cancel(self, by: str, request: str, goals: List[Phrase]) -> None:
-        self._report(by, cancel_words(by, request, goals))
 
     def _report(self, by: str, said: Phrase, **detail: str) -> None:
         self._state.report(sentence("control", said, RosSystem().time(), by=by, **detail))

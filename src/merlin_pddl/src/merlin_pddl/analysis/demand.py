@@ -6,10 +6,10 @@ Each operator concerned gets an effect that says that it was done, and that is a
 
 from typing import List, Mapping, Sequence, Tuple
 
-from merlin_pddl.analysis.leave_out import declare, extend_action
+from merlin_pddl.analysis.leave_out import action_of, declare, extend_action
 from merlin_pddl.domain_reader import DomainReader
 from merlin_pddl.formula import Atom, Condition
-from merlin_pddl.text_reader import name_of, read_expression, suggestion
+from merlin_pddl.text_reader import read_expression
 
 #: Begins the predicates that say which actions were done.
 DONE = "was-done-"
@@ -31,25 +31,15 @@ def demand(
     goals: List[Condition] = []
     marked = set()
     for text in actions:
-        action = read_expression(text, "action")
-        operator = model.operators.get(action.head)
-        if operator is None:
-            hint = suggestion(action.head, model.operators)
-            raise action.error(f"the domain has no action '{action.head}'{hint}")
-        if len(action) - 1 != len(operator.parameters):
-            needed = len(operator.parameters)
-            raise action.error(f"'{action.head}' takes {needed} objects, not {len(action) - 1}")
-        names = [str(name_of(word, "an object")) for word in action[1:]]
+        operator, names = action_of(text, model, known)
         for name, parameter in zip(names, operator.parameters):
-            if name not in known:
-                raise action.error(f"there is no object '{name}'{suggestion(name, known)}")
             if not model.accepts(parameter.types, known[name]):
                 wanted = " or ".join(parameter.types)
-                raise action.error(f"'{name}' is no {wanted}, as {parameter.name} has to be")
+                raise name.error(f"'{name}' is no {wanted}, as {parameter.name} has to be")
         mark = f"{DONE}{operator.name}"
         if operator.name not in marked:
             marked.add(operator.name)
             atom = declare(node, mark, operator)
             extend_action(node, operator, ":effect", f"(at end {atom})" if operator.durative else atom)
-        goals.append(Atom(mark, tuple(names)))
+        goals.append(Atom(mark, tuple(map(str, names))))
     return node.text(), goals

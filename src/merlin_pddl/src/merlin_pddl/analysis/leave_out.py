@@ -32,7 +32,7 @@ def leave_out(domain: str, problem: str, actions: Sequence[str]) -> Tuple[str, s
     objects = {**model.constants, **parse_problem(problem, model, constraints=True).objects}
     left_out: Dict[str, Set[Ground]] = {}
     for text in actions:
-        operator, patterns = _pattern(text, model, objects)
+        operator, patterns = action_of(text, model, objects, (ANY,))
         left_out.setdefault(operator.name, set()).update(_expanded(operator, patterns, model, objects))
     for name in left_out:
         _forbid(node, model.operators[name])
@@ -45,19 +45,28 @@ def leave_out(domain: str, problem: str, actions: Sequence[str]) -> Tuple[str, s
     return node.text(), _after_init(problem, facts)
 
 
-def _pattern(text: str, domain: Domain, objects: Iterable[str]) -> Tuple[Operator, List[str]]:
-    """The operator of an action, and its arguments."""
+def action_of(
+    text: str, domain: Domain, objects: Iterable[str], wild: Sequence[str] = ()
+) -> Tuple[Operator, List[Word]]:
+    """The operator of an action as PDDL text, and its arguments.
+
+    :param objects: that there are.
+    :param wild: words that may stand for any of them.
+    :raises PddlError: it is not an action of the domain with such objects.
+    """
     node = read_expression(text, "action")
     operator = domain.operators.get(node.head)
     if operator is None:
-        raise node.error(f"the domain has no action '{node.head}'")
-    words = [str(word) if word == ANY else str(name_of(word, "an object")) for word in node[1:]]
+        raise node.error(f"the domain has no action '{node.head}'{suggestion(node.head, domain.operators)}")
+    words = [
+        word if isinstance(word, Word) and word in wild else name_of(word, "an object") for word in node[1:]
+    ]
     if len(words) != len(operator.parameters):
-        raise node.error(f"'{node.head}' takes {len(operator.parameters)} arguments, not {len(words)}")
-    known = {ANY, *(name.lower() for name in objects)}
+        raise node.error(f"'{node.head}' takes {len(operator.parameters)} objects, not {len(words)}")
+    known = {*wild, *(name.lower() for name in objects)}
     for word in words:
-        if word.lower() not in known:
-            raise node.error(f"there is no object '{word}'{suggestion(word, known)}")
+        if word not in known:
+            raise word.error(f"there is no object '{word}'{suggestion(word, known)}")
     return operator, words
 
 

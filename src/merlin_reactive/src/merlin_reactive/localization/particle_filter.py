@@ -12,7 +12,7 @@ from typing import Optional, Tuple
 import numpy as np
 
 from merlin_reactive.distance_field import distance_field
-from merlin_reactive.occupancy_grid import FREE, OCCUPIED, OccupancyGrid
+from merlin_reactive.occupancy_grid import FREE, OCCUPIED, OccupancyGrid, hit_points
 from merlin_reactive.pose import Pose, wrap
 from merlin_reactive.seeded_random import draw
 
@@ -142,10 +142,7 @@ class ParticleFilter:
         hit = np.flatnonzero(np.isfinite(ranges))
         if len(hit) > self._settings.beams:
             hit = hit[np.linspace(0, len(hit) - 1, self._settings.beams).astype(int)]
-        bearing = angles[hit] + mount.yaw
-        return np.stack(
-            [mount.x + ranges[hit] * np.cos(bearing), mount.y + ranges[hit] * np.sin(bearing)], axis=1
-        )
+        return hit_points(mount, angles[hit], ranges[hit])
 
     def _fits(self, poses: np.ndarray, points: np.ndarray) -> np.ndarray:
         """Mean logarithm of the beams' likelihoods at each pose, 0 at best."""

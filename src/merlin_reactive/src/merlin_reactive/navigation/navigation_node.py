@@ -246,7 +246,7 @@ class NavigationNode:
             now = odometry.header.stamp.to_sec()
             if scan is not None:
                 scanned = scan.stamp
-                navigator.see(scan.pose, scan.angles, scan.ranges, now)
+                navigator.see(scan.pose, scan.angles, scan.ranges, now, scan.mount)
             if not started:
                 navigator.start(target, pose, now)
                 started = True

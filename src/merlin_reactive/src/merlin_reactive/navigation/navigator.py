@@ -17,7 +17,7 @@ from merlin_reactive.navigation.path_follower import Cruise, Path, PathFollower
 from merlin_reactive.navigation.path_planner import NoPath, PathPlanner
 from merlin_reactive.navigation.right_of_way import ANNOUNCED, STEP, RightOfWay, RobotWay
 from merlin_reactive.navigation.scan_guard import ScanGuard
-from merlin_reactive.occupancy_grid import OccupancyGrid
+from merlin_reactive.occupancy_grid import OccupancyGrid, hit_points
 from merlin_reactive.pose import Point, Pose, wrap
 
 # What the move_base of ROS says; clients compare with these.
@@ -35,6 +35,7 @@ RECOVERY_WAY = 0.15  # m that it backs off when it does not get away
 BACK_SPEED = 0.1  # m/s
 STOP_RESERVE = 0.01  # m inside the tolerance of the goal that stopping is aimed at
 LOST_PATH = 0.5  # m off the path at which a new one is planned
+MIDDLE = Pose(0.0, 0.0)  # of the robot
 YIELD_GAP = 0.05  # m before another robot's way at which it waits
 BESIDE_ROBOT = 0.12  # m around a robot within which what was seen is that robot
 
@@ -101,12 +102,14 @@ class Navigator:
         self._follower: Optional[PathFollower] = None
         self.path: List[Point] = []  # corners of the path that is followed
 
-    def see(self, pose: Pose, angles: np.ndarray, ranges: np.ndarray, now: float) -> None:
-        """Takes a scan, made at a pose of the laser; angles relative to it."""
-        hit = np.isfinite(ranges)
-        self._guard.see(
-            np.stack([ranges[hit] * np.cos(angles[hit]), ranges[hit] * np.sin(angles[hit])], axis=1)
-        )
+    def see(
+        self, pose: Pose, angles: np.ndarray, ranges: np.ndarray, now: float, mount: Pose = MIDDLE
+    ) -> None:
+        """Takes a scan, made at a pose of the laser; angles relative to it.
+
+        :param mount: of the laser on the robot.
+        """
+        self._guard.see(hit_points(mount, angles, ranges))
         self.memory.see(pose, angles, ranges, now)
         for robot in self._giving.rules.others(now) if self._giving else ():
             self.memory.forget_near(robot.pose.point, robot.radius + BESIDE_ROBOT)

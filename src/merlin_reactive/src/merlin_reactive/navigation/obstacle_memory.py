@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 
-from merlin_reactive.occupancy_grid import OccupancyGrid
+from merlin_reactive.occupancy_grid import OccupancyGrid, hit_points
 from merlin_reactive.pose import Point, Pose
 
 OFF_MAP = 0.15  # m from the nearest obstacle of the map from which a hit counts as new
@@ -29,15 +29,7 @@ class ObstacleMemory:
     def see(self, pose: Pose, angles: np.ndarray, ranges: np.ndarray, now: float) -> None:
         """Takes a scan made at a pose; angles (rad, ascending and even) relative to it, ranges in m."""
         self._clear(pose, angles, ranges)
-        hit = np.isfinite(ranges)
-        points = np.stack(
-            [
-                pose.x + ranges[hit] * np.cos(angles[hit] + pose.yaw),
-                pose.y + ranges[hit] * np.sin(angles[hit] + pose.yaw),
-            ],
-            axis=1,
-        )
-        rows, columns, inside = self._grid.rows_and_columns(points)
+        rows, columns, inside = self._grid.rows_and_columns(hit_points(pose, angles, ranges))
         rows, columns = rows[inside], columns[inside]
         new = self._distance[rows, columns] > OFF_MAP
         self._seen[rows[new], columns[new]] = now
@@ -47,9 +39,7 @@ class ObstacleMemory:
         """The centres (n x 2) of the cells with something on them."""
         rows, columns = self._known
         fresh = self._seen[rows, columns] > now - self._keep
-        rows, columns = rows[fresh], columns[fresh]
-        x, y = self._grid.point(0, 0)
-        return np.stack([x + columns * self._grid.resolution, y + rows * self._grid.resolution], axis=1)
+        return self._grid.points(rows[fresh], columns[fresh])
 
     def forget_near(self, point: Point, radius: float) -> None:
         """Forgets what was seen within a radius (m) of a point."""
@@ -68,9 +58,7 @@ class ObstacleMemory:
         rows, columns = self._known
         if not len(rows):
             return
-        x, y = self._grid.point(0, 0)
-        dx = x + columns * self._grid.resolution - pose.x
-        dy = y + rows * self._grid.resolution - pose.y
+        dx, dy = (self._grid.points(rows, columns) - pose.point).T
         bearing = np.arctan2(dy, dx) - pose.yaw - angles[0]
         ray = np.round(np.mod(bearing, 2 * math.pi) / (angles[1] - angles[0])).astype(int)
         covered = ray < len(angles)

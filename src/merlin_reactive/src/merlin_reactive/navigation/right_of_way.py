@@ -24,7 +24,7 @@ ASIDE = 0.22  # m beside it of a place to go aside to
 RESERVE = 0.6  # m by which the other may be faster, or this one slower, than it seems
 COMING = 0.03  # m that its way leads nearer to be coming
 SILENT = 1.5  # s after which a robot that said nothing is an obstacle like any other
-OUTLINE = np.linspace(0.0, 2 * np.pi, 16, endpoint=False)
+OUTLINE = np.stack([f(np.linspace(0.0, 2 * np.pi, 16, endpoint=False)) for f in (np.cos, np.sin)], axis=1)
 
 
 @dataclass(frozen=True)
@@ -112,13 +112,7 @@ class RightOfWay:
     def bodies(self, now: float, names: Optional[FrozenSet[str]] = None) -> np.ndarray:
         """Points (n x 2) on the outlines of the other robots, or of those that are named."""
         outlines = [
-            np.stack(
-                [
-                    other.pose.x + other.radius * np.cos(OUTLINE),
-                    other.pose.y + other.radius * np.sin(OUTLINE),
-                ],
-                axis=1,
-            )
+            np.array(other.pose.point) + other.radius * OUTLINE
             for other in self.others(now)
             if names is None or other.name in names
         ]

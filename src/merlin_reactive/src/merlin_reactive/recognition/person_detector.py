@@ -18,7 +18,7 @@ from merlin_reactive.recognition.object_classes import (
     SHOULDERS,
     SKIN,
 )
-from merlin_reactive.recognition.object_detector import color_mask, hsv_of
+from merlin_reactive.recognition.object_detector import color_mask, hsv_of, patches
 from merlin_reactive.recognition.sighting import Sighting
 
 LEAST_PIXELS = 150
@@ -36,16 +36,13 @@ class PersonDetector:
         hsv = cv2.cvtColor(picture, cv2.COLOR_RGB2HSV)
         hue, saturation, _ = hsv_of(CLOTHES)
         clothes = color_mask(hsv, hue, 0.7 * saturation, 1.25 * saturation)
-        count, labels, stats, _ = cv2.connectedComponentsWithStats(clothes, connectivity=8)
         skin_hue, skin_saturation, _ = hsv_of(SKIN)
         skin = color_mask(hsv, skin_hue, 0.6 * skin_saturation, 1.15 * skin_saturation) > 0
         found = []
-        for label in range(1, count):
-            x, y, w, h, pixels = stats[label]
-            if pixels < LEAST_PIXELS or w < LEAST_WIDTH or h < 0.3 * w:
+        for box, rows in patches(clothes):
+            height, width = rows.shape
+            if rows.sum() < LEAST_PIXELS or width < LEAST_WIDTH or height < 0.3 * width:
                 continue
-            rows = labels[y : y + h, x : x + w] == label
-            box = (float(x), float(y), float(x + w), float(y + h))
             sighting = self._sighting(box, rows, skin, view)
             if sighting is not None:
                 found.append(sighting)

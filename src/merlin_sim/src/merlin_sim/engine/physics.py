@@ -149,8 +149,7 @@ class Physics:
                 pybullet.GEOM_CYLINDER, radius=solid.radius, height=solid.height
             )
         else:
-            assert solid.size is not None
-            half = [solid.size[0] / 2, solid.size[1] / 2, solid.height / 2]
+            half = [*solid.half_size, solid.height / 2]
             shape = self._engine.createCollisionShape(pybullet.GEOM_BOX, halfExtents=half)
         body = self._engine.createMultiBody(solid.mass, shape, self._speck)
         self._engine.changeDynamics(body, -1, lateralFriction=0.5, restitution=0.0)

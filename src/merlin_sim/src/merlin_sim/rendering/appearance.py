@@ -107,13 +107,10 @@ def _body(solid: Solid, kind: str) -> List[Part]:
 
 def _slice(solid: Solid, color: str, low: float, high: float, share: float = 1.0) -> Part:
     """The part of a solid between two heights above its bottom, m; `share` of its width."""
-    if solid.radius is not None:
-        shape, width, depth = Shape.CYLINDER, 2 * solid.radius, 2 * solid.radius
-    else:
-        assert solid.size is not None
-        shape, (width, depth) = Shape.BOX, solid.size
+    shape = Shape.BOX if solid.radius is None else Shape.CYLINDER
+    width, depth = (2 * half * share for half in solid.half_size)
     at = (0.0, 0.0, (low + high) / 2 - solid.height / 2)
-    return Part(shape, (width * share, depth * share, high - low), rgb(color), at)
+    return Part(shape, (width, depth, high - low), rgb(color), at)
 
 
 def _person(solid: Solid) -> List[Part]:

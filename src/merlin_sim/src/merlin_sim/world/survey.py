@@ -68,9 +68,8 @@ def mark(grid: OccupancyGrid, solid: Solid, value: int = OCCUPIED) -> None:
     if solid.radius is not None:
         within = x * x + y * y <= solid.radius**2
     else:
-        assert solid.size is not None
+        half_x, half_y = solid.half_size
         cos, sin = math.cos(solid.pose.yaw), math.sin(solid.pose.yaw)
-        within = (np.abs(cos * x + sin * y) <= solid.size[0] / 2 + 1e-9) & (
-            np.abs(cos * y - sin * x) <= solid.size[1] / 2 + 1e-9
-        )
+        along, across = np.abs(cos * x + sin * y), np.abs(cos * y - sin * x)
+        within = (along <= half_x + 1e-9) & (across <= half_y + 1e-9)
     grid.cells[np.ix_(rows, columns)] = np.where(within, value, grid.cells[np.ix_(rows, columns)])
