@@ -25,6 +25,23 @@ from merlin_guard.guard_node import main
 sys.exit(main())
 """
 
+# A guard that waits for a line before it looks for other guards.
+LOOKS = """
+import sys
+from merlin_guard import guard_node
+from merlin_guard.surroundings import RosGraph
+
+look = RosGraph.other_guards
+
+def other_guards(graph, topic):
+    print("LOOKS", flush=True)
+    sys.stdin.readline()
+    return look(graph, topic)
+
+RosGraph.other_guards = other_guards
+sys.exit(guard_node.main())
+"""
+
 # A guard that prints when it publishes a stop, and when the master has it.
 ORDER = """
 import sys, rospy
@@ -138,6 +155,18 @@ def test_a_second_one_leaves_the_first_alone(master: Any, alone: Any) -> None:
     assert master.address_of("/merlin_guard") == address
     driver.say("end")
     driver.expect("STANDS")
+
+
+def test_a_master_that_hangs_ends_the_start_and_it_may_be_tried_again(master: Any) -> None:
+    guard = master.node(LOOKS)
+    guard.expect("LOOKS")
+    master.process.send(signal.SIGSTOP)
+    try:
+        guard.say("go on")
+        assert guard.ended() == 1
+    finally:
+        master.process.send(signal.SIGCONT)
+    assert "the ROS master does not answer" in guard.output and "Traceback" not in guard.output
 
 
 def test_a_stop_is_confirmed_once_it_outlives_the_guard(master: Any) -> None:

@@ -61,9 +61,13 @@ class RosGraph:
         }
         for node in sorted(suspects.intersection(publishers.get(topic, ())) - {self._caller}):
             try:
-                if topic in publications(self._master.lookupNode(node)):
+                address = self._master.lookupNode(node)
+            except rosgraph.MasterException:
+                continue
+            try:
+                if topic in publications(address):
                     guards.append(node)
-            except (NodeGone, rosgraph.MasterException):
+            except NodeGone:
                 continue
             except OSError:
                 guards.append(f"{node} (which does not answer; end its process)")
@@ -118,17 +122,15 @@ class Surroundings:
         """Checks what has to be right before the guard begins.
 
         :raises ParameterError: when it is not, with what to do.
+        :raises Exception: one of :data:`ERRORS`, when the master does not answer.
         """
         if self._input == self._output:
             raise ParameterError(
                 f"cmd_vel_in and cmd_vel are the same topic, {self._output}: what the guard sends would come "
                 "back. Remap cmd_vel_in to the topic of navigation, or cmd_vel to that of the base"
             )
-        try:
-            guards = self._graph.other_guards(self._output)
-            neighbours = self._graph.other_guards(self._status)
-        except ERRORS as error:
-            raise ParameterError(f"the master does not say which guards there are: {error}") from error
+        guards = self._graph.other_guards(self._output)
+        neighbours = self._graph.other_guards(self._status)
         if guards:
             raise ParameterError(
                 f"{', '.join(guards)} guards {self._output} already. A base has one guard: end that one, or "
