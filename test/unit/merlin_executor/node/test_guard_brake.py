@@ -11,6 +11,7 @@ from merlin_msgs.msg import GuardStatus, RobotHost
 
 from merlin_executor.node import guard_client as module
 from merlin_executor.node.guard_client import GuardClient
+from merlin_ros.deadline import Deadline
 
 LONG = 60.0
 
@@ -209,3 +210,31 @@ def test_a_goal_that_was_cancelled_must_not_move_its_base(
     guards.meet("ann")
     guards.say("ann", not stands, goals=["a"], cancelled=["a"])
     assert guards.client.wait_left() is stands
+
+
+@pytest.mark.parametrize("moving", [False, True])
+def test_the_last_word_of_a_guard_that_hangs_for_a_moment_does_not_count(
+    monkeypatch: pytest.MonkeyPatch, moving: bool
+) -> None:
+    guards = Guards(monkeypatch, stand_wait=0.0)
+    guards.meet("ann")
+    guards.say("ann", True)
+
+    class GoesOn(Deadline):
+        """While its next word is awaited the guard goes on."""
+
+        def wait(self, condition: threading.Condition, predicate: Callable[[], bool]) -> bool:
+            if self.seconds == module.FRESH:
+                guards.say("ann", moving)
+            return super().wait(condition, predicate)
+
+    monkeypatch.setattr(module, "Deadline", GoesOn)
+    monkeypatch.setattr(module, "FRESH", LONG)
+    assert guards.client.wait_standing() is not moving
+
+
+def test_a_guard_that_hangs_for_longer_keeps_no_cancel(monkeypatch: pytest.MonkeyPatch) -> None:
+    guards = Guards(monkeypatch, stand_wait=0.0)
+    guards.callbacks["merlin/guard"](GuardStatus(moving=True))
+    monkeypatch.setattr(module, "FRESH", 0.01)
+    assert not guards.client.wait_standing()
