@@ -52,27 +52,15 @@ class GuardClient:
     def wait_standing(self) -> bool:
         """Waits until each guard reports that its base stands and that the goals which it held have ended.
 
-        The last word of a guard that hangs for a moment, as its whole computer may, is not the present.
-
         :return: False when one still moves; True also without a guard.
         """
         with self._changed:
-            asked = time.monotonic()
-            stands = self._rest()
-            late = [guard for guard in self._guards.values() if guard.moves() and guard.heard < asked]
-            if late and Deadline(FRESH).wait(self._changed, lambda: all(it.heard >= asked for it in late)):
-                stands = self._rest()
+            stands = self._wait_none(_Guard.moves)
             if stands:
                 Deadline(GOAL_WAIT).wait(
                     self._changed, lambda: not any(guard.holds_goals() for guard in self._guards.values())
                 )
             return stands
-
-    def _rest(self) -> bool:
-        """Waits with the lock held for the bases to stand."""
-        return Deadline(self._stand_wait).wait(
-            self._changed, lambda: not any(guard.moves() for guard in self._guards.values())
-        )
 
     def wait_left(self) -> bool:
         """Waits until no base moves for a goal that was cancelled; it may move for others.
@@ -80,9 +68,26 @@ class GuardClient:
         :return: False when one still does; True also without a guard.
         """
         with self._changed:
-            return Deadline(self._stand_wait).wait(
-                self._changed, lambda: not any(guard.moves_on() for guard in self._guards.values())
-            )
+            return self._wait_none(_Guard.moves_on)
+
+    def _wait_none(self, moves: Callable[["_Guard"], bool]) -> bool:
+        """Waits, with the lock held, until no guard says so any more.
+
+        The last word of a guard that hangs for a moment, as its whole computer may, is not the present.
+        """
+
+        def moving() -> List[_Guard]:
+            return [guard for guard in self._guards.values() if moves(guard)]
+
+        asked = time.monotonic()
+        if Deadline(self._stand_wait).wait(self._changed, lambda: not moving()):
+            return True
+        late = [guard for guard in moving() if guard.heard < asked]
+        if not late or not Deadline(FRESH).wait(
+            self._changed, lambda: all(guard.heard >= asked for guard in late)
+        ):
+            return False
+        return Deadline(self._stand_wait).wait(self._changed, lambda: not moving())
 
     def brake(self, reason: str) -> None:
         """Asks the guards to hold their bases until a cancel has reached the motion goals.
