@@ -17,7 +17,7 @@ from merlin_executor.executor_client import MerlinExecutorClient
 from merlin_test.node_path import node_path
 from merlin_test.topic_links import patient_service
 
-LONG = 60.0
+LONG = 120.0
 GOALS = ["(checked kitchen)", "(checked bathroom)"]
 
 

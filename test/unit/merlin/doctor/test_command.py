@@ -7,14 +7,17 @@ from typing import Any, Dict
 
 import pytest
 
-from merlin.doctor import command
+from merlin.doctor import command, system
 from merlin.doctor.findings import Machine
 from merlin.launch_request import LaunchError
 from merlin.running import NothingRuns
+from merlin_ros.master.master_link import MasterSilent
 from merlin_test.node_path import node_path
 from merlin_test.ports import free_ports, release
 
 pytestmark = pytest.mark.processes
+
+MOMENT = 1.3  # s for which a busy computer may stand still
 
 #: A node of which the doctor has something to say, and one that was killed.
 SICK = """
@@ -191,6 +194,32 @@ def test_a_node_that_hangs_is_reported_and_holds_nothing_up(master: Any) -> None
     hung.expect("ready")
     hung.send(signal.SIGSTOP)
     assert "wrong: /dead does not answer" in doctor(master.env).stdout
+
+
+class StoodStill:
+    """Stands for a master with one node, whose computer stands still for a moment while the node is asked."""
+
+    master_uri = "http://localhost:11311"
+    getSystemState = staticmethod(lambda: ([["/chatter", ["/camera"]]], [], []))
+    getTopicTypes = staticmethod(list)
+    getParamNames = staticmethod(list)
+    hasParam = staticmethod(lambda name: False)
+    lookupNode = staticmethod(lambda name: "http://localhost:7")
+
+    def __init__(self, _uri: str = "", limit: float = 0.0) -> None:
+        self._limit = limit
+
+    def getPid(self, caller: str) -> int:
+        if self._limit < MOMENT:
+            raise MasterSilent("no answer")
+        return 1
+
+
+def test_a_node_that_stood_still_for_a_moment_answers(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(system, "bounded_master", lambda *_: StoodStill())
+    monkeypatch.setattr(system, "bounded_proxy", StoodStill)
+    graph = system.look_at_graph()
+    assert graph.publishers == {"/chatter": ["/camera"]} and not graph.silent
 
 
 def test_without_a_master_the_computer_is_looked_at(master: Any) -> None:

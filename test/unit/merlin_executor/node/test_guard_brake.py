@@ -11,6 +11,7 @@ from merlin_msgs.msg import GuardStatus, RobotHost
 
 from merlin_executor.node import guard_client as module
 from merlin_executor.node.guard_client import GuardClient
+from merlin_ros.deadline import Deadline
 
 LONG = 60.0
 
@@ -56,7 +57,7 @@ class Guards:
         cancelled: Sequence[str] = (),
     ) -> None:
         status = GuardStatus(moving=moving, state=state, goals=list(goals), cancelled=list(cancelled))
-        self.callbacks[f"/{robot}/merlin/guard"](status)
+        self.callbacks[f"/{robot}/merlin/guard" if robot else "merlin/guard"](status)
 
 
 def test_a_brake_goes_on_when_all_robots_that_drive_are_held(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -205,7 +206,51 @@ def test_a_base_may_move_for_what_was_not_cancelled(monkeypatch: pytest.MonkeyPa
 def test_a_goal_that_was_cancelled_must_not_move_its_base(
     monkeypatch: pytest.MonkeyPatch, stands: bool
 ) -> None:
+    monkeypatch.setattr(module, "FRESH", 0.01)
+    guards = Guards(monkeypatch, stand_wait=0.0)
+    guards.say("", not stands, goals=["a"], cancelled=["a"])
+    assert guards.client.wait_left() is stands
+
+
+@pytest.mark.parametrize("moving", [False, True])
+@pytest.mark.parametrize("wait", [GuardClient.wait_standing, GuardClient.wait_left])
+def test_the_last_word_of_a_guard_that_hangs_for_a_moment_does_not_count(
+    monkeypatch: pytest.MonkeyPatch, moving: bool, wait: Callable[[GuardClient], bool]
+) -> None:
     guards = Guards(monkeypatch, stand_wait=0.0)
     guards.meet("ann")
-    guards.say("ann", not stands, goals=["a"], cancelled=["a"])
-    assert guards.client.wait_left() is stands
+    guards.say("ann", True, cancelled=["a"])
+
+    class GoesOn(Deadline):
+        """While its next word is awaited the guard goes on."""
+
+        def wait(self, condition: threading.Condition, predicate: Callable[[], bool]) -> bool:
+            if self.seconds == module.FRESH:
+                guards.say("ann", moving, cancelled=["a"])
+            return super().wait(condition, predicate)
+
+    monkeypatch.setattr(module, "Deadline", GoesOn)
+    monkeypatch.setattr(module, "FRESH", LONG)
+    assert wait(guards.client) is not moving
+
+
+@pytest.mark.parametrize("robot", ["", "ann"])
+def test_the_base_of_a_guard_that_hangs_for_longer_is_not_known_to_stand(
+    monkeypatch: pytest.MonkeyPatch, robot: str
+) -> None:
+    guards = Guards(monkeypatch, stand_wait=0.0)
+    guards.meet("ann")
+    now = [100.0]
+    monkeypatch.setattr(module.time, "monotonic", lambda: now[0])
+    guards.say(robot, True)
+
+    class Passes(Deadline):
+        """What is awaited does not come."""
+
+        def wait(self, condition: threading.Condition, predicate: Callable[[], bool]) -> bool:
+            now[0] += self.seconds + 0.1
+            return predicate()
+
+    now[0] += 0.1
+    monkeypatch.setattr(module, "Deadline", Passes)
+    assert not guards.client.wait_standing()

@@ -17,7 +17,7 @@ from merlin_ros.master.master_link import ERRORS, bounded_master, bounded_proxy
 from merlin_ros.work.threads import start_thread
 
 CALLER = "/merlin_doctor"
-ANSWER = 1.0  # s for a node to answer
+ANSWER = 3.0  # s for a node to answer: after so much silence a server counts as dead, too
 LISTEN = 3.5  # s: a status comes once per second, and a server that is silent for 3 s counts as dead
 TYPES = {"/tf": TFMessage, "/tf_static": TFMessage, "/diagnostics": DiagnosticArray}
 

@@ -20,7 +20,9 @@ from merlin_ros.publishing import publish
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
 
 HALT_LIMIT = 1.0  # s of wall time for the guard to answer
-FRESH = 1.5  # s of wall time for which the word of another robot's guard counts; it sends one every 0.5 s
+#: s of wall time for which the word of another robot's guard counts, and a guard that hangs is awaited; it
+#: sends one every 0.5 s.
+FRESH = 1.5
 #: s of running time for a motion goal whose state machine died to be cancelled: by its guard (0.9 s), or by
 #: the next process of the machine.
 GOAL_WAIT = 1.5
@@ -53,9 +55,7 @@ class GuardClient:
         :return: False when one still moves; True also without a guard.
         """
         with self._changed:
-            stands = Deadline(self._stand_wait).wait(
-                self._changed, lambda: not any(guard.moves() for guard in self._guards.values())
-            )
+            stands = self._wait_none(_Guard.moves)
             if stands:
                 Deadline(GOAL_WAIT).wait(
                     self._changed, lambda: not any(guard.holds_goals() for guard in self._guards.values())
@@ -68,9 +68,26 @@ class GuardClient:
         :return: False when one still does; True also without a guard.
         """
         with self._changed:
-            return Deadline(self._stand_wait).wait(
-                self._changed, lambda: not any(guard.moves_on() for guard in self._guards.values())
-            )
+            return self._wait_none(_Guard.moves_on)
+
+    def _wait_none(self, moves: Callable[["_Guard"], bool]) -> bool:
+        """Waits, with the lock held, until no guard says so any more.
+
+        The last word of a guard that hangs for a moment, as its whole computer may, is not the present.
+        """
+
+        def moving() -> List[_Guard]:
+            return [guard for guard in self._guards.values() if moves(guard)]
+
+        asked = time.monotonic()
+        if Deadline(self._stand_wait).wait(self._changed, lambda: not moving()):
+            return True
+        late = [guard for guard in moving() if guard.heard < asked]
+        if not late or not Deadline(FRESH).wait(
+            self._changed, lambda: all(guard.heard >= asked for guard in late)
+        ):
+            return False
+        return Deadline(self._stand_wait).wait(self._changed, lambda: not moving())
 
     def brake(self, reason: str) -> None:
         """Asks the guards to hold their bases until a cancel has reached the motion goals.
@@ -169,6 +186,7 @@ class _Guard:
     :param namespace: of its robot, with a slash at the end; empty: that of this node.
     :param changed: owns what it says.
     :param heard: called when it has said something.
+    :ivar heard: when it has said something last, s on the monotonic clock.
     """
 
     def __init__(self, namespace: str, changed: threading.Condition, heard: Callable[[], None]) -> None:
@@ -176,7 +194,7 @@ class _Guard:
         self._changed = changed
         self._tell = heard
         self._status: Optional[GuardStatus] = None
-        self._heard = 0.0
+        self.heard = 0.0
         self._braked: Set[str] = set()  # ids of the goals that ran at the last brake
         self._brake = rospy.Publisher(f"{namespace}merlin/brake", String, tcp_nodelay=True, queue_size=1)
         self._halt = ServiceProxy(f"{namespace}merlin/halt", Trigger, timeout=HALT_LIMIT)
@@ -209,7 +227,7 @@ class _Guard:
         return self._status.state == GuardStatus.HOLDING and not self._braked.isdisjoint(self._status.goals)
 
     def _silent(self, limit: float) -> bool:
-        return hangs.silent(time.monotonic() - self._heard, limit)
+        return hangs.silent(time.monotonic() - self.heard, limit)
 
     def brake(self, reason: str) -> None:
         """Asks the guard to hold its base for now."""
@@ -237,5 +255,5 @@ class _Guard:
 
     def _receive(self, status: GuardStatus) -> None:
         with self._changed:
-            self._status, self._heard = status, time.monotonic()
+            self._status, self.heard = status, time.monotonic()
         self._tell()
