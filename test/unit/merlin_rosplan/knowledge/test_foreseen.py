@@ -22,6 +22,12 @@ NUMBERS = """(define (domain d) (:requirements :typing :durative-actions :numeri
     :effect (and (at end (in ?p)) (at end (decrease (battery) (way ?p)))
       (when (at end (wet ?p)) (at end (not (clean ?p)))))))"""
 
+LASTING = """(define (domain d) (:requirements :durative-actions :numeric-fluents)
+  (:predicates (lit)) (:functions (battery) (heat) (lamps))
+  (:durative-action charge :parameters () :duration (= ?duration 10) :condition ()
+    :effect (and (at end (increase (battery) ?duration)) (increase (heat) (* #t 2))))
+  (:action light :parameters () :precondition () :effect (and (lit) (increase (lamps) 1))))"""
+
 
 def facts_of(problem: Problem) -> Set[str]:
     return {fact.text() for fact in problem.facts}
@@ -57,6 +63,18 @@ def test_numbers_and_conditional_effects_count() -> None:
     after = after_actions(domain, parse_problem(text, domain), ["(drive A)", "(drive b)"])
     assert facts_of(after) == {"(wet a)", "(clean b)", "(in a)", "(in b)"}
     assert {value.text(): value.value for value in after.values}["(battery)"] == 40.0
+
+
+def test_what_an_action_changes_while_it_lasts_counts_as_long_as_it_lasts() -> None:
+    domain = parse_domain(LASTING)
+    problem = parse_problem(
+        "(define (problem p) (:domain d) (:init (= (battery) 50) (= (heat) 20) (= (lamps) 0)) (:goal (lit)))",
+        domain,
+    )
+    after = after_actions(domain, problem, ["(charge)", "(light)"], ["(light)"])
+    values = {value.text(): value.value for value in after.values}
+    # A plain action that runs has changed nothing yet.
+    assert values == {"(battery)": 60.0, "(heat)": 40.0, "(lamps)": 2.0}
 
 
 @pytest.mark.parametrize(
