@@ -30,7 +30,7 @@ def states(changes):
 def test_a_goal_without_a_lease_is_foreign_for_ever():
     book = LeaseBook()
     assert book.pass_time(1000.0) == []
-    assert book.state(GOAL) is LeaseState.FOREIGN
+    assert book.state(GOAL) is LeaseState.FOREIGN and book.owner(GOAL) == ""
 
 
 def test_a_silent_owner_suspends_first_and_loses_later():
@@ -41,7 +41,7 @@ def test_a_silent_owner_suspends_first_and_loses_later():
     assert states(book.pass_time(0.1)) == [(GOAL, LeaseState.SUSPENDED)]
     assert "/client is silent" in book.reason(GOAL)
     lost = book.pass_time(LOSE_AFTER)
-    assert states(lost) == [(GOAL, LeaseState.LOST)]
+    assert states(lost) == [(GOAL, LeaseState.LOST)] and book.owner(GOAL) == "/client"
     assert "/client has been silent for 3." in lost[0].reason
 
 
