@@ -10,7 +10,6 @@ import fcntl
 import gc
 import itertools
 import os
-import re
 import shutil
 import signal
 import subprocess
@@ -30,6 +29,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "bench"))  # tools,
 from chaos.under_test import processes
 
 from merlin_test.compiled_tests import compile_tests
+from merlin_test.log_ends import ends_of_logs
 from merlin_test.progress import Progress, longest_first, read_durations
 
 # A busy machine is slow, not wrong; how fast things are is for bench/ to say. The same examples each time:
@@ -61,10 +61,6 @@ FOREIGN = (
 LIMIT = 1300.0  # s, below that of pytest.ini, so that the processes of the suite are ended here
 #: How long each file of tests takes; ``make test`` writes a new list into results/test/durations.txt.
 DURATIONS = Path(__file__).parent / "durations.txt"
-#: A node logs its connections and each call of its slave API.
-OF_ROSPY = re.compile(r"\[(rosmaster|rospy|roslaunch|xmlrpc)\S*\]\[INFO\]")
-#: Lines at the end of each node's log that are shown of a suite that failed.
-LOG_LINES = 12
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -179,7 +175,7 @@ class RosTestItem(pytest.Item):
         cases, failed = _read(results)
         if process.returncode or failed or not cases:
             counts = f"exit code {process.returncode}, {cases} cases, {len(failed)} failed"
-            raise RosTestFailure("\n".join([counts, *failed, output[-12000:], *_ends_of_logs(home / "log")]))
+            raise RosTestFailure("\n".join([counts, *failed, output[-12000:], *ends_of_logs(home / "log")]))
 
     def repr_failure(self, excinfo: pytest.ExceptionInfo) -> str:
         """What the suite printed is the whole story."""
@@ -222,16 +218,6 @@ def _read(results: Path) -> Tuple[int, List[str]]:
             texts = [(found.text or "").strip() for found in (*case.iter("failure"), *case.iter("error"))]
             failed += [f"{case.get('classname')}.{case.get('name')}: {text}" for text in texts]
     return cases, failed
-
-
-def _ends_of_logs(folder: Path) -> Iterator[str]:
-    """What the nodes of the suite have logged last."""
-    for log in sorted(folder.glob("latest/*.log")):
-        lines = log.read_text(encoding="utf-8", errors="replace").splitlines()
-        said = [line for line in lines if not OF_ROSPY.match(line)]
-        if said:
-            yield f"--- {log.name}"
-            yield from said[-LOG_LINES:]
 
 
 def _stopped(process: subprocess.Popen) -> str:

@@ -8,6 +8,8 @@ import signal
 import subprocess
 from pathlib import Path
 
+from merlin_test.log_ends import ends_of_logs
+
 ROOT = Path(__file__).resolve().parents[2]
 LIMIT = 900.0  # s for all commands together, on a machine that does much else
 ENDS = 20.0  # s from Ctrl-C to the end of what it ends
@@ -34,12 +36,11 @@ def run_in_shell(commands: str, ros_folder: Path, folder: Path) -> str:
         try:
             ended = f"exit code {shell.wait(LIMIT)}"
         except subprocess.TimeoutExpired:
-            parts = [f"no end within {LIMIT} s", running(shell.pid), last_words(ros_folder / "log")]
-            ended = "\n".join(parts)
+            ended = f"no end within {LIMIT} s\n{running(shell.pid)}"
         finally:
             stop(shell)
     said = screen.read_text(encoding="utf-8", errors="replace")
-    assert ended == "exit code 0", f"{ended}:\n{said[-6000:]}"
+    assert ended == "exit code 0", f"{ended}:\n{said[-6000:]}\n" + "\n".join(ends_of_logs(ros_folder / "log"))
     return said
 
 
@@ -63,12 +64,6 @@ def running(session: int) -> str:
     """The processes of a session, with how long they have run and where they wait."""
     command = ["ps", "-s", str(session), "-o", "pid,ppid,etimes,stat,wchan:20,args"]
     return subprocess.run(command, capture_output=True, text=True, check=False).stdout
-
-
-def last_words(folder: Path) -> str:
-    """The ends of the logs of the run that began last."""
-    logs = [path for path in folder.glob("latest/*") if path.is_file() and path.stat().st_size]
-    return "\n".join(f"{path.name}: …{path.read_text(errors='replace')[-800:]}" for path in sorted(logs))
 
 
 def stop(shell: "subprocess.Popen[bytes]") -> None:
