@@ -29,7 +29,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "bench"))  # tools,
 from chaos.under_test import processes
 
 from merlin_test.compiled_tests import compile_tests
-from merlin_test.log_ends import ends_of_logs
+from merlin_test.failure_texts import ends_of_logs
 from merlin_test.progress import Progress, longest_first, read_durations
 
 # A busy machine is slow, not wrong; how fast things are is for bench/ to say. The same examples each time:

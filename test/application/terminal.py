@@ -8,7 +8,7 @@ import signal
 import subprocess
 from pathlib import Path
 
-from merlin_test.log_ends import ends_of_logs
+from merlin_test.failure_texts import ends_of_logs
 
 ROOT = Path(__file__).resolve().parents[2]
 LIMIT = 900.0  # s for all commands together, on a machine that does much else

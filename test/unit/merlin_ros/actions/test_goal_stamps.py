@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a client stamps its goals with when its clock is set back, and which goals an earlier life left."""
+"""Stamps when a clock is set back: of goals, in their order of sending, and of goals of an earlier life."""
 
 from typing import Any
 
@@ -12,6 +12,7 @@ from merlin_msgs.msg import ListenAction, ListenGoal
 from merlin_ros.actions import action_client, lease_holder
 from merlin_ros.actions.action_client import ActionClient
 from merlin_ros.actions.lease_holder import LIFE
+from merlin_ros.actions.sending_order import SendingOrder
 from merlin_ros.alarms import Alarm
 
 LIFE_BEFORE = "0123456789ab"
@@ -81,3 +82,30 @@ def test_only_what_a_client_of_merlin_left_is_cancelled(topics: Topics, goal_id:
     assert cancels.empty()
     hear(topics, client, GoalID(id=goal_id), GoalID(id=f"/node-{LIFE_BEFORE}-3-100.000000000-leased"))
     assert cancels.get_nowait().id == f"/node-{LIFE_BEFORE}-3-100.000000000-leased" and cancels.empty()
+
+
+def test_before_the_first_look_a_stamp_is_where_it_says() -> None:
+    order = SendingOrder()
+    assert order.place(70) == order.sent(70) == 70
+    assert order.look(100) == 0
+    assert order.place(100) == 100
+
+
+def test_what_is_stamped_ahead_of_the_clock_was_sent_now() -> None:
+    order = SendingOrder()
+    order.look(100)
+    assert (order.place(90), order.sent(90)) == (90, 90)
+    assert (order.place(130), order.sent(130)) == (130, 100)
+    assert order.look(120) == 20
+    assert (order.place(130), order.sent(130)) == (130, 120)
+
+
+def test_after_a_step_back_of_the_clock_what_is_stamped_comes_later() -> None:
+    order = SendingOrder()
+    order.look(100)
+    before = order.place(100)
+    assert order.look(40) == 1
+    assert order.place(40) == before + 1
+    assert order.look(45) == 5
+    assert order.place(45) == order.sent(45) == before + 6
+    assert order.place(40) == before + 1

@@ -1,14 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the nodes of a run that failed have logged last."""
+"""What is said of a test that fails: its case, as rosunit has no subTest, and what nodes have logged last."""
 
+import contextlib
 import re
 from pathlib import Path
-from typing import Iterator
+from typing import Any, Iterator
 
 #: A node logs its connections and each call of its slave API.
 OF_ROSPY = re.compile(r"\[(rosmaster|rospy|roslaunch|xmlrpc)\S*\]\[INFO\]")
 #: Lines of each node.
 LINES = 12
+
+
+@contextlib.contextmanager
+def named_case(*what: Any) -> Iterator[None]:
+    """Puts what is tried before the text of an assertion that fails within it."""
+    try:
+        yield
+    except AssertionError as error:
+        raise AssertionError(f"{', '.join(map(str, what))}: {error}") from error
 
 
 def ends_of_logs(folder: Path) -> Iterator[str]:
