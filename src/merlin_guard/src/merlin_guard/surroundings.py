@@ -10,7 +10,7 @@ import rosgraph
 import rospy
 
 from merlin_guard.guard_parameters import GuardParameters
-from merlin_ros.master.master_link import ERRORS, bounded_master, bounded_proxy
+from merlin_ros.master.master_link import ERRORS, MasterSilent, bounded_master, bounded_proxy
 from merlin_ros.parameters import ParameterError
 
 GUARD_TYPE = "merlin_msgs/GuardStatus"
@@ -122,15 +122,18 @@ class Surroundings:
         """Checks what has to be right before the guard begins.
 
         :raises ParameterError: when it is not, with what to do.
-        :raises Exception: one of :data:`ERRORS`, when the master does not answer.
+        :raises MasterSilent: the master does not answer, or not sensibly.
         """
         if self._input == self._output:
             raise ParameterError(
                 f"cmd_vel_in and cmd_vel are the same topic, {self._output}: what the guard sends would come "
                 "back. Remap cmd_vel_in to the topic of navigation, or cmd_vel to that of the base"
             )
-        guards = self._graph.other_guards(self._output)
-        neighbours = self._graph.other_guards(self._status)
+        try:
+            guards = self._graph.other_guards(self._output)
+            neighbours = self._graph.other_guards(self._status)
+        except ERRORS as error:
+            raise MasterSilent(f"which guards there are is not known: {error}") from error
         if guards:
             raise ParameterError(
                 f"{', '.join(guards)} guards {self._output} already. A base has one guard: end that one, or "
