@@ -29,6 +29,5 @@ def ends_of_logs(folder: Path) -> Iterator[str]:
     for log in sorted(folder.glob("latest/*.log")):
         lines = log.read_text(encoding="utf-8", errors="replace").splitlines()
         said = [line for line in lines if not OF_ROSPY.match(line)]
-        if said:
-            yield f"--- {log.name}"
-            yield from said[-LINES:]
+        yield f"--- {log.name}" + ("" if said else ": it logged nothing")
+        yield from said[-LINES:]
