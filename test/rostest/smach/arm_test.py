@@ -134,7 +134,7 @@ class Arm(unittest.TestCase):
         with sm:
             sm.add("ARM", MerlinStateFactory.create("pick", "mug", server_wait=0.2))
         self.assertEqual(sm.execute(), "aborted")
-        self.assertEqual(sm.reason, "no action server /pick within 0.2 s")
+        self.assertEqual(sm.reason, "no action server /pick within 0.2 s (its status was never heard)")
 
     def test_the_node_of_the_documents_serves_an_arm(self):
         codes = re.findall(r"```python\n(.*?)```", DOCUMENT.read_text(), re.S)

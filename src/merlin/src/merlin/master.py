@@ -5,14 +5,25 @@ Finding a free port first and starting `rosmaster` on it afterwards is a race th
 together lose now and then; binding port 0 is not.
 """
 
+import contextlib
+import http.client
 import threading
-from typing import Optional
+import xmlrpc.client
+from typing import Any, Callable, Dict, Optional
+from xml.parsers.expat import ExpatError
 
 import rosgraph.xmlrpc
 import rosmaster.master_api
+import rosmaster.registrations
+
+from merlin_ros.work.threads import CallQueue
 
 #: Wall seconds that binding a socket may take.
 START_TIMEOUT = 10.0
+#: Longest wait of the master for a node, s of wall time. The call has reached one that hangs.
+NODE_TIMEOUT = 60.0
+#: Nodes to which a connection is kept.
+KEPT = 64
 
 
 class MasterError(Exception):
@@ -36,6 +47,66 @@ class _Server(rosgraph.xmlrpc.XmlRpcNode):
         self.settled.set()
 
 
+class _Transport(xmlrpc.client.Transport):
+    def make_connection(self, host: Any) -> http.client.HTTPConnection:
+        connection = super().make_connection(host)
+        connection.timeout = NODE_TIMEOUT
+        return connection
+
+
+class _Node(CallQueue):
+    """What the master has to call at a node."""
+
+    def __init__(self, address: str) -> None:
+        super().__init__("notifies a node")
+        self.proxy = xmlrpc.client.ServerProxy(address, transport=_Transport())
+
+    def call(self, task: Callable[..., Any], *args: Any) -> None:
+        """Calls the node after what waits."""
+        self.put(self._call, task, *args)
+
+    def _call(self, task: Callable[..., Any], *args: Any) -> None:
+        # The node has ended, or hangs, or is another program; rosmaster has logged it.
+        with contextlib.suppress(OSError, http.client.HTTPException, xmlrpc.client.Error, ExpatError):
+            task(*args)
+
+
+class _Notifier:
+    """Makes the master's calls to nodes: those to one node one after the other, and all at once.
+
+    It takes the place of rosmaster's pool. That has three threads, which look for work every 0.1 s, and a node
+    that hangs holds one of them until it ends: with three such nodes no other one hears of a new publisher.
+    """
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()  # guards the field below
+        self._nodes: Dict[str, _Node] = {}  # by address, the one that was called last at the end
+
+    def queue_task(self, marker: str, task: Callable[..., Any], args: Any) -> None:
+        """Has a node called.
+
+        :param marker: its address.
+        """
+        self._node(marker).call(task, *args)
+
+    def proxy(self, address: str) -> xmlrpc.client.ServerProxy:
+        """The connection to a node, for a call that was queued."""
+        return self._node(address).proxy
+
+    def join_all(self, **_: bool) -> None:
+        """Is called at the end of a master; calls that wait at its nodes end with the process."""
+
+    def _node(self, address: str) -> _Node:
+        with self._lock:
+            node = self._nodes[address] = self._nodes.pop(address, None) or _Node(address)
+            if len(self._nodes) > KEPT:
+                del self._nodes[next(iter(self._nodes))]
+        return node
+
+
+_notifier = _Notifier()
+
+
 class Master:
     """The master of one run.
 
@@ -48,7 +119,9 @@ class Master:
         :param port: TCP port; None: any free one.
         :raises MasterError: the port is taken.
         """
-        handler = rosmaster.master_api.ROSMasterHandler(rosmaster.master_api.NUM_WORKERS)
+        handler = rosmaster.master_api.ROSMasterHandler(0)  # threads of its own
+        handler.thread_pool = handler.reg_manager.thread_pool = _notifier
+        rosmaster.master_api.xmlrpcapi = rosmaster.registrations.xmlrpcapi = _notifier.proxy
         self._server = _Server(port or 0, handler)
         self._server.start()
         if not self._server.settled.wait(START_TIMEOUT) or self._server.error is not None:

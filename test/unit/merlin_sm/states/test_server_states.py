@@ -71,6 +71,9 @@ class Server:
     def wait_for_server(self, timeout: float, unless: Callable[[], bool]) -> bool:
         return self.there
 
+    def absence(self, waited: float) -> str:
+        return f"not there within {waited:g} s"
+
     def send(self, goal: Any, on_done: Callable[[Any], None], owner: Optional[str]) -> Sent:
         self.goals.append(goal)
         self.owners.append(owner)
@@ -173,7 +176,7 @@ def test_a_server_that_does_not_come_is_named(server: Server) -> None:
     server.there = False
     drive = state(server_wait=0.5)
     assert drive.execute(userdata()) == ABORTED
-    assert drive.reason == "no action server /server within 0.5 s" and server.goals == []
+    assert drive.reason == "not there within 0.5 s" and server.goals == []
 
 
 def test_a_preempt_while_the_server_is_waited_for_sends_nothing(server: Server) -> None:

@@ -88,7 +88,7 @@ class SpeechRelay:
     def _ask(self, goal: ServerGoal, message: Any) -> None:
         if not self._client.wait_for_server(SERVER_WAIT, lambda: goal.cancel_requested):
             end = goal.cancelled if goal.cancel_requested else goal.abort
-            end(RESULT, f"no action server {self._name} within {SERVER_WAIT:g} s")
+            end(RESULT, self._client.absence(SERVER_WAIT))
             return
         ended = threading.Event()
         sent = self._client.send(message, on_done=lambda _: ended.set(), owner=goal.id)

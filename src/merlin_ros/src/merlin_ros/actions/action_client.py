@@ -12,6 +12,7 @@ A goal is stamped no earlier than the last one of this process, and those that t
 ``SimpleActionServer`` refuses what is older than the goal that it took last, and a clock may be set back.
 """
 
+import contextlib
 import itertools
 import math
 import re
@@ -28,6 +29,7 @@ from merlin_ros.actions.peers import came_over_open, connected_peers, link_from,
 from merlin_ros.actions.server_silence import CONNECTED_SILENCE, LOOK, ServerSilence
 from merlin_ros.alarms import Alarm, TickClock, every
 from merlin_ros.deadline import running_time
+from merlin_ros.master import registration
 from merlin_ros.publishing import OnSubscriber, publish
 from merlin_ros.work.threads import CallQueue
 
@@ -36,6 +38,7 @@ KEEP_GIVEN_UP = 60.0  # s for which a goal that was given up is cancelled when t
 SPEAKING = 2.0  # s since its last status within which a server is waited for beyond the time-out
 GREETED = 0.5  # s of wall time after which the server sends over its link for results, without a proof
 CONNECTING = 10.0  # s of that: rospy tries a connection that failed again at growing intervals
+ASKING = 1.0  # s of a wait after which the master is asked for the server; then after twice as long, and so on
 AHEAD = 1.0  # s that a stamp may be ahead of the clock before it is told
 QUEUE = 1000  # goals and cancels that wait for a connection; rospy drops the oldest, and says nothing
 DEAD_OWNERS = 1000  # owners whose goals were given up that are remembered; then the oldest is forgotten
@@ -63,6 +66,7 @@ class ActionClient:
         self._changed = threading.Condition()  # guards the fields below
         self._goals: Dict[str, ClientGoal] = {}
         self._last_status: Optional[float] = None
+        self._unpublished = False  # whether the master knew no node that publishes the status
         self._server = ""  # name of the node that sent the last status
         self._header: Optional[Mapping[str, str]] = None  # of the connection over which it came
         self._result_link: Any = None  # the server's, at the last look
@@ -121,7 +125,7 @@ class ActionClient:
         """
         last = self._last_status
         if last is None:
-            return "its status was never heard"
+            return "no node publishes its status" if self._unpublished else "its status was never heard"
         silent = running_time() - last
         if silent >= CONNECTED_SILENCE:
             return f"it has been silent for {silent:.1f} s"
@@ -135,6 +139,14 @@ class ActionClient:
         }
         lacking = next((name for name, there in links.items() if not there), "")
         return f"it speaks, but has no connection for {lacking}" if lacking else ""
+
+    def absence(self, waited: float) -> str:
+        """The reason of what failed for want of the server: in the same words, as long as the cause is the same.
+
+        :param waited: s of running time.
+        """
+        why = f" ({self.missing})" if self._last_status is None else ""
+        return f"no action server {self.name} within {waited:g} s{why}"
 
     def _takes_results(self) -> bool:
         """Whether the server sends over its link for results."""
@@ -156,10 +168,13 @@ class ActionClient:
         """
         shortest = math.inf if timeout is None else timeout
         longest = shortest + CONNECTING if timeout else shortest
-        ticks = TickClock(running_time)
+        ticks, asks = TickClock(running_time), ASKING
         with self._changed:
             while not self.alive:
                 ticks.look()
+                if ticks.now >= asks:
+                    asks *= 2.0
+                    self._late.put(self._ask_master)
                 left = shortest - ticks.now
                 if left <= 0.0 and running_time() - (self._last_status or -SPEAKING) < SPEAKING:
                     left = longest - ticks.now
@@ -267,6 +282,15 @@ class ActionClient:
             topic.unregister()
         for goal in goals:
             goal.finish(GoalStatus.LOST, "the client was shut down", self._result_type())
+
+    def _ask_master(self) -> None:
+        """Connects to a server of which the master's word was lost; a connection that there is stays."""
+        with contextlib.suppress(*registration.ERRORS):  # the wait goes on, and says what it lacks
+            for subscriber in self._subscribers:
+                if self._stopped or rospy.is_shutdown():
+                    return
+                publishers = registration.subscribe_again(subscriber.resolved_name, subscriber.type)
+            self._unpublished = not publishers  # the status comes last
 
     def _wake(self) -> None:
         with self._changed:

@@ -123,16 +123,39 @@ def register_at(
     for topic, kind in things.subscribed.items():
         if not going_on():
             return
-        publishers = answer_of(master.handle.registerSubscriber(name, topic, kind, uri))
-        if publishers:
-            try:
-                node.publisherUpdate("/master", topic, publishers)
-            except master_link.ERRORS as error:  # of the node; the master answers
-                raise RegistrationError(f"{name} does not take the publishers of {topic}: {error}") from error
+        _subscribe(master, node, name, uri, topic, kind)
     for service, address in things.served.items():
         if not going_on():
             return
         answer_of(master.handle.registerService(name, service, address, uri))
+
+
+def subscribe_again(topic: str, kind: str) -> List[str]:
+    """Connects this node to the publishers of a topic that it has subscribed to.
+
+    The master tells a node once of each new publisher: what it has said to one that hung may be lost.
+
+    :param topic: global.
+    :param kind: type of the topic.
+    :return: the addresses of the nodes that publish it.
+    :raises OSError: when the master, or this node itself, does not answer.
+    :raises RegistrationError: when the master refuses.
+    """
+    uri = rospy.core.get_node_uri()
+    node = master_link.bounded_proxy(uri, OWN_TIMEOUT)
+    return _subscribe(master_link.bounded_master(), node, rospy.get_name(), uri, topic, kind)
+
+
+def _subscribe(
+    master: rosgraph.Master, node: xmlrpc.client.ServerProxy, name: str, uri: str, topic: str, kind: str
+) -> List[str]:
+    publishers: List[str] = answer_of(master.handle.registerSubscriber(name, topic, kind, uri))
+    if publishers:
+        try:
+            node.publisherUpdate("/master", topic, publishers)
+        except master_link.ERRORS as error:  # of the node; the master answers
+            raise RegistrationError(f"{name} does not take the publishers of {topic}: {error}") from error
+    return publishers
 
 
 def _own(node: xmlrpc.client.ServerProxy, name: str) -> Registrations:

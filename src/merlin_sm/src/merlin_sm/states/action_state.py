@@ -101,7 +101,7 @@ class ActionState(MerlinState):
         if not self._client.wait_for_server(self._server_wait, self.preempt_requested):
             if self.preempt_requested():
                 return PREEMPTED
-            return self.fail(f"no action server {self._client.name} within {self._server_wait:g} s")
+            return self.fail(self._client.absence(self._server_wait))
         reason = self._why_no_drive()
         hangs.wait_settled(self.preempt_requested)
         if self.preempt_requested():

@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The master of a run: each node hears of what is new at once and in order, whatever the others do."""
+
+import queue
+import socket
+import threading
+import xmlrpc.client
+from contextlib import ExitStack
+from typing import Any, Iterator, List
+from xmlrpc.server import SimpleXMLRPCServer
+
+import pytest
+
+from merlin.local_names import master_uri
+from merlin.master import Master
+
+LIMIT = 60.0  # s
+TOPIC, KIND = "/news", "std_msgs/String"
+HUNG = 8
+
+
+class Node:
+    """A node that notes what the master has said."""
+
+    def __init__(self) -> None:
+        self.heard: queue.Queue[Any] = queue.Queue()
+        self._server = SimpleXMLRPCServer(("127.0.0.1", 0), logRequests=False)
+        self._server.register_function(self._update, "publisherUpdate")
+        self._server.register_function(self._update, "paramUpdate")
+        self._server.register_function(self._shut_down, "shutdown")
+        self.uri = address_of(self._server.socket)
+        self._thread = threading.Thread(target=self._server.serve_forever, name="node")
+        self._thread.start()
+
+    def _update(self, caller: str, name: str, value: Any) -> List[Any]:
+        assert caller == "/master" and name.strip("/") == "news"
+        self.heard.put(value)
+        return [1, "", 0]
+
+    def _shut_down(self, caller: str, why: str) -> List[Any]:
+        self.heard.put(why)
+        return [1, "", 0]
+
+    def close(self) -> None:
+        self._server.shutdown()
+        self._thread.join(LIMIT)
+        self._server.server_close()
+
+
+def address_of(listening: socket.socket) -> str:
+    return f"http://127.0.0.1:{listening.getsockname()[1]}/"
+
+
+@pytest.fixture
+def api() -> Iterator[Any]:
+    master = Master()
+    with xmlrpc.client.ServerProxy(master_uri(master.port)) as proxy:
+        yield proxy
+    master.stop()
+
+
+@pytest.fixture
+def node() -> Iterator[Node]:
+    made = Node()
+    yield made
+    made.close()
+
+
+def test_nodes_that_hang_keep_no_other_one_from_a_new_publisher(api: Any, node: Node) -> None:
+    with ExitStack() as stack:
+        for number in range(HUNG):  # takes calls, and answers none
+            hung = stack.enter_context(socket.create_server(("127.0.0.1", 0)))
+            api.registerSubscriber(f"/hung_{number}", TOPIC, KIND, address_of(hung))
+        api.registerSubscriber("/listener", TOPIC, KIND, node.uri)
+        api.registerPublisher("/talker", TOPIC, KIND, "http://127.0.0.1:1/")
+        assert node.heard.get(timeout=LIMIT) == ["http://127.0.0.1:1/"]
+
+
+def test_a_node_hears_of_all_publishers_in_order_and_after_one_that_has_ended(api: Any, node: Node) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as ended:
+        api.registerSubscriber("/ended", TOPIC, KIND, address_of(ended))
+    api.registerSubscriber("/listener", TOPIC, KIND, node.uri)
+    talkers = [f"http://127.0.0.1:{number}/" for number in range(1, 30)]
+    for number, talker in enumerate(talkers):
+        api.registerPublisher(f"/talker_{number}", TOPIC, KIND, talker)
+    for number in range(len(talkers)):
+        assert sorted(node.heard.get(timeout=LIMIT)) == sorted(talkers[: number + 1])
+
+
+def test_a_node_hears_of_a_parameter_and_of_its_successor(api: Any, node: Node) -> None:
+    api.subscribeParam("/listener", node.uri, TOPIC)
+    api.setParam("/talker", TOPIC, 7)
+    assert node.heard.get(timeout=LIMIT) == 7
+    api.registerSubscriber("/listener", TOPIC, KIND, node.uri)
+    api.registerSubscriber("/listener", TOPIC, KIND, "http://127.0.0.1:1/")
+    assert "new node registered with same name" in node.heard.get(timeout=LIMIT)
