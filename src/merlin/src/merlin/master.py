@@ -74,8 +74,8 @@ class _Node(CallQueue):
 class _Notifier:
     """Makes the master's calls to nodes: those to one node one after the other, and all at once.
 
-    It takes the place of rosmaster's pool. That has three threads, which look for work every 0.1 s, and a node
-    that hangs holds one of them until it ends: with three such nodes no other one hears of a new publisher.
+    It takes the place of rosmaster's pool of three threads. These look for work every 0.1 s, and a node that
+    hangs holds one of them until it ends: with three such nodes no other one hears of a new publisher.
     """
 
     def __init__(self) -> None:
@@ -98,10 +98,11 @@ class _Notifier:
 
     def _node(self, address: str) -> _Node:
         with self._lock:
-            node = self._nodes[address] = self._nodes.pop(address, None) or _Node(address)
+            known = self._nodes.pop(address) if address in self._nodes else _Node(address)
+            self._nodes[address] = known
             if len(self._nodes) > KEPT:
                 del self._nodes[next(iter(self._nodes))]
-        return node
+        return known
 
 
 _notifier = _Notifier()

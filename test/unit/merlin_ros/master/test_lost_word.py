@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""An action client that waits finds its server, although the master's word of it was lost; or says that there is none."""
+"""An action client finds a server although the master's word of it was lost, and says where there is none."""
 
 from typing import Any
 

@@ -38,7 +38,7 @@ KEEP_GIVEN_UP = 60.0  # s for which a goal that was given up is cancelled when t
 SPEAKING = 2.0  # s since its last status within which a server is waited for beyond the time-out
 GREETED = 0.5  # s of wall time after which the server sends over its link for results, without a proof
 CONNECTING = 10.0  # s of that: rospy tries a connection that failed again at growing intervals
-ASKING = 1.0  # s of a wait after which the master is asked for the server; then after twice as long, and so on
+ASKING = 1.0  # s of a wait after which the master is asked for the server; then after 2, 4 …
 AHEAD = 1.0  # s that a stamp may be ahead of the clock before it is told
 QUEUE = 1000  # goals and cancels that wait for a connection; rospy drops the oldest, and says nothing
 DEAD_OWNERS = 1000  # owners whose goals were given up that are remembered; then the oldest is forgotten
@@ -141,7 +141,7 @@ class ActionClient:
         return f"it speaks, but has no connection for {lacking}" if lacking else ""
 
     def absence(self, waited: float) -> str:
-        """The reason of what failed for want of the server: in the same words, as long as the cause is the same.
+        """The reason of what failed for want of the server; the same words for the same cause.
 
         :param waited: s of running time.
         """
