@@ -78,6 +78,7 @@ class ActionClient:
         self._stopped = False
         self._looks: Optional[Alarm] = None
         self._late = CallQueue(f"client of {self.name}")  # what a look has found
+        self._questions = CallQueue(f"server of {self.name}")  # to the master, which may hang
         self._node = rospy.get_name()
         self._own_ids = re.compile(rf"{re.escape(self._node)}-([0-9a-f]{{12}})-\d+-\d+\.\d+{LEASED}")
         self._taken = rospy.Time()  # the latest stamp of a goal in the last status list
@@ -174,7 +175,7 @@ class ActionClient:
                 ticks.look()
                 if ticks.now >= asks:
                     asks *= 2.0
-                    self._late.put(self._ask_master)
+                    self._questions.put(self._ask_master)
                 left = shortest - ticks.now
                 if left <= 0.0 and running_time() - (self._last_status or -SPEAKING) < SPEAKING:
                     left = longest - ticks.now
