@@ -87,7 +87,7 @@ def test_goals_for_a_server_that_is_gone_do_not_grow_for_ever():
         server.goal_sent(str(number), 0)
         if number % UNSEEN == 5:
             clock.world += 100.0
-            server.forget_silent()
-    assert len(server.goals) <= UNSEEN + 1 and len(server._forgotten) <= UNSEEN + 1
+    assert server.gone and len(server.goals) <= UNSEEN + 1
     server.report([GoalReport("drives", ACTIVE), GoalReport("0", ACTIVE)])  # it was only stopped
+    assert not server.gone
     assert "0" in server.goals and server.goals["drives"].refused

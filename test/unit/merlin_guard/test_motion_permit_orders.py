@@ -134,6 +134,13 @@ class RandomOrders(RuleBasedStateMachine):
             self.leases[key] = held, suspended, max(at, at + seconds - 0.2)
         self.note(self.permit.tick(self.now))
 
+    @rule()
+    def servers_count_as_dead(self):
+        for _ in range(80):
+            self.now += 0.2
+            self.clock += 0.2
+            self.note(self.permit.tick(self.now))
+
     @precondition(lambda self: self.stopped)
     @rule()
     def nothing_passes_while_stopped(self):

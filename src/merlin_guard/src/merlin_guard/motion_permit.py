@@ -209,7 +209,6 @@ class MotionPermit:
         for name, server in self._servers.items():
             if clients is not None:
                 server.leases.connected(clients[name])
-            server.forget_silent()
         return self._settle()
 
     def _settle(self) -> PermitDecision:
@@ -236,7 +235,7 @@ class MotionPermit:
     def _judge(self) -> PermitVerdict:
         if self._stopped:
             return PermitVerdict(GuardState.STOPPED, self._stopped)
-        active = [(server, goal) for server, goal in self._goals() if goal.active]
+        active = [(server, goal) for server in self._servers.values() for goal in server.active_goals()]
         if not active:
             return PermitVerdict(GuardState.IDLE, NO_GOAL)
         refused = [(server, goal.refused) for server, goal in active if goal.refused]
@@ -293,7 +292,8 @@ class MotionPermit:
         due = []
         for server, goal in self._goals():
             first = goal.asked_at is None
-            if goal.refused and (goal.asked_at is None or now - goal.asked_at >= REPEAT_CANCEL):
+            again = goal.asked_at is None or now - goal.asked_at >= REPEAT_CANCEL
+            if goal.refused and again and not server.gone:
                 goal.asked_at = now
                 goal.mark_cancelled(now)
                 due.append(GoalCancel(server.name, goal.id, goal.refused, first))

@@ -94,7 +94,6 @@ class MotionServer:
         self.name = name
         self.leases = GuardLeases(settings)
         self.goals: Dict[str, MotionGoal] = {}
-        self._forgotten: Dict[str, MotionGoal] = {}  # of a silent server; it may come back with them
         self._settings = settings
         self._clock = clock
         self._heard_wall: Optional[float] = None
@@ -112,10 +111,7 @@ class MotionServer:
             if report.status not in LIVE:
                 self.goals.pop(report.id, None)
                 continue
-            goal = self.goals.get(report.id)
-            if goal is None:
-                goal = self._forgotten.get(report.id) or self._add(report.id, report.stamp, report.earlier)
-                self.goals[report.id] = goal
+            goal = self.goals.get(report.id) or self._add(report.id, report.stamp, report.earlier)
             goal.status = report.status
             if report.status in CANCELLED:
                 goal.mark_cancelled(now)
@@ -123,7 +119,6 @@ class MotionServer:
             unseen = goal.status is None and now - goal.seen_at <= KEEP_UNSEEN
             if goal.id not in listed and not unseen:
                 del self.goals[goal.id]
-        self._forgotten.clear()
 
     def goal_sent(self, goal_id: str, stamp: int) -> None:
         """A client has sent a goal, at `stamp` (ns of ROS time)."""
@@ -151,12 +146,10 @@ class MotionServer:
         while self._early_cancels and now - next(iter(self._early_cancels.values())) > KEEP_CANCEL:
             self._early_cancels.popitem(last=False)
 
-    def forget_silent(self) -> None:
-        """Counts all goals as ended once the server has been silent for long: it is dead."""
-        if self.goals and self._silence() > self._settings.forget_after:
-            self._forgotten.update(self.goals)
-            self.goals.clear()
-            _forget_unseen(self._forgotten)
+    @property
+    def gone(self) -> bool:
+        """Whether it has been silent for so long that it counts as dead. It may hang, and come back with its goals."""
+        return self._silence() > self._settings.forget_after
 
     def claim(self, goal: MotionGoal) -> LeaseClaim:
         """What the leases say about a goal; one that had an owner which is forgotten by now is lost."""
@@ -177,7 +170,7 @@ class MotionServer:
 
     def active_goals(self) -> List[MotionGoal]:
         """The goals that it works on."""
-        return [goal for goal in self.goals.values() if goal.active]
+        return [] if self.gone else [goal for goal in self.goals.values() if goal.active]
 
     def _silence(self) -> float:
         return self._clock.world - self._heard_world
