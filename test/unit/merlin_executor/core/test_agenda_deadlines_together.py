@@ -55,6 +55,24 @@ def test_one_with_a_deadline_begins_by_itself_and_the_others_join_its_plan(agend
     assert agenda.revised(agenda.revision) == [] and orders(agenda.together) == [2, 0, 1]
 
 
+def test_one_that_was_interrupted_joins_like_any_other(agenda: "Agenda[Errand]") -> None:
+    interrupted, timed = Errand(0), Errand(2, deadline=900.0)
+    driven(agenda, interrupted)
+    agenda.receive(Errand(1, 5))
+    agenda.ended(CANCELLED)
+    interrupted.under_way = False
+    agenda.begin()
+    agenda.receive(timed)
+    agenda.ended(DONE)
+    assert agenda.begin() is timed
+    go(agenda)
+    assert orders(agenda.revision) == [2, 0]
+    assert agenda.revised(agenda.revision) == [] and orders(agenda.together) == [2, 0]
+    go(agenda)
+    assert agenda.revision == [] and not agenda.elapse()
+    assert orders([answer.ticket for answer in agenda.achieved([interrupted], DONE)]) == [0]
+
+
 @pytest.mark.parametrize("limited", [False, True])
 def test_one_with_a_deadline_joins_what_runs(agenda: "Agenda[Errand]", clock: Clock, limited: bool) -> None:
     driven(agenda, Errand(0, **({"deadline": 900.0} if limited else {})))

@@ -256,10 +256,7 @@ class Agenda(Generic[T]):
             self.breakpoints.began(first.text)
         if not any(ticket.stop and ticket.stop.kind is StopKind.JOINED for ticket in group):
             self._gathers_until = self._waiting.elapsed + GATHER
-        for ticket in group:
-            self._waiting.take(ticket)
-            ticket.stop = None
-            ticket.begun, ticket.parts = True, False
+        self._take_up(group)
         self._running = tuple(group)
         self._stopping = self._surplus = False
         self._refused.clear()
@@ -285,9 +282,7 @@ class Agenda(Generic[T]):
             return []
         joined = [ticket for ticket in wanted if ticket in self._waiting]
         parted = [ticket for ticket in self._running if ticket.stop and ticket not in wanted]
-        for ticket in joined:
-            self._waiting.take(ticket)
-            ticket.begun = True
+        self._take_up(joined)
         self._running = tuple(t for t in (*self._running, *joined) if t not in parted)
         self._surplus = not all(ticket.begun for ticket in wanted)
         if parted:  # a plan without them may have room
@@ -436,6 +431,13 @@ class Agenda(Generic[T]):
         ready = [t for t in ready if overdue(t) or not self._refused.get(t.order, NOT_SAID).late]
         following = self._following(running, ready)[: max(0, self._together - len(running))]
         return list(itertools.takewhile(lambda t: t.order not in self._refused, following))
+
+    def _take_up(self, tickets: Sequence[T]) -> None:
+        """Those that wait run from now on; why they were stopped before is over."""
+        for ticket in tickets:
+            self._waiting.take(ticket)
+            ticket.stop = None
+            ticket.begun, ticket.parts = True, False
 
     def _part(self, ticket: T, stop: Stop) -> List[Decision]:
         """Takes one out of a run: the others go on where their plan can be exchanged."""
