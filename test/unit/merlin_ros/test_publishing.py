@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 import io
+import socket
 import struct
+import threading
 
 import genpy
 import pytest
@@ -10,7 +12,7 @@ from rosplan_dispatch_msgs.msg import ActionFeedback
 from rosplan_knowledge_msgs.msg import StatusUpdate
 from rospy import core, topics
 
-from merlin_ros.publishing import publish
+from merlin_ros.publishing import OnSubscriber, publish
 
 
 class Closed:
@@ -41,12 +43,17 @@ class Connection:
     """A subscriber, as rospy's publisher sees it."""
 
     id = 1
+    endpoint_id = "/listener"
+    cleanup_cb = None
 
     def __init__(self):
         self.sent = []
 
     def write_data(self, data):
         self.sent.append(data)
+
+    def set_cleanup_callback(self, callback):
+        pass
 
 
 @pytest.fixture
@@ -96,3 +103,30 @@ def test_what_is_latched_for_later_subscribers_can_be_written(topic):
     with pytest.raises(genpy.SerializationError):
         publish(topic, StatusUpdate(last_update_client=3))
     assert topic.impl.latch.last_update_client == "caf?"
+
+
+def test_what_a_new_subscriber_gets_is_not_mixed_with_what_is_published_meanwhile(topic):
+    begun, published = threading.Event(), threading.Event()
+
+    class Slow(StatusUpdate):
+        def serialize(self, buffer):
+            super().serialize(buffer)
+            begun.set()
+            published.wait(0.5)  # it comes only after this: no event says that it waits
+
+    def publish_meanwhile():
+        begun.wait(60.0)
+        publish(topic, StatusUpdate(last_update_client="to all"))
+        published.set()
+
+    other = threading.Thread(target=publish_meanwhile, daemon=True)
+    other.start()
+    subscriber = Connection()
+    topic.impl.connections, topic.impl.is_latch = [], False
+    topic.impl.subscriber_listeners = [OnSubscriber(lambda one: one(Slow(last_update_client="welcome")))]
+    ours, theirs = socket.socketpair()
+    with ours, theirs:
+        subscriber.fileno = ours.fileno
+        topic.impl.add_connection(subscriber)
+        other.join(60.0)
+    assert subscriber.sent == [wire("welcome"), wire("to all")]

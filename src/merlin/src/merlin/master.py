@@ -8,8 +8,9 @@ together lose now and then; binding port 0 is not.
 import contextlib
 import http.client
 import threading
+import weakref
 import xmlrpc.client
-from typing import Any, Callable, Dict, Optional
+from typing import Any, Callable, Optional
 from xml.parsers.expat import ExpatError
 
 import rosgraph.xmlrpc
@@ -22,8 +23,6 @@ from merlin_ros.work.threads import CallQueue
 START_TIMEOUT = 10.0
 #: Longest wait of the master for a node, s of wall time. The call has reached one that hangs.
 NODE_TIMEOUT = 60.0
-#: Nodes to which a connection is kept.
-KEPT = 64
 
 
 class MasterError(Exception):
@@ -55,7 +54,7 @@ class _Transport(xmlrpc.client.Transport):
 
 
 class _Node(CallQueue):
-    """What the master has to call at a node."""
+    """What the master has to call at a node; the connection ends with the last call that waits."""
 
     def __init__(self, address: str) -> None:
         super().__init__("notifies a node")
@@ -80,7 +79,8 @@ class _Notifier:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()  # guards the field below
-        self._nodes: Dict[str, _Node] = {}  # by address, the one that was called last at the end
+        # By address; the thread of one that is being called holds it.
+        self._nodes: weakref.WeakValueDictionary[str, _Node] = weakref.WeakValueDictionary()
 
     def queue_task(self, marker: str, task: Callable[..., Any], args: Any) -> None:
         """Has a node called.
@@ -98,11 +98,10 @@ class _Notifier:
 
     def _node(self, address: str) -> _Node:
         with self._lock:
-            known = self._nodes.pop(address) if address in self._nodes else _Node(address)
-            self._nodes[address] = known
-            if len(self._nodes) > KEPT:
-                del self._nodes[next(iter(self._nodes))]
-        return known
+            node = self._nodes.get(address)
+            if node is None:
+                node = self._nodes[address] = _Node(address)
+        return node
 
 
 _notifier = _Notifier()

@@ -148,7 +148,7 @@ class MotionServer:
 
     @property
     def gone(self) -> bool:
-        """Whether it has been silent for so long that it counts as dead. It may hang, and come back with its goals."""
+        """Whether it has been silent for so long that it counts as dead; it may come back with its goals."""
         return self._silence() > self._settings.forget_after
 
     def claim(self, goal: MotionGoal) -> LeaseClaim:

@@ -54,6 +54,7 @@ SWITCH_INTERVAL = 0.0005
 NAMESAKE_LOOKS = 3
 
 _SETTLED = ("/rosout_disable_topics_generation", "/enable_statistics")
+_KEEPALIVE = "/tcp_keepalive"
 
 
 class _Ending:
@@ -390,14 +391,15 @@ def _settle_parameters() -> None:
 
     Where the first is not set, rospy subscribes it with every line. The last line of a node that ends would
     register it again, at an address that is about to close; the master would then end the next node of the
-    name. And a line would wait for a master that hangs.
+    name. And a line would wait for a master that hangs, as the first connections would.
     """
     try:
-        values = master_link.ask_each(master_link.bounded_master(), "getParam", _SETTLED)
+        values = master_link.ask_each(master_link.bounded_master(), "getParam", (*_SETTLED, _KEEPALIVE))
     except master_link.ERRORS:
         values = {}
     for name in _SETTLED:
         get_param_server_cache().set(name, bool(values.get(name, False)))
+    tcpros_base._use_tcp_keepalive = values.get(_KEEPALIVE, True)
 
 
 def _shut_down(reason: str) -> None:

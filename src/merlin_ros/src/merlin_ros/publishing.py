@@ -21,7 +21,16 @@ class OnSubscriber(rospy.SubscribeListener):
 
     def peer_subscribe(self, topic_name: str, topic_publish: Any, peer_publish: Any) -> None:
         """Called by rospy."""
-        self._call(peer_publish)
+        everyone = topic_publish.__self__
+
+        def publish_to_peer(message: Any) -> None:
+            everyone.acquire()  # rospy writes into the buffer of the topic, and has no lock here
+            try:
+                peer_publish(message)
+            finally:
+                everyone.release()
+
+        self._call(publish_to_peer)
 
 
 def publish(publisher: rospy.Publisher, message: Any) -> None:

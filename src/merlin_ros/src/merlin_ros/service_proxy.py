@@ -3,6 +3,7 @@
 
 import ast
 import contextlib
+import math
 import select
 import socket
 import threading
@@ -18,7 +19,7 @@ from rospy.impl.tcpros_base import TCPROSTransport
 from merlin_ros.alarms import Alarm, call_later
 from merlin_ros.call_scope import CallScope, current_scope
 from merlin_ros.deadline import Deadline
-from merlin_ros.master.master_link import ERRORS, bounded_master, lost
+from merlin_ros.master.master_link import ERRORS, lookup_service, lost
 
 #: Longest wait for a server to take a connection, s of wall time: a hung one never does.
 CONNECT_LIMIT = 5.0
@@ -72,7 +73,7 @@ class _Client(rospy.ServiceProxy):
     def _get_service_uri(self, _: Any) -> str:
         found, self.found = self.found, ""
         try:
-            self.uri = found or bounded_master().lookupService(self.resolved_name)
+            self.uri = found or lookup_service(self.resolved_name)
         except rosgraph.MasterError:
             raise rospy.ServiceException(f"nothing offers {self.resolved_name}") from None
         except ERRORS as error:
@@ -160,13 +161,14 @@ class ServiceProxy:
 
     def _find(self, timeout: Optional[float], given_up: Callable[[], bool]) -> str:
         """Where the service is, as soon as it is offered; empty: it is not in time."""
-        end = None if timeout is None else time.monotonic() + timeout
+        begin = time.monotonic()
+        end = math.inf if timeout is None else begin + timeout
         while not rospy.is_shutdown() and not given_up():
-            found = self._look()
-            if found or (end is not None and time.monotonic() >= end):
+            found, now = self._look(), time.monotonic()
+            if found or now >= end:
                 return found
             # The master does not announce a new service; the proxy asks again, at start-up only.
-            time.sleep(0.02)
+            time.sleep(min(max(0.02, 0.1 * (now - begin)), 0.2, end - now))
         return ""
 
     def offered(self) -> bool:
@@ -175,7 +177,7 @@ class ServiceProxy:
         :raises ServiceUnavailable: when the master gives no answer.
         """
         try:
-            bounded_master().lookupService(self.name)
+            lookup_service(self.name)
         except rosgraph.MasterError:
             return False
         except ERRORS as error:
@@ -190,7 +192,7 @@ class ServiceProxy:
 
     def _look(self) -> str:
         try:
-            uri: str = bounded_master().lookupService(self.name)
+            uri = lookup_service(self.name)
             host, port = rospy.core.parse_rosrpc_uri(uri)
             with socket.create_connection((host, port), timeout=1.0) as connection:
                 header = {"probe": "1", "md5sum": "*", "callerid": rospy.get_name(), "service": self.name}

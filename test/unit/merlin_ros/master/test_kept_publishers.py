@@ -3,9 +3,11 @@
 
 import contextlib
 import queue
+import signal
 import socket
 import struct
 import threading
+import xmlrpc.client
 from typing import Any, Dict, Iterator, List, Tuple
 from xmlrpc.server import SimpleXMLRPCServer
 
@@ -41,7 +43,9 @@ class Publisher:
         self._door.settimeout(LIMIT)
         self._server = SimpleXMLRPCServer(("127.0.0.1", 0), logRequests=False, allow_none=True)
         self._server.register_function(self._request_topic, "requestTopic")
-        self._server.register_function(lambda _: [1, "", [[TOPIC, String._type]]], "getPublications")
+        self._server.register_function(self._publications, "getPublications")
+        self.publishes = True
+        self._asked: queue.Queue[bool] = queue.Queue()
         self.uri = f"http://127.0.0.1:{self._server.server_address[1]}/"
         self._thread = threading.Thread(target=self._serve, name="publisher", daemon=True)
         self._thread.start()
@@ -62,6 +66,14 @@ class Publisher:
         if self.hold_requests:
             assert answered.wait(LIMIT)
         return [1, "", ["TCPROS", "127.0.0.1", self._door.getsockname()[1]]]
+
+    def _publications(self, caller: str) -> List[Any]:
+        self._asked.put(self.publishes)
+        return [1, "", [[TOPIC, String._type]] if self.publishes else []]
+
+    def asked(self) -> bool:
+        """Waits until it is asked what it publishes; whether it has named the topic."""
+        return self._asked.get(timeout=LIMIT)
 
     def register(self) -> None:
         self._master.api.registerPublisher(self._name, TOPIC, String._type, self.uri)
@@ -88,8 +100,9 @@ class Publisher:
             return True
         return False
 
-    def greet(self, connection: socket.socket) -> None:
+    def greet(self, connection: socket.socket, **more: str) -> None:
         fields: Dict[str, str] = {"callerid": self._name, "md5sum": String._md5sum, "type": String._type}
+        fields.update(more)
         header = b"".join(_bytes(f"{key}={value}") for key, value in fields.items())
         connection.sendall(struct.pack("<I", len(header)) + header)
 
@@ -143,3 +156,32 @@ def test_two_words_of_one_publisher_make_one_connection(master: Any, talk: Tuple
     listener.expect("heard hello")
     assert talker.requests_left() == 0
     assert not talker.waits()
+
+
+def test_a_publisher_that_has_ended_a_topic_is_connected_to_when_it_makes_it_again(
+    talk: Tuple[Any, Publisher],
+) -> None:
+    listener, talker = talk
+    talker.publishes = False
+    talker.register()
+    with talker.accept() as connection:
+        talker.greet(connection, error=f"not a publisher of {TOPIC}")
+    assert not talker.asked()
+    talker.publishes = True
+    talker.register()
+    connection = talker.accept()
+    talker.greet(connection)
+    talker.say(connection, "hello")
+    listener.expect("heard hello")
+
+
+def test_a_first_connection_needs_no_answer_of_the_master(master: Any, talk: Tuple[Any, Publisher]) -> None:
+    listener, talker = talk
+    node = xmlrpc.client.ServerProxy(master.address_of("/listener"))
+    master.process.send(signal.SIGSTOP)
+    node.publisherUpdate("/master", TOPIC, [talker.uri])  # the master's last word
+    connection = talker.accept()
+    talker.greet(connection)
+    talker.say(connection, "hello")
+    listener.expect("heard hello")
+    master.process.send(signal.SIGCONT)

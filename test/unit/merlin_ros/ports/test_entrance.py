@@ -91,9 +91,22 @@ def test_a_long_greeting_is_greeted(port: Port) -> None:
         assert is_greeted(port, client)
 
 
+@pytest.mark.parametrize("digits", [b"900000", b"9" * 5000])
 @pytest.mark.parametrize("port", [xmlrpc_port.request_length], indirect=True)
-def test_a_request_that_is_longer_than_all_that_is_waited_for_is_handed_on(port: Port) -> None:
-    with port.connect(b"POST / HTTP/1.1\r\ncontent-length: 900000\r\n\r\n") as client:
+def test_a_request_that_is_longer_than_all_that_is_waited_for_is_handed_on(port: Port, digits: bytes) -> None:
+    with port.connect(b"POST / HTTP/1.1\r\ncontent-length: %s\r\n\r\n" % digits) as client:
+        assert is_greeted(port, client)
+
+
+def _length_of_a_number(said: bytes) -> int:
+    return int(said)
+
+
+@pytest.mark.parametrize("port", [_length_of_a_number], indirect=True)
+def test_words_that_cannot_be_read_end_their_connection_alone(port: Port) -> None:
+    with port.connect(b"nonsense") as client:
+        assert is_closed(client)
+    with port.connect(b"1") as client:
         assert is_greeted(port, client)
 
 

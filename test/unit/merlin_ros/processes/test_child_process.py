@@ -4,6 +4,7 @@
 import errno
 import os
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -44,6 +45,19 @@ def test_values_of_any_size_come_and_go_and_it_has_the_modules_of_its_starter() 
     assert child.alive and not child.wait(0.0)
     assert child.kill() == -signal.SIGKILL
     assert not child.alive
+
+
+def test_an_answer_is_waited_for_as_long_as_it_takes() -> None:
+    socket.setdefaulttimeout(0.05)  # rospy sets 60 s in each process that subscribes
+    try:
+        child = ChildProcess("child_of_a_test", "word")
+    finally:
+        socket.setdefaulttimeout(None)
+    os.kill(child.pid, signal.SIGSTOP)
+    send(child.channel, "a")
+    threading.Timer(0.2, os.kill, (child.pid, signal.SIGCONT)).start()
+    assert receive(child.channel) == ("word", child.pid, "a")
+    child.kill()
 
 
 def test_it_ends_when_its_socket_closes() -> None:

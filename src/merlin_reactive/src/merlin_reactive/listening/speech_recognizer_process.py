@@ -22,6 +22,8 @@ from merlin_reactive.listening.speech_recognizer import (
 )
 from merlin_ros.processes.child_process import ChildProcess, parent, receive, send
 
+#: s of wall time without an answer after which the process counts as hung, and is replaced.
+HANGS = 60.0
 _MODULE = "merlin_reactive.listening.speech_recognizer_process"
 
 
@@ -40,7 +42,7 @@ class SpeechRecognizerProcess:
         self._lock = threading.Lock()  # guards what follows
         self._grammar = ""
         self._closed = False
-        self._process: Optional[ChildProcess] = ChildProcess(_MODULE, str(self._threshold))
+        self._process: Optional[ChildProcess] = self._begun()
 
     def use(self, grammar: str) -> None:
         """Sets the grammar (JSGF text) for the next utterances.
@@ -77,10 +79,15 @@ class SpeechRecognizerProcess:
         if process is not None:
             process.kill()
 
+    def _begun(self) -> ChildProcess:
+        process = ChildProcess(_MODULE, str(self._threshold))
+        process.channel.settimeout(HANGS)
+        return process
+
     def _call(self, request: Any) -> Any:
         if self._closed:
             raise SpeechRecognizerLost("the speech recogniser is shut down")
-        process = self._process = self._process or ChildProcess(_MODULE, str(self._threshold))
+        process = self._process = self._process or self._begun()
         try:
             send(process.channel, request)
             answer = receive(process.channel)

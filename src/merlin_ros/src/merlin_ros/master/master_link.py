@@ -151,11 +151,18 @@ class _Kept:
         with self._lock:
             self._idle = [entry for entry in self._idle if entry[0] == of]
             _, master = self._idle.pop() if self._idle else (of, bounded_master())
-        answer = ask(master)  # a connection whose call failed is dropped
-        with self._lock:
-            if len(self._idle) < KEPT:
-                self._idle.append((of, master))
-        return answer
+        answered = True
+        try:
+            return ask(master)
+        except rosgraph.MasterError:  # it says no
+            raise
+        except BaseException:
+            answered = False
+            raise
+        finally:
+            with self._lock:
+                if answered and len(self._idle) < KEPT:
+                    self._idle.append((of, master))
 
 
 _kept = _Kept()
@@ -233,6 +240,16 @@ def get_param(name: str, default: Any = _NO_DEFAULT) -> Any:
         return value
     _known[full] = value
     return value
+
+
+def lookup_service(name: str) -> str:
+    """The address of a service.
+
+    :param name: global.
+    :raises rosgraph.MasterError: nothing offers it.
+    :raises OSError: the master does not answer; and what else is in :data:`ERRORS`.
+    """
+    return str(_kept.call(lambda master: master.lookupService(name)))
 
 
 def ask_each(master: rosgraph.Master, call: str, names: Collection[str]) -> Dict[str, Any]:

@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Keeps this node connected to each publisher of what it subscribes: rospy loses one for good in three cases.
+"""Keeps this node connected to each publisher of what it subscribes: rospy loses one for good in four cases.
 
 - The master's answer to a subscription, and its word of a publisher that came just after it, reach rospy in
   two threads. It looks only at the last of the lists that wait; if that is the older one, it never connects.
 - When it looks at both, it connects twice. The publisher keeps the connection that it has greeted last, and
   closes the other one: that may be the one which this node has kept.
 - A connection that breaks counts as the end of its publisher, also while it is being greeted.
+- One that could not be made, and whose publisher does not answer a second later, is given up, and stays in
+  the list of those that there are.
 """
 
 import threading
@@ -66,6 +68,9 @@ def _connect_in_turn(handler: Any, topic: str, publisher: str) -> Any:
 def _stay_connected(connection: Any, host: str, port: int, publisher: str, callback: Any, topic: str) -> None:
     """Serves a connection to its end, in its own thread, and sees to the next one."""
     _serve_connection(connection, host, port, publisher, callback, topic)
+    if connection.protocol is not None:  # given up, and not closed
+        connection.done = False
+        connection.close()
     for attempt in range(ATTEMPTS):
         if not _is_missed(topic, publisher) or _ends.wait(PAUSES[min(attempt, len(PAUSES) - 1)]):
             return
@@ -74,6 +79,8 @@ def _stay_connected(connection: Any, host: str, port: int, publisher: str, callb
         except ConnectionRefusedError:
             return  # its process has ended
         except ERRORS:
+            continue
+        if answer[0] != 1:  # it makes topics at this moment
             continue
         if _is_missed(topic, publisher) and any(name == topic for name, _ in answer[2]):
             _connect_in_turn(_handler, topic, publisher)

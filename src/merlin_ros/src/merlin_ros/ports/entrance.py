@@ -89,10 +89,15 @@ class Entrance:
                 self._clock.look()
                 # New connections last: for them, one may be closed whose first words have just come.
                 for number, event in sorted(ready, key=lambda change: change[0] == self._number):
-                    if number == self._number:
-                        self._take()
-                    elif number in self._silent:
-                        self._hear(number, bool(event & _ENDED))
+                    try:
+                        if number == self._number:
+                            self._take()
+                        elif number in self._silent:
+                            self._hear(number, bool(event & _ENDED))
+                    except Exception as error:  # what one connection brings is its own end alone
+                        self._report(error)
+                        if number in self._silent:
+                            self._unwatch(number).connection.close()
                 while self._silent and next(iter(self._silent.values())).until <= self._clock.now:
                     self._close_oldest()
         finally:

@@ -12,7 +12,7 @@ from merlin_ros.ports.entrance import LONGEST, Entrance
 #: s of wall time for which a client may keep a connection and ask nothing; rospy's own limit.
 IDLE = 60.0
 
-_LENGTH = re.compile(rb"\r\ncontent-length:\s*(\d+)", re.IGNORECASE)
+_LENGTH = re.compile(rb"\r\ncontent-length:\s*(\d{1,18})", re.IGNORECASE)
 #: A question that costs little. The answer is that there is no such method.
 PROBE = b"HEAD / HTTP/1.0\r\n\r\n"
 

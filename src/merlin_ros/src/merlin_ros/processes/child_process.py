@@ -40,6 +40,7 @@ class ChildProcess:
         # Not by PYTHONPATH: what the child starts would inherit that.
         program = f"import sys; sys.path[:] = {sys.path!r}; from {module} import main; main()"
         self.channel, theirs = socket.socketpair()
+        self.channel.settimeout(None)  # rospy sets one for all sockets
         with contextlib.ExitStack() as unless_begun, theirs:
             unless_begun.callback(self.channel.close)
             ends = (str(theirs.fileno()), str(os.getpid()))
