@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The book of a dispatch: what failed, what may still run, and how the dispatch ended."""
 
-from typing import List, Tuple
+from typing import Dict, List, Optional, Tuple
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -296,6 +297,35 @@ def test_what_is_dropped_and_does_not_answer_is_named_too() -> None:
     progress = book(NAVIGATE, WAVE)
     progress.exchange({2, 3})
     assert progress.result(Reply()).unstopped == ("(navigate hall kitchen)",)
+
+
+@pytest.mark.parametrize("cancelled", [False, True])
+@pytest.mark.parametrize("answer", [CANCELLED, STUCK, None])
+def test_goals_that_hold_are_a_success_once_what_is_dropped_has_stopped(
+    answer: Optional[Dict[str, str]], cancelled: bool
+) -> None:
+    progress = book(NAVIGATE, WAVE)
+    progress.exchange({2, 3})
+    progress.answered(2, 7, DispatchAnswer.SUCCEEDED, {})
+    if cancelled:
+        progress.stop()
+    if answer is not None:
+        progress.answered(1, 7, DispatchAnswer.FAILED, answer)
+    assert progress.answers_missing("", achieved=True) is (answer is None)
+    result = progress.result(Reply(achieved=True))
+    stopped = answer is CANCELLED
+    assert (result.goal_achieved, result.cancelled) == (stopped, cancelled)
+    assert result.unstopped == (() if stopped else ("(navigate hall kitchen)",))
+
+
+def test_goals_that_hold_are_no_success_of_a_cancel_without_an_answer() -> None:
+    progress = book(NAVIGATE)
+    assert not progress.answers_missing("", achieved=True)
+    assert progress.result(Reply(achieved=True)) == DispatchResult(True), "its answer is under way"
+    progress.stop()
+    assert progress.answers_missing("", achieved=True)
+    result = progress.result(Reply(achieved=True), reason="cancelled; no answer to the cancel from (wave)")
+    assert not result.goal_achieved and result.unstopped == ("(navigate hall kitchen)", "(wave)")
 
 
 def test_the_steps_count_anew_with_another_plan_unless_it_is_refused() -> None:

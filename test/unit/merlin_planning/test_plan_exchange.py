@@ -13,6 +13,7 @@ from diagnostic_msgs.msg import KeyValue
 from merlin_msgs.msg import DispatchStatus
 from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback
 
+from merlin_planning import dispatch_client
 from merlin_ros.actions.client_goal import ClientGoal
 from merlin_ros.service_proxy import ServiceUnavailable
 
@@ -60,10 +61,14 @@ class Driven:
             ActionFeedback(action_id=number, plan_id=7, status=status, information=information)
         )
 
-    def end(self) -> Any:
+    def answer(self) -> None:
+        """The dispatcher says that the goals hold."""
         goal = ClientGoal(GoalID(), lambda goal: None, None, None)
         goal.finish(GoalStatus.SUCCEEDED, "", SimpleNamespace(goal_achieved=True))
         self.ended(goal)
+
+    def end(self) -> Any:
+        self.answer()
         return self.run.result()
 
 
@@ -127,6 +132,21 @@ def test_what_is_dropped_and_does_not_stop_is_known_at_once(driven: Driven) -> N
     driven.feedback(1, 10, stopped="no")
     assert driven.client.unstopped == ("(sing)",)
     driven.end()
+
+
+@pytest.mark.parametrize("stopped", ["no", ""])
+def test_a_cancel_waits_for_what_is_dropped_although_the_goals_hold(
+    dispatcher: Any, driven: Driven, monkeypatch: pytest.MonkeyPatch, stopped: str
+) -> None:
+    monkeypatch.setattr(dispatch_client, "ANSWER_GRACE", LONG)
+    assert driven.exchange(PLAN, [driven.drive]) == ""
+    driven.feedback(0, 2)
+    driven.client.cancel()
+    driven.answer()
+    dispatcher.status(DispatchStatus.IDLE)
+    driven.feedback(1, 10, stopped=stopped)
+    result = driven.run.result()
+    assert (result.goal_achieved, result.unstopped) == ((False, ("(sing)",)) if stopped else (True, ()))
 
 
 def test_the_dispatch_that_runs_is_handed_over(dispatcher: Any, driven: Driven) -> None:

@@ -434,14 +434,14 @@ class DispatchClient:
         if reply.gone and not is_shutdown_requested():  # then everything ends by itself
             self._stop_orphans()
         with self._changed:
-            if not reply.achieved and not reply.gone and self._kind.reports:
+            missing = partial(self._progress.answers_missing, achieved=reply.achieved)
+            # A success that waits for no answer is one at once.
+            if (not reply.achieved or missing("")) and not reply.gone and self._kind.reports:
                 # The last status may arrive a moment after the answer of the service.
                 Deadline(STATUS_GRACE).wait(
                     self._changed, lambda: not self._kind.reports or self._reporting.at_rest
                 )
-            if not reply.achieved:
-                missing = self._progress.answers_missing
-                Deadline(ANSWER_GRACE).wait(self._changed, lambda: not missing(self._reporting.failed_action))
+            Deadline(ANSWER_GRACE).wait(self._changed, lambda: not missing(self._reporting.failed_action))
             return self._kind.result(self._progress, reply)
 
     # --- what is heard --------------------------------------------------------------------------------

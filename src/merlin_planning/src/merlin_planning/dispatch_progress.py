@@ -72,7 +72,7 @@ class Reply(NamedTuple):
     """What the dispatcher's service has answered."""
 
     achieved: bool = False
-    """Every action succeeded and the goal holds."""
+    """It says that the goal holds, which says nothing of what was to stop."""
     refused: str = ""
     """Its words when it did not take the plan."""
     gone: str = ""
@@ -271,16 +271,28 @@ class DispatchProgress:
         """Actions that an interface took and has not answered, as PDDL text."""
         return [action.text for action in self.running.values() if action.id in self._taken]
 
-    def answers_missing(self, failed: str) -> bool:
+    @property
+    def _dropped(self) -> List[str]:
+        """Actions that run and that another plan does without, which are cancelled too, as PDDL text."""
+        return [
+            each.text
+            for each in self.running.values()
+            if self._counted is not None and each.id not in self._counted
+        ]
+
+    def answers_missing(self, failed: str, achieved: bool = False) -> bool:
         """Whether answers are still to come at the end of a dispatch.
 
         After a cancel each action has one, which says whether it has stopped.
 
         :param failed: the action that failed, when the dispatcher names one: of that one, what was said may
             be under way altogether.
+        :param achieved: whether every goal holds: then only what was to stop has to say that it has.
         """
         if self._stopping:
             return bool(self.running)
+        if achieved:
+            return bool(self._dropped)
         texts = [ground_text(action.text) for action in self.running.values()]
         return bool(self.unanswered) or (bool(failed) and ground_text(failed) in texts)
 
@@ -291,9 +303,7 @@ class DispatchProgress:
             interface has died, and the one that returns in its place puts things right.
         :param reason: the dispatcher's, which names what did not answer it.
         """
-        names = list(self._unstopped)
-        if self._counted is not None:  # what another plan did without is cancelled, too
-            names += [each.text for each in self.running.values() if each.id not in self._counted]
+        names = [*self._unstopped, *self._dropped]
         if cancelled:
             names += self.unanswered
             if _UNANSWERED in reason:
@@ -310,9 +320,9 @@ class DispatchProgress:
         :param unmet: goals that do not hold, when it names them.
         """
         cancelled = self._stopping and not self.failed_by_itself
-        if reply.achieved:
-            return DispatchResult(True, cancelled)
         unstopped = self.unstopped(self._stopping, reason)
+        if reply.achieved and not unstopped:
+            return DispatchResult(True, cancelled)
         why = reason or self.failed_reason or "the plan ended, but the goal does not hold"
         if reply.refused or reply.gone:
             action, why = "", reply.refused or reply.gone

@@ -89,3 +89,13 @@ def test_it_is_none_while_an_action_does_not_stop():
     run.world.wait("cancel", 0)
     report = run.report()
     assert not report.success and "no answer to the cancel from (go)" in report.reason
+
+
+def test_it_is_none_when_an_action_says_that_it_does_not_stop():
+    run = WatchedRun("(go)", "(pass)")
+    run.take(0)
+    run.world.make("(done)")
+    run.world.wait("cancel", 0)
+    run.feedback(0, FeedbackStatus.FAILED, reason="cancelled", unstopped=True)
+    report = run.report()
+    assert report.state is DispatchState.FAILED and report.reason.endswith("; (go) did not stop")

@@ -7,7 +7,7 @@ import pytest
 from dispatch_world import LONG, WORK, Run, World, actions, parallel
 
 from merlin_pddl.plan_text import PlanStep
-from merlin_rosplan.dispatch.dispatch_environment import DispatchState, Exchange, FeedbackStatus
+from merlin_rosplan.dispatch.dispatch_environment import DispatchState, Exchange, FeedbackStatus, Tick
 from merlin_rosplan.dispatch.dispatch_schedule import Ongoing, PlanError, PlannedAction, SequentialSchedule
 from merlin_rosplan.dispatch.operator_model import ActionModel, Conditions, PlanTerm, TimedEffects
 from merlin_rosplan.dispatch.plan_graph_builder import build_graph
@@ -177,6 +177,33 @@ def test_an_action_whose_interface_says_that_it_does_not_stop_fails_the_plan():
     report = run.report()
     assert report.state is DispatchState.FAILED and ("action", 10) not in world.published
     assert report.reason == "(work o0) was cancelled and did not stop"
+
+
+@pytest.mark.parametrize(
+    "answer, state, why",
+    [
+        ({}, DispatchState.SUCCEEDED, "the last action had ended when the cancel came through"),
+        ({"unstopped": True}, DispatchState.CANCELLED, "not wanted; (work o0) did not stop"),
+        (None, DispatchState.CANCELLED, "not wanted; no answer to the cancel from (work o0)"),
+    ],
+)
+def test_a_cancel_behind_the_last_step_is_a_success_once_what_the_plan_does_without_has_stopped(
+    answer, state, why
+):
+    world = World(WORK)
+    run = Run(world, SequentialSchedule(actions("work", "work")))
+    world.wait("action", 0)
+    assert exchanged(run, []) == ""
+    run.dispatch.cancel("not wanted")
+    with world.changed_event:
+        assert world.changed_event.wait_for(lambda: world.reports[-1].state is DispatchState.CANCELLING, LONG)
+    if answer is None:  # its interface dies
+        world.silences["work"] = 2 * LONG
+        run.dispatch.put(Tick())
+    else:
+        run.feedback(0, FeedbackStatus.FAILED, reason="cancelled", **answer)
+    report = run.report()
+    assert (report.state, report.reason) == (state, why)
 
 
 def test_an_action_that_goes_on_and_fails_fails_the_new_plan():

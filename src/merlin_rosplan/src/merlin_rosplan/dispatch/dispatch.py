@@ -85,6 +85,7 @@ class PlanDispatch:
         self._changes: Optional[FrozenSet[str]] = _NOTHING  # names that changed since over-all was checked
         self._last: Optional[PlannedAction] = None
         self._unanswered: List[PlannedAction] = []
+        self._unstopped: List[PlannedAction] = []
         self._coming = ComingConditions(environment, schedule, limits.settle)
         self._overtaken: Dict[int, Any] = {}  # deadlines of ends that came before what must come first
         self.ended = threading.Event()
@@ -482,6 +483,8 @@ class PlanDispatch:
         if feedback.status == FeedbackStatus.SUCCEEDED and record.leaving is None:
             self._done += 1
             self._schedule.ended(feedback.action_id, self._environment.now())
+        if feedback.unstopped and not (self._failure and self._failure.action is record.action):
+            self._unstopped.append(record.action)  # otherwise the failure names it
         if feedback.status in (FeedbackStatus.SUCCEEDED, FeedbackStatus.FAILED):
             del self._running[feedback.action_id]
         else:
@@ -491,7 +494,7 @@ class PlanDispatch:
         self._unpublished = False
         running = [each.action for each in sorted(self._running.values(), key=lambda each: each.ends)]
         report = DispatchReport.of(
-            state, self._failure, self._schedule, running, self._done, self._unanswered
+            state, self._failure, self._schedule, running, self._done, self._unanswered, self._unstopped
         )
         self._environment.changed(report)
         return report

@@ -117,25 +117,30 @@ class DispatchReport:
         running: Sequence[PlannedAction],
         steps_done: int,
         unanswered: Sequence[PlannedAction],
+        unstopped: Sequence[PlannedAction] = (),
     ) -> "DispatchReport":
         """The report of a dispatch.
 
         :param state: None: what follows from the rest.
         :param failure: why it stops; None: it continues, or every action has ended.
         :param unanswered: actions whose interfaces did not answer the cancel.
+        :param unstopped: actions whose interfaces answered that they did not stop.
         """
+        stopped = not unanswered and not unstopped
         total = len(schedule.actions)
         reason = failure.reason if failure is not None else f"{steps_done} of {total} actions done"
         if state is None:
             if failure is None:
                 state = DispatchState.RUNNING if running or not schedule.finished else DispatchState.SUCCEEDED
-            elif failure.state == DispatchState.CANCELLED and schedule.finished:
+            elif failure.state == DispatchState.CANCELLED and schedule.finished and stopped:
                 state = DispatchState.SUCCEEDED
                 reason = "the last action had ended when the cancel came through"
             else:
                 state = failure.state
-                if unanswered and state == DispatchState.SUCCEEDED:
+                if not stopped and state == DispatchState.SUCCEEDED:
                     state = DispatchState.FAILED
+        if unstopped:
+            reason += f"; {', '.join(map(str, unstopped))} did not stop"
         if unanswered:
             reason += f"; no answer to the cancel from {', '.join(map(str, unanswered))}"
         failed = failure.action if failure is not None else None
