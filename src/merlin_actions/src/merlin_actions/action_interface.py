@@ -42,7 +42,7 @@ from merlin_ros.deadline import call_when_passed, running_time
 from merlin_ros.master.master_link import MasterSilent, get_param
 from merlin_ros.node import master_is_lost
 from merlin_ros.publishing import OnSubscriber, publish
-from merlin_ros.service_proxy import ServiceError, when_back
+from merlin_ros.service_proxy import ServiceError, ServiceUnavailable, when_back
 from merlin_ros.work.threads import log_failure, start_thread
 from merlin_ros.work.work_book import Decision, Policy, Step, WorkBook
 
@@ -376,8 +376,12 @@ class ActionInterface:
             self._effects.open(opening)
         except _KNOWLEDGE_ERRORS as error:
             reason = f"the start effects, and what holds while it runs, could not be applied: {error}"
-            return Ending(False, reason, begun=False)
-        ending = self._run_guarded(execution)
+            ending = Ending(False, reason, begun=False)
+            if not isinstance(error, ServiceUnavailable):
+                return ending
+            self._answer_end(execution, ending)  # they may be applied all the same, or will be
+        else:
+            ending = self._run_guarded(execution)
         try:
             self._effects.close(opening, closing_of(ending), lambda: self._unsettled(execution, ending))
         except _KNOWLEDGE_ERRORS as error:
@@ -387,7 +391,7 @@ class ActionInterface:
 
     def _unsettled(self, execution: Execution, ending: Ending) -> None:
         """The knowledge base is gone. That an action has stopped is true without it; a success is not."""
-        if not ending.succeeded:
+        if not ending.succeeded and not execution.answered:
             self._answer_end(execution, ending)
 
     def _run_guarded(self, execution: Execution) -> Ending:

@@ -50,12 +50,15 @@ class Opening(NamedTuple):
 class Effects:
     """What an operator does to the knowledge base; one instance per operator.
 
-    Both methods raise :class:`KnowledgeError` or :class:`merlin_ros.service_proxy.ServiceError` when the
-    knowledge was not changed.
+    Both methods raise :class:`KnowledgeError` when the knowledge was not changed, and
+    :class:`merlin_ros.service_proxy.ServiceError` when it may not have been.
     """
 
     def open(self, opening: Opening) -> None:
-        """Applies what is true as soon as the action begins, and what holds while it runs."""
+        """Applies what is true as soon as the action begins, and what holds while it runs.
+
+        Where no answer came, it is to be closed all the same.
+        """
         raise NotImplementedError
 
     def close(self, opening: Opening, closing: Closing, on_gone: Callable[[], None] = _nothing) -> None:

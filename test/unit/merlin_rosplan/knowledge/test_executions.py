@@ -6,6 +6,7 @@ from execution_store import ANYWHERE, DOMAIN, DRIVE, add, apply, facts, value
 
 from merlin_pddl.domain_reader import parse_domain
 from merlin_pddl.knowledge import Fact, FunctionValue, Instance
+from merlin_rosplan.knowledge.executions import REMEMBERED
 from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
 from merlin_rosplan.knowledge.knowledge_store import KnowledgeStore
 
@@ -85,6 +86,17 @@ def test_unknown_tokens_change_nothing(store):
         assert "nothing to" in apply(store, phase, "never seen", "no such operator")
         assert "nothing to" in apply(store, phase, "", "drive")
     assert store.version == 1 and store.executions() == []
+
+
+def test_a_start_that_comes_behind_its_rollback_is_refused(store):
+    """Its client had no answer in time, and the two come over different connections."""
+    assert apply(store, "rollback", "late", "DRIVE") == "nothing to restore"
+    with pytest.raises(UpdateRefused, match="has ended"):
+        apply(store, "start", "late", "drive", DRIVE, "/n", ["(busy)"], ANYWHERE)
+    assert facts(store) == {"(at base)"} and store.executions() == []
+    for number in range(REMEMBERED):
+        apply(store, "rollback", str(number), "drive")
+    apply(store, "start", "late", "drive", DRIVE)  # only so many are remembered
 
 
 def test_interrupt_although_objects_are_gone():

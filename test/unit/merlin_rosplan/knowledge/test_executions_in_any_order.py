@@ -93,6 +93,7 @@ class Model:
     def rollback(self, token):
         if token in self.open:
             self.restore(self.no_longer(token))
+        self.closed.add(token)  # its start may still come
 
     def restore(self, mine):
         self.take(mine["changed"])

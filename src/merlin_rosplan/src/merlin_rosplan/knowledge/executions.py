@@ -159,9 +159,15 @@ class Executions:
         return ""
 
     def rollback(self, token: str, operator_name: str = "") -> str:
-        """Restores what START changed, where others have not assigned it since."""
+        """Restores what START changed, where others have not assigned it since.
+
+        A START that comes behind it is refused: its client has given it up, and it may come late.
+        """
         row = self._open_row(token, operator_name)
         if row is None:
+            operator = self._state.domain.operators.get(operator_name.lower())
+            if token and operator is not None and self._state.executions.get(token) is None:
+                self._close(token, operator.name)
             return "nothing to restore"
         self._no_longer_running(token, row)
         return self._restore(token, row)
