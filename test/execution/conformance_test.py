@@ -13,6 +13,7 @@ from pddl21 import Model
 from semantics import judge
 
 import rostest
+from merlin_test.topic_links import init_node
 
 # durations compared to the plan's, and how fast the clock runs
 PACES = {"planned": (lambda rng: 1.0, 10), "slow": (lambda rng: 10.0, 100), "fast": (lambda rng: 0.1, 1)}
@@ -79,5 +80,5 @@ class Conformance(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    rospy.init_node("conformance_test")
+    init_node("conformance_test")
     rostest.rosrun("merlin_test", "conformance", "__main__")

@@ -15,7 +15,7 @@ from rosplan_knowledge_msgs.msg import DomainFormula
 
 import rostest
 from merlin_planning.knowledge_client import ADD, REMOVE, Update, fact, function_value, knowledge_client
-from merlin_test.topic_links import patient_service, wait_for_publishers
+from merlin_test.topic_links import init_node, patient_service, wait_for_publishers
 
 LONG = 120.0
 KB = "/rosplan_knowledge_base"
@@ -138,5 +138,5 @@ class Nodes(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    rospy.init_node("nodes_test")
+    init_node("nodes_test")
     rostest.rosrun("merlin_test", "nodes", "__main__")

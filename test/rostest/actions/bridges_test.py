@@ -26,7 +26,7 @@ from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 from merlin_test.announced_interfaces import wait_for_interfaces
 from merlin_test.held_drives import HeldDrives
 from merlin_test.node_path import node_path
-from merlin_test.topic_links import wait_for_publisher, wait_for_publishers
+from merlin_test.topic_links import init_node, wait_for_publisher, wait_for_publishers
 
 LONG = 60.0
 ALWAYS = rospy.Time()
@@ -402,5 +402,5 @@ class Bridges(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    rospy.init_node("bridges_test")
+    init_node("bridges_test")
     rostest.rosrun("merlin_test", "bridges", Bridges)

@@ -28,6 +28,7 @@ from merlin_ros.actions.action_server import ActionServer
 from merlin_ros.health import ERROR
 from merlin_sm.states.action_state import give_up_goals, shared_client
 from merlin_test.failure_texts import named_case
+from merlin_test.topic_links import init_node
 
 LONG = 60.0
 CANCEL_LIMIT = 1.0
@@ -293,5 +294,5 @@ class MachineHost(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    rospy.init_node("machine_host_test")
+    init_node("machine_host_test")
     rostest.rosrun("merlin_test", "machine_host", MachineHost)

@@ -14,7 +14,7 @@ from std_srvs.srv import SetBool, SetBoolResponse, Trigger, TriggerResponse
 import rostest
 from merlin_planning.knowledge_client import ADD, REMOVE, Update, fact, instance, knowledge_client
 from merlin_test.knowledge_fixture import Received
-from merlin_test.topic_links import patient_service, wait_for_connections
+from merlin_test.topic_links import init_node, patient_service, wait_for_connections
 
 LONG = 60.0
 
@@ -126,5 +126,5 @@ class Sensing(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    rospy.init_node("sensing_test")
+    init_node("sensing_test")
     rostest.rosrun("merlin_test", "sensing", "__main__")

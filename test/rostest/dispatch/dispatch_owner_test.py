@@ -21,7 +21,7 @@ from rosplan_dispatch_msgs.msg import ActionDispatch, NonBlockingDispatchGoal
 import rostest
 from merlin_planning.knowledge_client import fact
 from merlin_ros.actions.lease_holder import LeaseHolder
-from merlin_test.topic_links import patient_service, sends
+from merlin_test.topic_links import init_node, patient_service, sends
 
 VICTIM = Path(__file__).with_name("victim_owner.py")
 
@@ -244,5 +244,5 @@ class Owner(DispatchFixture, unittest.TestCase):
 
 
 if __name__ == "__main__":
-    rospy.init_node("dispatch_owner_test")
+    init_node("dispatch_owner_test")
     rostest.rosrun("merlin_test", "dispatch_owner", Owner)

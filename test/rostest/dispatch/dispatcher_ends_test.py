@@ -24,7 +24,7 @@ import rostest
 from merlin_planning import dispatch_client
 from merlin_planning.dispatch_client import DispatchClient
 from merlin_ros.service_proxy import ServiceError
-from merlin_test.topic_links import patient_service, wait_for_connections, wait_for_publishers
+from merlin_test.topic_links import init_node, patient_service, wait_for_connections, wait_for_publishers
 
 
 class DispatcherEnds(unittest.TestCase):
@@ -177,5 +177,5 @@ class DispatcherEnds(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    rospy.init_node("dispatcher_ends_test")
+    init_node("dispatcher_ends_test")
     rostest.rosrun("merlin_test", "dispatcher_ends", DispatcherEnds)

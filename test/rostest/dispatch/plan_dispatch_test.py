@@ -33,7 +33,7 @@ from merlin_planning.knowledge_client import (
     function_value,
 )
 from merlin_ros.service_proxy import ServiceError
-from merlin_test.topic_links import patient_service, wait_for_connections
+from merlin_test.topic_links import init_node, patient_service, wait_for_connections
 
 
 class Expressions(DispatchFixture):
@@ -410,5 +410,5 @@ class DispatchingOfItsOwnProcess(Expressions, unittest.TestCase):
 
 
 if __name__ == "__main__":
-    rospy.init_node("plan_dispatch_test")
+    init_node("plan_dispatch_test")
     rostest.rosrun("merlin_test", "plan_dispatch", "__main__")

@@ -15,7 +15,7 @@ from rosplan_knowledge_msgs.msg import DomainFormula
 
 import rostest
 from merlin_planning.knowledge_client import ADD, REMOVE, Update, fact, function_value, knowledge_client
-from merlin_test.topic_links import patient_service
+from merlin_test.topic_links import init_node, patient_service
 
 LONG = 60.0
 DISPATCHER = "/rosplan_plan_dispatcher"
@@ -164,5 +164,5 @@ class Times(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    rospy.init_node("plan_times_test")
+    init_node("plan_times_test")
     rostest.rosrun("merlin_test", "plan_times", "__main__")

@@ -16,6 +16,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[3] / "bench"))  # not in
 from stress.cancel_stress import CancelStress
 from stress.process_usage import usage_of_nodes
 
+from merlin_test.topic_links import init_node
+
 GOALS = [f"(checked {poi})" for poi in ("kitchen", "bathroom", "dorm_room", "main_door")]
 LONG = 60.0
 WARM_UP = 20  # cycles until every connection has been made once
@@ -45,5 +47,5 @@ class Stress(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    rospy.init_node("cancel_stress_test")
+    init_node("cancel_stress_test")
     rostest.rosrun("merlin_test", "cancel_stress", Stress)

@@ -35,6 +35,7 @@ from merlin_executor.resending import RESEND
 from merlin_planning.knowledge_client import ADD_GOAL, REMOVE_GOAL, KnowledgeClient, Update, fact
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 from merlin_test.held_drives import HeldDrives
+from merlin_test.topic_links import init_node
 
 LONG = 60.0
 PLANNER = "rosplan_planner_interface/planner_command"
@@ -429,5 +430,5 @@ class Faults(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    rospy.init_node("executor_faults_test")
+    init_node("executor_faults_test")
     rostest.rosrun("merlin_test", "executor_faults", Faults)

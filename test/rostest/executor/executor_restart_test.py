@@ -18,6 +18,7 @@ from merlin_executor.executor_client import MerlinExecutorClient
 from merlin_planning.knowledge_client import ADD_GOAL, REMOVE_GOAL, Update, fact, knowledge_client
 from merlin_planning.knowledge_text import to_pddl
 from merlin_test.node_path import node_path
+from merlin_test.topic_links import init_node
 
 LONG = 60.0
 FOREIGN = fact("checked", "bathroom")
@@ -97,5 +98,5 @@ class ExecutorRestart(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    rospy.init_node("executor_restart_test")
+    init_node("executor_restart_test")
     rostest.rosrun("merlin_test", "executor_restart", ExecutorRestart)

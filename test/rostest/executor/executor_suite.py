@@ -4,13 +4,13 @@
 
 import unittest
 
-import rospy
 from exchange_test import Exchange
 from executor_test import Executor
 from goal_dispatcher_test import GoalDispatchers
 from rviz_test import Rviz
 
 import rostest
+from merlin_test.topic_links import init_node
 
 CASES = (Exchange, Executor, GoalDispatchers, Rviz)
 
@@ -20,5 +20,5 @@ def suite():
 
 
 if __name__ == "__main__":
-    rospy.init_node("executor_test")
+    init_node("executor_test")
     rostest.rosrun("merlin_test", "executor", "__main__.suite")

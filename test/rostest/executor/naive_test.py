@@ -15,6 +15,7 @@ from merlin_executor.executor_client import MerlinExecutorClient, outcome_name
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 from merlin_test.held_drives import HeldDrives
 from merlin_test.knowledge_fixture import LONG, Received
+from merlin_test.topic_links import init_node
 
 
 class Naive(unittest.TestCase):
@@ -53,5 +54,5 @@ class Naive(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    rospy.init_node("naive_test")
+    init_node("naive_test")
     rostest.rosrun("merlin_test", "naive", Naive)

@@ -23,7 +23,7 @@ from merlin_ros.master.master_link import bounded_master
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 from merlin_test.held_drives import HeldDrives
 from merlin_test.node_path import node_path
-from merlin_test.topic_links import patient_service, sends
+from merlin_test.topic_links import init_node, patient_service, sends
 
 LONG = 120.0
 HOST = "/merlin_fsm_host"
@@ -245,5 +245,5 @@ class ExecutionQuestions(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    rospy.init_node("execution_test")
+    init_node("execution_test")
     rostest.rosrun("merlin_test", "execution", ExecutionQuestions)

@@ -15,7 +15,7 @@ from merlin_msgs.srv import Explain, ExplainRequest
 import rostest
 from merlin_executor.executor_client import MerlinExecutorClient
 from merlin_test.node_path import node_path
-from merlin_test.topic_links import patient_service
+from merlin_test.topic_links import init_node, patient_service
 
 LONG = 120.0
 GOALS = ["(checked kitchen)", "(checked bathroom)"]
@@ -162,5 +162,5 @@ class Explained(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    rospy.init_node("explain_plans_test")
+    init_node("explain_plans_test")
     rostest.rosrun("merlin_test", "explain_plans", Explained)

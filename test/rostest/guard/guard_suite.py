@@ -4,12 +4,12 @@
 
 import unittest
 
-import rospy
 from guard_drives_test import GuardDrives
 from guard_start_test import GuardStart
 from guard_test import Guard
 
 import rostest
+from merlin_test.topic_links import init_node
 
 CASES = (GuardDrives, GuardStart, Guard)
 
@@ -19,5 +19,5 @@ def suite():
 
 
 if __name__ == "__main__":
-    rospy.init_node("guard_test")
+    init_node("guard_test")
     rostest.rosrun("merlin_test", "guard", "__main__.suite")

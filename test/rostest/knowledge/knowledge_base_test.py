@@ -46,7 +46,7 @@ from merlin_test.knowledge_fixture import (
     operator,
     travel_time,
 )
-from merlin_test.topic_links import wait_for_connections
+from merlin_test.topic_links import init_node, wait_for_connections
 
 LENIENT = "lenient_knowledge_base"
 
@@ -365,5 +365,5 @@ class KnowledgeBaseTest(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    rospy.init_node("knowledge_base_test")
+    init_node("knowledge_base_test")
     rostest.rosrun("merlin_test", "knowledge_base", KnowledgeBaseTest)

@@ -35,6 +35,7 @@ from std_srvs.srv import Empty
 
 import rostest
 from merlin_test.node_path import node_path
+from merlin_test.topic_links import init_node
 
 LONG = 60.0
 KB = "/rosplan_knowledge_base"
@@ -257,5 +258,5 @@ class KnowledgePersistenceTest(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    rospy.init_node("knowledge_persistence_test")
+    init_node("knowledge_persistence_test")
     rostest.rosrun("merlin_test", "knowledge_persistence", KnowledgePersistenceTest)

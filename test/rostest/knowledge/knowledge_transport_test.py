@@ -30,7 +30,7 @@ from rosplan_knowledge_msgs.srv import (
 from std_srvs.srv import Trigger
 
 import rostest
-from merlin_test.topic_links import wait_for_publisher
+from merlin_test.topic_links import init_node, wait_for_publisher
 
 LONG = 60.0
 KB = "/robot/rosplan_knowledge_base"
@@ -170,5 +170,5 @@ class KnowledgeTransportTest(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    rospy.init_node("knowledge_transport_test")
+    init_node("knowledge_transport_test")
     rostest.rosrun("merlin_test", "knowledge_transport", KnowledgeTransportTest)

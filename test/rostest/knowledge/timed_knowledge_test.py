@@ -11,7 +11,7 @@ from rosgraph_msgs.msg import Clock
 import rostest
 from merlin_planning.knowledge_client import ADD, REMOVE, Update, fact, knowledge_client
 from merlin_test.knowledge_fixture import LONG, Received
-from merlin_test.topic_links import wait_for_connections
+from merlin_test.topic_links import init_node, wait_for_connections
 
 
 class TimedKnowledgeTest(unittest.TestCase):
@@ -66,5 +66,5 @@ class TimedKnowledgeTest(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    rospy.init_node("timed_knowledge_test")
+    init_node("timed_knowledge_test")
     rostest.rosrun("merlin_test", "timed_knowledge", TimedKnowledgeTest)

@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """The monitor's page in a real browser: what it shows, and what operators do with it."""
 
-import rospy
 from monitor_shown_cases import ShownCases
 from monitor_stop_cases import StopCases
 
 import rostest
+from merlin_test.topic_links import init_node
 
 
 class MonitorPage(ShownCases, StopCases):
@@ -14,5 +14,5 @@ class MonitorPage(ShownCases, StopCases):
 
 
 if __name__ == "__main__":
-    rospy.init_node("monitor_test")
+    init_node("monitor_test")
     rostest.rosrun("merlin_test", "monitor", MonitorPage)

@@ -14,7 +14,7 @@ from merlin_executor.executor_client import MerlinExecutorClient, outcome_name
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 from merlin_test.announced_interfaces import wait_for_interfaces
 from merlin_test.knowledge_fixture import LONG
-from merlin_test.topic_links import wait_for_publishers
+from merlin_test.topic_links import init_node, wait_for_publishers
 
 ROBOTS = ("ann", "bob")
 
@@ -134,5 +134,5 @@ class RobotsOverROSPlan(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    rospy.init_node("over_rosplan_robots_test")
+    init_node("over_rosplan_robots_test")
     rostest.rosrun("merlin_test", rospy.get_name().strip("/"), RobotsOverROSPlan)

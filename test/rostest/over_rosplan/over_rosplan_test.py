@@ -13,6 +13,7 @@ from merlin_executor.executor_client import MerlinExecutorClient, outcome_name
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 from merlin_test.announced_interfaces import wait_for_interfaces
 from merlin_test.knowledge_fixture import LONG, Received
+from merlin_test.topic_links import init_node
 
 
 class OverROSPlan(unittest.TestCase):
@@ -81,5 +82,5 @@ class OverROSPlan(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    rospy.init_node("over_rosplan_test")
+    init_node("over_rosplan_test")
     rostest.rosrun("merlin_test", rospy.get_name().strip("/"), OverROSPlan)

@@ -24,7 +24,7 @@ from merlin_ros.actions.action_client import ActionClient
 from merlin_ros.service_proxy import ServiceError
 from merlin_test.failure_texts import named_case
 from merlin_test.process_end import gone
-from merlin_test.topic_links import patient_service
+from merlin_test.topic_links import init_node, patient_service
 
 LONG = 60.0
 NODE = "/rosplan_planner_interface"
@@ -246,5 +246,5 @@ class Planner(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    rospy.init_node("planner_interface_test")
+    init_node("planner_interface_test")
     rostest.rosrun("merlin_test", "planner_interface", "__main__")

@@ -24,7 +24,7 @@ from merlin_planning.knowledge_client import (
 )
 from merlin_ros.service_proxy import ServiceError
 from merlin_test.knowledge_fixture import Received
-from merlin_test.topic_links import patient_service
+from merlin_test.topic_links import init_node, patient_service
 
 LONG = 60.0
 
@@ -163,5 +163,5 @@ class Apart(Stages, unittest.TestCase):
 
 
 if __name__ == "__main__":
-    rospy.init_node("planning_stages_test")
+    init_node("planning_stages_test")
     rostest.rosrun("merlin_test", "planning_stages", "__main__")

@@ -16,6 +16,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Empty
 
 import rostest
+from merlin_test.topic_links import init_node
 
 LONG = 60.0
 
@@ -92,5 +93,5 @@ class RosplanLaunchFilesTest(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    rospy.init_node("rosplan_launch_files_test")
+    init_node("rosplan_launch_files_test")
     rostest.rosrun("merlin_test", "rosplan_launch_files", RosplanLaunchFilesTest)

@@ -12,6 +12,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Empty
 
 import rostest
+from merlin_test.topic_links import init_node
 
 LONG = 60.0
 PLAN = "0.000: (go hall kitchen)  [1.000]\n1.001: (go kitchen cellar)  [1.000]\n"
@@ -83,5 +84,5 @@ class TolerantStagesTest(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    rospy.init_node("tolerant_stages_test")
+    init_node("tolerant_stages_test")
     rostest.rosrun("merlin_test", "tolerant_stages", TolerantStagesTest)

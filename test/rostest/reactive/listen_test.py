@@ -23,6 +23,7 @@ from merlin_reactive.speech.speech_synthesizer import RATE, SpeechSynthesizer
 from merlin_ros.actions.action_client import ActionClient
 from merlin_ros.publishing import OnSubscriber
 from merlin_test.conversation import wait_for_conversation
+from merlin_test.topic_links import init_node
 
 LONG = 60.0  # s of wall time
 ORDERS = "#JSGF V1.0; grammar order; public <order> = [please] bring me (a | the) (coffee | tea) [please];"
@@ -175,5 +176,5 @@ class Listen(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    rospy.init_node("listen_test")
+    init_node("listen_test")
     rostest.rosrun("merlin_test", "listen", Listen)

@@ -15,7 +15,7 @@ from nav_msgs.msg import Odometry
 
 import rostest
 from merlin_ros.actions.action_client import ActionClient
-from merlin_test.topic_links import wait_for_connections
+from merlin_test.topic_links import init_node, wait_for_connections
 
 LONG = 120.0  # s of wall time
 
@@ -99,5 +99,5 @@ class Localization(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    rospy.init_node("localization_test")
+    init_node("localization_test")
     rostest.rosrun("merlin_test", "localization", Localization)

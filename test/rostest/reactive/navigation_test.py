@@ -19,7 +19,7 @@ from std_srvs.srv import Empty, Trigger
 import rostest
 from merlin_ros.actions.action_client import ActionClient
 from merlin_test.knowledge_fixture import Received
-from merlin_test.topic_links import patient_service, wait_for_connections
+from merlin_test.topic_links import init_node, patient_service, wait_for_connections
 
 LONG = 120.0  # s of wall time
 
@@ -196,5 +196,5 @@ class Navigation(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    rospy.init_node("navigation_test")
+    init_node("navigation_test")
     rostest.rosrun("merlin_test", "navigation", Navigation)

@@ -17,6 +17,7 @@ from vision_msgs.msg import Detection3D, Detection3DArray, ObjectHypothesisWithP
 
 import rostest
 from merlin_ros.actions.action_client import ActionClient
+from merlin_test.topic_links import init_node
 
 LONG = 60.0  # s of wall time
 DOCUMENT = Path(__file__).resolve().parents[3] / "docs" / "real-robot.md"
@@ -62,5 +63,5 @@ class RecognitionAdapter(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    rospy.init_node("recognition_adapter_test")
+    init_node("recognition_adapter_test")
     rostest.rosrun("merlin_test", "recognition_adapter", RecognitionAdapter)

@@ -17,7 +17,7 @@ import rostest
 import smach
 from merlin_ros.actions.action_client import ActionClient
 from merlin_sm.state_factory import MerlinStateFactory
-from merlin_test.topic_links import patient_service
+from merlin_test.topic_links import init_node, patient_service
 
 LONG = 60.0  # s of wall time
 TRUTH = {
@@ -157,5 +157,5 @@ class Recognition(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    rospy.init_node("recognition_test")
+    init_node("recognition_test")
     rostest.rosrun("merlin_test", "recognition", Recognition)

@@ -15,7 +15,7 @@ from std_srvs.srv import Trigger
 import rostest
 from merlin_reactive.speech.speech_synthesizer import SpeechSynthesizer
 from merlin_ros.actions.action_client import ActionClient
-from merlin_test.topic_links import patient_service, wait_for_connections, wait_for_publishers
+from merlin_test.topic_links import init_node, patient_service, wait_for_connections, wait_for_publishers
 
 LONG = 60.0  # s of wall time
 SENTENCE = "Good morning. Do you need anything from the kitchen or from anywhere else?"
@@ -175,5 +175,5 @@ class Speech(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    rospy.init_node("speech_test")
+    init_node("speech_test")
     rostest.rosrun("merlin_test", "speech", Speech)

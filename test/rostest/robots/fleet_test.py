@@ -32,7 +32,7 @@ from merlin_monitor.state.state_tree import apply_changes
 from merlin_planning.knowledge_client import REMOVE, Update, fact, knowledge_client
 from merlin_test.etcd_process import DIRECT, EtcdProcess
 from merlin_test.node_path import node_path
-from merlin_test.topic_links import wait_for_publishers
+from merlin_test.topic_links import init_node, wait_for_publishers
 
 LIMIT = 120.0
 POINTS = ("kitchen", "bathroom", "dorm_room", "main_door")
@@ -276,5 +276,5 @@ def node_pid(name):
 
 
 if __name__ == "__main__":
-    rospy.init_node("fleet_test")
+    init_node("fleet_test")
     rostest.rosrun("merlin_test", "fleet", Fleet)

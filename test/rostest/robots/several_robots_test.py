@@ -31,7 +31,7 @@ from merlin_executor.executor_client import MerlinExecutorClient, outcome_name
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 from merlin_test.announced_interfaces import wait_for_interfaces
 from merlin_test.node_path import node_path
-from merlin_test.topic_links import sends, wait_for_publisher
+from merlin_test.topic_links import init_node, sends, wait_for_publisher
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[3] / "bench"))  # not installed
 
@@ -353,5 +353,5 @@ class SeveralRobots(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    rospy.init_node("several_robots_test")
+    init_node("several_robots_test")
     rostest.rosrun("merlin_test", "several_robots", SeveralRobots)

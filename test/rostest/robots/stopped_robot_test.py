@@ -15,7 +15,7 @@ from merlin_ros.publishing import OnSubscriber
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 from merlin_test.announced_interfaces import wait_for_interfaces
 from merlin_test.held_drives import HeldDrives
-from merlin_test.topic_links import wait_for_publishers
+from merlin_test.topic_links import init_node, wait_for_publishers
 
 LONG = 60.0
 ROBOTS = ("robot_1", "robot_2")
@@ -91,5 +91,5 @@ class StoppedRobot(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    rospy.init_node("stopped_robot_test")
+    init_node("stopped_robot_test")
     rostest.rosrun("merlin_test", "stopped_robot", StoppedRobot)

@@ -16,6 +16,7 @@ import rostest
 from merlin_executor.executor_client import MerlinExecutorClient, outcome_name
 from merlin_experiment.mission.ground_truth import receive_one
 from merlin_planning.knowledge_client import fact, knowledge_client
+from merlin_test.topic_links import init_node
 
 START = 90.0
 ROBOTS = ("r1", "r2")
@@ -75,5 +76,5 @@ class TwoRobots(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    rospy.init_node("two_robots_test")
+    init_node("two_robots_test")
     rostest.rosrun("merlin_test", "two_robots", TwoRobots)

@@ -20,7 +20,7 @@ from std_srvs.srv import Trigger
 
 import rostest
 from merlin_sim.rendering.picture_worker import NAME
-from merlin_test.topic_links import patient_service
+from merlin_test.topic_links import init_node, patient_service
 
 LONG = 60.0  # s of wall time
 
@@ -133,5 +133,5 @@ class Camera(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    rospy.init_node("camera_test")
+    init_node("camera_test")
     rostest.rosrun("merlin_test", "camera", Camera)

@@ -14,7 +14,7 @@ from sound_play.msg import SoundRequest, SoundRequestAction, SoundRequestGoal
 import rostest
 from merlin_ros.actions.action_client import ActionClient
 from merlin_test.conversation import wait_for_conversation
-from merlin_test.topic_links import patient_service, wait_for_publishers
+from merlin_test.topic_links import init_node, patient_service, wait_for_publishers
 
 LONG = 60.0  # s of wall time
 ORDERS = "#JSGF V1.0; grammar order; public <order> = [please] bring me (a | the) (coffee | tea) [please];"
@@ -126,5 +126,5 @@ class Guests(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    rospy.init_node("guests_test")
+    init_node("guests_test")
     rostest.rosrun("merlin_test", "guests", Guests)

@@ -18,7 +18,7 @@ from sensor_msgs.msg import LaserScan
 import rostest
 from merlin_executor.executor_client import MerlinExecutorClient, outcome_name
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
-from merlin_test.topic_links import patient_service, wait_for_publishers
+from merlin_test.topic_links import init_node, patient_service, wait_for_publishers
 
 LONG = 180.0  # s of wall time
 ROBOTS = ("ann", "bob")
@@ -160,5 +160,5 @@ class RobotsSimulator(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    rospy.init_node("robots_simulator_test")
+    init_node("robots_simulator_test")
     rostest.rosrun("merlin_test", "robots_simulator", RobotsSimulator)

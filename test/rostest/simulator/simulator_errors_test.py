@@ -12,6 +12,7 @@ from rosgraph_msgs.msg import Clock
 
 import rostest
 from merlin_test.node_path import node_path
+from merlin_test.topic_links import init_node
 
 WORLD = Path(__file__).resolve().parents[3] / "src" / "merlin_sim" / "worlds" / "apartment.yaml"
 
@@ -62,5 +63,5 @@ class Errors(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    rospy.init_node("simulator_errors_test")
+    init_node("simulator_errors_test")
     rostest.rosrun("merlin_test", "simulator_errors", Errors)

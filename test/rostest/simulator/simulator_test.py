@@ -18,7 +18,7 @@ from sensor_msgs.msg import LaserScan
 from std_srvs.srv import Trigger
 
 import rostest
-from merlin_test.topic_links import patient_service, wait_for_connections
+from merlin_test.topic_links import init_node, patient_service, wait_for_connections
 
 LONG = 120.0  # s of wall time
 SLOW = 0.25  # real-time factor that a machine with much else to do reaches, too
@@ -215,5 +215,5 @@ class Simulator(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    rospy.init_node("simulator_test")
+    init_node("simulator_test")
     rostest.rosrun("merlin_test", "simulator", Simulator)

@@ -14,7 +14,7 @@ from sensor_msgs.msg import LaserScan
 from std_srvs.srv import Trigger
 
 import rostest
-from merlin_test.topic_links import patient_service, wait_for_publishers
+from merlin_test.topic_links import init_node, patient_service, wait_for_publishers
 
 LONG = 120.0  # s of wall time
 
@@ -129,5 +129,5 @@ class WorldControl(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    rospy.init_node("world_control_test")
+    init_node("world_control_test")
     rostest.rosrun("merlin_test", "world_control", WorldControl)

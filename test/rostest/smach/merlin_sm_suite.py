@@ -4,11 +4,11 @@
 
 import unittest
 
-import rospy
 from arm_test import Arm
 from merlin_sm_test import MerlinSMSuite
 
 import rostest
+from merlin_test.topic_links import init_node
 
 CASES = (Arm, MerlinSMSuite)
 
@@ -18,5 +18,5 @@ def suite():
 
 
 if __name__ == "__main__":
-    rospy.init_node("merlin_sm_test")
+    init_node("merlin_sm_test")
     rostest.rosrun("merlin_test", "merlin_sm", "__main__.suite")

@@ -15,7 +15,7 @@ from smach_fixture import LONG, Calling, Done, machine
 
 import rostest
 import smach
-from merlin_test.topic_links import wait_for_connections
+from merlin_test.topic_links import init_node, wait_for_connections
 from smach_ros import ActionServerWrapper
 
 
@@ -258,5 +258,5 @@ class Wrapper(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    rospy.init_node("smach_action_server_test")
+    init_node("smach_action_server_test")
     rostest.rosrun("merlin_test", "smach_action_server", Wrapper)

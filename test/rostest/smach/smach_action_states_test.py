@@ -18,7 +18,7 @@ from smach_fixture import LONG, Run
 
 import rostest
 import smach
-from merlin_test.topic_links import wait_for_publisher
+from merlin_test.topic_links import init_node, wait_for_publisher
 from smach_ros import SimpleActionState
 
 SUCCEED, OBEY, ANSWER_SUCCEEDED, ANSWER_ABORTED, ANSWER_RECALLED, IGNORE, ABORT = range(7)
@@ -269,5 +269,5 @@ class ActionStates(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    rospy.init_node("smach_action_states_test")
+    init_node("smach_action_states_test")
     rostest.rosrun("merlin_test", "smach_action_states", ActionStates)

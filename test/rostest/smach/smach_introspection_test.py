@@ -19,7 +19,7 @@ from smach_msgs.msg import (
 
 import rostest
 import smach
-from merlin_test.topic_links import wait_for_connections
+from merlin_test.topic_links import init_node, wait_for_connections
 from smach_ros import IntrospectionClient, IntrospectionServer, introspection
 from smach_ros.userdata_codec import encode
 
@@ -263,5 +263,5 @@ class Introspection(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    rospy.init_node("smach_introspection_test")
+    init_node("smach_introspection_test")
     rostest.rosrun("merlin_test", "smach_introspection", Introspection)

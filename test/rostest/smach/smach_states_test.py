@@ -17,6 +17,7 @@ from std_srvs.srv import SetBool, SetBoolRequest, SetBoolResponse, Trigger, Trig
 import rostest
 import smach
 import smach_ros
+from merlin_test.topic_links import init_node
 from smach_ros import ConditionState, MonitorState, ServiceState
 
 HERE = os.path.dirname(os.path.abspath(__file__))
@@ -251,5 +252,5 @@ class States(Services, Topics, Conditions, Shutdown, unittest.TestCase):
 
 
 if __name__ == "__main__":
-    rospy.init_node("smach_states_test")
+    init_node("smach_states_test")
     rostest.rosrun("merlin_test", "smach_states", States)

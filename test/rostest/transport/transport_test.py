@@ -29,6 +29,7 @@ from merlin_ros.actions.ownership import ownership
 from merlin_ros.actions.serial_action_server import SerialActionServer
 from merlin_ros.actions.server_silence import SILENCE
 from merlin_test.knowledge_fixture import Received
+from merlin_test.topic_links import init_node
 
 LONG = 60.0
 
@@ -393,5 +394,5 @@ class Transport(Deadlines, Actions, Floods, Owners, Services):
 
 
 if __name__ == "__main__":
-    rospy.init_node("transport_test")
+    init_node("transport_test")
     rostest.rosrun("merlin_test", "transport", Transport)

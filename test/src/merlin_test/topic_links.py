@@ -9,10 +9,20 @@ from typing import Any, Optional, Set, Union
 
 import rospy
 
+from merlin_ros.master import publisher_updates
 from merlin_ros.master.master_link import ERRORS, bounded_master, bounded_proxy
 from merlin_ros.service_proxy import ServiceProxy
 
 LONG = 120.0  # s; a master on a busy machine takes longer than MERLIN waits for it
+
+
+def init_node(name: str, **options: Any) -> None:
+    """Makes the process a plain node of rospy, but one that loses no publisher.
+
+    :param options: of `rospy.init_node`.
+    """
+    publisher_updates.keep_all()
+    rospy.init_node(name, **options)
 
 
 def publishers_of(subscriber: rospy.Subscriber) -> Set[str]:
