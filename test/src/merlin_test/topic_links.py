@@ -9,7 +9,7 @@ from typing import Any, Optional, Set, Union
 
 import rospy
 
-from merlin_ros.master import publisher_updates
+from merlin_ros.master import announcing, publisher_updates
 from merlin_ros.master.master_link import ERRORS, bounded_master, bounded_proxy
 from merlin_ros.service_proxy import ServiceProxy
 
@@ -17,11 +17,12 @@ LONG = 120.0  # s; a master on a busy machine takes longer than MERLIN waits for
 
 
 def init_node(name: str, **options: Any) -> None:
-    """Makes the process a plain node of rospy, but one that loses no publisher.
+    """Makes the process a plain node of rospy, but one that loses no publisher and no message.
 
     :param options: of `rospy.init_node`.
     """
     publisher_updates.keep_all()
+    announcing.announce_complete()
     rospy.init_node(name, **options)
 
 

@@ -25,7 +25,7 @@ from rospy.names import get_caller_id
 from merlin_ros.deadline import running_time
 from merlin_ros.lean_start import end_lightly, log_configured
 from merlin_ros.master import master_link, publisher_updates
-from merlin_ros.master.announcing import announced_together
+from merlin_ros.master.announcing import announce_complete, announced_together
 from merlin_ros.master.master_keeper import MasterKeeper
 from merlin_ros.master.namesake import Namesake, living_namesake
 from merlin_ros.parameters import ParameterError
@@ -180,6 +180,7 @@ def init_node(name: str, **options: Any) -> None:
     master_link.bound_rospy()
     master_link.hasten_registration()
     publisher_updates.keep_all()
+    announce_complete()
     tcpros_port.use_entrance()
     service_server.use_for_all()
     hand_over_promptly()

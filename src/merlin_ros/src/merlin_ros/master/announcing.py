@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Announces the services and topics of one part of a node with one call of the master."""
+"""Announces the services and topics of one part of a node with one call of the master, once they are made."""
 
 import contextlib
+import functools
 import threading
 import xmlrpc.client
 from typing import Any, Iterator, List, NamedTuple, Optional
 
 import rosgraph
+import rospy
 from rospy.core import is_shutdown_requested, xmlrpcapi
 from rospy.impl.registration import Registration, RegManager
 from rospy.names import get_caller_id
@@ -58,6 +60,27 @@ def announced_together() -> Iterator[None]:
     finally:
         _waiting.things = None
     _announce(waiting)
+
+
+def announce_complete() -> None:
+    """From now on a topic is announced when its publisher or subscriber is made; may be called again.
+
+    rospy announces it before it sets queue, latch, listener and callback. A node that connects meanwhile gets
+    no latched message, and is waited for with each message when it hangs; what a publisher has latched comes
+    before there is a callback.
+    """
+    for kind in (rospy.Publisher, rospy.Subscriber):
+        if not hasattr(kind.__init__, "__wrapped__"):
+            kind.__init__ = _complete(kind.__init__)
+
+
+def _complete(make: Any) -> Any:
+    @functools.wraps(make)
+    def make_and_announce(topic: Any, *args: Any, **options: Any) -> None:
+        with announced_together():
+            make(topic, *args, **options)
+
+    return make_and_announce
 
 
 def _added(manager: Any, name: str, what: str, kind: str) -> None:
