@@ -288,6 +288,31 @@ def test_with_bounds_an_action_that_takes_too_long_is_late():
     assert [a.id for a in schedule.ready(105.1)] == [1]
 
 
+@pytest.mark.parametrize("back", [3600.0, 8.0])
+def test_a_clock_that_is_set_back_keeps_no_start_waiting(back):
+    steps, actions = plan((0, "move", "ab", 30), (20, "move", "cd", 5))
+    graph = build_graph(steps, actions)
+    graph.connect(EdgeType.INTERFERENCE, graph.nodes[1].id, graph.nodes[3].id, lower=20.0)
+    schedule = GraphSchedule(graph, planned(steps))
+    schedule.begin(100_000.0)
+    assert [action.id for action in schedule.ready(100_000.0)] == [0]
+    schedule.started(0, 100_000.0)
+    assert schedule.ready(100_010.0) == [] and schedule.wake_time(100_010.0) == 100_020.0
+    now = 100_010.0 - back
+    assert schedule.ready(now) == [] and schedule.wake_time(now) == now + 10.0
+    assert [action.id for action in schedule.ready(now + 10.0)] == [1]
+
+
+def test_what_is_late_is_seen_in_time_after_the_clock_was_set_back():
+    steps, actions = plan((0, "move", "ab", 10))
+    schedule = GraphSchedule(build_graph(steps, actions), planned(steps), bounds=True, fraction=0.5)
+    schedule.begin(100_000.0)
+    schedule.started(0, 100_000.0)
+    for now in (100_005.0, 200.0, 209.9):
+        assert schedule.late(now) is None
+    assert schedule.wake_time(209.9) == pytest.approx(210.0) and schedule.late(210.1)
+
+
 def test_a_graph_with_a_cycle_is_refused():
     steps, actions = plan((0, "move", "ab", 5), (0, "move", "cd", 5))
     graph = build_graph(steps, actions)

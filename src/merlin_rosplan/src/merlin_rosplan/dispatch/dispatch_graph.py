@@ -12,6 +12,8 @@ _PAST = 1e-6  # s after a latest time at which it has passed
 class GraphSchedule(Schedule):
     """Dispatches as the edges of a plan graph allow; actions run in parallel.
 
+    Its times are ROS time as it passes: where the clock is set back, what has passed has passed.
+
     :param graph: ids of nodes and edges are their indices.
     :param actions: by index, as `Node.action` counts.
     :param bounds: whether all time bounds of edges are kept. Without, only the earliest times of starts are:
@@ -37,6 +39,8 @@ class GraphSchedule(Schedule):
         if set(self._start_of) != set(self.actions) or set(self._end_of) != set(self.actions):
             raise PlanError("the plan graph does not have one start and one end node for each action")
         self._missing = [len(node.edges_in) for node in graph.nodes]  # incoming edges that are not active
+        self._looked = 0.0  # ROS time, s, at the last look
+        self._set_back = 0.0  # s that the clock was set back so far
         self._time: Dict[int, float] = {}  # of nodes that have happened
         self._started: Set[int] = set()
         self._completed: Set[int] = set()  # actions that ended; their end node may still wait for others
@@ -75,6 +79,7 @@ class GraphSchedule(Schedule):
 
     def begin(self, now: float) -> None:
         """The nodes without predecessors become possible; the start of the plan happens."""
+        now = self._look(now)
         for node in self._graph.nodes:
             if not self._missing[node.id]:
                 self._candidates.add(node.id)
@@ -84,6 +89,7 @@ class GraphSchedule(Schedule):
 
     def ready(self, now: float) -> List[PlannedAction]:
         """Actions whose start node has all its edges active and is not too early."""
+        now = self._look(now)
         return [
             self._actions[self._graph.nodes[node].action]
             for node in sorted(self._candidates)
@@ -92,6 +98,7 @@ class GraphSchedule(Schedule):
 
     def started(self, action_id: int, now: float, seen: bool = True) -> None:
         """The start node happens, once its effects are applied."""
+        now = self._look(now)
         self._started.add(action_id)
         node = self._start_of[action_id]
         if seen:
@@ -111,7 +118,7 @@ class GraphSchedule(Schedule):
             self._unseen.discard(node.id)
             for sink in self._others_after(node):
                 self._unseen_into[sink] -= 1
-            self._happen(node.id, now)
+            self._happen(node.id, self._look(now))
             self._time[node.id] = self._sent[node.id]  # it is looked for only when something waits for it
 
     def awaited(self) -> List[int]:
@@ -136,7 +143,7 @@ class GraphSchedule(Schedule):
             source = self._graph.nodes[edge.source]
             if source.action >= 0 and self._actions[source.action].id not in self._started:
                 self._too_late.add(edge.id)
-        self._happen_if_due(node.id, now)
+        self._happen_if_due(node.id, self._look(now))
 
     def overtaken(self) -> List[Overtaken]:
         """Actions whose end node waits for the source of a strict edge."""
@@ -163,7 +170,9 @@ class GraphSchedule(Schedule):
                 times.append(self._earliest(node))
             if self._bounds:
                 times.append(self._latest(node) + _PAST)
-        return min((time for time in times if now < time < NO_BOUND), default=None)
+        now += self._set_back
+        wake = min((time for time in times if now < time < NO_BOUND), default=None)
+        return None if wake is None else wake - self._set_back
 
     def waits_for_time(self, action_id: int) -> bool:
         """Whether an edge bounds its start from below."""
@@ -173,6 +182,7 @@ class GraphSchedule(Schedule):
         """The first node whose latest time has passed; without bounds nothing is late."""
         if not self._bounds:
             return None
+        now = self._look(now)
         for node_id in sorted(self._candidates):
             latest = self._latest(node_id)
             if now > latest:
@@ -184,6 +194,12 @@ class GraphSchedule(Schedule):
     def waiting(self) -> List[str]:
         """Actions that were not started."""
         return [str(action) for action in self._actions if action.id not in self._started]
+
+    def _look(self, now: float) -> float:
+        """The time that the nodes count by, s."""
+        self._set_back += max(0.0, self._looked - now)
+        self._looked = now
+        return now + self._set_back
 
     def _happen(self, node_id: int, now: float) -> None:
         self._time[node_id] = now
