@@ -74,6 +74,32 @@ def test_timed_knowledge_outlives_a_full_disk(monkeypatch, clock):
     assert texts(store.facts()) == ["(idle)"] and "no space left" in said[0]
 
 
+def test_timed_knowledge_comes_soon_after_the_clock_was_set_forward(monkeypatch, clock):
+    monkeypatch.setattr(knowledge_base, "LONGEST", 0.01)
+    monkeypatch.setattr(rospy.rostime, "_rostime_initialized", True)
+    rospy.rostime.switch_to_wallclock()
+    looked, fired = threading.Event(), threading.Event()
+
+    def now():
+        time = rospy.Time(0, clock.now)
+        looked.set()
+        return time
+
+    monkeypatch.setattr(rospy, "get_rostime", now)
+    store = KnowledgeStore(DOMAIN, clock=clock)
+    hour = 3600 * 10**9
+    add(store, Fact("idle", ()), at=hour)
+    store.listen(lambda change: fired.set())
+    watch = knowledge_base.TimedKnowledge(store, "/kb")
+    try:
+        assert looked.wait(60.0)
+        clock.now = hour
+        assert fired.wait(60.0)
+    finally:
+        watch.shutdown()
+    assert texts(store.facts()) == ["(idle)"]
+
+
 def test_readers_never_see_half_a_transaction(store):
     stop = threading.Event()
     halves = []

@@ -22,6 +22,7 @@ from merlin_pddl.problem_reader import read_problem
 from merlin_pddl.text_reader import PddlError, shortened
 from merlin_ros.actions.peers import sender_of
 from merlin_ros.health import OK, Health
+from merlin_ros.ros_alarm import LONGEST
 from merlin_ros.work.threads import start_thread
 from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
 from merlin_rosplan.knowledge.knowledge_store import JournalError, KnowledgeStore
@@ -333,7 +334,9 @@ class TimedKnowledge:
                     if remaining is not None and remaining <= 0:
                         break
                     # a simulated clock may be slower or faster, or jump: it wakes us at every step
-                    self._time.wait(remaining if remaining is not None and is_wallclock() else None)
+                    self._time.wait(
+                        min(LONGEST, remaining) if remaining is not None and is_wallclock() else None
+                    )
 
     def _pause(self, seconds: float) -> None:
         end = time.monotonic() + seconds
