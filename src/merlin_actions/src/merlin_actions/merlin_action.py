@@ -132,12 +132,13 @@ class MerlinAction(ActionInterface):
 
     def _wait(self, ended: threading.Event) -> bool:
         """Waits for the end or a cancel; True when the run limit passed."""
-        longest = rospy.Duration(self._run_limit) if self._run_limit > 0 else None
-        begin = rospy.Time.now()
+        passed, now = 0.0, rospy.get_time()
         while not ended.wait(1.0):
             if rospy.is_shutdown():
                 return False
-            if longest is not None and rospy.Time.now() - begin > longest:
+            before, now = now, rospy.get_time()
+            passed += max(0.0, now - before)  # a clock that is set back takes nothing away
+            if 0.0 < self._run_limit < passed:
                 return True
         return False
 
