@@ -7,8 +7,9 @@ from typing import Any, Callable, Dict, Iterator, List, Optional, Sequence
 
 import pytest
 from diagnostic_msgs.msg import KeyValue
-from merlin_msgs.msg import RobotHost
-from rosplan_knowledge_msgs.msg import DomainFormula
+from fakes.topics import Topics
+from merlin_msgs.msg import KnowledgeChanges, RobotHost
+from rosplan_knowledge_msgs.msg import DomainFormula, KnowledgeItem
 
 from merlin_actions import robot_watch
 from merlin_actions.robot_watch import AvailableFacts, RobotWatch
@@ -31,6 +32,7 @@ class Knowledge:
         self.changed = threading.Condition()
         self.available: Dict[str, bool] = dict.fromkeys(robots, True)
         self.silent = 0  # updates that it does not answer
+        self.asked: List[str] = []  # robots of which something was to be written
 
     def predicates(self) -> Dict[str, DomainFormula]:
         return {AVAILABLE: DomainFormula(name=AVAILABLE, typed_parameters=[KeyValue("r", "robot")])}
@@ -42,6 +44,7 @@ class Knowledge:
         (update,) = updates
         (robot,) = [value.value for value in update.item.values]
         with self.changed:
+            self.asked.append(robot)
             if self.silent:
                 self.silent -= 1
                 raise ServiceUnavailable("it is being started again")
@@ -76,6 +79,64 @@ def announce(monkeypatch: pytest.MonkeyPatch) -> Iterator[Announce]:
     monkeypatch.setattr(robot_watch, "RETRY", 0.01)
     yield announced
     ends.set()
+
+
+@pytest.fixture(autouse=True)
+def others(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
+    """Another node changes the knowledge."""
+    topics = Topics(monkeypatch)
+    return lambda **change: topics.send("/kb/changes", KnowledgeChanges(client="/other", **change))
+
+
+def instance(robot: str) -> KnowledgeItem:
+    return KnowledgeItem(knowledge_type=KnowledgeItem.INSTANCE, instance_type="robot", instance_name=robot)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"cleared": True}, {"removed": [fact(AVAILABLE, "r1")]}, {"added": [instance("r1")]}],
+    ids=["clear", "fact removed", "robot added"],
+)
+def test_a_robot_that_lives_is_available_again_after_others_have_dropped_that(
+    others: Callable[..., None], change: Dict[str, Any]
+) -> None:
+    knowledge = Knowledge("r1", "r2")
+    facts = AvailableFacts(knowledge)  # type: ignore[arg-type]
+    for robot, available in (("r1", True), ("r2", False)):
+        facts.put(robot, available)
+        facts.wait_published(robot, LONG)
+    knowledge.available["r1"] = False
+    others(**change)
+    assert knowledge.wait(r1=True, r2=False)
+
+
+def test_a_robot_of_the_problem_that_is_loaded_again_is_not_available_before_it_is_heard(
+    others: Callable[..., None],
+) -> None:
+    knowledge = Knowledge("r1")
+    AvailableFacts(knowledge).settle()  # type: ignore[arg-type]
+    assert knowledge.wait(r1=False)
+    knowledge.available["r1"] = True
+    others(cleared=True)
+    assert knowledge.wait(r1=False)
+
+
+def test_of_a_robot_that_is_removed_nothing_is_written_before_it_is_back(
+    others: Callable[..., None],
+) -> None:
+    knowledge = Knowledge("r1", "r2")
+    facts = AvailableFacts(knowledge)  # type: ignore[arg-type]
+    for robot in ("r1", "r2"):
+        facts.put(robot, True)
+        facts.wait_published(robot, LONG)
+    del knowledge.available["r1"]
+    knowledge.available["r2"] = False
+    others(removed=[instance("r1"), fact(AVAILABLE, "r1")])
+    others(removed=[fact(AVAILABLE, "r2")])
+    assert knowledge.wait(r2=True) and knowledge.asked == ["r1", "r2", "r2"]
+    knowledge.available["r1"] = False
+    others(added=[instance("r1")])
+    assert knowledge.wait(r1=True)
 
 
 def test_a_robot_that_the_knowledge_does_not_know_hides_no_other_one() -> None:

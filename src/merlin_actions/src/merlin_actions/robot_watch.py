@@ -4,13 +4,15 @@
 import itertools
 import threading
 import time
-from typing import Callable, Dict, List, Optional
+from typing import Callable, Dict, Iterable, List, Optional, Set
 
 import rospy
-from merlin_msgs.msg import RobotHost
+from merlin_msgs.msg import KnowledgeChanges, RobotHost
+from rosplan_knowledge_msgs.msg import KnowledgeItem
 
 from merlin_actions.core.availability import Availability
 from merlin_actions.core.robot_book import GONE_AFTER, HostWord, RobotBook, RobotChange
+from merlin_planning.foreign_changes import ForeignChanges
 from merlin_planning.knowledge_client import ADD, REMOVE, KnowledgeClient, KnowledgeError, Update, fact
 from merlin_planning.robot_roster import RobotRoster, is_node
 from merlin_ros.actions.peers import sender_of
@@ -159,6 +161,8 @@ class AvailableFacts:
         self._availability = Availability()
         self._calls = CallQueue("available robots")
         self._retry: Optional[Alarm] = None  # of the thread of the calls
+        if self._there:
+            self._changes = ForeignChanges(knowledge.name, self._others_changed)
 
     def put(self, robot: str, available: bool) -> None:
         """Notes whether a robot is available; writes it soon."""
@@ -180,6 +184,16 @@ class AvailableFacts:
 
         with self._changed:
             wait_ticks(lambda tick: self._changed.wait_for(written, tick), seconds)
+
+    def _others_changed(self, message: Optional[KnowledgeChanges]) -> None:
+        robots = None if message is None else _touched(message)
+        if robots is None or robots:
+            self._calls.put(self._write_again, robots)  # behind what is being written: that may be lost, too
+
+    def _write_again(self, robots: Optional[Set[str]]) -> None:
+        with self._changed:
+            self._availability.forget(robots)
+        self._write_all()
 
     def _write_soon(self) -> None:
         if self._there:
@@ -218,3 +232,14 @@ class AvailableFacts:
             self._availability.wrote(robot, available)
             self._changed.notify_all()
         return ""
+
+
+def _touched(message: KnowledgeChanges) -> Set[str]:
+    """The robots of which a change may say something else than was written, and that are objects still."""
+    items = (*message.added, *message.removed)
+    facts = {item.values[0].value for item in items if item.attribute_name == AVAILABLE and item.values}
+    return facts - _instances(message.removed) | _instances(message.added)
+
+
+def _instances(items: Iterable[KnowledgeItem]) -> Set[str]:
+    return {item.instance_name for item in items if item.knowledge_type == KnowledgeItem.INSTANCE}

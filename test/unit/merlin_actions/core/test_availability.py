@@ -70,6 +70,26 @@ def test_a_listed_robot_is_written_again_after_a_failure(robots: Availability) -
     assert write(robots) == [("carl", False)]
 
 
+def test_what_is_lost_is_written_again(robots: Availability) -> None:
+    write(robots)
+    robots.forget(["ann", "carl"])
+    assert robots.pending and not robots.is_written("ann")
+    assert write(robots) == [("ann", True)], "bob is out, carl was never heard"
+    robots.forget()
+    assert not robots.unsettled, "robots without a message may still come"
+    assert write(robots) == [("ann", True)]
+
+
+def test_robots_are_compared_again_with_a_knowledge_base_that_has_begun_anew(robots: Availability) -> None:
+    robots.settle()
+    robots.compare([])
+    write(robots)
+    robots.forget()
+    assert robots.unsettled
+    robots.compare(["bob"])  # so it is in the problem
+    assert write(robots) == [("ann", True), ("bob", False)]
+
+
 def test_a_robot_that_is_not_known_counts_as_written(robots: Availability) -> None:
     assert robots.is_written("dora")
 

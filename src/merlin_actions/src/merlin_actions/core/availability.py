@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which facts about available robots have to be written. Without ROS. Not thread-safe."""
 
-from typing import Dict, Iterable, Set
+from typing import Dict, Iterable, Optional, Set
 
 
 class Availability:
@@ -10,7 +10,7 @@ class Availability:
     def __init__(self) -> None:
         self._wanted: Dict[str, bool] = {}
         self._written: Dict[str, bool] = {}
-        self._unsettled = False
+        self._settles = self._unsettled = False
 
     def put(self, robot: str, available: bool) -> None:
         """Notes whether a robot is available."""
@@ -18,7 +18,14 @@ class Availability:
 
     def settle(self) -> None:
         """Robots without a message so far are not available, whatever the problem says."""
-        self._unsettled = True
+        self._settles = self._unsettled = True
+
+    def forget(self, robots: Optional[Iterable[str]] = None) -> None:
+        """What the knowledge base holds of some robots is not known any more; None: of any robot."""
+        if robots is None:
+            self._unsettled = self._settles
+        for robot in list(self._written) if robots is None else robots:
+            self._written.pop(robot, None)
 
     @property
     def robots(self) -> Set[str]:

@@ -18,6 +18,11 @@ def connected_peers(subscriber: rospy.Subscriber) -> Set[str]:
     return {str(getattr(link, "callerid_pub", "")) for link in _open(subscriber)}
 
 
+def open_sockets(subscriber: rospy.Subscriber) -> Set[Any]:
+    """The sockets of the open connections; a connection that is opened again has another one."""
+    return {link.socket for link in _open(subscriber)}
+
+
 def link_from(subscriber: rospy.Subscriber, node: str) -> Any:
     """The open connection on which a node publishes; None: there is none."""
     return next(_open(subscriber, lambda link: getattr(link, "callerid_pub", "") == node), None)

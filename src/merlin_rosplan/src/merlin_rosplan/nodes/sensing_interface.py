@@ -15,6 +15,7 @@ from merlin_msgs.msg import KnowledgeChanges
 from rosplan_knowledge_msgs.msg import KnowledgeItem, StatusUpdate
 from rosplan_knowledge_msgs.srv import SetNamedBool
 
+from merlin_planning.foreign_changes import ForeignChanges
 from merlin_planning.knowledge_client import knowledge_client
 from merlin_ros.ros_alarm import RosAlarm
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
@@ -61,9 +62,7 @@ class SensingInterface(Component):
         self._script = self._load_script()
         self._mark_sensed()
         self._updater = SensedUpdater(self._knowledge, period, self.scope)
-        self._changes = self.subscriber(
-            f"{self.knowledge_base}/changes", KnowledgeChanges, self._receive_changes
-        )
+        self._changes = self.own(ForeignChanges(self.knowledge_base, self._others_changed))
         self.subscriber(f"{self.knowledge_base}/status/update", StatusUpdate, self._receive_update)
         for predicate, entries in self._config("topics").items():
             for entry in entries:
@@ -241,21 +240,21 @@ class SensingInterface(Component):
             return
         self._updater.sense(facts)
 
-    def _receive_changes(self, message: KnowledgeChanges) -> None:
-        if message.client == rospy.get_name():
+    def _others_changed(self, message: Optional[KnowledgeChanges]) -> None:
+        if message is None:
+            self._updater.send_again()
+            self._updater.objects_appeared()
             return
         items = [*message.added, *message.removed, *message.changed]
         names = {item.attribute_name for item in items if item.attribute_name}
-        if message.cleared:
-            self._updater.send_again()
-        elif names:
+        if names:
             self._updater.send_again(sorted(names))
         if any(item.knowledge_type == KnowledgeItem.INSTANCE for item in message.added):
             self._updater.objects_appeared()
 
     def _receive_update(self, message: StatusUpdate) -> None:
         # A knowledge base that publishes the changes themselves says more there.
-        if message.last_update_client != rospy.get_name() and self._changes.get_num_connections() == 0:
+        if message.last_update_client != rospy.get_name() and not self._changes.connected:
             self._updater.send_again()
 
 
