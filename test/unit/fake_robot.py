@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The parts of a robot that a mission talks to, without ROS: knowledge, Executor, action servers, topics."""
 
+import itertools
 import threading
 from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
 
@@ -35,6 +36,9 @@ class Unheard:
             check()
 
 
+_NUMBERS = itertools.count()
+
+
 class Ended:
     """A request or goal; it ends when it has a result."""
 
@@ -44,6 +48,7 @@ class Ended:
         self.result: Any = None
         self.status = GoalStatus.ACTIVE
         self.text = self.said = ""
+        self.id = str(next(_NUMBERS))
         self._on_done = on_done
         self._on_cancel = on_cancel
         self._ended = threading.Event()
@@ -158,10 +163,14 @@ class FakeRobot:
         for request in self._requests:
             self._cancel(request)
 
-    def held(self, waits: str) -> None:
-        """The Executor waits for a release, or no longer."""
+    def held(self, waits: str, state: int = ExecutorStatus.IDLE) -> None:
+        """The Executor waits for a release, or no longer.
+
+        :param state: of what was sent last.
+        """
+        request = "" if state == ExecutorStatus.IDLE else self._requests[-1].id
         for callback in self.on_status:
-            callback(ExecutorStatus(waits=waits))
+            callback(ExecutorStatus(waits=waits, state=state, request=request))
 
     def cancel_all(self) -> None:
         for request in self._requests:

@@ -6,7 +6,7 @@ from typing import Any, Callable, List
 
 import pytest
 from fake_robot import FakeRobot
-from merlin_msgs.msg import ExecuteResult, MissionStatus
+from merlin_msgs.msg import ExecuteResult, ExecutorStatus, MissionStatus
 
 from merlin_executor.mission import (
     END,
@@ -97,6 +97,49 @@ def test_after_a_stop_it_waits_for_the_release_and_goes_on_with_the_goal(robot: 
     assert run.end()
     assert robot.goals == ["(checked kitchen)"] * 2 + ["(checked bathroom)"]
     assert robot.published[-1].state == MissionStatus.SUCCEEDED
+
+
+@MISSIONS
+def test_a_release_that_comes_before_the_end_of_the_cancel_counts(robot: FakeRobot, kind: Any) -> None:
+    run = Run(robot, kind, WAIT)
+    robot.held(HELD, ExecutorStatus.RUNNING)
+    robot.held(HELD, ExecutorStatus.CANCELLING)
+    robot.held("", ExecutorStatus.CANCELLING)  # the robot still stops
+    robot.never = []
+    robot.operator_cancels()
+    assert run.end()
+    assert robot.goals == ["(checked kitchen)"] * 2 + ["(checked bathroom)"]
+    assert MissionStatus.PAUSED not in [status.state for status in robot.published]
+
+
+@MISSIONS
+@pytest.mark.parametrize("state", [ExecutorStatus.RUNNING, ExecutorStatus.CANCELLING])
+def test_a_release_that_comes_before_the_cancel_is_not_that_of_the_cancel(
+    robot: FakeRobot, kind: Any, state: int
+) -> None:
+    run = Run(robot, kind, WAIT)
+    robot.held(HELD, state)
+    robot.held("", state)
+    robot.held("", ExecutorStatus.RUNNING)  # it goes on, where it made way for a more urgent request, too
+    robot.operator_cancels()
+    run.wait_paused()
+    robot.never = []
+    assert robot.services["merlin/mission/resume"](None).success
+    assert run.end()
+    assert robot.goals == ["(checked kitchen)"] * 2 + ["(checked bathroom)"]
+
+
+@MISSIONS
+def test_another_hold_after_the_release_is_waited_for(robot: FakeRobot, kind: Any) -> None:
+    run = Run(robot, kind, WAIT)
+    for waits in (HELD, "", HELD):
+        robot.held(waits, ExecutorStatus.CANCELLING)
+    robot.operator_cancels()
+    run.wait_paused()
+    robot.never = []
+    robot.held("")
+    assert run.end()
+    assert robot.goals == ["(checked kitchen)"] * 2 + ["(checked bathroom)"]
 
 
 @MISSIONS

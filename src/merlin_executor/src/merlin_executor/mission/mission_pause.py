@@ -2,7 +2,7 @@
 """Pauses and resumes a mission: the services ``merlin/mission/pause`` and ``merlin/mission/resume``."""
 
 import threading
-from typing import Callable, List, NamedTuple, Optional
+from typing import Callable, List, NamedTuple, Optional, Set
 
 import rospy
 from merlin_msgs.msg import ExecutorStatus
@@ -25,6 +25,8 @@ class HoldWatch:
         """What the Executor waits for, a sentence; empty: no base is held."""
         self.releases = 0
         """How many holds have ended so far."""
+        self.released: Set[str] = set()
+        """The requests that were being cancelled when the last one ended."""
         self._status = rospy.Subscriber("merlin/status", ExecutorStatus, self._receive, tcp_nodelay=True)
 
     def wait_released(self, tell: Callable[[str], None]) -> None:
@@ -43,7 +45,12 @@ class HoldWatch:
 
     def _receive(self, status: ExecutorStatus) -> None:
         with self._changed:
-            self.releases += bool(self.waits and not status.waits)
+            running = {status.request, *(each.request for each in status.together)}
+            if status.state == ExecutorStatus.RUNNING:  # what is cancelled later waits for a later release
+                self.released -= running
+            if self.waits and not status.waits:
+                self.releases += 1
+                self.released = running if status.state == ExecutorStatus.CANCELLING else set()
             self.waits = status.waits
             self._changed.notify_all()
 
@@ -150,7 +157,8 @@ class MissionPause:
     def again(self, request: ExecutorRequest, stopped: Callable[[], bool]) -> bool:
         """Whether the goals of a request that has ended are to be sent again, as an operator took them back.
 
-        Waits until he lets the mission go on: it is resumed, or a hold of the base is released.
+        Waits until he lets the mission go on: it is resumed, or a hold of the base is released; or it was
+        released already, while the request was being cancelled.
 
         :param stopped: looked at after each :meth:`wake`; then it is False.
         """
@@ -159,11 +167,12 @@ class MissionPause:
             return False
         with self._changed:
             releases = holds.releases
-            self._set_now(True, asked=False)
-            Deadline(None).wait(
-                self._changed, lambda: stopped() or not self._switch.paused or holds.releases > releases
-            )
-            self._set_now(False, asked=False)
+            if holds.waits or request.id not in holds.released:
+                self._set_now(True, asked=False)
+                Deadline(None).wait(
+                    self._changed, lambda: stopped() or not self._switch.paused or holds.releases > releases
+                )
+                self._set_now(False, asked=False)
         return not stopped() and not rospy.is_shutdown()
 
     def wake(self) -> None:
