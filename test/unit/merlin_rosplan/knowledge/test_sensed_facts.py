@@ -41,6 +41,20 @@ def test_bools_and_numbers_of_numpy_count():
     }
 
 
+@pytest.mark.parametrize("value", [float("nan"), float("-inf"), np.float32("nan"), np.float64("inf")])
+def test_what_is_not_finite_is_left_out(value):
+    assert facts_of("battery", value, [["ann", "bob"]]) == {}
+    assert facts_of("battery", [("ann", value), ("bob", 3)], [[]]) == {("battery", ("bob",)): 3}
+
+
+def test_what_is_left_out_is_reported_once_for_a_result():
+    reported = []
+    values = [("ann", float("nan")), ("bob", float("inf")), ("carl", 10**400), ("dora", True)]
+    assert len(facts_of("battery", values, [[]], reported.append)) == 2
+    facts_of("battery", [("bob", 1.0)], [[]], reported.append)
+    assert reported == ["what is not a finite number is left out"]
+
+
 @pytest.mark.parametrize(
     "result",
     [np.zeros(2), np.array(["a"]), "yes", {"a": 1}, [("ann", True)], [("a:b", "yes")], ["a:b"], object()],

@@ -2,7 +2,8 @@
 """What sensors say about the world: results of sensing functions as facts, and which of them are news."""
 
 import itertools
-from typing import Any, Dict, Iterable, List, Sequence, Set, Tuple, Union
+import math
+from typing import Any, Callable, Dict, Iterable, List, Sequence, Set, Tuple, Union
 
 Value = Union[bool, float]
 Fact = Tuple[str, Tuple[str, ...]]  # predicate or function, objects
@@ -40,14 +41,28 @@ def is_wildcard(given: Sequence[Any], index: int) -> bool:
     return not given or (index < len(given) and given[index] in WILDCARDS)
 
 
-def facts_of(predicate: str, result: Any, choices: Sequence[Sequence[str]]) -> Dict[Fact, Value]:
-    """A sensing function's result as facts.
+def facts_of(
+    predicate: str,
+    result: Any,
+    choices: Sequence[Sequence[str]],
+    report: Callable[[str], None] = lambda text: None,
+) -> Dict[Fact, Value]:
+    """A sensing function's result as facts, without what is not finite: no knowledge base of ours takes it.
 
     :param result: a bool or a number, numpy's too, for the only possible combination of objects, or for all
         of them; a list of ``("arg1:arg2", value)``; None for nothing.
     :param choices: of :func:`parameter_choices`.
+    :param report: called with a sentence where something is left out.
     :raises SensingError: the result is something else, or names the wrong number of objects.
     """
+    facts = _facts_of(predicate, result, choices)
+    finite = {fact: value for fact, value in facts.items() if -math.inf < value < math.inf}
+    if len(finite) < len(facts):
+        report("what is not a finite number is left out")
+    return finite
+
+
+def _facts_of(predicate: str, result: Any, choices: Sequence[Sequence[str]]) -> Dict[Fact, Value]:
     if result is None:
         return {}
     result = _plain(result)

@@ -226,17 +226,18 @@ class SensingInterface(Component):
     # --- sensing and sending --------------------------------------------------------------------------
 
     def _sense(self, sensor: Sensor, message: Any, source: str) -> None:
+        def report(text: str) -> None:
+            rospy.logerr_throttle_identical(LOG_PERIOD, f"{self.scope}: sensing '{sensor.predicate}': {text}")
+
         try:
             instances = [
                 self._knowledge.instances(name) if is_wildcard(sensor.given, index) else []
                 for index, name in enumerate(sensor.types)
             ]
             choices = parameter_choices(sensor.given, instances)
-            facts = facts_of(sensor.predicate, sensor.evaluate(message, choices, source), choices)
+            facts = facts_of(sensor.predicate, sensor.evaluate(message, choices, source), choices, report)
         except Exception as error:  # user code may raise anything; the other sensors continue
-            rospy.logerr_throttle_identical(
-                LOG_PERIOD, f"{self.scope}: sensing '{sensor.predicate}': {failure_text(error)}"
-            )
+            report(failure_text(error))
             return
         self._updater.sense(facts)
 
