@@ -28,6 +28,11 @@ print("listens", flush=True)
 rospy.spin()
 """
 
+IMPATIENT = """
+from merlin_ros.master import publisher_updates
+publisher_updates.PAUSES, publisher_updates.ANSWER = (0.0,), 0.05
+"""
+
 
 def _bytes(text: str) -> bytes:
     return struct.pack("<I", len(text)) + text.encode()
@@ -45,6 +50,8 @@ class Publisher:
         self._server.register_function(self._request_topic, "requestTopic")
         self._server.register_function(self._publications, "getPublications")
         self.publishes = True
+        self.answers = threading.Event()
+        self.answers.set()
         self._asked: queue.Queue[bool] = queue.Queue()
         self.uri = f"http://127.0.0.1:{self._server.server_address[1]}/"
         self._thread = threading.Thread(target=self._serve, name="publisher", daemon=True)
@@ -69,6 +76,7 @@ class Publisher:
 
     def _publications(self, caller: str) -> List[Any]:
         self._asked.put(self.publishes)
+        assert self.answers.wait(LIMIT)
         return [1, "", [[TOPIC, String._type]] if self.publishes else []]
 
     def asked(self) -> bool:
@@ -173,6 +181,24 @@ def test_a_publisher_that_has_ended_a_topic_is_connected_to_when_it_makes_it_aga
     talker.greet(connection)
     talker.say(connection, "hello")
     listener.expect("heard hello")
+
+
+def test_a_publisher_is_connected_to_however_long_its_network_was_gone(master: Any) -> None:
+    listener, talker = master.node(IMPATIENT + SUBSCRIBER), Publisher(master, "/talker")
+    listener.expect("listens")
+    talker.register()
+    connection = talker.accept()
+    talker.greet(connection)
+    talker.answers.clear()
+    connection.close()
+    for _ in range(30):
+        assert talker.asked()
+    talker.answers.set()
+    connection = talker.accept()
+    talker.greet(connection)
+    talker.say(connection, "hello")
+    listener.expect("heard hello")
+    assert listener.end() == 0
 
 
 def test_a_first_connection_needs_no_answer_of_the_master(master: Any, talk: Tuple[Any, Publisher]) -> None:

@@ -10,6 +10,7 @@
   the list of those that there are.
 """
 
+import itertools
 import threading
 import weakref
 from typing import Any, List, Optional, Tuple
@@ -22,9 +23,7 @@ from rospy.impl.registration import RegManager, get_topic_manager
 from merlin_ros.master.master_link import ERRORS, bounded_proxy
 
 #: s of wall time between the end of a connection and the next attempt, and so on; the last one is repeated.
-PAUSES = (0.3, 1.0, 2.0, 5.0)
-#: Attempts to reach a publisher that does not answer: a minute, then it is left to the master.
-ATTEMPTS = 12
+PAUSES = (0.3, 1.0, 2.0, *10 * (5.0,), 30.0)
 #: Longest wait for the answer of a publisher, s of wall time.
 ANSWER = 2.5
 
@@ -71,7 +70,7 @@ def _stay_connected(connection: Any, host: str, port: int, publisher: str, callb
     if connection.protocol is not None:  # given up, and not closed
         connection.done = False
         connection.close()
-    for attempt in range(ATTEMPTS):
+    for attempt in itertools.count():  # the master says nothing when a network is there again
         if not _is_missed(topic, publisher) or _ends.wait(PAUSES[min(attempt, len(PAUSES) - 1)]):
             return
         try:
