@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A publisher's connection: sends in the publishing thread, never waits, drops only what rospy would."""
 
+import os
 import socket
 import threading
 from typing import Any, Iterator, List, Tuple
@@ -180,3 +181,39 @@ def test_rospy_connects_its_publishers_like_this(monkeypatch: pytest.MonkeyPatch
         assert isinstance(connections[0], PromptConnection)
         publisher.close()  # not when the garbage is collected, in the middle of another test
     assert connections[0].done
+
+
+def test_a_subscriber_that_comes_again_while_it_is_removed_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(rospy.topics, "QueuedConnection", PromptConnection)
+    monkeypatch.setattr(rospy.topics, "Poller", prompt_sending.PlainPoller)
+    publisher: Any = rospy.topics._PublisherImpl("/topic", rospy.AnyMsg)
+    publisher.set_queue_size(1)
+
+    class Closing(Transport):
+        """Its thread loses the processor between the end of its socket and the callback."""
+
+        def fileno(self) -> int:
+            return number
+
+        def close(self) -> None:
+            if not self.done:
+                self.done = True
+                self.socket.close()
+                ours, self.theirs = socket.socketpair()
+                if ours.fileno() != number:
+                    os.dup2(ours.fileno(), number)
+                    ours.close()
+                    ours = socket.socket(fileno=number)
+                publisher.add_connection(Transport(ours))
+                self.cleanup_cb(self)
+
+    ours, theirs = socket.socketpair()
+    number = ours.fileno()
+    gone = Closing(ours)
+    publisher.add_connection(gone)
+    gone.close()
+    (connection,) = publisher.connections
+    assert connection.write_data(b"a message") and gone.theirs.recv(100) == b"a message"
+    publisher.close()
+    for each in (theirs, gone.theirs):
+        each.close()

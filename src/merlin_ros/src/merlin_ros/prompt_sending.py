@@ -77,6 +77,14 @@ class PromptConnection(QueuedConnection):
         self._working = False  # a thread sends what waits
         self._error: Any = None
 
+    def set_cleanup_callback(self, callback: Any) -> None:
+        """Called by rospy: the callback takes what it gets from the list of the topic's connections."""
+        self._connection.set_cleanup_callback(lambda _: callback(self))
+
+    def fileno(self) -> Any:
+        """Its descriptor; None once it is closed: rospy would also remove one of the same number."""
+        return None if self._connection.done else self._connection.fileno()
+
     def write_data(self, data: bytes) -> bool:
         """Sends a message, or queues it.
 
