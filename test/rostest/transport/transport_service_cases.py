@@ -66,41 +66,40 @@ class Services(unittest.TestCase):
             give_up(proxy)
             passed.set()
 
-        class SlowMaster:
-            def lookupService(self, name):
-                assert passed.wait(LONG)
-                return rospy.get_master().lookupService(name)[2]
+        def look_slowly(name):
+            assert passed.wait(LONG)
+            return rospy.get_master().lookupService(name)[2]
 
         with mock.patch.object(ServiceProxy, "_give_up", staticmethod(note)), mock.patch.object(
-            service_proxy, "bounded_master", SlowMaster
+            service_proxy, "lookup_service", look_slowly
         ), self.assertRaisesRegex(ServiceError, "no answer within 0.2 s"):
             ServiceProxy("looked_up", Trigger, timeout=0.2)()
 
     def test_the_first_call_waits_for_a_server_that_is_being_started(self):
-        offered, look = [], service_proxy.bounded_master
+        offered, look = [], service_proxy.lookup_service
 
-        def start_after_the_first_look():
+        def start_after_the_first_look(name):
             if not offered:
                 offered.append(rospy.Service("comes_late", Trigger, lambda _: TriggerResponse(True, "here")))
                 self.addCleanup(offered[0].shutdown)
                 raise MasterSilent("it did not answer")
-            return look()
+            return look(name)
 
-        with mock.patch.object(service_proxy, "bounded_master", start_after_the_first_look):
+        with mock.patch.object(service_proxy, "lookup_service", start_after_the_first_look):
             self.assertEqual(ServiceProxy("comes_late", Trigger, patience=LONG)().message, "here")
 
     def test_a_patient_call_asks_a_slow_master_until_it_answers_and_then_no_more(self):
         service = rospy.Service("found_late", Trigger, lambda _: TriggerResponse(True, "here"))
         self.addCleanup(service.shutdown)
-        answers, look = iter([MasterSilent("it did not answer")] * 3 + [None]), service_proxy.bounded_master
+        answers, look = iter([MasterSilent("it did not answer")] * 3 + [None]), service_proxy.lookup_service
 
-        def answer():
+        def answer(name):
             silent = next(answers)
             if silent:
                 raise silent
-            return look()
+            return look(name)
 
-        with mock.patch.object(service_proxy, "bounded_master", answer):
+        with mock.patch.object(service_proxy, "lookup_service", answer):
             self.assertEqual(ServiceProxy("found_late", Trigger, patience=LONG)().message, "here")
             self.assertRaises(StopIteration, next, answers)
 
