@@ -21,14 +21,14 @@ class OnSubscriber(rospy.SubscribeListener):
 
     def peer_subscribe(self, topic_name: str, topic_publish: Any, peer_publish: Any) -> None:
         """Called by rospy."""
-        everyone = topic_publish.__self__
 
         def publish_to_peer(message: Any) -> None:
-            everyone.acquire()  # rospy writes into the buffer of the topic, and has no lock here
+            topic = topic_publish.__self__
+            topic.acquire()  # rospy writes into the buffer of the topic, and has no lock here
             try:
                 peer_publish(message)
             finally:
-                everyone.release()
+                topic.release()
 
         self._call(publish_to_peer)
 
