@@ -177,7 +177,7 @@ def init_node(name: str, **options: Any) -> None:
         )
     _ending.install()
     end_lightly()
-    master_link.bound_rospy()
+    master_link.bound_rospy(master_link.BEGIN_TIMEOUT)
     master_link.hasten_registration()
     publisher_updates.keep_all()
     announce_complete()
@@ -195,7 +195,11 @@ def init_node(name: str, **options: Any) -> None:
     except (OSError, rospy.ROSInitException) as error:
         if _ending.requested:
             raise SystemExit(_ending.code) from None
-        _refuse(name, f"no master at {rosgraph.get_master_uri()}: {error}; is roscore running?")
+        # rospy has no other word for a master that did not answer the question for the time.
+        silent = isinstance(error, master_link.UNREACHABLE) or "initialize time" in str(error)
+        text = f"no master at {rosgraph.get_master_uri()}: {error}; is roscore running?"
+        _refuse(name, text, NOT_YET if silent else CANNOT_BEGIN)
+    master_link.bound_rospy()
     _settle_parameters()
     running_time()  # subscribes to the simulator's pauses, which may not be possible later
     _keeper = MasterKeeper(rospy.get_name(), rospy.core.get_node_uri())
@@ -339,9 +343,9 @@ def keep_foreign_nodes() -> None:
         _keeper.keep_foreign_nodes()
 
 
-def _refuse(name: str, text: str) -> None:
+def _refuse(name: str, text: str, code: int = CANNOT_BEGIN) -> None:
     print(f"{name}: {text}", file=sys.stderr)
-    raise SystemExit(CANNOT_BEGIN)
+    raise SystemExit(code)
 
 
 def _wait_for_master(name: str) -> None:

@@ -22,6 +22,8 @@ from rospy.impl.registration import RegManager
 MASTER_TIMEOUT = 2.5
 #: The same, once a call of the same connection has timed out: others have waited behind it.
 SILENT_TIMEOUT = 1.0
+#: The same while rospy begins a node: it asks once, and the node would end where there is no answer.
+BEGIN_TIMEOUT = 30.0
 #: Longest wait for the registration of a node before its end is looked for, s of wall time.
 REGISTRATION_LOOK = 0.1
 #: Connections to the master that are kept between calls.
@@ -168,15 +170,17 @@ class _Kept:
 _kept = _Kept()
 
 
-def bound_rospy() -> None:
-    """Gives rospy's own calls to the master a timeout; call it once, before `rospy.init_node`.
+def bound_rospy(timeout: float = MASTER_TIMEOUT) -> None:
+    """Gives rospy's own calls to the master a timeout; first before `rospy.init_node`.
 
     rospy registers through one connection, with a lock around it, and has no option for a timeout.
+
+    :param timeout: for each wait for the master, s of wall time.
     """
     uri = rosgraph.get_master_uri()
     transport = rospy.core.xmlrpcapi(uri)("transport")
     transport.__class__ = _BoundedTransport  # rospy has made it, and has no other place for it
-    transport.bound(uri, MASTER_TIMEOUT, lost)
+    transport.bound(uri, timeout, lost)
 
 
 def hasten_registration() -> None:
