@@ -242,6 +242,27 @@ def test_a_planner_that_is_heard_after_its_request_is_not_another_failure(scenar
     assert alone.sentence.startswith("No plan was found at ") and kinds(alone) == ["planner"]
 
 
+def test_an_action_that_is_heard_after_its_request_is_not_a_later_failure(scenario: RobotScenario) -> None:
+    reason = "/move_base aborted: no valid plan found"
+    begin(scenario)
+    scenario.ends(REQUEST, ExecuteResult.ACTION_FAILED, f"{DRIVE} failed: {reason}")
+    scenario.runs()
+    scenario.fails(0, reason)
+    scenario.dispatch_ended(DRIVE, f"{DRIVE} failed: {reason}")
+    scenario.record()
+    whole = ask(scenario)
+    assert whole.sentence.startswith(f"“{GOAL}” failed: ")
+    assert kinds(whole) == ["server", "action", "goal"]
+    assert ask(scenario, about=DRIVE) == whole
+
+
+def test_an_action_of_the_next_request_is_the_later_failure(scenario: RobotScenario) -> None:
+    begin(scenario)
+    scenario.ends(REQUEST, ExecuteResult.ACTION_FAILED, "(mop attic) failed: it was silent")
+    scenario.fails(0, "/move_base aborted: no valid plan found")
+    assert kinds(ask(scenario)) == ["server", "action"]
+
+
 def test_of_a_past_moment_the_failure_that_was_last_then(scenario: RobotScenario) -> None:
     server_aborts(scenario)
     scenario.wait(60.0)

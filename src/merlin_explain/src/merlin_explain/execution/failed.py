@@ -78,16 +78,29 @@ def failed(moment: Moment, past: RecordedPast, about: str, words: Words) -> Answ
 
 
 def _failures(past: RecordedPast) -> Iterator[Event]:
-    """What failed, newest first, without what a planner said of a request that ended by it."""
-    said: Optional[Event] = None  # by a planner: its topic may be later than that of the result
+    """What failed, newest first, a request before what ended it: their topics are heard in any order.
+
+    What a planner said of a request that ended by it is no failure of its own.
+    """
+    later: List[Event] = []  # parts that may belong to a request that ended just before they were heard
     for event in past.failures(KINDS):
-        if said is not None and not (event["kind"] == "goal" and said["at"] - event["at"] <= NEAR):
-            yield said
-        said = event if _no_plan(event) else None
-        if said is None:
-            yield event
-    if said is not None:
-        yield said
+        while later and later[0]["at"] - event["at"] > NEAR:
+            yield later.pop(0)
+        if event["kind"] != "goal":
+            later.append(event)
+            continue
+        yield from (each for each in later if not (_no_plan(each) or _is_cause(each, event)))
+        yield event
+        yield from (each for each in later if not _no_plan(each) and _is_cause(each, event))
+        later = []
+    yield from later
+
+
+def _is_cause(part: Event, request: Event) -> bool:
+    """Whether the reason of a request is that of an action, or of a new plan."""
+    reason = reason_of(request)
+    named = key_of(str(part["detail"].get("label"))) in map(key_of, ATOM.findall(reason))
+    return named or reason_of(part) in reason
 
 
 def _no_plan(event: Event) -> bool:
@@ -155,9 +168,7 @@ class _Chain:
         found = [each for each in self._within if (each["kind"], each["mark"]) == ("action", "failure")]
         if not found or self._outcome in ("cancelled", "dropped", "refused", "late"):
             return None
-        reason, own = reason_of(self._event), str(found[-1]["detail"].get("label"))
-        named = key_of(own) in map(key_of, ATOM.findall(reason))
-        return found[-1] if named or reason_of(found[-1]) in reason else None
+        return found[-1] if _is_cause(found[-1], self._event) else None
 
     def _states(self, action: Event) -> List[Claim]:
         """The states of the action's machine that ended with something else than success, the inner first."""
