@@ -29,6 +29,22 @@ class Server(actionlib.ActionServer):
         Server.made = self
 
 
+class Client(actionlib.SimpleActionClient):
+    """actionlib's own one waits for ever for a goal that ends before its `send_goal` has returned."""
+
+    def __init__(self, *args):
+        self.sending = threading.Lock()
+        super().__init__(*args)
+
+    def send_goal(self, *args, **callbacks):
+        with self.sending:
+            super().send_goal(*args, **callbacks)
+
+    def _handle_transition(self, handle):
+        with self.sending:
+            super()._handle_transition(handle)
+
+
 def until_linked(server, clients=1):
     """Waits until a server sends to its clients: they hear of a connection before it does."""
     wait_for_connections(server.status_pub, server.result_pub, server.feedback_pub, count=clients)
@@ -65,7 +81,7 @@ class Wrapper(unittest.TestCase):
             wrapper = ActionServerWrapper(name, TestAction, container, *outcomes, **how)
         wrapper.run_server()
         self.addCleanup(Server.made.stop)
-        client = actionlib.SimpleActionClient(name, TestAction)
+        client = Client(name, TestAction)
         self.assertTrue(client.wait_for_server(rospy.Duration(LONG)))
         until_linked(Server.made)
         return client, wrapper
