@@ -57,7 +57,7 @@ def test_what_is_due_after_some_time_does_not_come_with_the_first_tick(clock):
         for tick in (1000.0, 1004.0):
             clock.set(tick)
             end = time.monotonic() + LONG
-            while alarm._seen != tick and rung.empty() and time.monotonic() < end:
+            while alarm._time.now != tick and rung.empty() and time.monotonic() < end:
                 time.sleep(0.01)
             assert rung.empty()
         clock.set(1006.0)
@@ -74,6 +74,28 @@ def test_what_is_not_wanted_any_more_does_not_come(clock):
     thread.join(LONG)
     clock.set(200.0)
     assert rung.empty()
+
+
+def test_what_passed_before_a_wall_clock_was_set_back_has_passed(monkeypatch):
+    monkeypatch.setattr(rospy.rostime, "_rostime_initialized", True)
+    rospy.rostime.switch_to_wallclock()
+    rung, looks, ahead = queue.Queue(), queue.Queue(), 3600.0
+
+    def get_time():
+        looks.put(True)
+        return time.monotonic() + ahead
+
+    monkeypatch.setattr(rospy, "get_time", get_time)
+    first = call_after(3.0, lambda: rung.put("first"), "call of a test")
+    for _ in range(3):  # the last one is that of the thread, which then waits
+        assert looks.get(timeout=LONG)
+    ahead = 10.0
+    second = call_after(4.5, lambda: rung.put("second"), "call of a test")
+    try:
+        assert [rung.get(timeout=LONG) for _ in range(2)] == ["first", "second"]
+    finally:
+        first.shutdown()
+        second.shutdown()
 
 
 @pytest.mark.parametrize("moment", [1e11, float("inf"), float("nan")])

@@ -20,6 +20,7 @@ from merlin_ros.actions.client_goal import ClientGoal
 from merlin_ros.deadline import limit
 from merlin_ros.health import Health
 from merlin_ros.work.goal_end import GoalEnd
+from merlin_ros.work.passed_time import PassedTime
 
 
 class MerlinAction(ActionInterface):
@@ -132,13 +133,12 @@ class MerlinAction(ActionInterface):
 
     def _wait(self, ended: threading.Event) -> bool:
         """Waits for the end or a cancel; True when the run limit passed."""
-        passed, now = 0.0, rospy.get_time()
+        time = PassedTime(rospy.get_time())
+        begun = time.line
         while not ended.wait(1.0):
             if rospy.is_shutdown():
                 return False
-            before, now = now, rospy.get_time()
-            passed += max(0.0, now - before)  # a clock that is set back takes nothing away
-            if 0.0 < self._run_limit < passed:
+            if 0.0 < self._run_limit < time.look(rospy.get_time()) - begun:
                 return True
         return False
 

@@ -6,6 +6,8 @@ import threading
 import rospy
 from rosgraph_msgs.msg import Clock
 
+from merlin_ros.work.passed_time import PassedTime
+
 ROUNDING = 1e-6  # s; sums of ticks are not exact
 
 
@@ -20,16 +22,15 @@ class RosClock:
 
     def wait(self, seconds: float, stop: threading.Event) -> bool:
         """Waits for seconds of ROS time; False when `stop` was set (see :meth:`wake`) or ROS shut down."""
-        now = rospy.get_time()
-        left = seconds
+        time = PassedTime(rospy.get_time())
+        end = time.line + seconds
         with self._ticked:
-            while left > ROUNDING:
+            while (left := end - time.line) > ROUNDING:
                 if stop.is_set() or rospy.is_shutdown():
                     return False
                 # The slice is for shutdown, which does not notify this condition.
                 self._ticked.wait(1.0 if self._simulated else min(left, 1.0))
-                before, now = now, rospy.get_time()
-                left -= max(0.0, now - before)  # time that jumps back takes nothing away
+                time.look(rospy.get_time())
         return not stop.is_set()
 
     def wake(self) -> None:

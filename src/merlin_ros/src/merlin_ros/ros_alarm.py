@@ -2,10 +2,12 @@
 """An alarm at a ROS time: woken by the clock that ROS uses, wall or simulated, also when it jumps back."""
 
 import threading
+import time
 from typing import Callable, Optional
 
 import rospy
 
+from merlin_ros.work.passed_time import PassedTime
 from merlin_ros.work.threads import log_failure, start_thread
 
 LONGEST = 60.0  # s that the alarm sleeps at once: a wall clock that is set forward is seen by then
@@ -23,8 +25,9 @@ class RosAlarm:
         self._name = name
         self._changed = threading.Condition()  # guards the fields below
         self._asked: Optional[float] = None
-        self._when: Optional[float] = None  # `_asked`, moved along when the clock jumped back or began
-        self._seen = 0.0  # ROS time at the last look
+        self._when: Optional[float] = None  # `_asked`, of ROS time as it passes
+        self._time = PassedTime(0.0)
+        self._ticks = time.monotonic()  # s, at its last look
         self._stopping = False
         self._thread: Optional[threading.Thread] = None
 
@@ -33,8 +36,9 @@ class RosAlarm:
         with self._changed:
             if when == self._asked:
                 return
-            self._asked = self._when = when
-            self._seen = rospy.get_time()
+            self._look()
+            self._asked = when
+            self._when = None if when is None else self._time.at(when)
             if when is not None and self._thread is None:
                 self._thread = start_thread(self._name, self._run)
             self._changed.notify_all()
@@ -48,6 +52,13 @@ class RosAlarm:
             self._changed.notify_all()
         self._poke()
 
+    def _look(self) -> float:
+        """ROS time as it passes, s; where a wall clock was set back, what passed meanwhile counts."""
+        now, ticks, self._ticks = rospy.get_time(), self._ticks, time.monotonic()
+        if not self._time.now:  # a simulated clock begins
+            self._time.set(now)
+        return self._time.look(now, self._ticks - ticks if rospy.rostime.is_wallclock() else 0.0)
+
     @staticmethod
     def _poke() -> None:
         if not rospy.rostime.is_wallclock():
@@ -60,14 +71,9 @@ class RosAlarm:
             with self._changed:
                 while self._when is None and not self._stopping:
                     self._changed.wait()
-                if self._stopping:
+                if self._stopping or self._when is None:
                     return
-                now = rospy.get_time()
-                # The clock has jumped back, or begun: what was to come in so many seconds still is.
-                if now < self._seen or not self._seen:
-                    self._when += now - self._seen
-                self._seen = now
-                left = self._when - now
+                left = self._when - self._look()
                 due = left <= 0
                 if due:
                     self._asked = self._when = None

@@ -93,7 +93,7 @@ class Agenda(Generic[T]):
         self._parties = itertools.count(1)
         self._waiting: WaitingLine[T] = WaitingLine(clock, overtake_limit)
         self._running: Tuple[T, ...] = ()  # replaced as a whole: other threads read it
-        self._gathers_until = -math.inf  # by the elapsed time
+        self._gathers_until = -math.inf  # of the time as it passes
         self._stopping = False  # all of the run
         self._refused: Dict[int, Refusal] = {}  # newcomers that wait for the next plan
         self._surplus = False  # the plan is for one, too, that was taken back meanwhile
@@ -139,7 +139,7 @@ class Agenda(Generic[T]):
         """ROS time, s, at which :meth:`elapse` has to be called; None: time alone changes nothing."""
         windows = [ticket.window for ticket in self._waiting]
         times = [window.deadline for window in windows]
-        times += [window.not_before for window in windows if window.not_before > self._waiting.now]
+        times += [window.not_before for window in windows if window.not_before > self._waiting.time.now]
         times += [t.window.deadline for t in self._running if not (t.stop and t.stop.is_final)]
         first = min(times, default=math.inf)
         return first if first < math.inf else None
@@ -149,7 +149,7 @@ class Agenda(Generic[T]):
         kept = self._kept and f"waits until {self._kept}"
         joining = self._newcomers() if self._under_way else []
         found = []
-        for ticket, outlook in outlooks(self._running, self.waiting, self._waiting.now, kept):
+        for ticket, outlook in outlooks(self._running, self.waiting, self._waiting.time.now, kept):
             refused = self._refused.get(ticket.order, NOT_SAID).reason if self._running else ""
             if ticket in joining:
                 outlook = Outlook(waits=outlook.waits)
@@ -176,7 +176,7 @@ class Agenda(Generic[T]):
             return [AgendaAnswer(ticket, Verdict(Outcome.CANCELLED, NOT_BEGUN))]
         full = why_full([other.sender for other in self._waiting], ticket.sender)
         self._waiting.look()
-        why = full or ticket.window.why_refused(self._waiting.now)
+        why = full or ticket.window.why_refused(self._waiting.time.now)
         if why and not again:
             return [AgendaAnswer(ticket, Verdict(Outcome.REFUSED, why))]
         chosen = [t.rank + 1 for t in self._waiting.of_priority(ticket) if t.rank or t.left_out]
@@ -211,7 +211,7 @@ class Agenda(Generic[T]):
     def elapse(self) -> List[Decision]:
         """Time has passed, or the clock was set: what is late ends, and what may begin now may interrupt."""
         self._waiting.look()
-        now = self._waiting.now
+        now = self._waiting.time.now
         late = [ticket for ticket in self._waiting if ticket.window.deadline <= now]
         for ticket in late:
             self._waiting.take(ticket)
@@ -255,7 +255,7 @@ class Agenda(Generic[T]):
                 return None
             self.breakpoints.began(first.text)
         if not any(ticket.stop and ticket.stop.kind is StopKind.JOINED for ticket in group):
-            self._gathers_until = self._waiting.elapsed + GATHER
+            self._gathers_until = self._waiting.time.line + GATHER
         self._take_up(group)
         self._running = tuple(group)
         self._stopping = self._surplus = False
@@ -401,7 +401,7 @@ class Agenda(Generic[T]):
         """Has a run go on with those that have come meanwhile, or begin again where its plan is not made."""
         if self._under_way:
             return [ReviseRun(ticket) for ticket in self._joined(behind=True)[-1:]]
-        if self._waiting.elapsed <= self._gathers_until and not self._kept and self._joined(behind=False):
+        if self._waiting.time.line <= self._gathers_until and not self._kept and self._joined(behind=False):
             return self._stop(self._running, Stop(StopKind.JOINED))
         return []
 

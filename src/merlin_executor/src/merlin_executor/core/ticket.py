@@ -13,6 +13,7 @@ from merlin_executor.core.time_window import (
     outlook_foreseen,
     outlook_waiting,
 )
+from merlin_ros.work.passed_time import PassedTime
 
 #: s of ROS time for which requests of equal priority may overtake one that could begin.
 OVERTAKE_LIMIT = 600.0
@@ -112,16 +113,14 @@ class WaitingLine(Generic[T]):
 
     :param clock: ROS time, s; may be set back and forward.
     :param overtake_limit: s for which requests of equal priority may overtake one that could begin.
-    :ivar now: by the clock, as it was looked at last.
-    :ivar elapsed: how much of that has passed, without what the clock was set back.
+    :ivar time: of the clock, as it was looked at last.
     """
 
     def __init__(self, clock: Callable[[], float], overtake_limit: float) -> None:
         self._clock = clock
         self._overtake_limit = overtake_limit
         self._tickets: List[T] = []
-        self.now = clock()
-        self.elapsed = 0.0
+        self.time = PassedTime(clock())
 
     def __iter__(self) -> Iterator[T]:
         return iter(list(self._tickets))
@@ -142,25 +141,23 @@ class WaitingLine(Generic[T]):
 
     def look(self) -> None:
         """Looks at the clock and puts what waits in the order in which it would run now."""
-        now = self._clock()
-        self.elapsed += max(0.0, now - self.now)
-        self.now = now
+        line = self.time.look(self._clock())
         for ticket in self._tickets:
-            if ticket.ready_since is None and ticket.window.not_before <= now:
-                ticket.ready_since = self.elapsed
+            if ticket.ready_since is None and ticket.window.not_before <= self.time.now:
+                ticket.ready_since = line
         self._tickets.sort(key=self._place)
 
     def is_overdue(self, ticket: T) -> bool:
         """Whether it could have begun for so long that no other one overtakes it any more."""
         since = ticket.ready_since
-        return since is not None and self.elapsed - since >= self._overtake_limit
+        return since is not None and self.time.line - since >= self._overtake_limit
 
     def ready(self, begun_only: bool = False) -> List[T]:
         """Those that may run now.
 
         :param begun_only: only those that have begun already.
         """
-        ready = [t for t in self._tickets if t.may_run and t.window.is_open(self.now)]
+        ready = [t for t in self._tickets if t.may_run and t.window.is_open(self.time.now)]
         return [t for t in ready if t.begun] if begun_only else ready
 
     # --- where not all can be in time ---------------------------------------------------------------------
@@ -184,7 +181,7 @@ class WaitingLine(Generic[T]):
 
     def _place(self, ticket: T) -> Tuple[float, ...]:
         window, priority, order = ticket.window, -ticket.priority, ticket.order
-        if window.not_before > self.now:
+        if window.not_before > self.time.now:
             return 1, window.not_before, priority, window.deadline, order
         if self.is_overdue(ticket):
             return 0, priority, 0, ticket.ready_since or 0.0, order

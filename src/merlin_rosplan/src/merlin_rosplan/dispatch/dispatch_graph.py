@@ -3,6 +3,7 @@
 
 from typing import Dict, List, Optional, Set
 
+from merlin_ros.work.passed_time import PassedTime
 from merlin_rosplan.dispatch.dispatch_schedule import Overtaken, PlanError, PlannedAction, Schedule
 from merlin_rosplan.dispatch.plan_graph import MIN_BOUND, NO_BOUND, EdgeType, Node, NodeType, PlanGraph
 
@@ -39,8 +40,7 @@ class GraphSchedule(Schedule):
         if set(self._start_of) != set(self.actions) or set(self._end_of) != set(self.actions):
             raise PlanError("the plan graph does not have one start and one end node for each action")
         self._missing = [len(node.edges_in) for node in graph.nodes]  # incoming edges that are not active
-        self._looked = 0.0  # ROS time, s, at the last look
-        self._set_back = 0.0  # s that the clock was set back so far
+        self._clock = PassedTime(0.0)  # of the nodes
         self._time: Dict[int, float] = {}  # of nodes that have happened
         self._started: Set[int] = set()
         self._completed: Set[int] = set()  # actions that ended; their end node may still wait for others
@@ -79,7 +79,7 @@ class GraphSchedule(Schedule):
 
     def begin(self, now: float) -> None:
         """The nodes without predecessors become possible; the start of the plan happens."""
-        now = self._look(now)
+        self._clock = PassedTime(now)
         for node in self._graph.nodes:
             if not self._missing[node.id]:
                 self._candidates.add(node.id)
@@ -89,7 +89,7 @@ class GraphSchedule(Schedule):
 
     def ready(self, now: float) -> List[PlannedAction]:
         """Actions whose start node has all its edges active and is not too early."""
-        now = self._look(now)
+        now = self._clock.look(now)
         return [
             self._actions[self._graph.nodes[node].action]
             for node in sorted(self._candidates)
@@ -98,7 +98,7 @@ class GraphSchedule(Schedule):
 
     def started(self, action_id: int, now: float, seen: bool = True) -> None:
         """The start node happens, once its effects are applied."""
-        now = self._look(now)
+        now = self._clock.look(now)
         self._started.add(action_id)
         node = self._start_of[action_id]
         if seen:
@@ -118,7 +118,7 @@ class GraphSchedule(Schedule):
             self._unseen.discard(node.id)
             for sink in self._others_after(node):
                 self._unseen_into[sink] -= 1
-            self._happen(node.id, self._look(now))
+            self._happen(node.id, self._clock.look(now))
             self._time[node.id] = self._sent[node.id]  # it is looked for only when something waits for it
 
     def awaited(self) -> List[int]:
@@ -143,7 +143,7 @@ class GraphSchedule(Schedule):
             source = self._graph.nodes[edge.source]
             if source.action >= 0 and self._actions[source.action].id not in self._started:
                 self._too_late.add(edge.id)
-        self._happen_if_due(node.id, self._look(now))
+        self._happen_if_due(node.id, self._clock.look(now))
 
     def overtaken(self) -> List[Overtaken]:
         """Actions whose end node waits for the source of a strict edge."""
@@ -170,9 +170,9 @@ class GraphSchedule(Schedule):
                 times.append(self._earliest(node))
             if self._bounds:
                 times.append(self._latest(node) + _PAST)
-        now += self._set_back
+        now = self._clock.at(now)
         wake = min((time for time in times if now < time < NO_BOUND), default=None)
-        return None if wake is None else wake - self._set_back
+        return None if wake is None else self._clock.clock(wake)
 
     def waits_for_time(self, action_id: int) -> bool:
         """Whether an edge bounds its start from below."""
@@ -182,7 +182,7 @@ class GraphSchedule(Schedule):
         """The first node whose latest time has passed; without bounds nothing is late."""
         if not self._bounds:
             return None
-        now = self._look(now)
+        now = self._clock.look(now)
         for node_id in sorted(self._candidates):
             latest = self._latest(node_id)
             if now > latest:
@@ -194,12 +194,6 @@ class GraphSchedule(Schedule):
     def waiting(self) -> List[str]:
         """Actions that were not started."""
         return [str(action) for action in self._actions if action.id not in self._started]
-
-    def _look(self, now: float) -> float:
-        """The time that the nodes count by, s."""
-        self._set_back += max(0.0, self._looked - now)
-        self._looked = now
-        return now + self._set_back
 
     def _happen(self, node_id: int, now: float) -> None:
         self._time[node_id] = now

@@ -1,0 +1,45 @@
+# SPDX-License-Identifier: Apache-2.0
+"""ROS time as it passes, though its clock may be set back. Without ROS."""
+
+
+class PassedTime:
+    """A line of time that follows a clock and never goes back: what has passed has passed. Not thread-safe.
+
+    Durations are differences on the line. It is ROS time itself until the clock is set back.
+
+    :param now: ROS time, s.
+    :ivar now: ROS time at the last look, s.
+    """
+
+    def __init__(self, now: float) -> None:
+        self.now = now
+        self._moved = 0.0  # s by which the line is ahead of the clock
+
+    @property
+    def line(self) -> float:
+        """How far time had passed at the last look, s."""
+        return self.now + self._moved
+
+    def look(self, now: float, least: float = 0.0) -> float:
+        """ROS time is `now`; returns the line.
+
+        :param least: s that count where the clock was set back.
+        """
+        if now < self.now:
+            self.set(now)
+            self._moved += least
+        self.now = now
+        return self.line
+
+    def set(self, now: float) -> None:
+        """The clock was set to `now`, or begins there: nothing has passed."""
+        self._moved += self.now - now
+        self.now = now
+
+    def at(self, time: float) -> float:
+        """Where a ROS time is on the line, s."""
+        return time + self._moved
+
+    def clock(self, line: float) -> float:
+        """The ROS time at a place on the line, s."""
+        return line - self._moved
