@@ -103,11 +103,16 @@ class Run:
         return found
 
     def kill_wrapper(self) -> None:
-        """Kills the one that runs, as soon as it does. A subshell of the script has the same command line."""
+        """Kills the one that runs, as soon as it does.
+
+        A subshell of the script has the same command line, and the runner for its parent when the script was
+        killed, but the script's session.
+        """
         until, runner = time.monotonic() + LIMIT, self.runner()
         while time.monotonic() < until:
             for process, command in self.living().items():
-                if command.startswith("/bin/sh") and "/respawn" in command and parent_of(process) == runner:
+                found = command.startswith("/bin/sh") and "/respawn" in command
+                if found and parent_of(process) == runner and session_of(process) == process:
                     os.kill(process, signal.SIGKILL)
                     return
             time.sleep(0.05)
@@ -122,6 +127,13 @@ def parent_of(process: int) -> int:
     """Process id of the parent; 0: the process has ended."""
     with contextlib.suppress(OSError):
         return int(Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[1])
+    return 0
+
+
+def session_of(process: int) -> int:
+    """Process id of the leader of the session; 0: the process has ended."""
+    with contextlib.suppress(OSError):
+        return os.getsid(process)
     return 0
 
 
