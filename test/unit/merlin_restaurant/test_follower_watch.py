@@ -134,6 +134,25 @@ def test_a_robot_waits_for_who_is_not_seen_and_goes_on_when_they_come(watch: Fol
     assert waits.outcome() == "succeeded"
 
 
+def test_a_clock_that_is_set_back_makes_no_wait_longer(watch: FollowerWatch) -> None:
+    see(watch, 1.5)
+    waits = Waiting(watch, lambda: watch.close, 20.0)
+
+    def go_back() -> None:
+        Clock.now -= 50.0
+        see(watch, 0.0)
+
+    waits.looks(go_back)
+    Clock.now += 20.1
+    assert waits.outcome() == LOST
+
+
+def test_a_lidar_that_is_silent_since_the_clock_was_set_back_is_noticed(watch: FollowerWatch) -> None:
+    see(watch, 1.5)
+    Clock.now -= 50.0
+    assert watch.lost
+
+
 def test_a_robot_does_not_wait_for_ever_for_who_is_gone(watch: FollowerWatch) -> None:
     see(watch, 1.5)
     waits = Waiting(watch, lambda: watch.close, 20.0)

@@ -11,6 +11,7 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import LaserScan
 
 from merlin_restaurant.person_tracker import PersonTracker
+from merlin_ros.work.passed_time import PassedTime
 from merlin_sm.states.merlin_state import PREEMPTED, SUCCEEDED, MerlinState
 
 BEHIND = 1.9  # m of distance at which the robot waits
@@ -54,7 +55,7 @@ class FollowerWatch:
         """Whether the person is gone: not seen for a while, by a lidar that works or not, or too far away."""
         unseen = self._now - max(self._begun, self._tracker.seen)
         silent = rospy.get_time() - self._now
-        return unseen > UNSEEN or silent > SILENT or self._tracker.distance > GONE
+        return unseen > UNSEEN or abs(silent) > SILENT or self._tracker.distance > GONE
 
     @property
     def distance(self) -> float:
@@ -107,19 +108,17 @@ class WatchState(MerlinState):
 
     def run(self, userdata: Any) -> str:
         """Waits until the condition holds, or the patience is over."""
-        watch, begun = self._watch, rospy.get_time()
+        watch, time = self._watch, PassedTime(rospy.get_time())
+        end = time.line + self._limit if self._limit > 0 else math.inf
         self._stopped = False
         self.interruptible(self._stop)
         with watch.changed:
             # The slice is for a lidar that has fallen silent.
-            while not (self._stopped or self._until() or self._late(begun)):
+            while not (self._stopped or self._until() or time.look(rospy.get_time()) > end):
                 watch.changed.wait(1.0)
             outcome = SUCCEEDED if self._until() else LOST
         self.interruptible(None)
         return PREEMPTED if self._stopped else outcome
-
-    def _late(self, begun: float) -> bool:
-        return 0.0 < self._limit < rospy.get_time() - begun
 
     def _stop(self) -> None:
         self._stopped = True

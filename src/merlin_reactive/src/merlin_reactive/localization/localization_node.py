@@ -76,7 +76,8 @@ class LocalizationNode:
                 return Health(ERROR, f"there is no map on {rospy.resolve_name(self._map_topic)}")
             if not self._odometry:
                 return Health(ERROR, f"there is no odometry on {rospy.resolve_name('odom')}")
-            if self._scanned is None or (rospy.Time.now() - self._scanned).to_sec() > SILENCE:
+            silence = (rospy.Time.now() - self._scanned).to_sec() if self._scanned else math.inf
+            if abs(silence) > SILENCE:
                 return Health(ERROR, f"no scan that can be used on {rospy.resolve_name('scan')}")
             covariance = self._localizer.filter.estimate()[1]
         spread = float(np.sqrt(max(covariance[0, 0], covariance[1, 1])))

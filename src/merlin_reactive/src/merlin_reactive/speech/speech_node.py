@@ -30,6 +30,7 @@ from merlin_ros.health import OK, WARN, Health, HealthReporter
 from merlin_ros.node import run_node
 from merlin_ros.parameters import ParameterError, number
 from merlin_ros.publishing import publish
+from merlin_ros.work.passed_time import PassedTime
 from merlin_ros.work.threads import start_thread
 
 CHUNK = 0.2  # s of sound per message and per feedback
@@ -80,7 +81,8 @@ class Speaker:
         publish(self._speaking, Bool(True))
         self._card.play(sound)
         played = 0.0
-        begin = rospy.get_time()
+        time = PassedTime(rospy.get_time())
+        begin = time.line
         try:
             size = round(CHUNK * RATE)
             for first in range(0, len(sound.samples), size):
@@ -89,7 +91,7 @@ class Speaker:
                 # Published when it begins: a listener that measures loudness hears it as it is said.
                 publish(self._audio, AudioData(data=part.astype("<i2").tobytes()))
                 # Until the part's own end on the clock: what one wait is late must not add up.
-                left = begin + played + len(part) / RATE - rospy.get_time()
+                left = begin + played + len(part) / RATE - time.look(rospy.get_time())
                 if stop.is_set() or not self._clock.wait(max(left, 0.0), stop):
                     break
                 played += len(part) / RATE

@@ -9,6 +9,7 @@ from merlin_actions.merlin_action_sm import MerlinActionSM
 from merlin_restaurant.actions.navigate import STOPPED_AT
 from merlin_restaurant.follower_watch import FollowerWatch, WatchState
 from merlin_restaurant.table_state import people_at
+from merlin_ros.work.passed_time import PassedTime
 
 PATIENCE = 20.0  # s that the robot waits for a client that has fallen behind or is not seen
 SITS_DOWN = 40.0  # s that a client may take to sit down
@@ -49,15 +50,16 @@ class GuideClient(MerlinActionSM):
         self.add("SEATED", seated, {"not_yet": "LOOK"})
 
     def _begin(self, *_: Any) -> None:
-        self._offered: Optional[float] = None  # ROS time of the first look at the table
+        self._offered: Optional[PassedTime] = None  # from the first look at the table on
 
     def _seated(self, userdata: Any) -> Optional[str]:
         now = rospy.get_time()
         if self._offered is None:
-            self._offered = now
+            self._offered = PassedTime(now)
+            self._end = now + SITS_DOWN
         if people_at(userdata.t, userdata.detections):
             return None
-        if now - self._offered > SITS_DOWN:
+        if self._offered.look(now) > self._end:
             raise ValueError(f"the client does not sit down at {userdata.t}")
         return "not_yet"
 
