@@ -45,18 +45,22 @@ from merlin_ros.node import run_node
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
 
 ask = ServiceProxy("ask", SetBool, timeout=600.0)
-scope = CallScope()
+scope, words = CallScope(), threading.Lock()
+
+def say(*text):
+    with words:  # else lines of two threads mix
+        print(*text, flush=True)
 
 def call(name, argument):
     try:
-        print(name, ask(argument).message, flush=True)
+        say(name, ask(argument).message)
     except ServiceError as error:
-        print(name, type(error).__name__, error, flush=True)
+        say(name, type(error).__name__, error)
 
 def scoped(argument):
     with scope:
         call("SCOPED", argument)
-        print("GAVE UP", scope.gave_up, flush=True)
+        say("GAVE UP", scope.gave_up)
 
 def start():
     if "connected" in sys.argv:

@@ -70,7 +70,8 @@ def test_what_could_not_be_published_is_published_again(updater: Updater, error:
     reporter.stop()
 
 
-def test_a_node_that_ends_says_so_last(updater: Updater) -> None:
+def test_a_node_that_ends_says_so_last(monkeypatch: pytest.MonkeyPatch, updater: Updater) -> None:
+    monkeypatch.setattr(module, "LAST_WORD", LONG)
     reporter = HealthReporter({"part": Health})
     reporter.start()
     assert updater.published.wait(LONG)

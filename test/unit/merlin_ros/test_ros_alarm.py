@@ -6,10 +6,12 @@ import queue
 import threading
 import time
 from logging.handlers import QueueHandler
+from types import SimpleNamespace
 
 import pytest
 import rospy
 
+from merlin_ros import ros_alarm
 from merlin_ros.ros_alarm import RosAlarm, call_after
 
 LONG = 60.0
@@ -79,23 +81,18 @@ def test_what_is_not_wanted_any_more_does_not_come(clock):
 def test_what_passed_before_a_wall_clock_was_set_back_has_passed(monkeypatch):
     monkeypatch.setattr(rospy.rostime, "_rostime_initialized", True)
     rospy.rostime.switch_to_wallclock()
-    rung, looks, ahead = queue.Queue(), queue.Queue(), 3600.0
-
-    def get_time():
-        looks.put(True)
-        return time.monotonic() + ahead
-
-    monkeypatch.setattr(rospy, "get_time", get_time)
-    first = call_after(3.0, lambda: rung.put("first"), "call of a test")
-    for _ in range(3):  # the last one is that of the thread, which then waits
-        assert looks.get(timeout=LONG)
-    ahead = 10.0
-    second = call_after(4.5, lambda: rung.put("second"), "call of a test")
+    rung, looks, times = queue.Queue(), queue.Queue(), (1000.0, 0.0)
+    monkeypatch.setattr(ros_alarm, "LONGEST", 0.02)  # it looks at the clock again and again
+    monkeypatch.setattr(ros_alarm, "time", SimpleNamespace(monotonic=lambda: times[1]))
+    monkeypatch.setattr(rospy, "get_time", lambda: looks.put(times) or times[0])
+    alarm = call_after(3.0, lambda: rung.put(True), "call of a test")
     try:
-        assert [rung.get(timeout=LONG) for _ in range(2)] == ["first", "second"]
+        for times in ((1001.0, 1.0), (500.0, 2.0), (501.1, 3.1)):
+            while rung.empty() and looks.get(timeout=LONG) != times:
+                pass
+        assert rung.get(timeout=LONG)
     finally:
-        first.shutdown()
-        second.shutdown()
+        alarm.shutdown()
 
 
 @pytest.mark.parametrize("moment", [1e11, float("inf"), float("nan")])

@@ -15,6 +15,7 @@ import sys
 import time
 from typing import Callable, List, Optional, Set, Tuple
 
+from merlin_ros.alarms import TICK, TickClock
 from merlin_ros.processes.process_tree import adopt_orphans, children, end_with
 from merlin_ros.work.threads import start_thread
 
@@ -173,7 +174,7 @@ def end_children(limit: float = KILL_LIMIT) -> List[int]:
 
     One that does not end is named, and left.
 
-    :param limit: s of wall time for those that are there at the same time.
+    :param limit: s of running time for those that are there at the same time.
     :return: the ids of those that were still running.
     """
     killed: List[int] = []
@@ -188,9 +189,11 @@ def end_children(limit: float = KILL_LIMIT) -> List[int]:
                 os.kill(process, signal.SIGKILL)
         killed += running
         ends = [start_thread(f"end of {process}", _reap, process) for process in running]
-        until = time.monotonic() + limit
+        ticks = TickClock()  # a stall of this process is none of theirs
         for process, end in zip(running, ends):
-            end.join(max(0.0, until - time.monotonic()))
+            while end.is_alive() and ticks.now < limit:
+                end.join(TICK)
+                ticks.look()
             if end.is_alive():
                 hung.add(process)
                 why = "it hangs in the kernel, or a debugger holds it"

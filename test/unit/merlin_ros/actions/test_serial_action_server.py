@@ -71,7 +71,10 @@ def server(clock: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[Server]:
     made = Server(Topics(monkeypatch))
     yield made
     made.serial.shutdown()
-    assert "action /listen" not in [thread.name for thread in threading.enumerate()]
+    for thread in threading.enumerate():
+        if thread.name == "action /listen":
+            thread.join(LONG)
+            assert not thread.is_alive()
 
 
 def test_a_cancel_that_fails_costs_the_newer_goal_nothing(server: Server) -> None:

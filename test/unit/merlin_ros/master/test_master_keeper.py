@@ -26,6 +26,7 @@ def keeper(monkeypatch: pytest.MonkeyPatch) -> Iterator[MasterKeeper]:
     monkeypatch.setenv("ROS_MASTER_URI", "http://localhost:1")
     for name in ("logerr", "logwarn"):
         monkeypatch.setattr(master_keeper.rospy, name, lambda text: None)
+    master_link.missed.clear()  # a test before this one may have been held up
     yield MasterKeeper("/node", ME)
     master_link.lost.clear()
 
@@ -75,6 +76,7 @@ class SlowMaster:
 def slow(monkeypatch: pytest.MonkeyPatch) -> Iterator[SlowMaster]:
     master = SlowMaster(monkeypatch)
     monkeypatch.setenv("ROS_MASTER_URI", master.uri)
+    master_link.missed.clear()  # a test before this one may have been held up
     yield master
     master.close()
     master_link.silent.clear()

@@ -203,6 +203,7 @@ def test_nodes_end_without_a_master(master: Any, nodes: Tuple[Any, Any], fault: 
     nodes[0].send(signal.SIGINT)  # at once
     nodes[1].expect("LOST" if fault == signal.SIGKILL else "is silent")
     nodes[1].send(signal.SIGINT)
+    nodes[1].process.stdin.close()  # it would read on while the first one ends
     for node in nodes:
         assert node.ended() == 0
         assert "Traceback" not in node.output

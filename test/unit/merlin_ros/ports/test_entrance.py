@@ -139,10 +139,10 @@ def test_half_a_greeting_ends_the_connection(monkeypatch: Any, port: Port, said:
 
 
 def test_a_silence_behind_the_greeting_is_no_fault(monkeypatch: Any, port: Port) -> None:
-    monkeypatch.setattr(entrance, "STALLED", 1.0)  # the test itself may come late with the greeting
-    monkeypatch.setattr(entrance, "LOOK", 0.1)
     with port.connect(GREETING) as client, port.connect() as other:
         assert is_greeted(port, client)
+        monkeypatch.setattr(entrance, "STALLED", 0.1)  # not before: this test may come late with the greeting
+        monkeypatch.setattr(entrance, "LOOK", 0.1)
         assert other.recv(1) == b""  # its time was over after that of the first
         port.greeted[0].sendall(b"still here")
         assert client.recv(100) == b"still here"

@@ -18,10 +18,10 @@ LONG = 60.0
 class Watched:
     """What a self-check says of one port."""
 
-    def __init__(self, number: int) -> None:
+    def __init__(self, *ports: int) -> None:
         self.reasons: List[str] = []
         self.ended = threading.Event()
-        self.check = SelfCheck(lambda: [Port("TEST", number, b"?")], self._end)
+        self.check = SelfCheck(lambda: [Port("TEST", number, b"?") for number in ports], self._end)
 
     def _end(self, reason: str) -> None:
         self.reasons.append(reason)
@@ -92,15 +92,14 @@ def test_a_port_that_answers_again_in_time_ends_nothing(listening: socket.socket
     assert not watched.reasons
 
 
-def test_a_timer_that_stands_ends_the_process(
-    monkeypatch: Any, listening: socket.socket, watched: Watched
-) -> None:
+def test_a_timer_that_stands_ends_the_process(monkeypatch: Any) -> None:
     monkeypatch.setattr(self_check, "ANSWER", 0.2)
-    go_on_answering(listening)
-    over = threading.Event()
+    watched, over = Watched(), threading.Event()
     call_later(0.0, lambda: over.wait(LONG))
+    watched.check.start()
     assert watched.ended.wait(LONG)
     over.set()
+    watched.check.stop()
     assert watched.reasons == ["its timer stands: a call of it does not return"]
 
 

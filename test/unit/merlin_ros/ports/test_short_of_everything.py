@@ -17,8 +17,7 @@ NOT_YET = 1  # exit code of a node that is started again
 GUARD = """
 import os, resource, sys, threading
 from merlin_ros.ports import self_check
-if "patient" not in sys.argv:
-    self_check.PERIOD = 0.2
+self_check.PERIOD = 3600.0 if "patient" in sys.argv else 0.2
 start = "_start_joinable_thread" if hasattr(threading, "_start_joinable_thread") else "_start_new_thread"
 starts, taken, short = getattr(threading, start), [], threading.Event()
 
