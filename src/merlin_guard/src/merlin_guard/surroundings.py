@@ -10,7 +10,13 @@ import rosgraph
 import rospy
 
 from merlin_guard.guard_parameters import GuardParameters
-from merlin_ros.master.master_link import ERRORS, MasterSilent, bounded_master, bounded_proxy
+from merlin_ros.master.master_link import (
+    ERRORS,
+    MASTER_TIMEOUT,
+    MasterSilent,
+    bounded_master,
+    bounded_proxy,
+)
 from merlin_ros.parameters import ParameterError
 
 GUARD_TYPE = "merlin_msgs/GuardStatus"
@@ -49,7 +55,7 @@ class RosGraph:
 
     def __init__(self) -> None:
         self._caller = rospy.get_name()
-        self._master = bounded_master()
+        self._master = bounded_master(MASTER_TIMEOUT)
 
     def other_guards(self, topic: str) -> List[str]:
         """Guards other than this one that publish a topic; a text for one that does not answer."""

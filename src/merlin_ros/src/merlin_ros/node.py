@@ -177,7 +177,7 @@ def init_node(name: str, **options: Any) -> None:
         )
     _ending.install()
     end_lightly()
-    master_link.bound_rospy(master_link.BEGIN_TIMEOUT)
+    master_link.bound_calls(master_link.BEGIN_TIMEOUT)
     master_link.hasten_registration()
     publisher_updates.keep_all()
     announce_complete()
@@ -199,7 +199,7 @@ def init_node(name: str, **options: Any) -> None:
         silent = isinstance(error, master_link.UNREACHABLE) or "initialize time" in str(error)
         text = f"no master at {rosgraph.get_master_uri()}: {error}; is roscore running?"
         _refuse(name, text, NOT_YET if silent else CANNOT_BEGIN)
-    master_link.bound_rospy()
+    master_link.bound_calls()
     _settle_parameters()
     running_time()  # subscribes to the simulator's pauses, which may not be possible later
     _keeper = MasterKeeper(rospy.get_name(), rospy.core.get_node_uri())
@@ -248,8 +248,10 @@ def run_node(
     wrong: Tuple[Type[Exception], ...] = (ParameterError, *errors)
     init_node(name)
     try:
+        master_link.bound_calls(master_link.BEGIN_TIMEOUT)
         with _ending.making():
             run = start()
+        master_link.bound_calls()
         _tell_wrapper()
         (run or rospy.spin)()
     except missing as error:

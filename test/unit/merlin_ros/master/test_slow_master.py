@@ -10,37 +10,55 @@ import pytest
 pytestmark = pytest.mark.processes
 
 MASTER = """
-import signal, threading
+import signal, sys, threading
 import rosmaster.master_api
 from merlin.master import Master
 
-get, asked = rosmaster.master_api.ROSMasterHandler.getParam, set()
+call, name = sys.argv[1:]
+answer, asked = getattr(rosmaster.master_api.ROSMasterHandler, call), set()
 
-def get_late(handler, caller, name):
-    if name == "/use_sim_time" and caller not in asked:
+def answer_late(handler, caller, *what):
+    if what[0] == name and caller not in asked:
         asked.add(caller)
         print("asked", flush=True)
         threading.Event().wait(4.0)
-    return get(handler, caller, name)
+    return answer(handler, caller, *what)
 
-rosmaster.master_api.ROSMasterHandler.getParam = get_late
+setattr(rosmaster.master_api.ROSMasterHandler, call, answer_late)
 print(Master().port, flush=True)
 signal.pause()
 """
 NODE = """
-import rospy
-from merlin_ros.node import init_node
-init_node("patient")
-print("begun at", rospy.get_time() > 0, flush=True)
+import sys, rospy
+from std_msgs.msg import Empty
+from merlin_ros.master.master_link import bounded_master, get_param
+from merlin_ros.node import run_node
+
+def start():
+    rospy.Publisher("/mine", Empty, queue_size=1)
+    get_param("/a/value", 0)
+    bounded_master().lookupNode("/patient")
+    print("begun at", rospy.get_time() > 0, flush=True)
+
+sys.exit(run_node("patient", start))
 """
 
 
-def test_a_master_that_answers_late_is_waited_for(master: Any) -> None:
-    slow = master.spawn(sys.executable, "-c", MASTER)
+@pytest.mark.parametrize(
+    ("call", "name"),
+    [
+        ("getParam", "/use_sim_time"),
+        ("registerPublisher", "/mine"),
+        ("getParam", "/a/value"),
+        ("lookupNode", "/patient"),
+    ],
+)
+def test_a_master_that_answers_late_is_waited_for(master: Any, call: str, name: str) -> None:
+    slow = master.spawn(sys.executable, "-c", MASTER, call, name)
     master.env["ROS_MASTER_URI"] = f"http://localhost:{slow.expect('')}"
     node = master.node(NODE)
     slow.expect("asked")
     node.expect("begun at True")
-    assert node.ended() == 0
+    assert node.end() == 0
     with contextlib.suppress(OSError):
         slow.end()

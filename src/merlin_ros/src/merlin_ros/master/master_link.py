@@ -10,7 +10,7 @@ import http.client
 import socket
 import threading
 import xmlrpc.client
-from typing import Any, Callable, Collection, Dict, List, Tuple
+from typing import Any, Callable, Collection, Dict, List, Optional, Tuple
 from xml.parsers.expat import ExpatError
 
 import rosgraph
@@ -22,7 +22,7 @@ from rospy.impl.registration import RegManager
 MASTER_TIMEOUT = 2.5
 #: The same, once a call of the same connection has timed out: others have waited behind it.
 SILENT_TIMEOUT = 1.0
-#: The same while rospy begins a node: it asks once, and the node would end where there is no answer.
+#: The same while a node begins, which would end where there is no answer: all others begin, too.
 BEGIN_TIMEOUT = 30.0
 #: Longest wait for the registration of a node before its end is looked for, s of wall time.
 REGISTRATION_LOOK = 0.1
@@ -30,6 +30,7 @@ REGISTRATION_LOOK = 0.1
 KEPT = 2
 
 _NO_DEFAULT = object()
+_timeout = MASTER_TIMEOUT  # of calls that name none
 
 
 class MasterSilent(OSError):
@@ -126,13 +127,13 @@ def bounded_proxy(uri: str, timeout: float) -> xmlrpc.client.ServerProxy:
     return xmlrpc.client.ServerProxy(uri, transport=_BoundedTransport(uri, timeout, _never))
 
 
-def bounded_master(timeout: float = MASTER_TIMEOUT) -> rosgraph.Master:
+def bounded_master(timeout: Optional[float] = None) -> rosgraph.Master:
     """The master's API with calls that end. Not for several threads at a time.
 
-    :param timeout: for each wait for the master, s of wall time.
+    :param timeout: for each wait for the master, s of wall time; None: as :func:`bound_calls` has it.
     """
     master = rosgraph.Master(rospy.get_name())
-    transport = _BoundedTransport(master.master_uri, timeout, lost)
+    transport = _BoundedTransport(master.master_uri, _timeout if timeout is None else timeout, lost)
     master.handle = xmlrpc.client.ServerProxy(master.master_uri, transport=transport)
     return master
 
@@ -145,11 +146,11 @@ class _Kept:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()  # guards the field below
-        self._idle: List[Tuple[Tuple[str, str], rosgraph.Master]] = []
+        self._idle: List[Tuple[Tuple[str, str, float], rosgraph.Master]] = []
 
     def call(self, ask: Callable[[rosgraph.Master], Any]) -> Any:
         """The answer of a call, over a connection that no other call uses meanwhile."""
-        of = (rosgraph.get_master_uri(), rospy.get_name())
+        of = (rosgraph.get_master_uri(), rospy.get_name(), _timeout)
         with self._lock:
             self._idle = [entry for entry in self._idle if entry[0] == of]
             _, master = self._idle.pop() if self._idle else (of, bounded_master())
@@ -170,13 +171,15 @@ class _Kept:
 _kept = _Kept()
 
 
-def bound_rospy(timeout: float = MASTER_TIMEOUT) -> None:
-    """Gives rospy's own calls to the master a timeout; first before `rospy.init_node`.
+def bound_calls(timeout: float = MASTER_TIMEOUT) -> None:
+    """Gives calls to the master a timeout, also those of rospy; first before `rospy.init_node`.
 
     rospy registers through one connection, with a lock around it, and has no option for a timeout.
 
     :param timeout: for each wait for the master, s of wall time.
     """
+    global _timeout
+    _timeout = timeout
     uri = rosgraph.get_master_uri()
     transport = rospy.core.xmlrpcapi(uri)("transport")
     transport.__class__ = _BoundedTransport  # rospy has made it, and has no other place for it
