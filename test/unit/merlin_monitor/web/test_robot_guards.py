@@ -101,6 +101,24 @@ def test_what_was_released_is_not_taken_up(robots: Robots) -> None:
     assert not monitor.stop_stands
 
 
+def test_a_stop_is_sent_though_the_release_of_the_one_before_is_heard_behind_it(robots: Robots) -> None:
+    monitor = robots.monitor()
+    robots.say("merlin", stopped_by="Ana")
+    monitor.stop("Bob")  # elsewhere the base has just been released
+    assert robots.reported == [("merlin", "Bob")] and monitor.wait_held(0.0) == {"": False}
+    robots.say("merlin")
+    robots.say("merlin", stopped_by="Bob")
+    assert monitor.wait_held(0.0) == {"": True} and monitor.stop_stands
+
+
+def test_a_guard_that_goes_on_holding_its_base_confirms_a_further_stop(robots: Robots) -> None:
+    monitor = robots.monitor()
+    robots.say("merlin", stopped_by="Ana")
+    monitor.stop("Bob")
+    robots.say("merlin", stopped_by="Ana")
+    assert monitor.wait_held(0.0) == {"": True}
+
+
 def test_who_holds_now_is_what_a_guard_says_that_still_speaks(robots: Robots) -> None:
     monitor = robots.monitor()
     assert monitor.holders_now() == ""

@@ -57,15 +57,18 @@ class RobotGuards:
             gone.close()
 
     def stop(self, by: str) -> None:
-        """Has all guards hold their bases."""
+        """Has all guards hold their bases.
+
+        One that seems to do so is told, too: that its base has been released elsewhere may be unread. Held
+        bases keep their first holder.
+        """
         with self._changed:
             self._by = by
             guards = list(self._guards.values())
             for guard in guards:
-                guard.confirmed = guard.stopped and not guard.silent
+                guard.confirmed = False
         for guard in guards:
-            if not guard.confirmed:
-                guard.stops.publish(String(by))
+            guard.stops.publish(String(by))
 
     def wait_held(self, limit: float = ANSWERS) -> Dict[str, bool]:
         """Waits for the guards to confirm a stop; returns which have, by their robots.
