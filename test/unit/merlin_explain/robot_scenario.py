@@ -164,10 +164,14 @@ class RobotScenario:
         )
         self.record()
 
-    def ends(self, request: str, outcome: int, reason: str = "") -> None:
+    def ends(self, request: str, outcome: int, reason: str = "", at: float = 0.0) -> None:
+        """A request ends.
+
+        :param at: the stamp of the result; 0: the present time.
+        """
         message = ExecuteActionResult(result=ExecuteResult(outcome=outcome, reason=reason))
         message.status = GoalStatus(goal_id=GoalID(id=request))
-        self.model.now.result(message, self.now)
+        self.model.now.result(message, at or self.now)
         self.record()
 
     def cancels(self, client: str, request: str) -> None:

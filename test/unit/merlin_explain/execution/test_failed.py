@@ -256,6 +256,27 @@ def test_an_action_that_is_heard_after_its_request_is_not_a_later_failure(scenar
     assert ask(scenario, about=DRIVE) == whole
 
 
+@pytest.mark.parametrize("stall", [1.0, 5.0])
+@pytest.mark.parametrize("first", ["result", "feedback"])
+def test_what_a_monitor_that_hangs_hears_later_belongs_together(
+    scenario: RobotScenario, stall: float, first: str
+) -> None:
+    reason = "/move_base aborted: no valid plan found"
+    begin(scenario)
+    at = scenario.now
+    scenario.now += stall
+    if first == "feedback":  # which has no stamp: its time is when it is heard
+        scenario.fails(0, reason)
+    scenario.ends(REQUEST, ExecuteResult.ACTION_FAILED, f"{DRIVE} failed: {reason}", at=at)
+    if first == "result":
+        scenario.fails(0, reason)
+    scenario.runs()
+    whole = ask(scenario)
+    assert whole.sentence.startswith(f"“{GOAL}” failed: ")
+    assert kinds(whole) == ["server", "action", "goal"]
+    assert ask(scenario, about=DRIVE) == whole
+
+
 def test_an_action_of_the_next_request_is_the_later_failure(scenario: RobotScenario) -> None:
     begin(scenario)
     scenario.ends(REQUEST, ExecuteResult.ACTION_FAILED, "(mop attic) failed: it was silent")

@@ -84,7 +84,7 @@ def _failures(past: RecordedPast) -> Iterator[Event]:
     """
     later: List[Event] = []  # parts that may belong to a request that ended just before they were heard
     for event in past.failures(KINDS):
-        while later and later[0]["at"] - event["at"] > NEAR:
+        while later and _behind(later[0], event) > NEAR:
             yield later.pop(0)
         if event["kind"] != "goal":
             later.append(event)
@@ -94,6 +94,15 @@ def _failures(past: RecordedPast) -> Iterator[Event]:
         yield from (each for each in later if not _no_plan(each) and _is_cause(each, event))
         later = []
     yield from later
+
+
+def _behind(part: Event, event: Event) -> float:
+    """How long a part came behind an event, s.
+
+    What has no stamp has the time at which the monitor hears it, and is late when the monitor hangs; the
+    event is then recorded with it.
+    """
+    return float(min(part["at"] - event["at"], abs(part["wall"] - event["wall"])))
 
 
 def _is_cause(part: Event, request: Event) -> bool:
@@ -128,7 +137,7 @@ class _Chain:
         self._domain = domain
         detail = event["detail"]
         began = float(detail.get("began", event["at"])) - NEAR
-        self._within = [each for each in events if began <= each["at"] <= event["at"] + NEAR]
+        self._within = [each for each in events if began <= each["at"] and _behind(each, event) <= NEAR]
         self._is_goal = event["kind"] == "goal"
         self._outcome = str(detail.get("outcome") or "") if self._is_goal else ""
         self._action = self._find_action()
