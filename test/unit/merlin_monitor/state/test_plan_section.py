@@ -188,6 +188,40 @@ def test_a_plan_like_the_one_before_counts_though_its_dispatch_overtakes_it(
     assert states(tree) == {"0": "waiting", "1": "waiting"}
 
 
+DRIVE = ("from", "hall"), ("to", "kitchen")
+FURTHER = CompletePlan([dispatch(1, "navigate", *DRIVE), dispatch(2, "ask", ("p", "kitchen"))])
+
+
+def hear_status(plan: PlanSection) -> None:
+    plan.dispatcher(DispatchStatus(state=DispatchStatus.RUNNING, plan_id=7), 10.5)
+    drives = [running(1, "navigate", *DRIVE)]
+    plan.dispatcher(DispatchStatus(state=DispatchStatus.RUNNING, plan_id=7, running=drives), 10.6)
+    plan.dispatcher(DispatchStatus(plan_id=7), 12.0)
+
+
+#: What a monitor hears at 15 s that hangs from 10 s on: only the dispatcher's status has a stamp.
+STALL: Dict[str, Any] = {
+    "plan": lambda plan: plan.planned(*sequential_steps(FURTHER), 15.0),
+    "dispatch": lambda plan: plan.dispatched(dispatch(1, "navigate", *DRIVE, plan=7), 15.0),
+    "feedback": lambda plan: plan.feedback(feedback(1, 10, "blocked", plan=7), 15.0),
+    "status": hear_status,
+}
+
+
+@pytest.mark.parametrize("order", permutations(STALL))
+def test_a_plan_that_begins_and_ends_while_the_monitor_hangs(order: Tuple[str, ...]) -> None:
+    tree, plan, reported = section()
+    plan.planned(*sequential_steps(CompletePlan([dispatch(0, "ask", ("p", "hall"))])), 1.0)
+    plan.dispatched(dispatch(0, "ask", ("p", "hall"), plan=6), 1.1)
+    plan.feedback(feedback(0, 2, plan=6), 2.0)
+    plan.dispatcher(DispatchStatus(plan_id=6), 2.0)
+    for name in order:
+        STALL[name](plan)
+    plan.request_ended()
+    assert states(tree) == {"1": "failed", "2": "dropped"}
+    assert any(text.startswith("navigating to kitchen: failed") for text in reported.texts)
+
+
 def test_what_goes_on_is_shown_in_front_of_the_plan_that_follows() -> None:
     tree, plan, _ = section()
     drive = ("from", "hall"), ("to", "kitchen")

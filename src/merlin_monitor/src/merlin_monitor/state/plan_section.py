@@ -95,6 +95,8 @@ class PlanSection:
         self._missed = []
         if not late:
             kept = {message.plan_id for message in (*(each for each, _ in missed), overtaken) if message}
+            # Without a number, an answer may be of the plan before.
+            kept |= {key[0] for key, (*_, heard) in self._early.items() if key[0] and at - heard < OVERTAKEN}
             self._early = {key: answer for key, answer in self._early.items() if key[0] in kept}
         self._edges = edges
         self._replaced, self._steps = self._steps, {step.id: self._shown(step) for step in steps}
