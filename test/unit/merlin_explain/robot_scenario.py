@@ -15,6 +15,7 @@ from merlin_msgs.msg import (
     GoalQueue,
     KnowledgeChanges,
     QueuedGoal,
+    RunningAction,
 )
 from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback
 from rosplan_knowledge_msgs.msg import KnowledgeItem
@@ -110,13 +111,22 @@ class RobotScenario:
     # --- the nodes ------------------------------------------------------------------------------------------
 
     def changes(
-        self, client: str, add: Sequence[str] = (), remove: Sequence[str] = (), battery: float = -1
+        self,
+        client: str,
+        add: Sequence[str] = (),
+        remove: Sequence[str] = (),
+        battery: float = -1,
+        at: float = 0.0,
     ) -> None:
+        """The knowledge changes.
+
+        :param at: the stamp of the change; 0: the present time.
+        """
         self.version += 1
         message = KnowledgeChanges(version=self.version, client=client)
         message.added, message.removed = list(map(_item, add)), list(map(_item, remove))
         message.changed = [_item("(battery)", battery)] if battery >= 0 else []
-        self.model.knowledge.changed(message, self.now)
+        self.model.knowledge.changed(message, at or self.now)
         self.record()
 
     def plans(self, *steps: Planned, edges: Sequence[Tuple[Any, ...]] = ()) -> None:
@@ -154,6 +164,25 @@ class RobotScenario:
     def dispatch_ended(self, action: str, reason: str) -> None:
         message = DispatchStatus(plan_id=self._dispatch, failed_action=action, reason=reason)
         self.model.plan.dispatcher(message, self.now)
+
+    def dispatches(self, at: float, *running: Tuple[int, float]) -> None:
+        """The dispatcher says what runs.
+
+        :param at: the stamp of its status.
+        :param running: the keys of steps, and when they were dispatched.
+        """
+        message = DispatchStatus(state=DispatchStatus.RUNNING, plan_id=self._dispatch)
+        message.header.stamp = rospy.Time.from_sec(at)
+        for key, began in running:
+            name, parameters = _split(self._steps[key][0])
+            fields = {
+                "name": name,
+                "parameters": _values(parameters),
+                "dispatched": rospy.Time.from_sec(began),
+            }
+            message.running.append(RunningAction(action_id=key, plan_id=self._dispatch, **fields))
+        self.model.plan.dispatcher(message, at)
+        self.record()
 
     def runs(self, request: str = "", goals: Sequence[str] = (), **fields: Any) -> None:
         state = ExecutorStatus.RUNNING if request else ExecutorStatus.IDLE

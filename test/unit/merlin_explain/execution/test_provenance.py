@@ -69,6 +69,27 @@ def test_the_next_plan_may_come_at_once(scenario: RobotScenario) -> None:
     assert kinds(ask(scenario, "(at kitchen)")) == kinds(ask(scenario, "(at hall)")) == ["action"]
 
 
+@pytest.mark.parametrize("order", itertools.permutations(["knowledge", "dispatch", "status"]))
+def test_an_action_that_begins_and_ends_while_the_monitor_hangs(
+    scenario: RobotScenario, order: Tuple[str, ...]
+) -> None:
+    scenario.plans(("(mop kitchen)", 0.0, 4.0))
+    scenario.wait(1.0)
+    began = scenario.now
+    scenario.now += 5.0
+    for topic in order:
+        if topic == "knowledge":
+            scenario.changes(BRIDGES, add=["(tidy kitchen)", "(wet kitchen)"], at=began + 0.1)
+        elif topic == "status":
+            scenario.dispatches(began + 0.01, (0, began))
+            scenario.dispatches(began + 0.2)
+        else:  # dispatch and feedback have no stamp: their time is when they are heard
+            scenario.begins(0)
+            scenario.succeeds(0)
+    scenario.wait(5.0)
+    assert kinds(ask(scenario, "(tidy kitchen)")) == ["action"]
+
+
 def test_an_action_made_it_untrue(scenario: RobotScenario) -> None:
     drive(scenario)
     answer = ask(scenario, "(at hall)")

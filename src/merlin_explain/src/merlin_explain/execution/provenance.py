@@ -12,6 +12,7 @@ from merlin_pddl.formula import Atom, Condition, Fluent, Not, conjuncts, ground,
 from merlin_pddl.problem_reader import parse_condition
 
 NEAR = 0.5  # s between a change and the messages about the action that made it
+LOOKS = (0.0, 2 * NEAR, 16 * NEAR)  # s behind a change at which such an action is looked for
 MOST = 6  # facts of a proof that are named
 
 
@@ -142,9 +143,8 @@ class _Teller:
             return []
         key = key_of(change.text)
         found = {}
-        # The next plan may come at once, and the begin be noted later.
-        for at in (change.at, change.at + 2 * NEAR):
-            then = self._past.at(at)
+        # The next plan may come at once, and the begin be noted later, much later by a monitor that hangs.
+        for then in (*(self._past.at(change.at + late) for late in LOOKS), self._moment):
             for step in then.steps if then else ():
                 if then and _ran(step, change.at) and (key, positive) in then.effects(step):
                     found[step.text] = step

@@ -20,6 +20,7 @@ SUCCEEDED, FAILED, CANCELLED, DROPPED = "succeeded", "failed", "cancelled", "dro
 ENDED = (SUCCEEDED, FAILED, CANCELLED, DROPPED)
 #: Topics overtake each other: the end of a request may come before the dispatch of its last step.
 NOT_DISPATCHED = (WAITING, DROPPED)
+LATE = 0.5  # s, after which a dispatch, which has no stamp, may be heard
 OVERTAKEN = 2.0  # s, by which a dispatch may be heard before its plan
 MOST_REPLANS = 20  # that are shown
 TOLD_STEPS = 3  # of a plan, in its event
@@ -179,11 +180,14 @@ class PlanSection:
         for identity, action in now_running.items():
             step = self._steps.get(identity)
             text = atom_text(action.name, [parameter.value for parameter in action.parameters])
-            if step is not None and step["text"] == text and step["state"] == WAITING:
+            if step is not None and step["text"] == text:
                 # Of the dispatcher's own clock only how long ago it was is of use.
                 stamps = message.header.stamp, action.dispatched
-                ago = (stamps[0] - stamps[1]).to_sec() if all(stamps) else 0.0
-                self._begin(step, message.plan_id, at - ago)
+                began = at - ((stamps[0] - stamps[1]).to_sec() if all(stamps) else 0.0)
+                if step["state"] == WAITING:
+                    self._begin(step, message.plan_id, began)
+                elif self._begun.get(identity) == message.plan_id and began < step["began"] - LATE:
+                    self._put(step, began=began)
         self._tree.set(
             SECTION,
             "dispatcher",
