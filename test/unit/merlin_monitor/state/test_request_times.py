@@ -4,7 +4,7 @@
 from merlin_monitor.state.request_times import REMEMBERED, SHOWN, RequestTimes, Shown
 
 GOALS = ["(checked hall)"]
-HALL = Shown(["hall checked"], 30.0)
+HALL = Shown(["hall checked"], GOALS, 30.0)
 
 
 def test_an_ended_request_has_the_first_expectation_and_its_real_times() -> None:

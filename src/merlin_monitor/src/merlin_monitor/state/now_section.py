@@ -158,10 +158,14 @@ class NowSection:
             self._report(sentence("control", self._held(), at))
         self.refresh()
 
+    def knows(self, request: str) -> bool:
+        """Whether a status or the queue has named a request."""
+        return bool(self._request_times.goals(request))
+
     def result(self, message: Any, at: float) -> None:
         """Takes a message with the fields of merlin_msgs/ExecuteActionResult: a request has ended."""
         identity = message.status.goal_id.id
-        began, goals = self._request_times.began(identity) or (at, [])
+        began, goals = self._request_times.began(identity) or (at, self._request_times.goals(identity))
         outcome = name_of(OUTCOMES, message.result.outcome)
         reason = message.result.reason or message.status.text
         words = self._goals(goals)
@@ -197,9 +201,7 @@ class NowSection:
 
         :param node: that sent it.
         """
-        goals = self._request_times.goals(message.id)
-        queued = (self._queued or {}).get(message.id, {"words": []})
-        words = self._goals(goals) or queued["words"]
+        words = self._goals(self._request_times.goals(message.id))
         self._report(sentence("goal", cancel_words(self._named(node), message.id, words), at))
 
     def queue(self, message: Any, at: float) -> None:
@@ -481,12 +483,12 @@ class NowSection:
 
     def _running_times(self, message: Any, words: List[Phrase], at: float) -> Dict[str, Any]:
         times = self._times(message, "deadline", "expected_end")
-        shown = Shown(words, times["deadline"])
+        shown = Shown(words, list(message.goals), times["deadline"])
         return {**times, **self._request_times.run(message.request, at, times["expected_end"], shown)}
 
     def _waiting_times(self, request: Any) -> Dict[str, Any]:
         times = self._times(request, "not_before", "deadline", "expected_begin", "expected_end")
-        shown = Shown(self._goals(request.goals), times["deadline"])
+        shown = Shown(self._goals(request.goals), list(request.goals), times["deadline"])
         self._request_times.expect(request.request, times["expected_begin"], times["expected_end"], shown)
         return times
 

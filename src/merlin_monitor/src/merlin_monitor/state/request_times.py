@@ -25,10 +25,12 @@ class Shown(NamedTuple):
     """What is shown of a request, which ends when its status and the queue no longer name it.
 
     :ivar words: of its goals, phrases.
+    :ivar goals: PDDL texts.
     :ivar deadline: 0 where it has none.
     """
 
     words: List[Any]
+    goals: List[str]
     deadline: float
 
 
@@ -65,7 +67,7 @@ class RequestTimes:
         """Takes a request that ran in an earlier life of the monitor, as the state had it."""
         request, (begin, end) = kept["request"], kept.get("planned") or (0.0, 0.0)
         self.begin(request, kept["began"], list(kept["goals"]))
-        self.expect(request, begin, end, Shown(kept.get("words", []), 0.0))
+        self.expect(request, begin, end, Shown(kept.get("words", []), list(kept["goals"]), 0.0))
 
     def run(self, request: str, at: float, end: float, shown: Shown) -> Dict[str, Any]:
         """Takes what is expected of a request that runs, or of none (empty).
@@ -85,11 +87,11 @@ class RequestTimes:
         """Takes the end of a request."""
         begun = self._begun.pop(request, None)
         planned = self._expected.pop(request, None)
-        shown = self._shown.pop(request, Shown([], 0.0))
+        shown = self._shown.pop(request, Shown([], [], 0.0))
         self._ended[request] = {
             "request": request,
             "words": shown.words,
-            "goals": begun.goals if begun else [],
+            "goals": begun.goals if begun else shown.goals,
             "planned": list(planned) if planned else None,
             "real": [begun.at, at] if begun else None,
             "deadline": shown.deadline,
@@ -99,9 +101,9 @@ class RequestTimes:
             del self._ended[next(iter(self._ended))]
 
     def goals(self, request: str) -> List[str]:
-        """The goals of a request that runs or has ended lately."""
-        begun = self._begun.get(request)
-        return begun.goals if begun else self._ended.get(request, {}).get("goals", [])
+        """The goals of a request that runs, waits or has ended lately; none: it has not been heard of."""
+        known = self._begun.get(request) or self._shown.get(request)
+        return known.goals if known else self._ended.get(request, {}).get("goals", [])
 
     def ended(self) -> List[Dict[str, Any]]:
         """The requests that have ended lately, the last one last."""
