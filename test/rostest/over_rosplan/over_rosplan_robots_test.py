@@ -56,17 +56,23 @@ class RobotsOverROSPlan(unittest.TestCase):
         cls.knowledge = MerlinROSPlanAssistant()
         assert cls.client.wait_for_executor(LONG)
         cls.available = {robot: rospy.ServiceProxy(f"{robot}/merlin/available", SetBool) for robot in ROBOTS}
-        for robot in ROBOTS:
-            cls.available[robot].wait_for_service(LONG)
+        cls.hold = {robot: rospy.ServiceProxy(f"{robot}/base/hold", SetBool) for robot in ROBOTS}
+        for service in (*cls.available.values(), *cls.hold.values()):
+            service.wait_for_service(LONG)
         wait_for_interfaces("drive")  # what is sent before it listens is latched, and never carried out
 
     def setUp(self):
         for robot in ROBOTS:
+            self.hold[robot](True)  # its next drive lasts until it is cancelled, or let go
             self.available[robot](True)
             self.until_available(robot)
         self.knowledge.remove_facts(self.knowledge.facts("visited"))
         self.drives = Drives()
         self.addCleanup(self.drives.close)
+
+    def let_go(self, *robots):
+        for robot in robots:
+            self.hold[robot](False)
 
     def until_available(self, robot):
         end = rospy.get_time() + LONG
@@ -85,11 +91,13 @@ class RobotsOverROSPlan(unittest.TestCase):
     def test_both_robots_drive_at_once_each_to_its_own_place(self):
         request = self.client.send("(and (robot_at ann kitchen) (robot_at bob bathroom))")
         self.drives.wait(2)
+        self.let_go(*ROBOTS)
         self.assertTrue(request.wait(LONG))
         self.assertOutcome(request.result, "SUCCEEDED")
         self.assertEqual([self.position(robot) for robot in ROBOTS], ["kitchen", "bathroom"])
 
     def test_robots_go_on_to_their_next_drives_each_by_itself(self):
+        self.let_go(*ROBOTS)
         goal = "(and (visited kitchen) (visited bathroom) (visited dorm_room) (visited main_door))"
         self.assertOutcome(self.client.execute(goal, LONG), "SUCCEEDED")
         self.assertEqual(len(self.knowledge.facts("visited")), 4)
@@ -125,10 +133,11 @@ class RobotsOverROSPlan(unittest.TestCase):
     def test_the_goal_of_a_robot_that_leaves_is_planned_for_the_other_one(self):
         request = self.client.send("(visited main_door)")
         (driving,) = self.drives.wait(1)
+        other = next(robot for robot in ROBOTS if robot != driving)
+        self.let_go(other)
         self.available[driving](False)
         self.assertTrue(request.wait(LONG))
         self.assertOutcome(request.result, "SUCCEEDED")
-        other = next(robot for robot in ROBOTS if robot != driving)
         self.assertEqual(self.position(other), "main_door")
         self.assertEqual(self.position(driving), "anywhere")
 

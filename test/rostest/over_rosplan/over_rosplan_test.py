@@ -6,13 +6,13 @@ import unittest
 
 import rospy
 import rosservice
-from geometry_msgs.msg import Twist
 
 import rostest
 from merlin_executor.executor_client import MerlinExecutorClient, outcome_name
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 from merlin_test.announced_interfaces import wait_for_interfaces
-from merlin_test.knowledge_fixture import LONG, Received
+from merlin_test.held_drives import HeldDrives
+from merlin_test.knowledge_fixture import LONG
 from merlin_test.topic_links import init_node
 
 
@@ -49,16 +49,16 @@ class OverROSPlan(unittest.TestCase):
 
     def test_a_cancel_stops_the_robot_and_the_next_goal_is_its_own(self):
         self.assertOutcome(self.client.execute("(checked kitchen)", LONG), "SUCCEEDED")
-        velocities = Received("cmd_vel", Twist)  # nothing of the drive that has ended
-        self.addCleanup(velocities.close)
+        drives = HeldDrives()
+        self.addCleanup(drives.end)
         for poi in ("bathroom", "dorm_room"):
-            velocities.messages.clear()
+            drives.hold()
             request = self.client.send(f"(checked {poi})")
-            velocities.wait(lambda velocity: velocity != Twist())
+            drives.wait_driving()
             request.cancel()
             self.assertTrue(request.wait(LONG))
             self.assertOutcome(request.result, "CANCELLED")
-            velocities.wait(lambda velocity: velocity == Twist())  # sent once a drive, as its last
+            drives.wait_stopped()
             self.assertEqual(self.knowledge.facts("robot_at"), ["(robot_at anywhere)"])
         self.assertOutcome(self.client.execute("(checked bathroom)", LONG), "SUCCEEDED")
         self.assertFalse(self.knowledge.holds("(checked dorm_room)"))
