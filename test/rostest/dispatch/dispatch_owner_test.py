@@ -64,10 +64,8 @@ class Leases:
             assert self.changed.wait_for(lambda: sum(1 for lease in self.heard if lease.held) > 1, LONG)
 
 
-class Owner(DispatchFixture, unittest.TestCase):
-    """The dispatcher of the workshop, and clients in processes of their own."""
-
-    kind = "simple"
+class Owners(DispatchFixture):
+    """A dispatcher of the workshop, and clients in processes of their own."""
 
     def setUp(self):
         super().setUp()
@@ -93,7 +91,11 @@ class Owner(DispatchFixture, unittest.TestCase):
     def two_steps(self):
         self.give("0.0: (paint ann leg) [5.0]", "5.0: (paint bob seat) [5.0]")
 
-    # --- the owner ---
+
+class Owner(Owners, unittest.TestCase):
+    """The owner of a dispatch, and another one's clients."""
+
+    kind = "simple"
 
     def test_a_dispatch_whose_owner_dies_is_cancelled(self):
         self.two_steps()
@@ -127,14 +129,6 @@ class Owner(DispatchFixture, unittest.TestCase):
         second = self.interfaces.wait(named("paint"), count=2)
         self.interfaces.answer(second, 2)
         self.assertEqual(self.last_status().steps_done, 2)
-
-    def test_a_dispatch_whose_owner_hangs_for_good_is_cancelled(self):
-        self.two_steps()
-        owner = self.owner()
-        self.owners.wait_renewed()
-        owner.send_signal(signal.SIGSTOP)
-        self.interfaces.wait(named("cancel_action"))
-        self.assertIn("is gone: its client", self.last_status().reason)
 
     def test_a_client_that_leases_nothing_and_dies_is_in_nobodys_way(self):
         self.give("0.0: (paint ann leg) [5.0]")
@@ -188,7 +182,23 @@ class Owner(DispatchFixture, unittest.TestCase):
         self.interfaces.wait(named("cancel_action"))
         self.assertIn("its owner is gone: ", self.last_status().reason)
 
-    # --- actions that are not answered ---
+    def test_nothing_is_latched_by_a_dispatcher_that_has_just_started(self):
+        first = rospy.wait_for_message("/fresh_dispatcher/action_dispatch", ActionDispatch, LONG)
+        self.assertEqual((first.name, first.action_id), ("cancel_action", -1))
+
+
+class Limits(Owners, unittest.TestCase):
+    """An owner that hangs for good, and actions that are not answered."""
+
+    kind = "strict"
+
+    def test_a_dispatch_whose_owner_hangs_for_good_is_cancelled(self):
+        self.two_steps()
+        owner = self.owner()
+        self.owners.wait_renewed()
+        owner.send_signal(signal.SIGSTOP)
+        self.interfaces.wait(named("cancel_action"))
+        self.assertIn("is gone: its client", self.last_status().reason)
 
     def begin_execution(self, action):
         apply = patient_service(f"{KNOWLEDGE_BASE}/apply_effects", ApplyEffects)
@@ -238,11 +248,7 @@ class Owner(DispatchFixture, unittest.TestCase):
         self.interfaces.announced.clear()
         self.assertTrue(self.settled())
 
-    def test_nothing_is_latched_by_a_dispatcher_that_has_just_started(self):
-        first = rospy.wait_for_message("/fresh_dispatcher/action_dispatch", ActionDispatch, LONG)
-        self.assertEqual((first.name, first.action_id), ("cancel_action", -1))
-
 
 if __name__ == "__main__":
     init_node("dispatch_owner_test")
-    rostest.rosrun("merlin_test", "dispatch_owner", Owner)
+    rostest.rosrun("merlin_test", "dispatch_owner", "__main__")

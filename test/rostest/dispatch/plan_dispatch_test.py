@@ -33,6 +33,7 @@ from merlin_planning.knowledge_client import (
     function_value,
 )
 from merlin_ros.service_proxy import ServiceError
+from merlin_test.knowledge_fixture import Received
 from merlin_test.topic_links import init_node, patient_service, wait_for_connections
 
 
@@ -181,15 +182,6 @@ class Dispatching(Expressions):
         self.interfaces.wait(named("cancel_action"), 2)  # the cancel, and the one that ends the dispatch
         self.assertEqual(self.interfaces.names(), ["paint", "cancel_action", "cancel_action"])
 
-    def test_who_does_not_answer_a_cancel_is_named(self):
-        self.interfaces.answers["paint"] = [(1,)]
-        self.give("0.0: (paint ann leg) [5.0]")
-        result = self.start()
-        self.interfaces.wait(named("paint"))
-        self.cancel()
-        self.assertFalse(result().success)
-        self.assertIn("no answer to the cancel from (paint ann leg)", self.last_status().reason)
-
     def test_a_cancelled_goal_ends_preempted(self):
         self.interfaces.answers.update({"paint": [(1,)], "on_cancel": (10, "cancelled")})
         self.give("0.0: (paint ann leg) [5.0]")
@@ -204,27 +196,6 @@ class Dispatching(Expressions):
         self.cancel()
         self.assertTrue(self.dispatch().success)
         self.assertIn("paint", self.interfaces.names())
-
-    # --- interfaces that are missing or dead ---
-
-    def test_a_missing_interface_is_named_within_seconds(self):
-        self.interfaces.announced.clear()
-        self.interfaces.answers["move"] = []
-        watched = rospy.Subscriber(f"{KNOWLEDGE_BASE}/pddl_action_parameters", DomainFormula, lambda m: None)
-        self.addCleanup(watched.unregister)
-        self.give("0.0: (move ann bench store) [5.0]")
-        self.assertFalse(self.dispatch().success)
-        self.assertRegex(self.last_status().reason, "no action interface for move|interface of move is gone")
-
-    def test_an_interface_that_dies_in_its_action_is_named(self):
-        self.interfaces.answers["paint"] = [(1,)]
-        self.give("0.0: (paint ann leg) [5.0]")
-        result = self.start()
-        self.interfaces.wait(named("paint"))
-        self.last_status(DispatchStatus.RUNNING)
-        self.interfaces.announced.clear()
-        self.assertFalse(result().success)
-        self.assertIn("interface of paint is gone, silent", self.last_status().reason)
 
     # --- nonsense ---
 
@@ -282,21 +253,6 @@ class Dispatching(Expressions):
 
 class SimpleDispatching(Dispatching, unittest.TestCase):
     kind = "simple"
-
-    def test_its_own_feedback_is_on_the_wire_and_not_mistaken_for_an_answer(self):
-        seen = []
-        subscriber = rospy.Subscriber(f"{self.dispatcher}/action_feedback", ActionFeedback, seen.append)
-        self.addCleanup(subscriber.unregister)
-        wait_for_connections(subscriber, count=2)  # the dispatcher, and this test's interfaces
-        self.interfaces.announced.clear()
-        self.interfaces.answers["store_part"] = []
-        self.knowledge.update([Update(ADD, fact("painted", "leg"))])
-        self.give("0.0: (store_part bob leg) [5.0]")
-        self.assertFalse(self.dispatch().success)
-        self.assertRegex(self.last_status().reason, "no action interface|is gone")
-        plan_id = self.last_status().plan_id
-        own = [m for m in seen if m.plan_id == plan_id and m.information[0].key == "dispatcher"]
-        self.assertEqual([m.status for m in own], [1])
 
     def test_an_action_that_is_dropped_for_another_plan_and_does_not_stop_ends_the_dispatch(self):
         publisher = rospy.Publisher("/simple_parser/complete_plan", CompletePlan, queue_size=1)
@@ -403,6 +359,64 @@ class EsterelDispatching(Dispatching, unittest.TestCase):
             self.assertFalse(self.dispatch().success)
             reason = self.last_status().reason
         self.assertIn("joins nodes", reason)
+
+
+class Limits(DispatchFixture):
+    """Interfaces that are missing, dead or silent, at dispatchers that wait for seconds only."""
+
+    def test_who_does_not_answer_a_cancel_is_named(self):
+        self.interfaces.answers["paint"] = [(1,)]
+        self.give("0.0: (paint ann leg) [5.0]")
+        result = self.start()
+        self.interfaces.wait(named("paint"))
+        self.cancel()
+        self.assertFalse(result().success)
+        self.assertIn("no answer to the cancel from (paint ann leg)", self.last_status().reason)
+
+    def test_a_missing_interface_is_named_within_seconds(self):
+        self.interfaces.announced.clear()
+        self.interfaces.answers["move"] = []
+        watched = rospy.Subscriber(f"{KNOWLEDGE_BASE}/pddl_action_parameters", DomainFormula, lambda m: None)
+        self.addCleanup(watched.unregister)
+        self.give("0.0: (move ann bench store) [5.0]")
+        self.assertFalse(self.dispatch().success)
+        self.assertRegex(self.last_status().reason, "no action interface for move|interface of move is gone")
+
+    def test_an_interface_that_dies_in_its_action_is_named(self):
+        self.interfaces.answers["paint"] = [(1,)]
+        self.give("0.0: (paint ann leg) [5.0]")
+        result = self.start()
+        self.interfaces.wait(named("paint"))
+        self.last_status(DispatchStatus.RUNNING)
+        self.interfaces.announced.clear()
+        self.assertFalse(result().success)
+        self.assertIn("interface of paint is gone, silent", self.last_status().reason)
+
+
+class SimpleLimits(Limits, unittest.TestCase):
+    kind = "strict_simple"
+
+    def test_its_own_feedback_is_on_the_wire_and_not_mistaken_for_an_answer(self):
+        # The dispatcher publishes, and this test's interfaces.
+        seen = Received(f"{self.dispatcher}/action_feedback", ActionFeedback, publishers=2)
+        self.addCleanup(seen.close)
+        self.interfaces.announced.clear()
+        self.interfaces.answers["store_part"] = []
+        self.knowledge.update([Update(ADD, fact("painted", "leg"))])
+        self.give("0.0: (store_part bob leg) [5.0]")
+        self.assertFalse(self.dispatch().success)
+        self.assertRegex(self.last_status().reason, "no action interface|is gone")
+        plan_id = self.last_status().plan_id
+
+        def own(message):
+            return message.plan_id == plan_id and message.information[0].key == "dispatcher"
+
+        seen.wait(own)
+        self.assertEqual([message.status for message in filter(own, seen.messages)], [1])
+
+
+class EsterelLimits(Limits, unittest.TestCase):
+    kind = "strict_esterel"
 
 
 class DispatchingOfItsOwnProcess(Expressions, unittest.TestCase):
