@@ -31,13 +31,14 @@ class RobotWatch:
     """Follows ``<kb>/robots`` and keeps the facts ``(available ?robot)``, where the domain has them.
 
     :param knowledge: of the planning system.
+    :param gone_after: s of silence after which a robot takes no actions.
     """
 
-    def __init__(self, knowledge: KnowledgeClient) -> None:
+    def __init__(self, knowledge: KnowledgeClient, gone_after: float = GONE_AFTER) -> None:
         self._facts = AvailableFacts(knowledge)
         self._roster = RobotRoster()
         self._changed = threading.Condition()  # guards the fields below
-        self._book = RobotBook()
+        self._book = RobotBook(gone_after)
         self._ticks = TickClock()
         self._settled = False
         self._calls = CallQueue("robots")

@@ -38,6 +38,12 @@ def test_a_silent_robot_is_gone_and_one_that_speaks_again_is_back(book):
     assert book.hear(ANN) == [RobotChange("ann", True)]
 
 
+def test_a_book_may_wait_longer():
+    book = RobotBook(gone_after=60.0)
+    book.hear(ANN)
+    assert book.pass_time(60.0) == [] and book.pass_time(0.1)
+
+
 def test_a_restarted_host_has_lost_what_ran(book):
     lost, back = book.hear(ANN._replace(life="two"))
     assert not lost.available and not lost.answers and "restarted" in lost.reason and back.available

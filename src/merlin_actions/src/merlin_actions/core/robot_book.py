@@ -46,8 +46,8 @@ class RobotChange(NamedTuple):
 
 
 class _Robot:
-    def __init__(self) -> None:
-        self.hosts: Liveness[str] = Liveness(Limits(gone=GONE_AFTER, keep=GONE_AFTER), HOSTS)  # nodes
+    def __init__(self, gone_after: float) -> None:
+        self.hosts: Liveness[str] = Liveness(Limits(gone=gone_after, keep=gone_after), HOSTS)  # nodes
         self.words: Dict[str, HostWord] = {}  # last ones of the nodes that are there
         self.suspected: Dict[str, str] = {}  # node -> why actions cannot reach it, until its next word
         self.namespace = ""  # of the host that was heard last
@@ -57,9 +57,13 @@ class _Robot:
 
 
 class RobotBook:
-    """The robots of one planning system. Not thread-safe."""
+    """The robots of one planning system. Not thread-safe.
 
-    def __init__(self) -> None:
+    :param gone_after: s of silence after which a robot takes no actions.
+    """
+
+    def __init__(self, gone_after: float = GONE_AFTER) -> None:
+        self._gone_after = gone_after
         self._robots: Dict[str, _Robot] = {}  # the one that was heard last comes last
 
     @property
@@ -89,7 +93,7 @@ class RobotBook:
 
     def hear(self, word: HostWord) -> List[RobotChange]:
         """A host says that it lives, or that it leaves."""
-        robot = self._robots.pop(word.robot, None) or _Robot()
+        robot = self._robots.pop(word.robot, None) or _Robot(self._gone_after)
         self._robots[word.robot] = robot
         heard = robot.hosts.heard(word.node, word.life)
         if heard is Word.IGNORED:

@@ -9,6 +9,7 @@ import rospy
 
 from merlin_actions.action_interface import ActionInterface
 from merlin_actions.core.names import by_ros_name
+from merlin_actions.core.robot_book import GONE_AFTER, WORD_PERIOD
 from merlin_actions.merlin_action import MerlinAction
 from merlin_actions.robot_places import RobotPlaces
 from merlin_actions.robot_watch import RobotWatch
@@ -73,7 +74,8 @@ def main() -> int:
 def _start() -> None:
     knowledge_base = graph_name("~knowledge_base", DEFAULT_KNOWLEDGE_BASE)
     wait_for_knowledge_base(knowledge_base, number("~knowledge_base_wait", 30.0, 0.0))
-    robots = RobotWatch(knowledge_client(knowledge_base)) if flag("~robots") else None
+    gone_after = number("~gone_after", GONE_AFTER, WORD_PERIOD)
+    robots = RobotWatch(knowledge_client(knowledge_base), gone_after) if flag("~robots") else None
     operators = rospy.get_param("~operators", [])
     if not isinstance(operators, list):
         raise ParameterError(f"parameter ~operators is {operators!r}, not a list of operators")
