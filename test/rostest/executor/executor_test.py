@@ -235,6 +235,7 @@ class Executor(unittest.TestCase):
             self.assertTrue(request.wait(LONG))
             self.assertOutcome(request.result, "SUCCEEDED")
         self.assertLess(self.ended(urgent), self.ended(first))
+        self.changes.wait(lambda each: each.header.stamp >= self.begun and "bathroom" in checked(each.added))
         fresh = [each for each in self.changes.messages if each.header.stamp >= self.begun]
         self.assertEqual([poi for each in fresh for poi in checked(each.added)][:2][-1], "main_door")
 
@@ -401,7 +402,7 @@ class Executor(unittest.TestCase):
         self.held.end()
         self.assertTrue(waiting.wait(LONG))
         self.assertOutcome(waiting.result, "SUCCEEDED")
-        began = next(status for status in self.status.messages if status.request == waiting.id)
+        began = self.status.wait(lambda status: status.request == waiting.id)
         self.assertGreaterEqual(began.header.stamp, begin)
 
     def test_a_request_that_cannot_be_in_time_ends_before_the_robot_moves(self):

@@ -58,13 +58,14 @@ class StoppedRobot(unittest.TestCase):
         with self.changed:
             return self.changed.wait_for(happens, LONG)
 
-    def done(self, goal):
-        """What was dispatched until a goal is reached."""
+    def done(self, goal, actions):
+        """What was dispatched until a goal is reached, so many actions or more."""
         before = len(self.dispatched)
         request = self.client.send(goal)
         self.assertTrue(request.wait(LONG))
         result = request.result
         self.assertEqual(outcome_name(result.outcome), "SUCCEEDED", result.reason)
+        self.assertTrue(self.until(lambda: len(self.dispatched) >= before + actions), self.dispatched)
         return self.dispatched[before:]
 
     def test_it_keeps_the_place_at_which_it_stands_and_makes_room(self):
@@ -84,8 +85,8 @@ class StoppedRobot(unittest.TestCase):
         self.assertFalse(self.knowledge.holds("(in_position robot_1)"))
         self.assertTrue(self.knowledge.holds("(free table_5)"))
 
-        self.assertEqual(self.done("(in_position robot_1)"), ["line_up robot_1 table_4"])
-        first, second = self.done("(robot_at robot_2 table_4)")
+        self.assertEqual(self.done("(in_position robot_1)", 1), ["line_up robot_1 table_4"])
+        first, second = self.done("(robot_at robot_2 table_4)", 2)
         self.assertTrue(first.startswith("navigate robot_1 table_4 "), first)
         self.assertEqual(second, "navigate robot_2 anywhere table_4")
 
