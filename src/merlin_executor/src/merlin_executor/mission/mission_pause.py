@@ -26,7 +26,8 @@ class HoldWatch:
         self.releases = 0
         """How many holds have ended so far."""
         self.released: Set[str] = set()
-        """The requests that were being cancelled when the last one ended."""
+        """The requests that were cancelled before the last one ended; their results may be heard later."""
+        self._cancelled: Set[str] = set()  # since a request ran
         self._status = rospy.Subscriber("merlin/status", ExecutorStatus, self._receive, tcp_nodelay=True)
 
     def wait_released(self, tell: Callable[[str], None]) -> None:
@@ -46,11 +47,14 @@ class HoldWatch:
     def _receive(self, status: ExecutorStatus) -> None:
         with self._changed:
             running = {status.request, *(each.request for each in status.together)}
-            if status.state == ExecutorStatus.RUNNING:  # what is cancelled later waits for a later release
-                self.released -= running
+            if status.state == ExecutorStatus.CANCELLING:
+                self._cancelled |= running
             if self.waits and not status.waits:
                 self.releases += 1
-                self.released = running if status.state == ExecutorStatus.CANCELLING else set()
+                self.released = set(self._cancelled)
+            if status.state == ExecutorStatus.RUNNING:  # what is cancelled later waits for a later release
+                self._cancelled = set()
+                self.released -= running
             self.waits = status.waits
             self._changed.notify_all()
 
