@@ -3,6 +3,7 @@
 
 import math
 import threading
+import time
 from types import SimpleNamespace
 
 import pytest
@@ -10,7 +11,7 @@ from merlin_msgs.msg import SimStatus
 
 from merlin_ros import deadline
 from merlin_ros.alarms import LONGEST_TICK
-from merlin_ros.deadline import Deadline, limit
+from merlin_ros.deadline import Deadline, LookedAt, limit
 
 
 @pytest.mark.parametrize("seconds", [0.0, -1.0])
@@ -163,3 +164,18 @@ def test_a_wait_ends_after_enough_ticks(stalled, stalls):
     stalled.stalls = list(stalls)
     assert not Deadline(2.0).wait(stalled, lambda: False)
     assert stalled.now == pytest.approx(102.0 + sum(stalls), abs=LONGEST_TICK)
+
+
+def test_a_stall_is_no_part_of_the_time_at_which_one_looks_now_and_then(monkeypatch):
+    missed = [0.0]
+    clock = SimpleNamespace(monotonic=lambda: time.monotonic() + missed[0])
+    monkeypatch.setattr(deadline, "time", clock)
+    end = LookedAt(60.0)
+    missed[0] = 1000.0
+    assert 0.0 < end.remaining() <= 60.0
+
+
+def test_one_that_is_looked_at_passes():
+    assert LookedAt(0.0).expired and LookedAt(None).remaining() == math.inf
+    end, never = LookedAt(0.01), threading.Event()
+    assert any(end.expired for _ in range(600) if not never.wait(end.remaining()))

@@ -158,3 +158,20 @@ class Deadline:
             ticks.look()
             self._end += ticks.missed
         return True
+
+
+class LookedAt(Deadline):
+    """A deadline at which a thread looks now and then while it waits for other things.
+
+    What the process misses comes on top, as the limits of this process count it.
+    """
+
+    def __init__(self, seconds: Optional[float]) -> None:
+        super().__init__(seconds)
+        limited = 0.0 < self.seconds < math.inf
+        self._alarm = call_when_passed(self.seconds, lambda: None) if limited else None
+
+    def remaining(self) -> float:
+        """As of :class:`Deadline`; after a stall it is when to look again."""
+        left = super().remaining()
+        return TICK if not left and self._alarm is not None and self._alarm.waits else left

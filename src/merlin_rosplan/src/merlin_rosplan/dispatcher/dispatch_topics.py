@@ -31,7 +31,7 @@ from merlin_planning.dispatch_progress import CANCEL_ACTION
 from merlin_planning.robot_roster import RobotRoster
 from merlin_ros.actions.lease_holder import LeaseHolder
 from merlin_ros.actions.peers import sender_of
-from merlin_ros.deadline import Deadline, running_time
+from merlin_ros.deadline import Deadline, LookedAt, running_time
 from merlin_ros.publishing import publish
 from merlin_ros.robot_values import AVAILABLE
 from merlin_ros.ros_alarm import RosAlarm
@@ -152,8 +152,8 @@ class DispatchTopics(DispatchEnvironment):
         return float(rospy.get_time())
 
     def deadline(self, seconds: Optional[float]) -> Deadline:
-        """A deadline that stands still while the simulator is paused."""
-        return Deadline(SHUTDOWN_DEADLINE if self._component.closed and seconds is None else seconds)
+        """A deadline that stands still while the simulator is paused, and while this process is stalled."""
+        return LookedAt(SHUTDOWN_DEADLINE if self._component.closed and seconds is None else seconds)
 
     def send(self, action: PlannedAction) -> None:
         """Publishes the action. Its lease follows with the next report: robots wait for the action."""

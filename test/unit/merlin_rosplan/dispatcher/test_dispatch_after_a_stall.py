@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A dispatcher that was stalled fails no plan: what came meanwhile is handled before a limit passes."""
+
+import time
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+import rospy
+from dispatch_world import LIGHT, LONG, Run, World, actions
+from fakes.topics import Topics
+
+from merlin_pddl.breakpoints import Breakpoints
+from merlin_ros import deadline
+from merlin_rosplan.dispatch.dispatch_environment import (
+    DispatchState,
+    FeedbackStatus,
+    KnowledgeChanged,
+    Tick,
+)
+from merlin_rosplan.dispatch.dispatch_schedule import SequentialSchedule
+from merlin_rosplan.dispatch.operator_model import PlanTerm
+from merlin_rosplan.dispatcher.dispatch_topics import DispatchTopics
+
+BURNING = PlanTerm("burning", ("o0",))
+
+
+class Stalled(World):
+    """The world of a dispatcher whose limits are those of the node."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        super().__init__(LIGHT)
+        self._missed = 0.0
+        clock = SimpleNamespace(monotonic=lambda: time.monotonic() + self._missed)
+        monkeypatch.setattr(deadline, "time", clock)
+        monkeypatch.setattr(rospy.Time, "now", rospy.Time)
+        Topics(monkeypatch)
+        component: Any = SimpleNamespace(
+            scope="/dispatcher",
+            knowledge_base="/kb",
+            closed=False,
+            param=lambda name, default: default,
+            resolve=lambda name: f"/dispatcher/{name}",
+            own=lambda owned: owned,
+            publisher=rospy.Publisher,
+            subscriber=rospy.Subscriber,
+        )
+        ignored: Any = SimpleNamespace
+        topics = DispatchTopics(component, ignored, False, ignored, ignored, ignored, Breakpoints())
+        self.deadline = topics.deadline
+
+    def stall(self) -> None:
+        """The process is stopped for longer than any limit."""
+        self._missed += 1000.0
+
+    def seconds_silent(self, operator: str) -> Any:
+        self.note("looked", actions(operator)[0])
+        return super().seconds_silent(operator)
+
+
+@pytest.fixture
+def world(monkeypatch: pytest.MonkeyPatch) -> Stalled:
+    return Stalled(monkeypatch)
+
+
+def test_an_action_that_ended_meanwhile_has_succeeded(world: Stalled) -> None:
+    run = Run(world, SequentialSchedule(actions("light")))
+    world.wait("action", 0)
+    run.feedback(0, FeedbackStatus.ENABLED)
+    answers = 1
+    for facts in {BURNING}, set(), set():  # its start effects, its end effects, and once they were seen
+        world.facts = facts
+        answers += 1
+        run.dispatch.put(KnowledgeChanged())
+        world.wait_answers(answers)
+    world.stall()
+    run.dispatch.put(KnowledgeChanged())  # it is read before the end of the action
+    world.wait_answers(answers + 1)
+    run.feedback(0, FeedbackStatus.SUCCEEDED)
+    report = run.report()
+    assert report.success, report.reason
+
+
+def test_an_action_that_was_taken_meanwhile_is_not_given_up(world: Stalled) -> None:
+    run = Run(world, SequentialSchedule(actions("light")))
+    world.wait("action", 0)
+    world.stall()
+    run.dispatch.put(Tick())
+    world.wait("looked", 0)
+    run.feedback(0, FeedbackStatus.ENABLED)
+    run.feedback(0, FeedbackStatus.SUCCEEDED)
+    report = run.report()
+    assert report.success, report.reason
+
+
+def test_an_action_that_was_cancelled_and_stopped_meanwhile_has_answered(world: Stalled) -> None:
+    run = Run(world, SequentialSchedule(actions("light")))
+    world.wait("action", 0)
+    run.dispatch.cancel()
+    with world.changed_event:
+        assert world.changed_event.wait_for(lambda: world.reports[-1].state == DispatchState.CANCELLING, LONG)
+    world.stall()
+    world.published.clear()
+    run.dispatch.put(Tick())
+    world.wait("looked", 0)
+    run.feedback(0, FeedbackStatus.FAILED)
+    assert not run.report().unanswered
