@@ -324,18 +324,23 @@ def test_what_an_operator_takes_back_is_not_sent_again(
 
 
 @pytest.mark.parametrize(
-    ("queued", "due"),
+    ("queued", "late", "due"),
     [
-        ([0.0], [20.0, 20.0, 40.0]),  # that of an earlier time waits when the mission begins
-        ([], [20.0, 20.0, 40.0]),  # or runs
-        ([0.0, 20.0], [20.0, 40.0, 60.0]),
+        ([0.0], [], [20.0, 20.0, 40.0]),  # that of an earlier time waits when the mission begins
+        ([], [], [20.0, 20.0, 40.0]),  # or runs
+        ([], [0.0], [20.0, 20.0, 40.0]),
+        ([0.0, 20.0], [], [20.0, 40.0, 60.0]),
+        ([0.0], [20.0], [20.0, 40.0, 60.0]),  # that of this time is heard of after its end
+        ([], [0.0, 20.0], [20.0, 40.0, 60.0]),
     ],
 )
 def test_an_earlier_one_that_is_taken_back_costs_no_later_one(
     robot: FakeRobot,
     day: Callable[[str], Path],
     clock: SimpleNamespace,
+    monkeypatch: pytest.MonkeyPatch,
     queued: List[float],
+    late: List[float],
     due: List[float],
 ) -> None:
     file = day("- every: 20min\n  goals: (a)\n  survives: true\n")
@@ -343,14 +348,23 @@ def test_an_earlier_one_that_is_taken_back_costs_no_later_one(
     mission.early = [ExecuteResult.CANCELLED]
     known = lasting_id(f"Sent:{read_day(file)[0].name}")
 
-    def hear(goals: Any, **options: Any) -> Any:
-        for minutes in queued if not mission.sent else []:
+    def say(queue: List[float]) -> None:
+        for minutes in queue:
             not_before = rospy.Time.from_sec(EIGHT + minutes * MINUTE)
             for callback in robot.on_queue:
                 callback(GoalQueue(requests=[QueuedGoal(request=known, not_before=not_before)]))
+
+    def hear(goals: Any, **options: Any) -> Any:
+        say(queued if not mission.sent else [])
         return Sent.send(mission, goals, **options)
 
+    def pause(seconds: float, call: Callable[[], None], name: str) -> Any:
+        say(late)
+        call()
+        return SimpleNamespace(shutdown=lambda: None)
+
     mission.send = hear  # type: ignore[method-assign]
+    monkeypatch.setattr(day_module, "call_after", pause)
     with pytest.raises(MissionFailed, match="cancelled"):
         mission.run()
     assert mission.due == due

@@ -301,7 +301,11 @@ class Day(GoalDispatcher):
         :param pause: s of ROS time before it is sent once more when it ends before it is due.
         """
 
-        def ended(result: Optional[ExecuteResult], taken_back: bool = False, begun: bool = False) -> None:
+        def ended(
+            result: Optional[ExecuteResult],
+            taken_back: Callable[[], bool] = lambda: False,
+            begun: bool = False,
+        ) -> None:
             self._events.put(lambda: self._ended(errand, due, pause, result, taken_back, begun))
 
         def taken_back(request: ExecutorRequest) -> bool:
@@ -315,7 +319,7 @@ class Day(GoalDispatcher):
         try:
             self.send(
                 errand.goals,
-                on_done=lambda request: ended(request.result, taken_back(request), request.begun),
+                on_done=lambda request: ended(request.result, lambda: taken_back(request), request.begun),
                 name=self._name(errand),
                 **times,
                 **errand.options,
@@ -329,13 +333,19 @@ class Day(GoalDispatcher):
         due: float,
         pause: float,
         result: Optional[ExecuteResult],
-        taken_back: bool,
+        taken_back: Callable[[], bool],
         begun: bool,
     ) -> None:
+        def again() -> None:
+            if taken_back():  # `merlin/queue` was heard later than the end
+                self._close(errand, due, why)
+            else:
+                self._send(errand, due, _longer(pause))
+
         now, why = rospy.get_time(), _why(errand, result)
         outcome = None if result is None else result.outcome
         lost = outcome == ExecuteResult.INTERNAL
-        if taken_back:
+        if taken_back():
             wait = 0.0
         elif now < due:  # one that survives and was achieved was that of an earlier time
             wait = min(pause, due - now) if why or errand.survives else 0.0
@@ -346,7 +356,7 @@ class Day(GoalDispatcher):
             missed = outcome == ExecuteResult.REFUSED or (lost and not begun)
             wait = _patience(errand, due, pause) if missed else 0.0
         if wait:
-            self._later(errand, wait, lambda: self._send(errand, due, _longer(pause)), why)
+            self._later(errand, wait, again, why)
         else:
             self._close(errand, due, why)
 
