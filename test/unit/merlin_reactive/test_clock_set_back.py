@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The nodes where ROS time is set back: no wait gets longer, and old sensor data counts as such."""
+
+import threading
+from types import SimpleNamespace
+from typing import Any, Callable, List
+
+import numpy as np
+import pytest
+import rospy
+from fakes.topics import Topics
+from geometry_msgs.msg import TransformStamped
+from merlin_msgs.msg import ListenGoal
+from nav_msgs.msg import OccupancyGrid, Odometry
+from sensor_msgs.msg import LaserScan
+
+from merlin_reactive.listening import listen_node
+from merlin_reactive.localization import localization_node
+from merlin_reactive.localization.localization_node import LocalizationNode
+from merlin_reactive.speech.speech_node import CHUNK, Speaker
+from merlin_reactive.speech.speech_synthesizer import RATE, Sound
+from merlin_ros.health import ERROR
+
+BACK = 50.0
+
+
+class Clock:
+    """ROS time; it is set back before the second wait ends.
+
+    :ivar waits: s, of each.
+    """
+
+    def __init__(self) -> None:
+        self.now = 100.0
+        self.waits: List[float] = []
+        self.on_wait: Callable[[threading.Event], None] = lambda stop: None
+
+    def wait(self, seconds: float, stop: threading.Event) -> bool:
+        self.waits.append(seconds)
+        self.now += seconds
+        if len(self.waits) == 2:
+            self.now -= BACK
+        self.on_wait(stop)
+        return not stop.is_set()
+
+    def wake(self) -> None:
+        pass
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
+    made = Clock()
+    monkeypatch.setattr(rospy, "get_time", lambda: made.now)
+    monkeypatch.setattr(rospy.Time, "now", lambda: rospy.Time.from_sec(made.now))
+    monkeypatch.setattr(rospy, "get_param", lambda name, default=None: default)
+    monkeypatch.setattr(rospy, "on_shutdown", lambda hook: None)
+    return made
+
+
+@pytest.fixture
+def topics(monkeypatch: pytest.MonkeyPatch) -> Topics:
+    return Topics(monkeypatch)
+
+
+def test_a_sound_is_played_in_its_time(topics: Topics, clock: Clock) -> None:
+    card: Any = SimpleNamespace(play=lambda sound: None, stop=lambda: None)
+    speaker = Speaker(clock, card)  # type: ignore[arg-type]
+    sound = Sound(np.zeros(round(5 * CHUNK * RATE), dtype=np.int16))
+    assert speaker.play(sound, threading.Event(), lambda played: None) == pytest.approx(5 * CHUNK)
+    assert len(clock.waits) == 5 and max(clock.waits) < 3 * CHUNK
+
+
+def test_one_listens_no_longer_than_the_time_out(
+    topics: Topics, clock: Clock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    served: List[Any] = []
+
+    def serve(name: str, kind: type, execute: Any, cancel: Any) -> Any:
+        served.append(execute)
+        return SimpleNamespace(shutdown=None, start=lambda: None)
+
+    def hear(stop: threading.Event) -> None:
+        if len(clock.waits) < 4:  # noise
+            clock.now -= clock.waits[-1] / 2.0
+            stop.set()
+
+    monkeypatch.setattr(listen_node, "available", lambda: True)
+    recognizer = SimpleNamespace(use=lambda grammar: None, close=None)
+    monkeypatch.setattr(listen_node, "SpeechRecognizerProcess", lambda threshold: recognizer)
+    monkeypatch.setattr(listen_node, "SerialActionServer", serve)
+    monkeypatch.setattr(listen_node, "RosClock", lambda: clock)
+    listen_node.ListenNode()
+    clock.on_wait = hear
+    ends: List[str] = []
+    goal = SimpleNamespace(
+        goal=ListenGoal(timeout=rospy.Duration(8.0)),
+        feedback=lambda feedback: None,
+        cancel_requested=False,
+        succeed=lambda result, text: ends.append(text),
+    )
+    served[0](goal)
+    assert ends == ["no speech within 8.0 s"]
+    assert clock.waits == sorted(clock.waits, reverse=True) and clock.waits[0] == 8.0
+
+
+def test_a_scan_of_before_is_no_new_one(
+    topics: Topics, clock: Clock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    mount = TransformStamped()
+    mount.transform.rotation.w = 1.0
+    buffer = SimpleNamespace(lookup_transform=lambda *_: mount)
+    tf = SimpleNamespace(Buffer=lambda: buffer, TransformListener=lambda buffer: None)
+    monkeypatch.setattr(localization_node, "tf2_ros", tf)
+    monkeypatch.setattr(rospy, "Service", lambda *_: None)
+    monkeypatch.setattr(localization_node, "PromptPublisher", rospy.Publisher)
+    node = LocalizationNode()
+    room = OccupancyGrid(data=[0] * 400)
+    room.info.width = room.info.height = 20
+    room.info.resolution = 0.5
+    topics.send("/map", room)
+    odometry, scan = Odometry(), LaserScan(ranges=[1.0, 1.0, 1.0], angle_increment=0.5, range_max=10.0)
+    odometry.header.stamp = scan.header.stamp = rospy.Time.from_sec(clock.now)
+    odometry.pose.pose.orientation.w = 1.0
+    topics.send("/odom", odometry)
+    topics.send("/scan", scan)
+    assert node.health().level != ERROR
+    clock.now -= BACK
+    assert node.health().level == ERROR and "no scan" in node.health().message
