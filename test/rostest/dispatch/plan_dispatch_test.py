@@ -362,7 +362,10 @@ class EsterelDispatching(Dispatching, unittest.TestCase):
 
 
 class Limits(DispatchFixture):
-    """Interfaces that are missing, dead or silent, at dispatchers that wait for seconds only."""
+    """Interfaces that are missing, dead or silent, at dispatchers that wait for seconds only.
+
+    Each case silences another one: a dispatcher has more patience with what it has heard seldom.
+    """
 
     def test_who_does_not_answer_a_cancel_is_named(self):
         self.interfaces.answers["paint"] = [(1,)]
@@ -374,7 +377,7 @@ class Limits(DispatchFixture):
         self.assertIn("no answer to the cancel from (paint ann leg)", self.last_status().reason)
 
     def test_a_missing_interface_is_named_within_seconds(self):
-        self.interfaces.announced.clear()
+        self.interfaces.announced.discard("move")
         self.interfaces.answers["move"] = []
         watched = rospy.Subscriber(f"{KNOWLEDGE_BASE}/pddl_action_parameters", DomainFormula, lambda m: None)
         self.addCleanup(watched.unregister)
@@ -388,7 +391,7 @@ class Limits(DispatchFixture):
         result = self.start()
         self.interfaces.wait(named("paint"))
         self.last_status(DispatchStatus.RUNNING)
-        self.interfaces.announced.clear()
+        self.interfaces.announced.discard("paint")
         self.assertFalse(result().success)
         self.assertIn("interface of paint is gone, silent", self.last_status().reason)
 
@@ -400,7 +403,7 @@ class SimpleLimits(Limits, unittest.TestCase):
         # The dispatcher publishes, and this test's interfaces.
         seen = Received(f"{self.dispatcher}/action_feedback", ActionFeedback, publishers=2)
         self.addCleanup(seen.close)
-        self.interfaces.announced.clear()
+        self.interfaces.announced.discard("store_part")
         self.interfaces.answers["store_part"] = []
         self.knowledge.update([Update(ADD, fact("painted", "leg"))])
         self.give("0.0: (store_part bob leg) [5.0]")
