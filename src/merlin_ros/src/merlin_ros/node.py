@@ -99,11 +99,18 @@ class _Ending:
     @contextlib.contextmanager
     def making(self) -> Iterator[None]:
         """While the node's parts are made, which may take long and is not interrupted."""
+        master_link.bound_calls(master_link.BEGIN_TIMEOUT)
         self._makes = True
         try:
             yield
         finally:
             self._makes = False
+            master_link.bound_calls()
+
+    def ends(self) -> None:
+        """Everything is about to be closed: a call of the main thread must not keep that from the master."""
+        if self._makes:
+            master_link.break_off_calls()
 
     def ended(self) -> None:
         """rospy has closed everything; the main thread may not have noticed."""
@@ -248,10 +255,8 @@ def run_node(
     wrong: Tuple[Type[Exception], ...] = (ParameterError, *errors)
     init_node(name)
     try:
-        master_link.bound_calls(master_link.BEGIN_TIMEOUT)
         with _ending.making():
             run = start()
-        master_link.bound_calls()
         _tell_wrapper()
         (run or rospy.spin)()
     except missing as error:
@@ -411,6 +416,7 @@ def _settle_parameters() -> None:
 
 def _shut_down(reason: str) -> None:
     _limit(END_LIMIT, 1)
+    _ending.ends()
     rospy.signal_shutdown(reason)
     _ending.ended()
 

@@ -5,6 +5,7 @@ rospy and rosgraph wait for the answer of a hung master for as long as it hangs,
 call of the process wait behind that one.
 """
 
+import contextlib
 import errno
 import http.client
 import socket
@@ -22,7 +23,7 @@ from rospy.impl.registration import RegManager
 MASTER_TIMEOUT = 2.5
 #: The same, once a call of the same connection has timed out: others have waited behind it.
 SILENT_TIMEOUT = 1.0
-#: The same while a node begins, which would end where there is no answer: all others begin, too.
+#: The same while a node begins, which would end without an answer: all other nodes begin with it.
 BEGIN_TIMEOUT = 30.0
 #: Longest wait for the registration of a node before its end is looked for, s of wall time.
 REGISTRATION_LOOK = 0.1
@@ -77,6 +78,8 @@ class _BoundedTransport(xmlrpc.client.Transport):
     :param lost: while set, calls fail at once.
     """
 
+    _opened: Optional[http.client.HTTPConnection] = None  # that of the last call
+
     def __init__(self, uri: str, timeout: float, lost: threading.Event) -> None:
         super().__init__()
         self.bound(uri, timeout, lost)
@@ -94,7 +97,15 @@ class _BoundedTransport(xmlrpc.client.Transport):
         connection.timeout = min(self._timeout, SILENT_TIMEOUT) if self._silent else self._timeout
         if connection.sock is not None:  # kept from the call before
             connection.sock.settimeout(connection.timeout)
+        self._opened = connection
         return connection
+
+    def break_off(self) -> None:
+        """Ends the call that waits for its answer, if one does; for another thread than its own."""
+        used = self._opened.sock if self._opened is not None else None
+        if used is not None:
+            with contextlib.suppress(OSError):  # it has just ended
+                used.shutdown(socket.SHUT_RDWR)
 
     def request(self, *args: Any, **options: Any) -> Any:
         """Calls the server.
@@ -184,6 +195,12 @@ def bound_calls(timeout: float = MASTER_TIMEOUT) -> None:
     transport = rospy.core.xmlrpcapi(uri)("transport")
     transport.__class__ = _BoundedTransport  # rospy has made it, and has no other place for it
     transport.bound(uri, timeout, lost)
+
+
+def break_off_calls() -> None:
+    """The node ends while it begins: rospy's call that waits ends, and no later one waits so long."""
+    bound_calls()
+    rospy.core.xmlrpcapi(rosgraph.get_master_uri())("transport").break_off()
 
 
 def hasten_registration() -> None:
