@@ -80,7 +80,7 @@ def failed(moment: Moment, past: RecordedPast, about: str, words: Words) -> Answ
 def _failures(past: RecordedPast) -> Iterator[Event]:
     """What failed, newest first, a request before what ended it: their topics are heard in any order.
 
-    What a planner said of a request that ended by it is no failure of its own.
+    What a planner said of a request that ended by it counts as part of that.
     """
     later: List[Event] = []  # parts that may belong to a request that ended just before they were heard
     for event in past.failures(KINDS):

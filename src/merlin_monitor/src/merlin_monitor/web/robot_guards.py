@@ -59,8 +59,8 @@ class RobotGuards:
     def stop(self, by: str) -> None:
         """Has all guards hold their bases.
 
-        One that seems to do so is told, too: that its base has been released elsewhere may be unread. Held
-        bases keep their first holder.
+        One that seems to do so gets the stop, too: that its base has been released elsewhere may be unread.
+        Held bases keep their first holder.
         """
         with self._changed:
             self._by = by
