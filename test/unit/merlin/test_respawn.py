@@ -64,6 +64,11 @@ case $* in
 esac
 exec {env} "$@"
 """
+# The same, and goes on when a file is there.
+BINDS_LATE = """#!/bin/sh
+case $* in *--version) ;; *) echo binds; until [ -e "{go_on}" ]; do {sleep} 0.01; done ;; esac
+exec {env} "$@"
+"""
 WAITS = """#!/bin/sh
 echo >{waits} && exec {sleep} "$1"
 """
@@ -271,6 +276,21 @@ def test_the_node_ends_when_the_script_is_killed(run: Callable[..., Run]) -> Non
     pid = node.wait_ready()
     node.process.kill()
     assert gone(pid)
+
+
+def test_a_node_is_not_begun_when_the_script_is_killed_before_it_binds_it(
+    run: Callable[..., Run], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    env, go_on = tmp_path / "env", tmp_path / "go on"
+    env.write_text(BINDS_LATE.format(go_on=go_on, env=shutil.which("env"), sleep=shutil.which("sleep")))
+    env.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
+    node = run("wait")
+    assert node.process.stdout is not None and node.process.stdout.readline() == "binds\n"
+    node.process.kill()
+    node.process.wait()
+    go_on.touch()
+    assert node.process.stdout.readline() == "" and node.pids() == []
 
 
 @pytest.fixture
