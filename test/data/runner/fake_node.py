@@ -24,7 +24,14 @@ if what == "litter":
     child = subprocess.Popen([sys.executable, __file__, "deaf"], start_new_session=True)
     print(f"mission: left {child.pid} behind", flush=True)
     sys.exit(0)
-signal.signal(signal.SIGINT, lambda *_: sys.exit(0))
+
+
+def interrupted(*_):
+    print("mission: interrupted", flush=True)
+    sys.exit(0)
+
+
+signal.signal(signal.SIGINT, interrupted)
 if what == "deaf":
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_IGN)

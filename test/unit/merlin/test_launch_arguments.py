@@ -211,3 +211,24 @@ def test_a_name_that_the_file_sets_to_nothing_is_no_argument(tmp_path: Path):
         encoding="utf-8",
     )
     assert known_arguments(file) == {"given": ""}
+
+
+def test_a_launch_file_is_found_in_its_package() -> None:
+    request = LaunchRequest.from_command_line(["merlin", "monitor.launch", "history:="])
+    assert request.launch_file.name == "monitor.launch" and request.arguments == {"history": ""}
+
+
+def test_arguments_of_a_file_that_takes_all_of_them_are_known(tmp_path: Path) -> None:
+    for name, text in (
+        ("top", '<arg name="on"/><include file="$(dirname)/middle.launch" pass_all_args="true"/>'),
+        ("middle", '<arg name="port" default="1"/><include file="$(dirname)/low.launch"/>'),
+        ("low", '<arg name="deep" default="2"/>'),
+    ):
+        (tmp_path / f"{name}.launch").write_text(f"<launch>{text}</launch>")
+    top = str(tmp_path / "top.launch")
+    request = LaunchRequest.from_command_line([top, "on:=robot", "port:=7"])
+    assert request.arguments == {"on": "robot", "port": "7"} and request.port is None
+    with pytest.raises(LaunchError, match="has no argument 'deep'"):
+        LaunchRequest.from_command_line([top, "on:=robot", "deep:=7"])
+    with pytest.raises(LaunchError, match="needs on:="):
+        LaunchRequest.from_command_line([top])

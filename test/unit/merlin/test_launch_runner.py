@@ -18,9 +18,9 @@ from typing import Dict, List, Tuple, Union
 import pytest
 
 from merlin.launch_config import Loader
-from merlin.launch_request import LaunchError, LaunchRequest
 from merlin.launch_runner import CHECK
 from merlin.supervision import PAUSES, Restarts
+from merlin_test.process_end import gone
 
 pytestmark = pytest.mark.processes
 
@@ -405,6 +405,23 @@ def test_a_run_ends_in_order_when_its_supervisor_is_killed(tmp_path: Path) -> No
     assert started.left() == []
 
 
+def test_nodes_end_in_order_when_run_and_supervisor_are_killed_together(tmp_path: Path) -> None:
+    started = wrapped(tmp_path, "wait")
+    started.read_until("ready")
+    killed = (started.process.pid, started.runner())
+    for process in killed:
+        os.kill(process, signal.SIGSTOP)  # neither sees the end of the other
+    nodes = set(started.living()) - set(killed)
+    for process in killed:
+        os.kill(process, signal.SIGKILL)
+    try:
+        assert all(gone(node) for node in nodes)
+        assert "mission: interrupted" in started.end()[1]
+    finally:
+        for process in started.living():
+            os.kill(process, signal.SIGKILL)
+
+
 def test_a_run_that_has_ended_is_not_started_again() -> None:
     code = """
 import os, signal
@@ -456,27 +473,6 @@ def test_what_dies_again_and_again_is_given_up() -> None:
     now[0] = 30.0  # those deaths are too long ago to count
     assert restarts.died() == PAUSES[0]
     assert restarts.words == "it is started again, 1 of 5 times within 30 s"
-
-
-def test_a_launch_file_is_found_in_its_package() -> None:
-    request = LaunchRequest.from_command_line(["merlin", "monitor.launch", "history:="])
-    assert request.launch_file.name == "monitor.launch" and request.arguments == {"history": ""}
-
-
-def test_arguments_of_a_file_that_takes_all_of_them_are_known(tmp_path: Path) -> None:
-    for name, text in (
-        ("top", '<arg name="on"/><include file="$(dirname)/middle.launch" pass_all_args="true"/>'),
-        ("middle", '<arg name="port" default="1"/><include file="$(dirname)/low.launch"/>'),
-        ("low", '<arg name="deep" default="2"/>'),
-    ):
-        (tmp_path / f"{name}.launch").write_text(f"<launch>{text}</launch>")
-    top = str(tmp_path / "top.launch")
-    request = LaunchRequest.from_command_line([top, "on:=robot", "port:=7"])
-    assert request.arguments == {"on": "robot", "port": "7"} and request.port is None
-    with pytest.raises(LaunchError, match="has no argument 'deep'"):
-        LaunchRequest.from_command_line([top, "on:=robot", "deep:=7"])
-    with pytest.raises(LaunchError, match="needs on:="):
-        LaunchRequest.from_command_line([top])
 
 
 def test_the_version_of_ros_is_what_its_command_says() -> None:

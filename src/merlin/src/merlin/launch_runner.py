@@ -34,7 +34,7 @@ from merlin.master import Master, MasterError
 from merlin.running import announced
 from merlin.supervision import WRAPPER_SPAN, Restarts, end_children
 from merlin_ros.lean_start import end_lightly
-from merlin_ros.processes.process_tree import adopt_orphans
+from merlin_ros.processes.process_tree import adopt_orphans, end_with
 
 MISSION_NODE = "mission"
 #: The script that starts a node again which has died, as a launch-prefix.
@@ -205,6 +205,7 @@ class LaunchRun:
                 print(f"{self._command}: {why}; {WRITABLE}", file=sys.stderr)
                 return EXIT_REFUSED
         adopt_orphans()
+        _bind_nodes()
         roslib.set_interactive(True)  # else roslaunch takes the signal handlers for itself
         previous = {number: signal.signal(number, self._signalled) for number in SIGNALS}
         log_file = self.log_folder / "run.log"
@@ -325,6 +326,18 @@ class LaunchRun:
 
     def _logs(self) -> str:
         return f"; logs: {self.log_folder}"
+
+
+def _bind_nodes() -> None:
+    """Has the kernel interrupt the nodes when this process is killed: its supervisor may be, too."""
+    runner, begin_session = os.getpid(), os.setsid
+
+    def begin() -> None:
+        begin_session()
+        if not end_with(runner, signal.SIGINT):
+            os._exit(128 + signal.SIGINT)
+
+    os.setsid = begin  # roslaunch has each of its processes call it
 
 
 def _advice(error: Exception) -> str:

@@ -10,6 +10,7 @@ from typing import Callable, Dict, List, NamedTuple
 
 _PR_SET_PDEATHSIG, _PR_SET_CHILD_SUBREAPER = 1, 36  # linux/prctl.h
 _LISTS = os.path.exists(f"/proc/self/task/{os.getpid()}/children")  # not every kernel is built with it
+_LIBRARY = ctypes.CDLL(None, use_errno=True)  # not loaded between a fork and what the child executes
 _PAGE = os.sysconf("SC_PAGE_SIZE")
 
 
@@ -41,8 +42,7 @@ def end_with(starter: int, number: int) -> bool:
 
 
 def _prctl(option: int, value: int) -> None:
-    library = ctypes.CDLL(None, use_errno=True)
-    if library.prctl(option, value, 0, 0, 0):
+    if _LIBRARY.prctl(option, value, 0, 0, 0):
         raise OSError(ctypes.get_errno(), f"prctl {option}")
 
 
