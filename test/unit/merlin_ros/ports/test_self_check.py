@@ -2,13 +2,15 @@
 """A process that nobody can reach any more notices it, and ends when it can be started again."""
 
 import contextlib
+import itertools
 import socket
 import threading
-from typing import Any, Iterator, List
+import time
+from typing import Any, Callable, Iterator, List
 
 import pytest
 
-from merlin_ros.alarms import call_later
+from merlin_ros.alarms import LONGEST_TICK, call_later
 from merlin_ros.ports import self_check
 from merlin_ros.ports.self_check import Port, SelfCheck
 
@@ -18,10 +20,11 @@ LONG = 60.0
 class Watched:
     """What a self-check says of one port."""
 
-    def __init__(self, *ports: int) -> None:
+    def __init__(self, *ports: int, clock: Callable[[], float] = time.monotonic) -> None:
         self.reasons: List[str] = []
         self.ended = threading.Event()
-        self.check = SelfCheck(lambda: [Port("TEST", number, b"?") for number in ports], self._end)
+        asked = [Port("TEST", number, b"?") for number in ports]
+        self.check = SelfCheck(lambda: asked, self._end, clock)
 
     def _end(self, reason: str) -> None:
         self.reasons.append(reason)
@@ -74,6 +77,30 @@ def test_a_port_that_does_not_answer_ends_the_process(
     assert watched.ended.wait(LONG)
     number = listening.getsockname()[1]
     assert watched.reasons == [f"its port {number} (TEST) gives no answer: it is silent"]
+
+
+def test_an_answer_that_is_late_as_the_looks_for_it_are_ends_nothing(
+    monkeypatch: Any, listening: socket.socket
+) -> None:
+    looks, enough = itertools.count(), threading.Event()
+
+    def starved() -> float:
+        """A clock that goes on by twice the time that a look at it should have waited."""
+        number = next(looks)
+        if number > 2 * self_check.ANSWER / LONGEST_TICK:
+            enough.set()
+        return LONGEST_TICK * number
+
+    monkeypatch.setattr(self_check, "PATIENCE", 1)
+    watched = Watched(listening.getsockname()[1], clock=starved)
+    watched.check.start()
+    connection, _ = listening.accept()
+    with connection:
+        assert enough.wait(LONG)
+        connection.sendall(b"!")
+    answer(listening)  # it has looked again
+    watched.check.stop()
+    assert not watched.reasons
 
 
 def test_a_closed_port_ends_the_process(monkeypatch: Any, listening: socket.socket, watched: Watched) -> None:

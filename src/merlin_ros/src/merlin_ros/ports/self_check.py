@@ -8,17 +8,18 @@ import errno
 import select
 import socket
 import threading
+import time
 from typing import Any, Callable, NamedTuple, Sequence
 
 import rosgraph.network
 
-from merlin_ros.alarms import call_later, wait_ticks
+from merlin_ros.alarms import LONGEST_TICK, TICK, TickClock, call_later
 from merlin_ros.ports.entrance import Greeting
 from merlin_ros.work.threads import start_thread
 
 #: Between two looks, s of wall time.
 PERIOD = 2.0
-#: Longest wait for an answer, s of this process's own ticks.
+#: Longest wait for an answer, s of looks in time.
 ANSWER = 1.0
 #: Looks without an answer, one after the other, after which a port counts as deaf.
 PATIENCE = 3
@@ -43,10 +44,16 @@ class SelfCheck:
     :param end: called once, with the reason, when the process cannot go on as it is: its ports are deaf, its
         timer stands, or all answer but a thread was lost before. Not earlier: what was short would keep it
         from being started again. Must need neither a thread nor a descriptor.
+    :param clock: of the waits for an answer, s.
     """
 
-    def __init__(self, ports: Callable[[], Sequence[Port]], end: Callable[[str], None]) -> None:
-        self._ports, self._end = ports, end
+    def __init__(
+        self,
+        ports: Callable[[], Sequence[Port]],
+        end: Callable[[str], None],
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._ports, self._end, self._clock = ports, end, clock
         self._stopped = threading.Event()
         self._lost = ""  # which thread, and why; written by any thread, the first one stays
 
@@ -89,11 +96,23 @@ class SelfCheck:
                 self._end(faults[0] if faults else self._lost)
                 return
 
+    def _comes(self, attempt: Callable[[float], bool]) -> bool:
+        """Waits for an answer, or for the end of this check.
+
+        What makes a look late, want of a processor or of the interpreter, holds up each step of the answer
+        likewise: the later a look, the less it counts.
+        """
+        ticks, counted = TickClock(self._clock), 0.0
+        while not attempt(TICK) and not self._stopped.is_set():
+            counted += LONGEST_TICK - ticks.look()
+            if counted >= ANSWER:
+                return False
+        return True
+
     def _ask_timer(self) -> str:
         rang = threading.Event()
         call_later(0.0, rang.set)
-        rings = wait_ticks(lambda s: rang.wait(s) or self._stopped.is_set(), ANSWER)
-        return "" if rings else "its timer stands: a call of it does not return"
+        return "" if self._comes(rang.wait) else "its timer stands: a call of it does not return"
 
     def _ask(self, port: Port) -> str:
         """Asks a port; returns why it gave no answer, or nothing."""
@@ -103,7 +122,7 @@ class SelfCheck:
             with socket.create_connection((host, port.number), ANSWER) as connection:
                 connection.sendall(port.question)
                 answer.register(connection, select.POLLIN)
-                if wait_ticks(lambda s: bool(answer.poll(1000 * s)) or self._stopped.is_set(), ANSWER):
+                if self._comes(lambda s: bool(answer.poll(1000 * s))):
                     if self._stopped.is_set() or connection.recv(1):
                         return ""
                     fault = "it closes connections"
