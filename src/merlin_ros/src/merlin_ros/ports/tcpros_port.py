@@ -1,14 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The port of a node's topics and services, with an entrance that no client blocks.
+"""The port of a node's topics and services, with an entrance that no client blocks, and greetings that end.
 
 rospy reads the greetings of connections one after the other, in the thread that takes them. It waits for
-each as long as it takes, lets five more wait, and takes none any more after an error.
+each as long as it takes, lets five more wait, and takes none any more after an error. Its own
+greeting of a connection that another thread closes meanwhile keeps a processor busy for ever.
 """
 
 import socket
 import struct
 from typing import Any, Callable, Optional
 
+from rosgraph.network import write_ros_handshake_header
 from rospy.impl import tcpros_base
 
 from merlin_ros.ports.entrance import Entrance
@@ -23,6 +25,15 @@ PROBE = _LENGTH.pack(_LENGTH.size + len(_PROBE_FIELD)) + _LENGTH.pack(len(_PROBE
 def use_entrance() -> None:
     """Gives this process an entrance for topics and services; before `rospy.init_node`."""
     tcpros_base.TCPServer = _Server
+    tcpros_base.TCPROSTransport.write_header = _write_header
+
+
+def _write_header(transport: Any) -> None:
+    """Greets without rospy's look at the descriptor, which is that of no connection when it was closed."""
+    connection, protocol = transport.socket, transport.protocol
+    if connection is not None and protocol is not None:
+        connection.setblocking(True)
+        transport.stat_bytes += write_ros_handshake_header(connection, protocol.get_header_fields())
 
 
 def greeting_length(said: bytes) -> Optional[int]:
