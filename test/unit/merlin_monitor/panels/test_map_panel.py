@@ -8,8 +8,10 @@ import genpy
 import pytest
 import rospy
 import tf2_ros
-from geometry_msgs.msg import TransformStamped
+from geometry_msgs.msg import PoseStamped, TransformStamped
 from merlin_msgs.msg import ListenActionResult
+from move_base_msgs.msg import MoveBaseActionGoal, MoveBaseActionResult
+from nav_msgs.msg import Path
 from sensor_msgs.msg import LaserScan
 from sound_play.msg import SoundRequest
 
@@ -61,7 +63,7 @@ class System(RosSystem):
         return f"/{name}"
 
     def time(self) -> float:
-        return 1.0
+        return 100.0
 
     def subscribe(self, topic: str, *arguments: Any, **_: Any) -> Subscriber:
         self.subscribers.append(Subscriber(topic, arguments[-1], self.subscribers))
@@ -99,6 +101,91 @@ def done(panel: MapPanel) -> None:
     taken = threading.Event()
     panel.state.inbox.put(taken.set)
     assert taken.wait(LIMIT)
+
+
+def drive(name: str, x: float, stamp: float, frame: str = "map") -> MoveBaseActionGoal:
+    """A goal; without a name it is as rviz sends it."""
+    message = MoveBaseActionGoal()
+    message.header.stamp = rospy.Time(stamp)
+    if name:
+        message.goal_id.id, message.goal_id.stamp = name, rospy.Time(stamp)
+    target = message.goal.target_pose
+    target.header.frame_id, target.pose.position.x, target.pose.orientation.w = frame, x, 1.0
+    return message
+
+
+def drive_ends(name: str, sent: float, at: float) -> MoveBaseActionResult:
+    message = MoveBaseActionResult()
+    message.header.stamp = rospy.Time(at)
+    message.status.goal_id.id, message.status.goal_id.stamp = name, rospy.Time(sent)
+    return message
+
+
+def way(x: float, at: float) -> Path:
+    message = Path(poses=[PoseStamped()])
+    message.header.stamp, message.poses[0].pose.position.x = rospy.Time(at), x
+    return message
+
+
+def shown_after(made: MapPanel, system: System, *messages: Any, robot: str = "") -> Tuple[Any, Any]:
+    """The goal and the path of a robot after messages of move_base, in the order in which they are read."""
+    topics = {MoveBaseActionGoal: "goal", MoveBaseActionResult: "result", Path: "plan"}
+    below = f"/{robot}/" if robot else ""
+    receive = {each.topic: each.receive for each in system.subscribers}
+    for message in messages:
+        receive[f"{below}move_base/{topics[type(message)]}"](message)
+    done(made)
+    place = ("map", "ways", robot) if robot else ("map",)
+    return made.state.tree.get(*place, "goal"), made.state.tree.get(*place, "path")
+
+
+HALL = [1.0, 0.0, 0.0]
+KITCHEN = [2.0, 0.0, 0.0]
+
+
+@pytest.mark.parametrize("robot", ["", "ann"])
+@pytest.mark.parametrize("name", ["b", ""])
+def test_the_goal_on_the_map_is_that_which_runs_whichever_topic_is_read_first(
+    panel: Tuple[MapPanel, System], name: str, robot: str
+) -> None:
+    made, system = panel
+    name_robots(made, "ann")
+    made.look({})
+    first, second = drive("a", 1.0, 10.0), drive(name, 2.0, 20.0)
+    assert shown_after(made, system, first, robot=robot)[0] == HALL
+    after = second, way(2.0, 21.0), drive_ends("a", 10.0, 20.0)
+    assert shown_after(made, system, *after, robot=robot) == (KITCHEN, [[2.0, 0.0]])
+    assert shown_after(made, system, drive_ends("b", 20.0, 30.0), robot=robot) == (None, [])
+    third = drive(name and "c", 1.0, 40.0)
+    assert shown_after(made, system, drive_ends("c", 40.0, 50.0), third, robot=robot)[0] is None
+
+
+def test_an_older_goal_of_another_client_is_shown_only_when_the_clock_began_anew(
+    panel: Tuple[MapPanel, System],
+) -> None:
+    made, system = panel
+    assert shown_after(made, system, drive("b", 2.0, 20.0), drive("a", 1.0, 10.0))[0] == KITCHEN
+    before = drive("c", 2.0, 2 * system.time()), drive_ends("c", 2 * system.time(), 200.0)
+    assert shown_after(made, system, *before, drive("", 1.0, 30.0))[0] == HALL
+
+
+def test_a_way_that_is_read_after_the_end_of_its_drive_is_not_shown(panel: Tuple[MapPanel, System]) -> None:
+    made, system = panel
+    late = drive("a", 1.0, 10.0), drive_ends("a", 10.0, 20.0), way(1.0, 19.0)
+    assert shown_after(made, system, *late) == (None, [])
+    early = way(2.0, 21.0), drive("b", 2.0, 20.5)
+    assert shown_after(made, system, *early) == (KITCHEN, [[2.0, 0.0]])
+
+
+def test_a_goal_in_another_frame_is_shown_in_that_of_the_map(panel: Tuple[MapPanel, System]) -> None:
+    made, system = panel
+    assert shown_after(made, system, drive("a", 1.0, 10.0, "odom"))[0] is None
+    transform = TransformStamped(child_frame_id="odom")
+    transform.header.frame_id, transform.header.stamp = "map", rospy.Time(11.0)
+    transform.transform.translation.y = 3.0
+    transform.transform.rotation.z = transform.transform.rotation.w = 0.5**0.5  # a quarter turn
+    system.buffer.set_transform(transform, "")
+    assert shown_after(made, system, drive("b", 1.0, 12.0, "odom"))[0] == [0.0, 4.0, 1.571]
 
 
 def test_strange_names_of_robots_and_frames_are_not_looked_up(panel: Tuple[MapPanel, System]) -> None:

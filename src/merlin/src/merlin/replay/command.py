@@ -40,7 +40,7 @@ FOLLOWED = (
     "/smach/container_structure",
     "/smach/container_status",
     "/move_base/result",
-    "/move_base/current_goal",
+    "/move_base/goal",
     "/move_base/plan",
 )
 

@@ -1,21 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """The panel of the map: robots on it, their paths, points of interest and people."""
 
+import math
 from typing import Any, Callable, Dict, List, Optional, Tuple
 
 import numpy
 import roslib.message
 import tf2_ros
 from actionlib_msgs.msg import GoalStatus
-from geometry_msgs.msg import PoseStamped
-from move_base_msgs.msg import MoveBaseActionResult
+from move_base_msgs.msg import MoveBaseActionGoal, MoveBaseActionResult
 from nav_msgs.msg import OccupancyGrid, Path
 from sensor_msgs.msg import LaserScan
 
 from merlin_monitor.listeners.panel import Panel, PlanRobots
 from merlin_monitor.listeners.ros_system import RosSystem
 from merlin_monitor.state.freshness import Source
-from merlin_monitor.state.map_section import yaw_of
+from merlin_monitor.state.map_section import Sent, yaw_of
 from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_monitor.truth.worst_truth import NAVIGATION
 
@@ -25,7 +25,7 @@ PEOPLE = (
     "people_msgs/People",
     "visualization_msgs/MarkerArray",
 )
-GOAL, RESULT = "move_base/current_goal", "move_base/result"
+GOAL, RESULT = "move_base/goal", "move_base/result"
 #: Of move_base and its global planners.
 PATHS = ("move_base/plan", "move_base/NavfnROS/plan", "move_base/GlobalPlanner/plan")
 SIMULATED_PEOPLE = "/merlin_sim/people"
@@ -132,15 +132,36 @@ class MapPanel(Panel):
     def _follow(self, robot: str) -> List[Any]:
         """Subscribes to where a robot is going; of several robots of one plan by their names."""
         shown, below = self.state.map, f"/{robot}/" if robot else ""
+
+        def ended(end: MoveBaseActionResult, at: float) -> None:
+            shown.ended(_failure(end), at, robot, _sent(end.status.goal_id))
+
+        def goal(to: MoveBaseActionGoal, at: float) -> None:
+            sent = _sent(to.goal_id if to.goal_id.id else to.header)
+            shown.goal(self._target(to.goal.target_pose), self.ros.time(), robot, sent)
+
         takes: List[Tuple[str, type, Callable[[Any, float], None]]] = [
-            (RESULT, MoveBaseActionResult, lambda end, at: shown.ended(_failure(end), at, robot)),
-            (GOAL, PoseStamped, lambda to, at: shown.goal(_pose_of(to.pose), self.ros.time(), robot)),
+            (RESULT, MoveBaseActionResult, ended),
+            (GOAL, MoveBaseActionGoal, goal),
         ]
-        takes += [(path, Path, lambda way, at: shown.path(_points_of(way), robot)) for path in PATHS]
+        takes += [(path, Path, lambda way, at: shown.path(_points_of(way), at, robot)) for path in PATHS]
         return [
             self.subscribe(f"{below}{topic}", kind, take, queue_size=1 if kind is Path else 100)
             for topic, kind, take in takes
         ]
+
+    def _target(self, target: Any) -> Optional[Tuple[float, float, float]]:
+        """Where a goal is in the map's frame; None: there is no way into that."""
+        at, frame = target.pose, target.header.frame_id
+        x, y, yaw = at.position.x, at.position.y, yaw_of(at.orientation)
+        if frame.lstrip("/") in ("", self._frames[0].lstrip("/")):
+            return x, y, yaw
+        try:
+            from_x, from_y, turn = _pose_in(self._transform(self._frames[0], frame))
+        except NO_TRANSFORM:
+            return None
+        cosine, sine = math.cos(turn), math.sin(turn)
+        return from_x + x * cosine - y * sine, from_y + x * sine + y * cosine, yaw + turn
 
     def check(self, at: float, wall: float) -> None:
         """Notices that it stands."""
@@ -200,8 +221,9 @@ def _points_of(path: Path) -> List[Tuple[float, float]]:
     return [(stamped.pose.position.x, stamped.pose.position.y) for stamped in path.poses]
 
 
-def _pose_of(pose: Any) -> Tuple[float, float, float]:
-    return pose.position.x, pose.position.y, yaw_of(pose.orientation)
+def _sent(of: Any) -> Sent:
+    """Of a goal's id; of the header of a goal without one."""
+    return Sent(getattr(of, "id", ""), of.stamp.to_sec())
 
 
 def _pose_in(stamped: Any) -> Tuple[float, float, float]:

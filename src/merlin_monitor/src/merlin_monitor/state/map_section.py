@@ -3,7 +3,7 @@
 
 import math
 from collections import deque
-from typing import Any, Callable, Deque, Dict, List, Optional, Sequence, Tuple, Union
+from typing import Any, Callable, Deque, Dict, List, NamedTuple, Optional, Sequence, Tuple, Union
 
 import numpy
 
@@ -33,10 +33,25 @@ LONGEST_PATH = 300  # points that are shown
 TRAIL_STEP = 0.15  # m between two points of the trail
 LONGEST_TRAIL = 400  # points
 JUMP = 2.0  # m; further away within one look, the robot was put there
+LATE_GOALS = 20  # ends that may be read before their goals
+
+
+class Sent(NamedTuple):
+    """The id of a goal, and when it was sent, s of ROS time; one without an id gets both from its server."""
+
+    id: str = ""
+    stamp: float = 0.0
+
+    def is_of(self, end: "Sent") -> bool:
+        """Whether a result is that of this goal."""
+        return self.id == end.id if self.id else self.stamp <= end.stamp
+
+
+NOT_SAID = Sent()
 
 
 class RobotTrack:
-    """Keeps ``path``, ``goal`` and ``trail`` of one robot.
+    """Keeps ``path``, ``goal`` and ``trail`` of one robot. Its goals, results and paths overtake each other.
 
     :param tree: of the state.
     :param place: where these three are in the state.
@@ -46,19 +61,44 @@ class RobotTrack:
         self._tree = tree
         self._place = place
         self._trail: Deque[Tuple[int, float, float]] = deque()
+        self._runs: Optional[Sent] = None
+        self._ends: Deque[Sent] = deque(maxlen=LATE_GOALS)
+        self._ended = -math.inf  # s of ROS time
 
-    def path(self, points: Sequence[Tuple[float, float]]) -> None:
+    def path(self, points: Sequence[Tuple[float, float]], at: float = math.inf) -> None:
         """The way the robot means to take, m; none: it is not going anywhere."""
+        if self._runs is None and at < self._ended:
+            return
         stride = max(1, -(-len(points) // LONGEST_PATH))
         shown = [[round(x, 2), round(y, 2)] for x, y in points[::stride]]
         if points and stride > 1:
             shown.append([round(points[-1][0], 2), round(points[-1][1], 2)])
         self._tree.set(*self._place, "path", shown)
 
-    def goal(self, pose: Optional[Tuple[float, float, float]]) -> None:
-        """Where it is going, m and rad; None: nowhere."""
+    def goal(
+        self, pose: Optional[Tuple[float, float, float]], at: float = 0.0, sent: Sent = NOT_SAID
+    ) -> bool:
+        """Where it is going, m and rad; None: not known. Returns whether this is the goal that runs.
+
+        :param at: s of ROS time; what is later is of before the clock began anew.
+        """
+        older = self._runs is not None and sent.stamp < self._runs.stamp <= at
+        if older or (any(sent) and any(sent.is_of(end) for end in self._ends if end.stamp <= at)):
+            return False
+        self._runs = sent
         shown = None if pose is None else [round(value, 3) for value in pose]
         self._tree.set(*self._place, "goal", shown)
+        return True
+
+    def ended(self, end: Sent, at: float) -> bool:
+        """A goal has ended. Returns whether none runs now."""
+        self._ends.append(end)
+        if self._runs is not None and not self._runs.is_of(end):
+            return False
+        self._runs, self._ended = None, at
+        self._tree.set(*self._place, "goal", None)
+        self._tree.set(*self._place, "path", [])
+        return True
 
     def was(self, x: float, y: float) -> None:
         """Notes where the robot is, m."""
@@ -172,15 +212,14 @@ class MapSection:
         points = points[:: max(1, -(-len(points) // MOST_SEEN))]
         self._tree.set(SECTION, "seen", [[round(float(x), 2), round(float(y), 2)] for x, y in points])
 
-    def ended(self, reason: str, at: float, robot: str = "") -> None:
+    def ended(self, reason: str, at: float, robot: str = "", sent: Sent = NOT_SAID) -> None:
         """A drive has ended.
 
         :param reason: why it failed; empty: it did not.
         :param robot: of one plan; empty: the one of the monitor's namespace.
+        :param sent: its goal.
         """
-        self.goal(None, at, robot)
-        self.path([], robot)
-        if not robot:
+        if self.track(robot).ended(sent, at) and not robot:
             self._failed = reason
             self.look(at)
 
@@ -206,19 +245,24 @@ class MapSection:
         way = [p for p in self._tree.get(SECTION, "path") or [] if math.dist(p, robot[:2]) < AHEAD]
         return STANDS_WAY if any(crowded(x, y) for x, y in way) else STANDS
 
-    def path(self, points: Sequence[Tuple[float, float]], robot: str = "") -> None:
-        """The way a robot means to take, m; none: it is not going anywhere."""
-        self.track(robot).path(points)
+    def path(self, points: Sequence[Tuple[float, float]], at: float = math.inf, robot: str = "") -> None:
+        """The way a robot means to take, m, and when it was found; none: it is not going anywhere."""
+        self.track(robot).path(points, at)
 
-    def goal(self, pose: Optional[Tuple[float, float, float]], at: float = 0.0, robot: str = "") -> None:
-        """Where a robot is going.
+    def goal(
+        self,
+        pose: Optional[Tuple[float, float, float]],
+        at: float = 0.0,
+        robot: str = "",
+        sent: Sent = NOT_SAID,
+    ) -> None:
+        """Where a robot is going, m and rad; None: not known.
 
         :param at: since when, s of ROS time: what it stood before does not count.
         """
-        if pose is not None and not robot:
+        if self.track(robot).goal(pose, at, sent) and not robot:
             self._failed = ""
             self._since = max(self._since, at)
-        self.track(robot).goal(pose)
 
     def track(self, robot: str) -> RobotTrack:
         """Of one of the robots of a plan."""
