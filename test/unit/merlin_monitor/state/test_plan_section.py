@@ -2,7 +2,7 @@
 """The plan: its steps follow what is dispatched and answered, whatever the order of the messages."""
 
 from itertools import permutations
-from typing import Any, Dict, Tuple
+from typing import Any, Dict, Iterator, List, Tuple
 
 import pytest
 from merlin_msgs.msg import DispatchStatus, PlannerStatus
@@ -239,3 +239,47 @@ def test_what_goes_on_is_shown_in_front_of_the_plan_that_follows() -> None:
     plan.dispatched(dispatch(2, "ask", ("p", "bath"), plan=7), 20.1)
     assert states(tree) == {"0": "succeeded", "2": "dispatched", "3": "waiting"}
     assert plan.step("(ask bath)") == 2 and plan.count == 3
+
+
+def interleaved(*topics: List[Any]) -> Iterator[List[Any]]:
+    """All orders in which the messages of several topics can be read; those of one keep theirs."""
+    if not any(topics):
+        yield []
+    for topic in topics:
+        rest = [each[1:] if each is topic else each for each in topics]
+        yield from ([topic[0], *order] for order in (interleaved(*rest) if topic else ()))
+
+
+@pytest.mark.parametrize(
+    "first", [PLAN, CompletePlan([dispatch(0, "ask", ("p", "kitchen"))])], ids=["same", "other"]
+)
+@pytest.mark.parametrize("count", [2, 3])
+def test_plans_that_follow_each_other_while_the_monitor_hangs(first: CompletePlan, count: int) -> None:
+    """All but the last one fail; what is shown is what runs, in all orders of the topics."""
+    topics: List[List[Tuple[str, Any]]] = [[], [], []]
+    for number, plans in enumerate([first, *[PLAN] * (count - 1)]):
+        begun = dispatch(0, plans.plan[0].name, plan=7 + number)
+        begun.parameters = plans.plan[0].parameters
+        answer = (1, "") if number == count - 1 else (10, "blocked")
+        topics[0].append(("planned", sequential_steps(plans)))
+        topics[1].append(("dispatched", (begun,)))
+        topics[2].append(("feedback", (feedback(0, *answer, plan=7 + number),)))
+    for order in interleaved(*topics):
+        tree, plan, _ = section()
+        plan.planned(*sequential_steps(CompletePlan([dispatch(0, "ask", ("p", "hall"))])), 1.0)
+        plan.dispatched(dispatch(0, "ask", ("p", "hall"), plan=6), 1.1)
+        for topic, message in order:
+            getattr(plan, topic)(*message, 15.0)
+        assert states(tree) == {"0": "running", "1": "waiting"}, [topic for topic, _ in order]
+
+
+def test_an_answer_counts_for_the_dispatch_that_has_begun_its_step() -> None:
+    tree, plan, _ = section()
+    plan.planned(*sequential_steps(PLAN), 15.0)
+    plan.dispatched(dispatch(0, "navigate", *DRIVE, plan=8), 15.0)
+    before = [running(0, "ask", ("p", "hall"))]
+    plan.dispatcher(DispatchStatus(state=DispatchStatus.RUNNING, plan_id=7, running=before), 10.6)
+    plan.feedback(feedback(0, 10, "blocked", plan=7), 15.0)
+    assert states(tree)["0"] == "dispatched"
+    plan.feedback(feedback(0, 1, plan=8), 15.0)
+    assert states(tree)["0"] == "running"

@@ -62,6 +62,9 @@ class PlanSection:
         self._kept: Mapping[str, Any] = {}  # the section of an earlier life, until the first plan
         self._missed: List[Tuple[Any, float]] = []  # dispatches of no step that is known, or begun before
         self._begun: Dict[int, int] = {}  # step -> the dispatch that has begun it
+        self._earlier: Set[int] = set()  # dispatches of the plan before
+        self._skipped = 0  # plans just before this one of which nothing was heard
+        self._planned_at = -math.inf  # s of ROS time
         tree.put(SECTION, steps={}, replans=[])
 
     @property
@@ -90,7 +93,10 @@ class PlanSection:
         """Takes a new plan."""
         late = not self._plans and self._status is not None and self._status.state
         overtaken = self._status if self._of_another_plan(at) else None
-        self._plans += 1
+        at_once = bool(self._steps) and at - self._planned_at < OVERTAKEN
+        skipped, self._skipped = self._skipped + (not self._begun) if at_once else 0, 0
+        self._plans, self._planned_at = self._plans + 1, at
+        self._earlier = set(self._begun.values())
         self._dispatch, self._begun = 0, {}
         missed = [(message, received) for message, received in self._missed if at - received < OVERTAKEN]
         self._missed = []
@@ -108,6 +114,7 @@ class PlanSection:
             self._report(sentence("plan", self._words_of_plan(), at))
         for message, received in missed:
             self.dispatched(message, received)
+        self._skipped = skipped
         if late:
             self._catch_up()
             return
@@ -142,7 +149,17 @@ class PlanSection:
         step = self._steps.get(message.action_id)
         text = atom_text(message.name, [parameter.value for parameter in message.parameters])
         known = step is not None and step["text"] == text
-        if not known or self._begun.get(message.action_id, message.plan_id) != message.plan_id:
+        begun = self._begun.get(message.action_id, message.plan_id)
+        skipped = self._skipped if at - self._planned_at < OVERTAKEN else 0
+        earlier = bool({begun, message.plan_id} & self._earlier) and at - self._planned_at < OVERTAKEN
+        if skipped and not known:
+            self._skipped -= 1
+            return
+        if known and begun < message.plan_id and (skipped or earlier):
+            self._skipped -= not earlier
+            self._take_back()
+            begun = message.plan_id
+        if not known or begun != message.plan_id:
             # Latched, of a plan that was not received, or faster than its plan, which may be the same again.
             self._missed = [*self._missed, (message, at)][-20:]
             return
@@ -157,7 +174,7 @@ class PlanSection:
         """Takes a message with the fields of rosplan_dispatch_msgs/ActionFeedback."""
         reason = next((pair.value for pair in message.information if pair.key == "reason"), "")
         step = self._steps.get(message.action_id)
-        known = message.plan_id in (0, self._dispatch)
+        known = message.plan_id in (0, self._begun.get(message.action_id, self._dispatch))
         if step is None or not known or step["state"] in (WAITING, *ENDED):
             # Latched by each interface: of an earlier plan, or of a dispatch that, or whose plan, is late.
             if len(self._early) > 200:
@@ -206,6 +223,15 @@ class PlanSection:
         if status is None or not status.state or at - self._status_at >= OVERTAKEN:
             return False
         return status.plan_id not in self._begun.values()
+
+    def _take_back(self) -> None:
+        """Read in one go after a stall, what has begun was of a plan before this one, which waits."""
+        for identity in self._begun:
+            step = self._steps[identity]
+            for field in ("began", "ended", "reason"):
+                step.pop(field, None)
+            self._put(step, state=WAITING)
+        self._begun = {}
 
     def _begin(self, step: Dict[str, Any], dispatch: int, at: float) -> None:
         self._begun[step["id"]] = dispatch
