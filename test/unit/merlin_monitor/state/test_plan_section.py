@@ -5,10 +5,12 @@ from itertools import permutations
 from typing import Any, Dict, Iterator, List, Tuple
 
 import pytest
-from merlin_msgs.msg import DispatchStatus, PlannerStatus
-from messages import Reported, dispatch, feedback, running
+from merlin_msgs.msg import DispatchStatus, ExecutorStatus, PlannerStatus
+from messages import Reported, dispatch, ended, executor, feedback, running
 from rosplan_dispatch_msgs.msg import CompletePlan, EsterelPlan, EsterelPlanEdge, EsterelPlanNode
 
+from merlin_monitor.state.inbox import DirectInbox
+from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_monitor.state.plan_section import PlanSection
 from merlin_monitor.state.plan_steps import graph_steps, sequential_steps
 from merlin_monitor.state.state_tree import StateTree
@@ -283,3 +285,18 @@ def test_an_answer_counts_for_the_dispatch_that_has_begun_its_step() -> None:
     assert states(tree)["0"] == "dispatched"
     plan.feedback(feedback(0, 1, plan=8), 15.0)
     assert states(tree)["0"] == "running"
+
+
+def test_a_plan_is_not_dropped_with_the_request_before_its_own() -> None:
+    model = MonitorModel(DirectInbox())
+    tree = model.tree
+    model.now.executor(executor(ExecutorStatus.RUNNING, request="first", steps_total=1), 1.0)
+    model.planned(*sequential_steps(PLAN), 15.0)
+    model.now.result(ended("first", "succeeded"), 12.0)
+    model.now.executor(executor(ExecutorStatus.RUNNING, request="first", steps_total=2), 11.0)
+    assert states(tree) == {"0": "dropped", "1": "dropped"}, "as far as is known it is that of the first"
+    model.now.executor(executor(ExecutorStatus.RUNNING, request="second"), 13.0)
+    model.now.executor(executor(ExecutorStatus.RUNNING, request="second", steps_total=2), 14.0)
+    assert states(tree) == {"0": "waiting", "1": "waiting"}
+    model.now.result(ended("second", "cancelled"), 16.0)
+    assert states(tree) == {"0": "dropped", "1": "dropped"}

@@ -154,6 +154,7 @@ class NowSection:
             self._plan_request = message.request or self._plan_request
         elif message.replans > before.get("replans", 0):
             self._plan.replanned(message.reason, at)
+        self._plan.carried_out(message.request, message.steps_total)
         if message.held and message.held != before.get("held"):
             self._report(sentence("control", self._held(), at))
         self.refresh()
@@ -172,7 +173,7 @@ class NowSection:
         self._request_times.end(identity, at, outcome)
         self._tree.set(QUEUE, "ended", self._request_times.ended())
         if identity == self._plan_request:
-            self._plan.request_ended()
+            self._plan.request_ended(identity)
         what = words or say("a request")
         seconds = f"{at - began:.1f} s"
         said = say("“{goals}”: {outcome} after {time}", goals=what, outcome=say(outcome), time=seconds)
@@ -234,9 +235,7 @@ class NowSection:
     def _interrupted(self, request: Dict[str, Any], others: Iterable[Dict[str, Any]], at: float) -> None:
         """Reports which request replaced another; that one may run, wait, or have waited just now."""
         goals = request["words"] or say("a request")
-        urgent = [
-            other for other in others if other.get("request") and other["priority"] > request["priority"]
-        ]
+        urgent = [each for each in others if each.get("request") and each["priority"] > request["priority"]]
         if not urgent:
             self._report(sentence("goal", say("“{goals}” interrupted", goals=goals), at))
             return

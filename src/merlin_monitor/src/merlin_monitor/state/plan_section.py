@@ -62,6 +62,7 @@ class PlanSection:
         self._kept: Mapping[str, Any] = {}  # the section of an earlier life, until the first plan
         self._missed: List[Tuple[Any, float]] = []  # dispatches of no step that is known, or begun before
         self._begun: Dict[int, int] = {}  # step -> the dispatch that has begun it
+        self._ended = ""  # the request that has ended last
         self._earlier: Set[int] = set()  # dispatches of the plan before
         self._skipped = 0  # plans just before this one of which nothing was heard
         self._planned_at = -math.inf  # s of ROS time
@@ -302,8 +303,16 @@ class PlanSection:
         self._replans = []
         self._tree.set(SECTION, "replans", [])
 
-    def request_ended(self) -> None:
+    def carried_out(self, request: str, steps: int) -> None:
+        """A request has a plan of so many steps: that may have been read, and dropped, before it."""
+        if request not in ("", self._ended) and steps == len(self._steps) and not self._begun:
+            for step in self._steps.values():
+                if step["state"] == DROPPED:
+                    self._put(step, state=WAITING)
+
+    def request_ended(self, request: str = "") -> None:
         """The request of the plan has ended: what was not dispatched never will be."""
+        self._ended = request
         for step in self._steps.values():
             if step["state"] == WAITING:
                 self._put(step, state=DROPPED)
