@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a monitor tells the guards of its robots, when it was restarted while a stop stands."""
 
-from typing import Any, Dict, List, Tuple
+from typing import Any, Callable, Dict, List, Tuple
 
 import pytest
 import rospy
@@ -18,10 +18,12 @@ class Robots:
         self.reported: List[Tuple[str, str]] = []
         self.now = 1000.0
         self._listeners: Dict[str, Any] = {}
+        self._later: List[Callable[[], object]] = []
         monkeypatch.setattr(rospy, "Publisher", self._publisher)
         monkeypatch.setattr(rospy, "Subscriber", self._subscriber)
         monkeypatch.setattr(robot_guards, "ServiceProxy", lambda *_, **__: self)
         monkeypatch.setattr(robot_guards, "time", self)
+        monkeypatch.setattr(robot_guards, "call_later", self._call_later, raising=False)
 
     def monotonic(self) -> float:
         return self.now
@@ -31,6 +33,18 @@ class Robots:
 
     def _subscriber(self, topic: str, _: Any, listener: Any, **__: Any) -> None:
         self._listeners[topic.partition("/")[0]] = listener
+
+    def _call_later(self, seconds: float, call: Callable[[], object]) -> None:
+        self._later.append(call)
+
+    def read_on(self) -> None:
+        """The monitor's process goes on for so long that it has read what was said before."""
+        while self._later:
+            self._later.pop(0)()
+
+    def take_later(self) -> Callable[[], object]:
+        """What the monitor does once it has read on."""
+        return self._later.pop()
 
     def available(self) -> bool:
         """None of their services is there."""
@@ -115,8 +129,35 @@ def test_a_guard_that_goes_on_holding_its_base_confirms_a_further_stop(robots: R
     monitor = robots.monitor()
     robots.say("merlin", stopped_by="Ana")
     monitor.stop("Bob")
+    robots.read_on()
     robots.say("merlin", stopped_by="Ana")
     assert monitor.wait_held(0.0) == {"": True}
+
+
+@pytest.mark.parametrize("holder", ["Ana", "Bob"])
+def test_what_a_guard_has_said_before_confirms_no_stop(robots: Robots, holder: str) -> None:
+    monitor = robots.monitor()
+    robots.say("merlin", stopped_by=holder)
+    monitor.stop("Bob")
+    robots.say("merlin", stopped_by=holder)  # before it was released elsewhere
+    robots.say("merlin")
+    assert monitor.wait_held(0.0) == {"": False} and monitor.stop_stands
+    robots.say("merlin", stopped_by="Bob")
+    assert monitor.wait_held(0.0) == {"": True} and monitor.stop_stands
+    robots.read_on()
+    robots.say("merlin")
+    assert not monitor.stop_stands, "it was released elsewhere"
+
+
+def test_only_the_last_stop_says_what_was_read_before_it(robots: Robots) -> None:
+    monitor = robots.monitor()
+    robots.say("merlin", stopped_by="Ana")
+    monitor.stop("Bob")
+    first = robots.take_later()
+    monitor.stop("Bob")
+    first()
+    robots.say("merlin", stopped_by="Ana")
+    assert monitor.wait_held(0.0) == {"": False}
 
 
 def test_who_holds_now_is_what_a_guard_says_that_still_speaks(robots: Robots) -> None:

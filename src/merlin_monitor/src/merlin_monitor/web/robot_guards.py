@@ -17,9 +17,11 @@ from std_srvs.srv import Trigger
 
 from merlin_executor.core.base_hold import hold_words, holder_of
 from merlin_monitor.web.page_control import ControlError
+from merlin_ros.alarms import call_later
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
 
 ANSWERS = 1.0  # s of wall time
+READ = 0.2  # s of this process's time, after which the words of before a stop have been read
 RELEASED = 5.0  # s of wall time; one that is late is carried out all the same, and must not be called refused
 START = 10.0  # s of wall time in which a monitor that begins hears the guards there are
 #: What a guard says of those who stop the base of one robot alone: nodes, and the button of a joystick.
@@ -38,6 +40,7 @@ class RobotGuards:
         self._changed = threading.Condition()  # guards the fields below, and those of each guard
         self._guards: Dict[str, _Guard] = {}
         self._by = ""  # whose stop stands
+        self._stops = 0
         self._begins_until = time.monotonic() + START
         self.follow("", True)
 
@@ -64,11 +67,18 @@ class RobotGuards:
         """
         with self._changed:
             self._by = by
-            guards = list(self._guards.values())
+            self._stops += 1
+            number, guards = self._stops, list(self._guards.values())
             for guard in guards:
-                guard.confirmed = False
+                guard.confirmed, guard.old = False, True
         for guard in guards:
             guard.stops.publish(String(by))
+        call_later(READ, lambda: self._has_read(number))
+
+    def _has_read(self, stop: int) -> None:
+        with self._changed:
+            for guard in self._guards.values():
+                guard.old = guard.old and stop != self._stops
 
     def wait_held(self, limit: float = ANSWERS) -> Dict[str, bool]:
         """Waits for the guards to confirm a stop; returns which have, by their robots.
@@ -114,11 +124,12 @@ class RobotGuards:
 
     def _receive(self, guard: "_Guard", status: GuardStatus) -> None:
         with self._changed:
-            was_gone = guard.silent
+            was_gone, held_by = guard.silent, guard.held_by
             if guard.status is None and time.monotonic() < self._begins_until:
                 self._by = self._by or _stopped_all(status)
             guard.status, guard.heard = status, time.monotonic()
-            guard.confirmed = guard.stopped or (guard.confirmed and not was_gone)
+            answers = not guard.old or (guard.held_by == self._by != held_by)
+            guard.confirmed = (guard.stopped and answers) or (guard.confirmed and not was_gone)
             if all(each.confirmed and not each.stopped for each in self._counting().values()):
                 self._by = ""  # all have been released elsewhere
             by = "" if guard.confirmed else self._by
@@ -131,13 +142,14 @@ class _Guard:
     """The guard of one base; `RobotGuards` owns the fields.
 
     :ivar confirmed: whether it has held its base since the last stop.
+    :ivar old: whether what it said before the last stop may be unread, but for what names its operator.
     """
 
     def __init__(self, robot: str, receive: Callable[["_Guard", GuardStatus], None]) -> None:
         topics = f"{robot}/merlin" if robot else "merlin"
         self.status: Optional[GuardStatus] = None
         self.heard = 0.0
-        self.confirmed = False
+        self.confirmed = self.old = False
         self.stops = rospy.Publisher(f"{topics}/stop_by", String, queue_size=10, tcp_nodelay=True)
         self.release = ServiceProxy(f"{topics}/release", Trigger, timeout=RELEASED)
         self._subscriber = rospy.Subscriber(
@@ -148,6 +160,11 @@ class _Guard:
     def stopped(self) -> bool:
         """Whether it holds its base, as it has said last."""
         return self.status is not None and self.status.state == GuardStatus.STOPPED
+
+    @property
+    def held_by(self) -> str:
+        """The operator who holds its base, as it has said last; empty: none, or it names none."""
+        return holder_of(self.status.reason) if self.status is not None and self.stopped else ""
 
     @property
     def silent(self) -> bool:
