@@ -5,23 +5,71 @@ An index is made when something is first asked of it, and kept up from then on: 
 base answers before 100 000 facts are indexed, and a copy that is only evaluated costs no more than its rows.
 """
 
-from typing import Any, Callable, Dict, Generic, Iterator, List, Optional, Sequence, Tuple, TypeVar
+from typing import Any, Callable, Dict, Generic, Iterable, Iterator, List, Optional, Sequence, Tuple, TypeVar
 
 from merlin_pddl.knowledge import Instance, Key, Row
 
 R = TypeVar("R", bound=Row)
 T = TypeVar("T", bound="Table[Any]")
+Keys = Dict[Key, None]  # a set that keeps its order
+
+
+class Index:
+    """Keys by what stands in them.
+
+    Of rows that do not change any number of threads may ask at once: two that make the index make it twice,
+    and either one is whole when it is seen.
+
+    :param entries: what a key is found by.
+    """
+
+    def __init__(self, entries: Callable[[Key], Iterable[Any]]) -> None:
+        self._entries = entries
+        self._found: Optional[Dict[Any, Keys]] = None  # None: not made yet
+
+    def of(self, rows: Iterable[Key]) -> Dict[Any, Keys]:
+        """The keys of the table's rows, by each entry."""
+        found = self._found
+        if found is None:
+            found = {}
+            for key in rows:
+                for entry in self._entries(key):
+                    found.setdefault(entry, {})[key] = None
+            self._found = found
+        return found
+
+    def enter(self, key: Key) -> None:
+        """A new key."""
+        if self._found is not None:
+            for entry in self._entries(key):
+                self._found.setdefault(entry, {})[key] = None
+
+    def leave(self, key: Key) -> None:
+        """A key that is gone."""
+        if self._found is not None:
+            for entry in self._entries(key):
+                keys = self._found.get(entry, {})
+                keys.pop(key, None)
+                if not keys:
+                    self._found.pop(entry, None)
+
+    def forget(self) -> None:
+        """Everything is new."""
+        self._found = None
 
 
 class Table(Generic[R]):
     """Rows by key, in the order in which they came.
 
     A row keeps its place when another one takes over its key. Not thread-safe: the store locks.
+
+    :param indexes: that it keeps up.
     """
 
-    def __init__(self, kind: str) -> None:
+    def __init__(self, kind: str, *indexes: Index) -> None:
         self.kind = kind
         self.rows: Dict[Any, R] = {}
+        self._indexes = indexes
 
     def get(self, key: Any) -> Optional[R]:
         """The row of a key."""
@@ -30,13 +78,15 @@ class Table(Generic[R]):
     def put(self, key: Any, row: R) -> None:
         """Stores a row."""
         if key not in self.rows:
-            self._enter(key)
+            for index in self._indexes:
+                index.enter(key)
         self.rows[key] = row
 
     def remove(self, key: Any) -> None:
         """Drops an existing row."""
         del self.rows[key]
-        self._leave(key)
+        for index in self._indexes:
+            index.leave(key)
 
     def load(self, rows: Sequence[R]) -> None:
         """Stores the rows of an empty table, in their order."""
@@ -51,7 +101,8 @@ class Table(Generic[R]):
     def swap(self, rows: Dict[Any, R]) -> Dict[Any, R]:
         """Exchanges the whole content; returns the old one."""
         old, self.rows = self.rows, rows
-        self._forget()
+        for index in self._indexes:
+            index.forget()
         return old
 
     def sort(self) -> None:
@@ -62,85 +113,18 @@ class Table(Generic[R]):
         """All rows."""
         return list(self.rows.values())
 
-    def _enter(self, key: Any) -> None:
-        """For indexes: a new key."""
-
-    def _leave(self, key: Any) -> None:
-        """For indexes: a key that is gone."""
-
-    def _forget(self) -> None:
-        """For indexes: everything is new."""
-
-
-Keys = Dict[Key, None]  # a set that keeps its order
-
-
-def _add(index: Dict[Any, Keys], entry: Any, key: Key) -> None:
-    keys = index.get(entry)
-    if keys is None:
-        index[entry] = {key: None}
-    else:
-        keys[key] = None
-
-
-def _drop(index: Dict[Any, Keys], entry: Any, key: Key) -> None:
-    keys = index.get(entry)
-    if keys is not None:
-        keys.pop(key, None)
-        if not keys:
-            del index[entry]
-
 
 class ArgumentTable(Table[R]):
-    """A table whose keys are (name, argument, ...), indexed by name and by each argument's position.
-
-    Of a table that does not change any number of threads may ask at once: two that make the same index make
-    it twice, and either one is whole when it is seen.
-    """
+    """A table whose keys are (name, argument, ...), indexed by name and by each argument's position."""
 
     def __init__(self, kind: str) -> None:
-        super().__init__(kind)
-        self._forget()
-
-    def _forget(self) -> None:
-        self._by_name: Optional[Dict[str, Keys]] = None
-        self._by_place: Optional[Dict[Tuple[str, int, str], Keys]] = None
-        self._by_object: Optional[Dict[str, Keys]] = None
-
-    def _enter(self, key: Key) -> None:
-        self._change(key, _add)
-
-    def _leave(self, key: Key) -> None:
-        self._change(key, _drop)
-
-    def _change(self, key: Key, change: Callable[[Dict[Any, Keys], Any, Key], None]) -> None:
-        if self._by_name is not None:
-            change(self._by_name, key[0], key)
-        if self._by_place is not None:
-            for place in range(1, len(key)):
-                change(self._by_place, (key[0], place, key[place]), key)
-        if self._by_object is not None:
-            for place in range(1, len(key)):
-                change(self._by_object, key[place], key)
+        self._by_name = Index(lambda key: key[:1])
+        self._by_place = Index(lambda key: [(key[0], place, key[place]) for place in range(1, len(key))])
+        self._by_object = Index(lambda key: key[1:])
+        super().__init__(kind, self._by_name, self._by_place, self._by_object)
 
     def _names(self) -> Dict[str, Keys]:
-        index = self._by_name
-        if index is None:
-            index = {}
-            for key in self.rows:
-                _add(index, key[0], key)
-            self._by_name = index
-        return index
-
-    def _places(self) -> Dict[Tuple[str, int, str], Keys]:
-        index = self._by_place
-        if index is None:
-            index = {}
-            for key in self.rows:
-                for place in range(1, len(key)):
-                    _add(index, (key[0], place, key[place]), key)
-            self._by_place = index
-        return index
+        return self._by_name.of(self.rows)
 
     def named(self, name: str) -> List[R]:
         """Rows of a name (lower-case)."""
@@ -148,14 +132,7 @@ class ArgumentTable(Table[R]):
 
     def mentioning(self, obj: str) -> List[Key]:
         """Keys with that object (lower-case) among the arguments."""
-        index = self._by_object
-        if index is None:
-            index = {}
-            for key in self.rows:
-                for arg in key[1:]:
-                    _add(index, arg, key)
-            self._by_object = index
-        return list(index.get(obj, ()))
+        return list(self._by_object.of(self.rows).get(obj, ()))
 
     def match(self, name: str, args: Sequence[str]) -> Iterator[Key]:
         """Keys that fit (all lower-case): an empty name fits everything, an empty argument any object.
@@ -173,7 +150,7 @@ class ArgumentTable(Table[R]):
             return
         smallest = self._names().get(name, {})
         for place, arg in given:
-            keys = self._places().get((name, place, arg), {})
+            keys = self._by_place.of(self.rows).get((name, place, arg), {})
             if len(keys) < len(smallest):
                 smallest = keys
         length = len(args) + 1
@@ -186,30 +163,11 @@ class InstanceTable(Table[Instance]):
     """Instances by (type, name), indexed by type and by name."""
 
     def __init__(self, kind: str) -> None:
-        super().__init__(kind)
-        self._forget()
-
-    def _forget(self) -> None:
-        self._indexes: Optional[Tuple[Dict[str, Keys], Dict[str, Keys]]] = None
-
-    def _enter(self, key: Key) -> None:
-        for index, entry in zip(self._indexes or (), key):
-            _add(index, entry, key)
-
-    def _leave(self, key: Key) -> None:
-        for index, entry in zip(self._indexes or (), key):
-            _drop(index, entry, key)
+        self._by_type, self._by_name = Index(lambda key: key[:1]), Index(lambda key: key[1:])
+        super().__init__(kind, self._by_type, self._by_name)
 
     def _made(self) -> Tuple[Dict[str, Keys], Dict[str, Keys]]:
-        """By type and by name."""
-        if self._indexes is None:
-            by_type: Dict[str, Keys] = {}
-            by_name: Dict[str, Keys] = {}
-            for key in self.rows:
-                _add(by_type, key[0], key)
-                _add(by_name, key[1], key)
-            self._indexes = by_type, by_name
-        return self._indexes
+        return self._by_type.of(self.rows), self._by_name.of(self.rows)
 
     def types(self) -> List[str]:
         """Types (lower-case) that have instances."""
