@@ -6,7 +6,7 @@ Terms are strings: a variable starts with a question mark, anything else is an o
 
 from dataclasses import dataclass, field, replace
 from decimal import Decimal
-from typing import Any, Callable, Dict, List, Mapping, Optional, Set, Tuple, Union
+from typing import Any, Callable, Dict, Iterator, List, Mapping, Optional, Sequence, Set, Tuple, Union
 
 START = "start"
 OVER_ALL = "over all"
@@ -229,28 +229,28 @@ def ground(formula: Any, bindings: Mapping[str, str]) -> Any:
     return formula
 
 
+def walk(formula: Any) -> Iterator[Any]:
+    """A condition or numeric expression, and every one that stands in it, from the left."""
+    yield formula
+    inner: Sequence[Formula] = ()
+    if isinstance(formula, (And, Or, Arithmetic)):
+        inner = formula.parts
+    elif isinstance(formula, Comparison):
+        inner = (formula.left, formula.right)
+    elif isinstance(formula, (Not, Forall, Exists, Preference)):
+        inner = (formula.part,)
+    for part in inner:
+        yield from walk(part)
+
+
 def terms(formula: Formula) -> List[Union[Atom, Fluent, Special]]:
     """The predicates, functions and specials that stand in a condition or numeric expression."""
-    if isinstance(formula, (Atom, Fluent, Special)):
-        return [formula]
-    if isinstance(formula, Comparison):
-        return terms(formula.left) + terms(formula.right)
-    if isinstance(formula, (And, Or, Arithmetic)):
-        return [term for part in formula.parts for term in terms(part)]
-    if isinstance(formula, (Not, Forall, Exists, Preference)):
-        return terms(formula.part)
-    return []
+    return [each for each in walk(formula) if isinstance(each, (Atom, Fluent, Special))]
 
 
 def preferences(condition: Condition) -> List[Preference]:
     """The preferences that stand in a condition."""
-    if isinstance(condition, Preference):
-        return [condition, *preferences(condition.part)]
-    if isinstance(condition, (And, Or)):
-        return [found for part in condition.parts for found in preferences(part)]
-    if isinstance(condition, (Not, Forall, Exists)):
-        return preferences(condition.part)
-    return []
+    return [each for each in walk(condition) if isinstance(each, Preference)]
 
 
 def violated(metric: Numeric) -> Set[str]:

@@ -26,6 +26,7 @@ from merlin_pddl.formula import (
     preferences,
     terms,
     to_pddl,
+    walk,
 )
 from merlin_pddl.knowledge import Fact, Timed, conjuncts
 from merlin_pddl.plan_text import PlanStep
@@ -163,7 +164,8 @@ class DeadlineTask:
         section(node, ":constants")[1:1] = [
             word for line in object_lines(constants, self._model) for word in read_text(line)
         ]
-        needed = {_REQUIRED[kind] for mark in self._marks for kind in _kinds(mark.goal) if kind in _REQUIRED}
+        found = {type(each) for mark in self._marks for each in walk(mark.goal)}
+        needed = [requirement for kind, requirement in _REQUIRED.items() if kind in found]
         require(node, [_TIMED, *sorted(needed)])
         for mark in self._marks:
             section(node, ":predicates").extend(
@@ -236,15 +238,6 @@ def _words(nodes: Iterable[Node]) -> Set[str]:
     found: Set[str] = set()
     for node in nodes:
         found |= _words(node) if isinstance(node, Expression) else {str(node)}
-    return found
-
-
-def _kinds(condition: Condition) -> Set[type]:
-    found = {type(condition)}
-    if isinstance(condition, (And, Or)):
-        return found.union(*(_kinds(part) for part in condition.parts))
-    if isinstance(condition, (Not, Forall, Exists)):
-        return found | _kinds(condition.part)
     return found
 
 

@@ -13,7 +13,6 @@ from merlin_pddl.domain import Domain, Operator
 from merlin_pddl.domain_reader import parse_domain
 from merlin_pddl.formula import (
     And,
-    Arithmetic,
     Atom,
     Comparison,
     Condition,
@@ -21,10 +20,10 @@ from merlin_pddl.formula import (
     Fluent,
     Not,
     Number,
-    Numeric,
     ground,
     numeric_text,
     to_pddl,
+    walk,
 )
 from merlin_pddl.knowledge import conjuncts
 from merlin_pddl.problem import Problem
@@ -205,14 +204,8 @@ class Shortfall:
 
     def _without_value(self, comparison: Comparison) -> str:
         """The first function of a comparison that has no value."""
-        found = [*_fluents(comparison.left), *_fluents(comparison.right)]
+        found = [each for each in walk(comparison) if isinstance(each, Fluent)]
         return next((to_pddl(fluent) for fluent in found if self._state.range(fluent, {}) is None), "")
-
-
-def _fluents(value: Numeric) -> List[Fluent]:
-    if isinstance(value, Arithmetic):
-        return [fluent for part in value.parts for fluent in _fluents(part)]
-    return [value] if isinstance(value, Fluent) else []
 
 
 def _rounded(value: float) -> str:

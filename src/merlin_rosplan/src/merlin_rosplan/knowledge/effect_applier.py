@@ -11,17 +11,14 @@ from merlin_pddl.evaluation import Evaluator, changed
 from merlin_pddl.formula import (
     END,
     START,
-    And,
     Atom,
-    Condition,
     Effect,
     Fluent,
-    Preference,
     TimedCondition,
     ground,
     to_pddl,
 )
-from merlin_pddl.knowledge import ASSIGN, Fact, FunctionValue
+from merlin_pddl.knowledge import ASSIGN, Fact, FunctionValue, conjuncts
 from merlin_pddl.text_reader import suggestion
 from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
 from merlin_rosplan.knowledge.knowledge_state import KnowledgeTables
@@ -155,7 +152,7 @@ class EffectApplier:
             part
             for timed in self._operator.conditions
             if timed.when == END
-            for part in _conjuncts(timed.condition)
+            for part in conjuncts(timed.condition)
             if not evaluator.holds(part, self._bindings)
         ]
         if false:
@@ -215,9 +212,3 @@ class EffectApplier:
 def _objects(effect: Effect, bindings: Mapping[str, str]) -> List[str]:
     """What the quantified variables of an effect stand for."""
     return [bindings[variable.name] for variable in effect.variables]
-
-
-def _conjuncts(condition: Condition) -> List[Condition]:
-    if isinstance(condition, And):
-        return [found for part in condition.parts for found in _conjuncts(part)]
-    return [] if isinstance(condition, Preference) else [condition]

@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from typing import Any, Callable, Deque, Dict, Iterator, List, Optional, Sequence, Tuple, Union
 
 from merlin_pddl.domain import Domain
-from merlin_pddl.formula import And, Atom, Condition, Exists, Forall, Not, Or
+from merlin_pddl.formula import Atom, Condition, Exists, Forall, walk
 from merlin_pddl.knowledge import Fact, FunctionValue, Instance, Metric, Row, StoredGoal, Timed
 from merlin_pddl.problem import Problem
 from merlin_rosplan.knowledge.executions import OpenExecution, open_executions
@@ -323,13 +323,11 @@ class KnowledgeStore:
 
     def _searches(self, item: Union[Item, Condition, None]) -> bool:
         """Whether the time that an answer takes grows with the number of objects."""
-        if isinstance(item, (Forall, Exists)):
-            return True
-        if isinstance(item, (And, Or)):
-            return any(self._searches(part) for part in item.parts)
-        if isinstance(item, Not):
-            return self._searches(item.part)
-        return isinstance(item, (Atom, Fact)) and item.name.lower() in self.domain.derived
+        return any(
+            isinstance(part, (Forall, Exists))
+            or (isinstance(part, (Atom, Fact)) and part.name.lower() in self.domain.derived)
+            for part in walk(item)
+        )
 
     def snapshot(self, name: str = "task") -> Tuple[int, Problem]:
         """Version and everything that is stored, as a problem; timed items by the nanoseconds left."""
