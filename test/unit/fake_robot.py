@@ -2,6 +2,7 @@
 """The parts of a robot that a mission talks to, without ROS: knowledge, Executor, action servers, topics."""
 
 import itertools
+import math
 import threading
 from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
 
@@ -48,6 +49,7 @@ class Ended:
         self.result: Any = None
         self.status = GoalStatus.ACTIVE
         self.text = self.said = ""
+        self.ended_at = math.nan
         self.id = str(next(_NUMBERS))
         self._on_done = on_done
         self._on_cancel = on_cancel

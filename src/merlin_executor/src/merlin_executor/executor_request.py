@@ -88,6 +88,11 @@ class ExecutorRequest:
         return not (self._resending.cancelled or client_was_lost(result.reason))
 
     @property
+    def ended_at(self) -> float:
+        """When it has ended, s of the Executor's ROS time; NaN: that has not said so."""
+        return self._sent.ended_at
+
+    @property
     def state(self) -> int:
         """A constant of actionlib_msgs/GoalStatus."""
         return self._sent.status

@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """A mission that waits for a release, whatever it hears of ``merlin/status`` before the result."""
 
+import math
 import threading
 from types import SimpleNamespace
 from typing import Any, Iterator, List
 
 import pytest
+import rospy
 from fake_robot import FakeRobot
 from merlin_msgs.msg import ExecutorStatus, QueuedGoal
 
@@ -42,8 +44,8 @@ class Mission:
             for callback in self._robot.on_status:
                 callback(each)
 
-    def reads_result(self) -> None:
-        request: Any = SimpleNamespace(id=OURS, taken_back=True)
+    def reads_result(self, at: float = math.nan) -> None:
+        request: Any = SimpleNamespace(id=OURS, taken_back=True, ended_at=at)
         threading.Thread(target=self._ask, args=(request,), daemon=True).start()
 
     def wait_paused(self) -> None:
@@ -114,6 +116,40 @@ def test_it_waits_for_a_release_that_is_still_to_come(
 ) -> None:
     mission.hears([status(RUNNING), *statuses])
     mission.reads_result()
+    mission.wait_paused()
+    mission.hears([status(IDLE, HELD), status(IDLE)])
+    assert mission.goes_on() and mission.paused == [True, False]
+
+
+#: The request waits behind another one; at 20 s an operator stops the robot, which cancels it.
+OTHERS = [(10.0, ""), (20.0, HELD), (30.0, "")]
+
+
+def stopped_while_it_waits() -> List[ExecutorStatus]:
+    states = (RUNNING, CANCELLING, IDLE)
+    statuses = [status(state, waits, "/other-1") for state, (_, waits) in zip(states, OTHERS)]
+    for each, (at, _) in zip(statuses, OTHERS):
+        each.header.stamp = rospy.Time(at)
+    return statuses
+
+
+def test_a_request_that_was_cancelled_while_it_waited_goes_on_though_the_release_is_read_first(
+    mission: Mission,
+) -> None:
+    mission.hears(stopped_while_it_waits())
+    mission.reads_result(at=20.0)
+    assert mission.goes_on() and mission.paused == []
+
+
+@pytest.mark.parametrize("set_back", [False, True])
+def test_a_request_that_was_cancelled_after_the_release_waits_for_another_one(
+    mission: Mission, set_back: bool
+) -> None:
+    mission.hears(stopped_while_it_waits())
+    later = status(RUNNING, request="/other-2")
+    later.header.stamp = rospy.Time(5.0 if set_back else 35.0)  # the Executor's clock
+    mission.hears([later])
+    mission.reads_result(at=6.0 if set_back else 40.0)
     mission.wait_paused()
     mission.hears([status(IDLE, HELD), status(IDLE)])
     assert mission.goes_on() and mission.paused == [True, False]

@@ -109,9 +109,11 @@ def status(goal: ClientGoal, state: int, text: str = "") -> GoalStatus:
 
 
 def test_both_get_the_result(topics: Topics, twice: List[ClientGoal], ended: List[ClientGoal]) -> None:
-    topics.send("/owned/result", ListenActionResult(status=status(twice[1], GoalStatus.SUCCEEDED, "done")))
-    assert [(goal.done, goal.status, goal.text) for goal in twice] == [
-        (True, GoalStatus.SUCCEEDED, "done")
+    message = ListenActionResult(status=status(twice[1], GoalStatus.SUCCEEDED, "done"))
+    message.header.stamp = rospy.Time(12.5)
+    topics.send("/owned/result", message)
+    assert [(goal.done, goal.status, goal.text, goal.ended_at) for goal in twice] == [
+        (True, GoalStatus.SUCCEEDED, "done", 12.5)
     ] * 2
     assert sorted(map(twice.index, ended)) == [0, 1]
 

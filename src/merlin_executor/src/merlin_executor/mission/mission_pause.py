@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pauses and resumes a mission: the services ``merlin/mission/pause`` and ``merlin/mission/resume``."""
 
+import math
 import threading
 from typing import Callable, List, NamedTuple, Optional, Set
 
@@ -27,6 +28,8 @@ class HoldWatch:
         """How many holds have ended so far."""
         self.released: Set[str] = set()
         """The requests that were cancelled before the last one ended; their results may be heard later."""
+        self.released_at = -math.inf
+        """When the last one ended, s of the Executor's ROS time."""
         self._cancelled: Set[str] = set()  # since a request ran
         self._status = rospy.Subscriber("merlin/status", ExecutorStatus, self._receive, tcp_nodelay=True)
 
@@ -49,8 +52,12 @@ class HoldWatch:
             running = {status.request, *(each.request for each in status.together)}
             if status.state == ExecutorStatus.CANCELLING:
                 self._cancelled |= running
+            stamp = status.header.stamp.to_sec()
+            if stamp < self.released_at:  # the clock was set back
+                self.released_at = -math.inf
             if self.waits and not status.waits:
                 self.releases += 1
+                self.released_at = stamp
                 self.released = set(self._cancelled)
             if status.state == ExecutorStatus.RUNNING:  # what is cancelled later waits for a later release
                 self._cancelled = set()
@@ -171,7 +178,9 @@ class MissionPause:
             return False
         with self._changed:
             releases = holds.releases
-            if holds.waits or request.id not in holds.released:
+            # One that only waited was not seen to be cancelled, but has ended at once.
+            released = request.id in holds.released or request.ended_at <= holds.released_at
+            if holds.waits or not released:
                 self._set_now(True, asked=False)
                 Deadline(None).wait(
                     self._changed, lambda: stopped() or not self._switch.paused or holds.releases > releases

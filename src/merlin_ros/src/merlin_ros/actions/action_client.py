@@ -318,8 +318,9 @@ class ActionClient:
             if goal is not None:
                 self._silence.settle(goal)
         if goal is not None:
+            at = message.header.stamp.to_sec() or math.nan
             try:
-                goal.finish(status.status, status.text, message.result)
+                goal.finish(status.status, status.text, message.result, at)
             finally:  # what comes next does not wait for it
                 self._lease.release(goal.id)
 

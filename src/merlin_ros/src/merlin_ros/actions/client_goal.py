@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A goal as the process that sent it sees it."""
 
+import math
 import threading
 from typing import Any, Callable, Iterator, Optional
 
@@ -42,6 +43,7 @@ class ClientGoal:
         self.text = ""
         self.said = ""  # what the server says of it while it runs
         self.result: Any = None
+        self.ended_at = math.nan  # s of the server's ROS time; NaN: it has not said so
         self.hangs = False  # it is LOST to a server that is connected and silent
         self.feedback: Any = None
         self._on_done = on_done
@@ -106,13 +108,13 @@ class ClientGoal:
             if sent.on_feedback is not None:
                 sent.on_feedback(sent, feedback)
 
-    def finish(self, status: int, text: str, result: Any) -> None:
+    def finish(self, status: int, text: str, result: Any, at: float = math.nan) -> None:
         """Ends the goal; called by its client, once, without a lock."""
         for sent in list(self.sendings):
-            sent._finish(status, text, result)
+            sent._finish(status, text, result, at)
 
-    def _finish(self, status: int, text: str, result: Any) -> None:
-        self.status, self.text, self.result = status, text, result
+    def _finish(self, status: int, text: str, result: Any, at: float) -> None:
+        self.status, self.text, self.result, self.ended_at = status, text, result, at
         self._ended.set()
         if self._on_done is None:
             return
