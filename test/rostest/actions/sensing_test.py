@@ -2,7 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The sensing interface updates the knowledge base from its topics and services."""
 
+import os
+import signal
 import threading
+import time
 import unittest
 
 import rospy
@@ -13,10 +16,20 @@ from std_srvs.srv import SetBool, SetBoolResponse, Trigger, TriggerResponse
 
 import rostest
 from merlin_planning.knowledge_client import ADD, REMOVE, Update, fact, instance, knowledge_client
+from merlin_ros.service_proxy import ServiceError, ServiceProxy
 from merlin_test.knowledge_fixture import Received
-from merlin_test.topic_links import init_node, patient_service, wait_for_connections
+from merlin_test.topic_links import init_node, pid_of, wait_for_connections, wait_for_publishers
 
 LONG = 60.0
+DETAILS = "/rosplan_knowledge_base/domain/predicate_details"
+
+
+def marked(predicate):
+    """Whether a knowledge base that lives has a predicate as sensed."""
+    try:
+        return ServiceProxy(DETAILS, GetDomainPredicateDetailsService)(predicate).is_sensed
+    except ServiceError:
+        return False
 
 
 class Sensing(unittest.TestCase):
@@ -112,11 +125,19 @@ class Sensing(unittest.TestCase):
         self.eventually(lambda: self.holds("painted", "leg"))
 
     def test_sensed_predicates_are_marked(self):
-        details = patient_service(
-            "/rosplan_knowledge_base/domain/predicate_details", GetDomainPredicateDetailsService
-        )
-        self.assertTrue(details("powered").is_sensed)
-        self.assertFalse(details("stored").is_sensed)
+        self.assertTrue(marked("powered"))
+        self.assertFalse(marked("stored"))
+
+    def test_a_knowledge_base_that_begins_anew_without_a_state_file_gets_marks_and_facts_again(self):
+        self.publishers["/power"].publish(True)
+        self.eventually(lambda: self.holds("powered"))
+        os.kill(pid_of("/rosplan_knowledge_base"), signal.SIGKILL)
+        end = time.monotonic() + LONG
+        while not marked("powered"):
+            self.assertLess(time.monotonic(), end)
+            rospy.rostime.wallsleep(0.01)
+        wait_for_publishers(self.watch)
+        self.eventually(lambda: self.holds("powered"))
 
     def test_other_knowledge_is_left_alone(self):
         self.knowledge.update([Update(ADD, fact("stored", "seat"))])

@@ -43,6 +43,13 @@ def sends(node: str, topic: str, other: str) -> bool:
     return any((entry[1], entry[2], entry[4]) == (other, "o", topic) for entry in info[2])
 
 
+def pid_of(node: str) -> int:
+    """The process id of a node."""
+    uri: Any = bounded_master(LONG).lookupNode(node)
+    found: Any = bounded_proxy(uri, LONG).getPid(rospy.get_name())
+    return found[2]
+
+
 def wait_for_publisher(subscriber: rospy.Subscriber, node: str) -> None:
     """Waits until a node sends to a subscriber."""
     end = time.monotonic() + LONG

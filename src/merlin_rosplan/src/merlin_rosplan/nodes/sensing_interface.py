@@ -19,7 +19,7 @@ from merlin_planning.foreign_changes import ForeignChanges
 from merlin_planning.knowledge_client import knowledge_client
 from merlin_ros.ros_alarm import RosAlarm
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
-from merlin_ros.work.threads import failure_text
+from merlin_ros.work.threads import CallQueue, failure_text
 from merlin_rosplan.knowledge.sensed_facts import facts_of, is_wildcard, parameter_choices
 from merlin_rosplan.transport.component import Component, ComponentError
 from merlin_rosplan.transport.sensed_updater import LOG_PERIOD, SensedUpdater
@@ -62,6 +62,7 @@ class SensingInterface(Component):
         self._script = self._load_script()
         self._mark_sensed()
         self._updater = SensedUpdater(self._knowledge, period, self.scope)
+        self._marks = CallQueue(f"marks of {self.scope}")
         self._changes = self.own(ForeignChanges(self.knowledge_base, self._others_changed))
         self.subscriber(f"{self.knowledge_base}/status/update", StatusUpdate, self._receive_update)
         for predicate, entries in self._config("topics").items():
@@ -116,7 +117,8 @@ class SensingInterface(Component):
             raise ComponentError(f"{path} cannot be loaded: {failure_text(error)}") from error
 
     def _mark_sensed(self) -> None:
-        mark = ServiceProxy(f"{self.knowledge_base}/update_sensed_predicates", SetNamedBool, timeout=5.0)
+        name = f"{self.knowledge_base}/update_sensed_predicates"
+        mark = ServiceProxy(name, SetNamedBool, timeout=5.0, patience=KNOWLEDGE_BASE_WAIT)
         for predicate in {**self._config("topics"), **self._config("services")}:
             try:
                 mark(predicate, True)
@@ -243,6 +245,7 @@ class SensingInterface(Component):
 
     def _others_changed(self, message: Optional[KnowledgeChanges]) -> None:
         if message is None:
+            self._marks.put(self._mark_sensed)  # without a state file it has no marks of its life before
             self._updater.send_again()
             self._updater.objects_appeared()
             return
