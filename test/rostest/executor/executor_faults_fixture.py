@@ -8,14 +8,12 @@ import subprocess
 import threading
 from contextlib import contextmanager
 
-import rosgraph
 import rospy
 from merlin_msgs.msg import DispatchStatus, ExecutorStatus, GuardStatus, KnowledgeChanges
 from std_msgs.msg import String
 from std_srvs.srv import Trigger, TriggerResponse
 
 from merlin_planning.knowledge_text import to_pddl
-from merlin_ros.master.master_link import bounded_proxy
 from merlin_test.node_path import node_path
 from merlin_test.topic_links import wait_for_publishers
 
@@ -129,9 +127,3 @@ def client_process(*arguments):
         yield client
     finally:
         kill(client)
-
-
-def pid_of(node):
-    """The process id of a node."""
-    uri = rosgraph.Master(rospy.get_name()).lookupNode(node)
-    return bounded_proxy(uri, 5.0).getPid(rospy.get_name())[2]

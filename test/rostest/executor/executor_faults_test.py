@@ -17,7 +17,7 @@ from pathlib import Path
 
 import rospy
 from actionlib_msgs.msg import GoalStatusArray
-from executor_faults_fixture import Changes, Guard, Watch, client_process, kill, pid_of, start
+from executor_faults_fixture import Changes, Guard, Watch, client_process, kill, start
 from merlin_msgs.msg import (
     DispatchStatus,
     ExecuteActionGoal,
@@ -35,7 +35,7 @@ from merlin_executor.resending import RESEND
 from merlin_planning.knowledge_client import ADD_GOAL, REMOVE_GOAL, KnowledgeClient, Update, fact
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 from merlin_test.held_drives import HeldDrives
-from merlin_test.topic_links import init_node
+from merlin_test.topic_links import init_node, pid_of
 
 LONG = 60.0
 PLANNER = "rosplan_planner_interface/planner_command"

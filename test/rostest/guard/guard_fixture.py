@@ -4,10 +4,8 @@
 import subprocess
 import sys
 import threading
-import xmlrpc.client
 from pathlib import Path
 
-import rosgraph
 import rospy
 from actionlib_msgs.msg import GoalStatusArray
 from geometry_msgs.msg import Twist
@@ -112,11 +110,6 @@ class Client:
         self.process.wait()
         self.process.stdin.close()
         self.process.stdout.close()
-
-
-def pid_of(node):
-    uri = rosgraph.Master(rospy.get_name()).lookupNode(node)
-    return xmlrpc.client.ServerProxy(uri).getPid(rospy.get_name())[2]
 
 
 def refused_guard(*arguments):

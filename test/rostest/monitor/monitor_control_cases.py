@@ -9,11 +9,12 @@ import rospy
 from merlin_msgs.msg import ExecutorStatus, MissionStatus
 from merlin_msgs.srv import Breakpoints, BreakpointsRequest
 from monitor_fixture import OPERATOR, TOKEN, PageCases, Patrol
-from monitor_process import LONG, parent_of, pid_of
+from monitor_process import LONG, parent_of
 from std_srvs.srv import Trigger
 
 from merlin_executor.executor_client import outcome_name
 from merlin_test.node_path import node_path
+from merlin_test.topic_links import pid_of
 
 LONG_GOAL = "(and (checked kitchen) (checked bathroom) (checked dorm_room) (checked main_door))"
 STATE_BREAKPOINTS = "merlin_fsm_host/state_breakpoints"

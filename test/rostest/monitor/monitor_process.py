@@ -7,10 +7,8 @@ import signal
 import subprocess
 import threading
 import time
-import xmlrpc.client
 from pathlib import Path
 
-import rosgraph
 import rospkg
 import rospy
 
@@ -20,11 +18,6 @@ from merlin_test.ports import free_ports
 
 LONG = 60.0
 GOALS = Path(rospkg.RosPack().get_path("merlin"), "pddl", "home", "goals.yaml")
-
-
-def pid_of(node):
-    uri = rosgraph.Master(rospy.get_name()).lookupNode(node)
-    return xmlrpc.client.ServerProxy(uri).getPid(rospy.get_name())[2]
 
 
 def parent_of(pid):
