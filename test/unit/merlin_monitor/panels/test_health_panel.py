@@ -6,12 +6,15 @@ from typing import Any, Callable, List, Set
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from merlin_msgs.msg import GuardStatus
+from messages import Reported
 
 from merlin_monitor.listeners.ros_system import RosSystem
-from merlin_monitor.panels.health import MOST_HANGING, HealthPanel
+from merlin_monitor.panel_board import CHECKS
+from merlin_monitor.panels.health import MOST_HANGING, GuardPanel, HealthPanel
 from merlin_monitor.state.freshness import Source
 from merlin_monitor.state.health_section import FIRST_PERIOD, PERIODS, SILENT_AFTER
-from merlin_monitor.state.inbox import Inbox
+from merlin_monitor.state.inbox import DirectInbox, Inbox
 from merlin_monitor.state.monitor_model import MonitorModel
 
 LIMIT = 60.0  # s
@@ -25,6 +28,7 @@ class System(RosSystem):
 
     def __init__(self) -> None:
         self.now = 0.0
+        self.silence_clock()
         self.hanging: Set[str] = set()
         self.asked: List[str] = []
 
@@ -54,7 +58,9 @@ class Robot:
         inbox.start()
 
     def reports(self, wall: float, node: str = NODE) -> None:
-        self.system.now = wall
+        while self.system.now < wall:  # as it is looked at
+            self.system.now = min(wall, self.system.now + CHECKS)
+            self.system.silence_clock()
         message = DiagnosticArray(status=[DiagnosticStatus(name=f"{node.strip('/')}: part")])
         message._connection_header = {"callerid": node}
         self.system.receive(message)
@@ -112,3 +118,18 @@ def test_many_that_hang_hold_a_look_up_for_some_seconds_only(robot: Robot) -> No
         robot.reports(0.0, node)
     robot.system.hanging.update(nodes)
     assert len(robot.silent(LATE)) == MOST_HANGING == len(robot.system.asked)
+
+
+def test_what_a_monitor_that_hangs_has_missed_is_not_silence() -> None:
+    system, said = System(), Reported()
+    state = MonitorModel(DirectInbox())
+    state.on_event = said
+    panel = GuardPanel(state, system)
+    system.receive(GuardStatus())
+    system.now += 3600.0  # it looks at the clock first, then at what waits to be read
+    panel.check(system.now, system.silence_clock())
+    assert state.tree.get("guard", "state") == "idle" and said.texts == []
+    for _ in range(4):
+        system.now += CHECKS
+        panel.check(system.now, system.silence_clock())
+    assert state.tree.get("guard", "state") == "silent"

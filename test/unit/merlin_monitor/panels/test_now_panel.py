@@ -33,7 +33,7 @@ class System(RosSystem):
     def time(self) -> float:
         return self.now
 
-    silence_clock = time
+    wall = time
 
     def time_of(self, message: Any) -> float:
         return self.now

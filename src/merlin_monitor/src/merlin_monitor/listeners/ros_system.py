@@ -10,11 +10,13 @@ import rospy.rostime
 import tf2_ros
 
 from merlin_monitor.history.history_file import WallClock
+from merlin_ros.alarms import TickClock
 from merlin_ros.master.master_link import ERRORS, bounded_master
 from merlin_ros.master.namesake import living_namesake
 
 TRANSFORMS_KEPT = 5.0  # s
 STANDS = 0.5  # s of wall time without another ROS time, from when on a recording counts as paused
+LONGEST_LOOK = 1.0  # s of silence that one look may count; the panels are checked twice per second
 LEAST_JUMP = 0.05  # s; what is less is not a clock that was set
 
 
@@ -38,6 +40,8 @@ class RosSystem:
 
     _steady = WallClock()  # one of the process: times of two systems may be compared
     _publishers: Mapping[str, List[str]] = {}  # replaced as a whole, never changed
+    _looking = threading.Lock()  # guards the field below
+    _silence: Optional[TickClock] = None
 
     @property
     def namespace(self) -> str:
@@ -80,8 +84,16 @@ class RosSystem:
         return time.monotonic()
 
     def silence_clock(self) -> float:
-        """s in which silence is counted: as `wall`, but they stand while a played recording stands."""
-        return self.wall()
+        """s in which silence is counted: as `wall`, without what this process has missed.
+
+        They stand while a played recording stands.
+        """
+        with self._looking:
+            if self._silence is None:
+                self._silence = TickClock(self.wall, LONGEST_LOOK)
+                self._silence.now = self.wall()
+            self._silence.look()
+            return self._silence.now
 
     def subscribe(
         self, topic: str, message_class: type, receive: Callable[[Any], object], **options: Any

@@ -13,9 +13,6 @@ from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_monitor.state.plan_section import OVERTAKEN
 from merlin_monitor.truth.worst_truth import LIVE, MISSION
 from merlin_ros.actions.peers import sender_of
-from merlin_ros.alarms import TickClock
-
-LONGEST_CHECK = 1.0  # s that one look at what is silent may count; two are 0.5 s apart
 
 
 class NowPanel(Panel):
@@ -26,8 +23,7 @@ class NowPanel(Panel):
     def __init__(self, state: MonitorModel, ros: RosSystem) -> None:
         super().__init__(state, ros)
         executor = self.ros.parameter("~executor", "merlin/execute")
-        self._own = TickClock(self.ros.silence_clock, LONGEST_CHECK)
-        # Results of requests that nothing has named yet: with their times, and when they came by that clock.
+        # Results of requests that nothing has named yet: with their times, and s of wall time when they came.
         self._early: List[Tuple[Any, float, float]] = []
         self._status = self.subscribe("merlin/status", ExecutorStatus, state.now.executor)
         self._mission = self.subscribe("merlin/mission", MissionStatus, self._take_mission)
@@ -42,10 +38,9 @@ class NowPanel(Panel):
 
     def check(self, at: float, wall: float) -> None:
         """Takes in the results whose requests have been named since, or will not be."""
-        self._own.look()
         early, self._early = self._early, []
         for result, ended, heard in early:
-            if self.state.now.knows(result.status.goal_id.id) or self._own.now - heard >= OVERTAKEN:
+            if self.state.now.knows(result.status.goal_id.id) or wall - heard >= OVERTAKEN:
                 self.state.now.result(result, ended)
             else:
                 self._early.append((result, ended, heard))
@@ -56,9 +51,9 @@ class NowPanel(Panel):
         return {MISSION: self.source_of(self._mission)} if live else {}
 
     def _take_result(self, message: ExecuteActionResult, at: float) -> None:
-        self._own.look()
-        self._early.append((message, at, self._own.now))
-        self.check(at, self.ros.silence_clock())
+        wall = self.ros.silence_clock()
+        self._early.append((message, at, wall))
+        self.check(at, wall)
 
     def _take_mission(self, message: MissionStatus, at: float) -> None:
         self.state.now.mission(message, at, sender_of(message))
