@@ -3,7 +3,7 @@
 
 import time
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, Iterator, List
 
 import pytest
 import rospy
@@ -31,6 +31,7 @@ class Stalled(World):
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         super().__init__(LIGHT)
         self._missed = 0.0
+        self._parts: List[Any] = []
         clock = SimpleNamespace(monotonic=lambda: time.monotonic() + self._missed)
         monkeypatch.setattr(deadline, "time", clock)
         monkeypatch.setattr(rospy.Time, "now", rospy.Time)
@@ -41,13 +42,22 @@ class Stalled(World):
             closed=False,
             param=lambda name, default: default,
             resolve=lambda name: f"/dispatcher/{name}",
-            own=lambda owned: owned,
+            own=self._own,
             publisher=rospy.Publisher,
             subscriber=rospy.Subscriber,
         )
         ignored: Any = SimpleNamespace
         topics = DispatchTopics(component, ignored, False, ignored, ignored, ignored, Breakpoints())
         self.deadline = topics.deadline
+
+    def _own(self, part: Any) -> Any:
+        self._parts.append(part)
+        return part
+
+    def end(self) -> None:
+        """The dispatcher ends; else its leases last as long as the process."""
+        for part in self._parts:
+            part.shutdown()
 
     def stall(self) -> None:
         """The process is stopped for longer than any limit."""
@@ -59,8 +69,10 @@ class Stalled(World):
 
 
 @pytest.fixture
-def world(monkeypatch: pytest.MonkeyPatch) -> Stalled:
-    return Stalled(monkeypatch)
+def world(monkeypatch: pytest.MonkeyPatch) -> Iterator[Stalled]:
+    made = Stalled(monkeypatch)
+    yield made
+    made.end()
 
 
 def test_an_action_that_ended_meanwhile_has_succeeded(world: Stalled) -> None:
