@@ -10,7 +10,7 @@ from typing import Any, Optional, Set, Union
 import rospy
 
 from merlin_ros.master import announcing, publisher_updates
-from merlin_ros.master.master_link import ERRORS, bounded_master, bounded_proxy
+from merlin_ros.master.master_link import ERRORS, bound_calls, bounded_master, bounded_proxy
 from merlin_ros.service_proxy import ServiceProxy
 
 LONG = 120.0  # s; a master on a busy machine takes longer than MERLIN waits for it
@@ -19,10 +19,13 @@ LONG = 120.0  # s; a master on a busy machine takes longer than MERLIN waits for
 def init_node(name: str, **options: Any) -> None:
     """Makes the process a plain node of rospy, but one that loses no publisher and no message.
 
+    What it uses of MERLIN waits longer for a slow master than a node does.
+
     :param options: of `rospy.init_node`.
     """
     publisher_updates.keep_all()
     announcing.announce_complete()
+    bound_calls(LONG)
     rospy.init_node(name, **options)
 
 
