@@ -151,7 +151,7 @@ class MapPanel(Panel):
         ]
 
     def _target(self, target: Any) -> Optional[Tuple[float, float, float]]:
-        """Where a goal is in the map's frame; None: there is no way into that."""
+        """Where a goal is in the map's frame; None: no transform into it is known."""
         at, frame = target.pose, target.header.frame_id
         x, y, yaw = at.position.x, at.position.y, yaw_of(at.orientation)
         if frame.lstrip("/") in ("", self._frames[0].lstrip("/")):
