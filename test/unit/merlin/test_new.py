@@ -4,6 +4,7 @@
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -147,6 +148,22 @@ def test_text_that_is_not_an_action_or_a_type_is_refused_with_the_reason(specs, 
     with pytest.raises((ApplicationRefused, NameRefused), match=None) as error:
         new_application("my_robot", specs, types)
     assert said in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("changes", "servers"),
+    [
+        ({}, ("move_base", "sound_play")),
+        ({"navigates": False}, ("sound_play",)),
+        ({"actions": []}, ("move_base",)),
+        ({"actions": [], "navigates": False}, ()),
+    ],
+)
+def test_the_mission_names_the_servers_that_its_actions_use(changes, servers):
+    application = replace(new_application("my_robot", []), **changes)
+    written: dict = {}
+    exec(files_of(application)["src/my_robot/mission.py"], written)
+    assert written["MyRobotMission"].servers == servers
 
 
 def test_its_readme_starts_it_on_the_master_of_the_robot(tmp_path):

@@ -8,6 +8,8 @@ from typing import Any, List
 
 import pytest
 
+from merlin.new.application import new_application
+from merlin.new.package_writer import write_application
 from merlin_test.node_path import node_path
 
 pytestmark = pytest.mark.processes
@@ -223,6 +225,20 @@ def test_a_server_that_is_missing_is_named_and_one_with_a_script_is_there(check:
         launch.read_text().replace('name="on"', """name="answers" value="['a tea']"/><arg name="on\"""")
     )
     assert check(tmp_path, str(launch)).returncode == 0
+
+
+def test_a_new_mission_is_told_of_a_server_that_is_missing(check: Any, tmp_path: Path) -> None:
+    package = write_application(new_application("my_robot", []), tmp_path / "ws")
+    launch = package / "launch" / "my_robot.launch"
+    text = launch.read_text().replace("$(find my_robot)", str(package))
+    launch.write_text(text)
+    fits = check(package / "src", str(launch), "on:=servers")
+    assert fits.returncode == 0, fits.stderr
+    renamed = '<launch><remap from="sound_play" to="say"/>'
+    launch.write_text(text.replace("<launch>", renamed, 1))
+    missing = check(package / "src", str(launch), "on:=servers")
+    assert missing.returncode == 2
+    assert "my_robot.mission:MyRobotMission waits for the action servers sound_play, which" in missing.stderr
 
 
 def test_an_arm_is_among_the_simulated_servers_and_in_a_simulator_where_it_is_asked_for(

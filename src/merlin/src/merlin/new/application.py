@@ -123,6 +123,11 @@ class NewApplication:
         return f"{class_name(self.package)}Mission"
 
     @property
+    def servers(self) -> Tuple[str, ...]:
+        """The action servers that its actions use, as they are written."""
+        return ("move_base",) * self.navigates + ("sound_play",) * bool(self.actions)
+
+    @property
     def columns(self) -> int:
         """Points of interest in one row of the world."""
         return max(2, round(len(self.points) ** 0.5))

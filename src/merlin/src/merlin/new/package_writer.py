@@ -65,6 +65,7 @@ def files_of(application: NewApplication, python: str = sys.executable) -> Dict[
         "python": python,
         "classes": _classes(application),
         "imports": _imports(application),
+        "servers": repr(application.servers).replace("'", '"'),
         "goals": [_literal(goal, 4) for goal in application.goals],
         "plain_points": [name for name in application.points if name not in application.objects],
     }
