@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The nodes where ROS time is set back: no wait gets longer, and old sensor data counts as such."""
+"""The nodes where ROS time is set: no wait gets longer or shorter, and old sensor data counts as such."""
 
 import threading
 from types import SimpleNamespace
 from typing import Any, Callable, List
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
@@ -14,42 +15,56 @@ from merlin_msgs.msg import ListenGoal
 from nav_msgs.msg import OccupancyGrid, Odometry
 from sensor_msgs.msg import LaserScan
 
+from merlin_reactive import ros_clock
 from merlin_reactive.listening import listen_node
 from merlin_reactive.localization import localization_node
 from merlin_reactive.localization.localization_node import LocalizationNode
+from merlin_reactive.ros_clock import RosClock
 from merlin_reactive.speech.speech_node import CHUNK, Speaker
 from merlin_reactive.speech.speech_synthesizer import RATE, Sound
+from merlin_ros import ros_alarm
 from merlin_ros.health import ERROR
 
-BACK = 50.0
+BACK, FORWARD = -50.0, 50.0
 
 
 class Clock:
-    """ROS time; it is set back before the second wait ends.
+    """ROS time; it is set before the second wait ends. Of a simulated one what had just passed is lost then.
 
+    :param step: s by which it is set.
+    :ivar wall: whether it is the clock of the computer.
+    :ivar passed: the monotonic clock, s.
     :ivar waits: s, of each.
     """
 
-    def __init__(self) -> None:
-        self.now = 100.0
+    def __init__(self, step: float, wall: bool) -> None:
+        self._step, self.wall = step, wall
+        self.now, self.passed = 100.0, 20.0
         self.waits: List[float] = []
         self.on_wait: Callable[[threading.Event], None] = lambda stop: None
 
     def wait(self, seconds: float, stop: threading.Event) -> bool:
         self.waits.append(seconds)
-        self.now += seconds
+        self.go_on(seconds)
         if len(self.waits) == 2:
-            self.now -= BACK
+            self.now += self._step
         self.on_wait(stop)
         return not stop.is_set()
+
+    def go_on(self, seconds: float) -> None:
+        """So much passes."""
+        self.now += seconds
+        self.passed += seconds
 
     def wake(self) -> None:
         pass
 
 
-@pytest.fixture
-def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
-    made = Clock()
+@pytest.fixture(params=["simulated", "wall", "wall, set forward"])
+def clock(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> Clock:
+    made = Clock(FORWARD if "forward" in request.param else BACK, "wall" in request.param)
+    monkeypatch.setattr(rospy.rostime, "is_wallclock", lambda: made.wall)
+    monkeypatch.setattr(ros_alarm, "time", SimpleNamespace(monotonic=lambda: made.passed))
     monkeypatch.setattr(rospy, "get_time", lambda: made.now)
     monkeypatch.setattr(rospy.Time, "now", lambda: rospy.Time.from_sec(made.now))
     monkeypatch.setattr(rospy, "get_param", lambda name, default=None: default)
@@ -62,12 +77,20 @@ def topics(monkeypatch: pytest.MonkeyPatch) -> Topics:
     return Topics(monkeypatch)
 
 
+def test_a_wait_takes_its_time(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> None:
+    ticked = MagicMock(wait=lambda _: clock.wait(1.0, threading.Event()))
+    monkeypatch.setattr(ros_clock, "threading", SimpleNamespace(Condition=lambda: ticked))
+    assert RosClock().wait(9.5, threading.Event())
+    assert len(clock.waits) == (10 if clock.wall else 11)
+
+
 def test_a_sound_is_played_in_its_time(topics: Topics, clock: Clock) -> None:
     card: Any = SimpleNamespace(play=lambda sound: None, stop=lambda: None)
     speaker = Speaker(clock, card)  # type: ignore[arg-type]
     sound = Sound(np.zeros(round(5 * CHUNK * RATE), dtype=np.int16))
     assert speaker.play(sound, threading.Event(), lambda played: None) == pytest.approx(5 * CHUNK)
     assert len(clock.waits) == 5 and max(clock.waits) < 3 * CHUNK
+    assert not clock.wall or clock.waits == pytest.approx([CHUNK] * 5)
 
 
 def test_one_listens_no_longer_than_the_time_out(
@@ -81,7 +104,7 @@ def test_one_listens_no_longer_than_the_time_out(
 
     def hear(stop: threading.Event) -> None:
         if len(clock.waits) < 4:  # noise
-            clock.now -= clock.waits[-1] / 2.0
+            clock.go_on(-clock.waits[-1] / 2.0)
             stop.set()
 
     monkeypatch.setattr(listen_node, "available", lambda: True)
@@ -100,7 +123,7 @@ def test_one_listens_no_longer_than_the_time_out(
     )
     served[0](goal)
     assert ends == ["no speech within 8.0 s"]
-    assert clock.waits == sorted(clock.waits, reverse=True) and clock.waits[0] == 8.0
+    assert clock.waits == ([8.0, 4.0, 2.0, 1.0] if clock.wall else [8.0, 4.0, 4.0, 2.0])
 
 
 def test_a_scan_of_before_is_no_new_one(
@@ -124,5 +147,5 @@ def test_a_scan_of_before_is_no_new_one(
     topics.send("/odom", odometry)
     topics.send("/scan", scan)
     assert node.health().level != ERROR
-    clock.now -= BACK
+    clock.now += BACK
     assert node.health().level == ERROR and "no scan" in node.health().message

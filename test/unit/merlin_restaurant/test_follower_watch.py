@@ -3,6 +3,7 @@
 
 import math
 import threading
+from types import SimpleNamespace
 from typing import Callable, List
 
 import numpy as np
@@ -12,13 +13,14 @@ from sensor_msgs.msg import LaserScan
 
 from merlin_restaurant import follower_watch
 from merlin_restaurant.follower_watch import GONE, LOST, SILENT, UNSEEN, FollowerWatch, WatchState
+from merlin_ros import ros_alarm
 from smach import UserData
 
 LONG = 60.0
 
 
 class Clock:
-    """ROS time that the test moves."""
+    """ROS time that the test moves, simulated."""
 
     now = 100.0
 
@@ -27,6 +29,7 @@ class Clock:
 def watch(monkeypatch: pytest.MonkeyPatch) -> FollowerWatch:
     Clock.now = 100.0
     monkeypatch.setattr(follower_watch.rospy, "get_time", lambda: Clock.now)
+    monkeypatch.setattr(follower_watch.rospy.rostime, "is_wallclock", lambda: False)
     monkeypatch.setattr(follower_watch.rospy, "Subscriber", lambda *_, **__: _Nothing())
     watching = FollowerWatch()
     watching.begin()
@@ -144,6 +147,27 @@ def test_a_clock_that_is_set_back_makes_no_wait_longer(watch: FollowerWatch) -> 
 
     waits.looks(go_back)
     Clock.now += 20.1
+    assert waits.outcome() == LOST
+
+
+def test_a_wall_clock_that_is_set_forward_makes_no_wait_shorter(
+    watch: FollowerWatch, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    passed = [7.0]
+    monkeypatch.setattr(follower_watch.rospy.rostime, "is_wallclock", lambda: True)
+    monkeypatch.setattr(ros_alarm, "time", SimpleNamespace(monotonic=lambda: passed[0]))
+    see(watch, 1.5)
+    waits = Waiting(watch, lambda: watch.close, 20.0)
+
+    def go_on(seconds: float, step: float) -> None:
+        passed[0] += seconds
+        Clock.now += seconds + step
+        see(watch, 0.0)
+
+    for step in (50.0, 0.0):
+        waits.looks(lambda step=step: go_on(9.9, step))  # type: ignore[misc]
+        assert not waits.outcomes
+    go_on(0.3, 0.0)
     assert waits.outcome() == LOST
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""An alarm rings again after a callback that failed, and in time when the clock jumps back."""
+"""An alarm rings again after a callback that failed, and in time when the clock is set."""
 
 import logging
 import queue
@@ -85,18 +85,63 @@ def test_what_is_not_wanted_any_more_does_not_come(clock):
     assert rung.empty()
 
 
-def test_what_passed_before_a_wall_clock_was_set_back_has_passed(monkeypatch):
-    monkeypatch.setattr(rospy.rostime, "_rostime_initialized", True)
-    rospy.rostime.switch_to_wallclock()
-    rung, looks, times = queue.Queue(), queue.Queue(), (1000.0, 0.0)
-    monkeypatch.setattr(ros_alarm, "LONGEST", 0.02)  # it looks at the clock again and again
-    monkeypatch.setattr(ros_alarm, "time", SimpleNamespace(monotonic=lambda: times[1]))
-    monkeypatch.setattr(rospy, "get_time", lambda: looks.put(times) or times[0])
+class WallClock:
+    """Wall time, ROS time in front of the monotonic one; it is looked at again and again."""
+
+    def __init__(self, monkeypatch):
+        monkeypatch.setattr(rospy.rostime, "_rostime_initialized", True)
+        rospy.rostime.switch_to_wallclock()
+        self.looks, self.times = queue.Queue(), (1000.0, 50.0)
+        monkeypatch.setattr(ros_alarm, "LONGEST", 0.02)
+        monkeypatch.setattr(ros_alarm, "time", SimpleNamespace(monotonic=self.monotonic))
+        monkeypatch.setattr(rospy, "get_time", lambda: self.times[0])
+
+    def monotonic(self):
+        self.looks.put(self.times)
+        return self.times[1]
+
+    def set(self, *times):
+        """Sets both, and waits until what was decided about them is done."""
+        self.times = times
+        for _ in range(2):
+            while self.looks.get(timeout=LONG) != times:
+                pass
+
+
+@pytest.mark.parametrize("step", [-500.0, 500.0])
+def test_a_wall_clock_that_is_set_neither_shortens_nor_prolongs_a_time(monkeypatch, step):
+    rung, wall = queue.Queue(), WallClock(monkeypatch)
     alarm = call_after(3.0, lambda: rung.put(True), "call of a test")
     try:
-        for times in ((1001.0, 1.0), (500.0, 2.0), (501.1, 3.1)):
-            while rung.empty() and looks.get(timeout=LONG) != times:
-                pass
+        for times in ((1001.0, 51.0), (1002.0 + step, 52.0), (1002.9 + step, 52.9)):
+            wall.set(*times)
+            assert rung.empty()
+        wall.times = (1003.1 + step, 53.1)
+        assert rung.get(timeout=LONG)
+    finally:
+        alarm.shutdown()
+
+
+def test_a_moment_comes_with_the_wall_clock_that_is_set_forward(monkeypatch):
+    rung, wall = queue.Queue(), WallClock(monkeypatch)
+    alarm = RosAlarm(lambda: rung.put(True), "alarm of a test")
+    try:
+        alarm.set(1500.0)
+        wall.set(1499.0, 51.0)
+        assert rung.empty()
+        wall.times = (1501.0, 51.0)
+        assert rung.get(timeout=LONG)
+    finally:
+        alarm.shutdown()
+
+
+def test_a_moment_is_due_when_a_clock_begins_behind_it(clock):
+    clock.set(0.0)
+    rung = queue.Queue()
+    alarm = RosAlarm(lambda: rung.put(True), "alarm of a test")
+    try:
+        alarm.set(50.0)
+        clock.set(1000.0)
         assert rung.get(timeout=LONG)
     finally:
         alarm.shutdown()

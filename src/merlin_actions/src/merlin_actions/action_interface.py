@@ -42,6 +42,7 @@ from merlin_ros.deadline import call_when_passed, running_time
 from merlin_ros.master.master_link import MasterSilent, get_param
 from merlin_ros.node import master_is_lost
 from merlin_ros.publishing import OnSubscriber, publish
+from merlin_ros.ros_alarm import RosStopwatch
 from merlin_ros.service_proxy import ServiceError, ServiceUnavailable, when_back
 from merlin_ros.work.threads import log_failure, start_thread
 from merlin_ros.work.work_book import Decision, Policy, Step, WorkBook
@@ -294,27 +295,27 @@ class ActionInterface:
             elif decision.what is Step.STOP:
                 execution.cancel(decision.reason)
             elif decision.what is Step.WAIT:
-                self._limit_wait(execution, rospy.get_time(), WAITS)
+                self._limit_wait(execution, RosStopwatch(), WAITS)
             else:
                 execution.cancel(decision.reason)
                 self._end(execution, Ending(False, decision.reason, begun=False))
 
-    def _limit_wait(self, execution: Execution, begun: float, times: int) -> None:
-        over = partial(start_thread, f"limit of {execution.text}", self._wait_over, execution, begun, times)
+    def _limit_wait(self, execution: Execution, passed: RosStopwatch, times: int) -> None:
+        over = partial(start_thread, f"limit of {execution.text}", self._wait_over, execution, passed, times)
         call_when_passed(WAIT_LIMIT, over)  # with a thread: an answer may wait for the knowledge
 
-    def _wait_over(self, execution: Execution, begun: float, times: int) -> None:
+    def _wait_over(self, execution: Execution, passed: RosStopwatch, times: int) -> None:
         """Refuses an execution that waits for too long: what is in the way has had the robot's time to end.
 
-        :param begun: when the wait began, s of ROS time.
+        :param passed: since the wait began.
         :param times: how many limits of running time it may still last, with the one that has passed.
         """
-        slow = times > 1 and rospy.get_time() - begun < ON_TIME * WAIT_LIMIT
+        slow = times > 1 and passed.look() < ON_TIME * WAIT_LIMIT
         with self._changed:
             waits = execution.key in self._executions and execution.key not in self._book.running
             decisions = self._book.overdue(execution.key) if waits and not slow else []
         if waits and slow:
-            self._limit_wait(execution, begun, times - 1)
+            self._limit_wait(execution, passed, times - 1)
         self._carry_out(decisions)
 
     def _spawn(self, execution: Execution) -> None:

@@ -19,8 +19,8 @@ from merlin_ros.actions.action_client import ActionClient
 from merlin_ros.actions.client_goal import ClientGoal
 from merlin_ros.deadline import limit
 from merlin_ros.health import Health
+from merlin_ros.ros_alarm import RosStopwatch
 from merlin_ros.work.goal_end import GoalEnd
-from merlin_ros.work.passed_time import PassedTime
 
 
 class MerlinAction(ActionInterface):
@@ -133,12 +133,11 @@ class MerlinAction(ActionInterface):
 
     def _wait(self, ended: threading.Event) -> bool:
         """Waits for the end or a cancel; True when the run limit passed."""
-        time = PassedTime(rospy.get_time())
-        begun = time.line
+        passed = RosStopwatch()
         while not ended.wait(1.0):
             if rospy.is_shutdown():
                 return False
-            if 0.0 < self._run_limit < time.look(rospy.get_time()) - begun:
+            if 0.0 < self._run_limit < passed.look():
                 return True
         return False
 

@@ -6,7 +6,7 @@ import threading
 import rospy
 from rosgraph_msgs.msg import Clock
 
-from merlin_ros.work.passed_time import PassedTime
+from merlin_ros.ros_alarm import RosStopwatch
 
 ROUNDING = 1e-6  # s; sums of ticks are not exact
 
@@ -22,15 +22,13 @@ class RosClock:
 
     def wait(self, seconds: float, stop: threading.Event) -> bool:
         """Waits for seconds of ROS time; False when `stop` was set (see :meth:`wake`) or ROS shut down."""
-        time = PassedTime(rospy.get_time())
-        end = time.line + seconds
+        passed = RosStopwatch()
         with self._ticked:
-            while (left := end - time.line) > ROUNDING:
+            while (left := seconds - passed.look()) > ROUNDING:
                 if stop.is_set() or rospy.is_shutdown():
                     return False
                 # The slice is for shutdown, which does not notify this condition.
                 self._ticked.wait(1.0 if self._simulated else min(left, 1.0))
-                time.look(rospy.get_time())
         return not stop.is_set()
 
     def wake(self) -> None:

@@ -11,7 +11,7 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import LaserScan
 
 from merlin_restaurant.person_tracker import PersonTracker
-from merlin_ros.work.passed_time import PassedTime
+from merlin_ros.ros_alarm import RosStopwatch
 from merlin_sm.states.merlin_state import PREEMPTED, SUCCEEDED, MerlinState
 
 BEHIND = 1.9  # m of distance at which the robot waits
@@ -108,13 +108,13 @@ class WatchState(MerlinState):
 
     def run(self, userdata: Any) -> str:
         """Waits until the condition holds, or the patience is over."""
-        watch, time = self._watch, PassedTime(rospy.get_time())
-        end = time.line + self._limit if self._limit > 0 else math.inf
+        watch, passed = self._watch, RosStopwatch()
+        limit = self._limit if self._limit > 0 else math.inf
         self._stopped = False
         self.interruptible(self._stop)
         with watch.changed:
             # The slice is for a lidar that has fallen silent.
-            while not (self._stopped or self._until() or time.look(rospy.get_time()) > end):
+            while not (self._stopped or self._until() or passed.look() > limit):
                 watch.changed.wait(1.0)
             outcome = SUCCEEDED if self._until() else LOST
         self.interruptible(None)

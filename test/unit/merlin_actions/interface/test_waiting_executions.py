@@ -3,6 +3,7 @@
 
 import queue
 import threading
+from types import SimpleNamespace
 from typing import Any, Callable, Dict, Iterator, List
 
 import pytest
@@ -12,6 +13,7 @@ from fakes.dispatched import Dispatcher
 from merlin_actions import action_interface
 from merlin_actions.core.ending import Ending
 from merlin_actions.core.execution import Execution
+from merlin_ros import ros_alarm
 
 LONG = 60.0
 LIMIT = action_interface.WAIT_LIMIT
@@ -100,6 +102,18 @@ def test_while_the_clock_stands_the_wait_has_an_end(world: World) -> None:
     world.dispatch(1, 2)
     for _ in range(action_interface.WAITS):
         world.pass_limit(0.0)
+    world.stuck(2)
+
+
+def test_a_wall_clock_that_is_set_back_prolongs_no_wait(
+    world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    passed = [50.0]
+    monkeypatch.setattr(rospy.rostime, "is_wallclock", lambda: True)
+    monkeypatch.setattr(ros_alarm, "time", SimpleNamespace(monotonic=lambda: passed[0]))
+    world.dispatch(1, 2)
+    passed[0] += LIMIT
+    world.pass_limit(-60.0)
     world.stuck(2)
 
 

@@ -1,12 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Guiding a client: what the robot sees of the client decides where the guidance goes, and it ends."""
 
+from types import SimpleNamespace
 from typing import Any, List
 
 import pytest
+import rospy
 
 from merlin_restaurant.actions import guide_client
 from merlin_restaurant.actions.guide_client import GuideClient
+from merlin_ros import ros_alarm
 from merlin_sm.states.function_state import FunctionState
 
 
@@ -55,7 +58,7 @@ class Guidance(GuideClient):
 
 @pytest.fixture(autouse=True)
 def world(monkeypatch: pytest.MonkeyPatch) -> None:
-    """People at the table are those of the list; ten seconds pass between two looks at the clock."""
+    """People at the table are those of the list; ten simulated seconds pass between two looks."""
     waits: List[Guidance] = []
     clock = iter(range(0, 100_000, 10))
     monkeypatch.setattr(guide_client, "FollowerWatch", Watch)
@@ -67,7 +70,8 @@ def world(monkeypatch: pytest.MonkeyPatch) -> None:
         ),
     )
     monkeypatch.setattr(guide_client, "people_at", lambda table, seen: len(seen))
-    monkeypatch.setattr(guide_client.rospy, "get_time", lambda: float(next(clock)))
+    monkeypatch.setattr(rospy.rostime, "is_wallclock", lambda: False)
+    monkeypatch.setattr(rospy, "get_time", lambda: float(next(clock)))
     build = Guidance.build
 
     def remember_and_build(self: Guidance) -> None:
@@ -107,3 +111,12 @@ def test_a_client_that_does_not_sit_down_is_not_seated() -> None:
         assert guide(guidance) == "aborted"
         assert "does not sit down at table_1" in guidance.reason
     assert guidance.forgotten == []
+
+
+def test_a_client_is_given_its_time_though_the_wall_clock_is_set_forward(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    passes = iter(range(100))
+    monkeypatch.setattr(rospy.rostime, "is_wallclock", lambda: True)
+    monkeypatch.setattr(ros_alarm, "time", SimpleNamespace(monotonic=lambda: float(next(passes))))
+    assert guide(Guidance([""], [], [0] * 20 + [1])) == "succeeded"

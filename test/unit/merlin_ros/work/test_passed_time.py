@@ -14,8 +14,3 @@ def test_nothing_has_passed_where_a_clock_begins() -> None:
     time = PassedTime(0.0)
     time.set(1000.0)
     assert (time.line, time.look(1002.0), time.at(1005.0)) == (0.0, 2.0, 5.0)
-
-
-def test_what_another_clock_says_counts_where_this_one_does_not() -> None:
-    time = PassedTime(100.0)
-    assert [time.look(now, 7.0) for now in (101.0, 40.0)] == [101.0, 108.0]

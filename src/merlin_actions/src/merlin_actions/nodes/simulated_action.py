@@ -61,7 +61,7 @@ class SimulatedAction(ActionInterface):
         alarm = RosAlarm(over.set, f"simulated {execution.text}")
         execution.interruptible(over.set)
         if duration > 0:
-            alarm.set(rospy.get_time() + duration)
+            alarm.set_after(duration)
             over.wait()
         alarm.shutdown()
         if execution.cancelled.is_set():

@@ -26,7 +26,7 @@ from merlin_ros.deadline import Deadline
 from merlin_ros.health import ERROR, OK, WARN, Health, HealthReporter
 from merlin_ros.node import run_node
 from merlin_ros.parameters import number
-from merlin_ros.work.passed_time import PassedTime
+from merlin_ros.ros_alarm import RosStopwatch
 
 BROKEN_OFF = 1.0  # s without sound, both of ROS time and of running time, after which the speaker has stopped
 
@@ -103,8 +103,7 @@ class ListenNode:
 
     def _listen(self, goal: ServerGoal) -> None:
         timeout = goal.goal.timeout.to_sec() or self._timeout
-        time = PassedTime(rospy.get_time())
-        end = time.line + timeout
+        passed = RosStopwatch()
         detector = UtteranceDetector(loud=self._loud)
         speaking = False
         utterance: Optional[np.ndarray] = None
@@ -112,7 +111,7 @@ class ListenNode:
             # A person that has begun to speak may finish; and in fast simulated time a busy machine delivers
             # the sound late.
             patience = Deadline(self._broken_off if detector.speaking else 0.0)
-            left = self._broken_off if detector.speaking else end - time.look(rospy.get_time())
+            left = self._broken_off if detector.speaking else timeout - passed.look()
             if left > 0.0 and self._clock.wait(left, self._news):
                 left = 0.0
                 patience.wait_event(self._news)

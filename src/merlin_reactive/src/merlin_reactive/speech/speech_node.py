@@ -30,7 +30,7 @@ from merlin_ros.health import OK, WARN, Health, HealthReporter
 from merlin_ros.node import run_node
 from merlin_ros.parameters import ParameterError, number
 from merlin_ros.publishing import publish
-from merlin_ros.work.passed_time import PassedTime
+from merlin_ros.ros_alarm import RosStopwatch
 from merlin_ros.work.threads import start_thread
 
 CHUNK = 0.2  # s of sound per message and per feedback
@@ -81,8 +81,7 @@ class Speaker:
         publish(self._speaking, Bool(True))
         self._card.play(sound)
         played = 0.0
-        time = PassedTime(rospy.get_time())
-        begin = time.line
+        passed = RosStopwatch()
         try:
             size = round(CHUNK * RATE)
             for first in range(0, len(sound.samples), size):
@@ -91,7 +90,7 @@ class Speaker:
                 # Published when it begins: a listener that measures loudness hears it as it is said.
                 publish(self._audio, AudioData(data=part.astype("<i2").tobytes()))
                 # Until the part's own end on the clock: what one wait is late must not add up.
-                left = begin + played + len(part) / RATE - time.look(rospy.get_time())
+                left = played + len(part) / RATE - passed.look()
                 if stop.is_set() or not self._clock.wait(max(left, 0.0), stop):
                     break
                 played += len(part) / RATE

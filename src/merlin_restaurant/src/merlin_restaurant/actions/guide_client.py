@@ -3,13 +3,11 @@
 
 from typing import Any, Optional
 
-import rospy
-
 from merlin_actions.merlin_action_sm import MerlinActionSM
 from merlin_restaurant.actions.navigate import STOPPED_AT
 from merlin_restaurant.follower_watch import FollowerWatch, WatchState
 from merlin_restaurant.table_state import people_at
-from merlin_ros.work.passed_time import PassedTime
+from merlin_ros.ros_alarm import RosStopwatch
 
 PATIENCE = 20.0  # s that the robot waits for a client that has fallen behind or is not seen
 SITS_DOWN = 40.0  # s that a client may take to sit down
@@ -50,16 +48,13 @@ class GuideClient(MerlinActionSM):
         self.add("SEATED", seated, {"not_yet": "LOOK"})
 
     def _begin(self, *_: Any) -> None:
-        self._offered: Optional[PassedTime] = None  # from the first look at the table on
+        self._offered: Optional[RosStopwatch] = None  # from the first look at the table on
 
     def _seated(self, userdata: Any) -> Optional[str]:
-        now = rospy.get_time()
-        if self._offered is None:
-            self._offered = PassedTime(now)
-            self._end = now + SITS_DOWN
+        self._offered = self._offered or RosStopwatch()
         if people_at(userdata.t, userdata.detections):
             return None
-        if self._offered.look(now) > self._end:
+        if self._offered.look() > SITS_DOWN:
             raise ValueError(f"the client does not sit down at {userdata.t}")
         return "not_yet"
 

@@ -20,14 +20,10 @@ class PassedTime:
         """How far time had passed at the last look, s."""
         return self.now + self._moved
 
-    def look(self, now: float, least: float = 0.0) -> float:
-        """ROS time is `now`; returns the line.
-
-        :param least: s that count where the clock was set back.
-        """
+    def look(self, now: float) -> float:
+        """ROS time is `now`; returns the line."""
         if now < self.now:
             self.set(now)
-            self._moved += least
         self.now = now
         return self.line
 

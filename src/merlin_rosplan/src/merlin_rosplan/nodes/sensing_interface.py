@@ -208,10 +208,10 @@ class SensingInterface(Component):
                 reason = str(error) if isinstance(error, ServiceError) else failure_text(error)
                 rospy.logwarn_throttle(LOG_PERIOD, f"{self.scope}: '{predicate}': {reason}")
             if not self.closed:
-                alarm.set(rospy.get_time() + max(period, 0.001))
+                alarm.set_after(max(period, 0.001))
 
         alarm = self.own(RosAlarm(call, f"calls for {predicate}"))
-        alarm.set(rospy.get_time())
+        alarm.set_after(0.0)
 
     def _request(self, predicate: str, entry: Dict[str, Any], service_class: Any) -> Callable[[], Any]:
         text = entry.get("request")
