@@ -201,7 +201,7 @@ class DispatchEnvironment(abc.ABC):
 
     @abc.abstractmethod
     def now(self) -> float:
-        """ROS time, s."""
+        """ROS time as it passes, s: how its clock is set meanwhile does not count."""
 
     @abc.abstractmethod
     def deadline(self, seconds: Optional[float]) -> Any:

@@ -34,7 +34,7 @@ from merlin_ros.actions.peers import sender_of
 from merlin_ros.deadline import Deadline, LookedAt, running_time
 from merlin_ros.publishing import publish
 from merlin_ros.robot_values import AVAILABLE
-from merlin_ros.ros_alarm import RosAlarm
+from merlin_ros.ros_alarm import RosAlarm, RosStopwatch
 from merlin_rosplan.dispatch.dispatch_environment import (
     DispatchEnvironment,
     DispatchError,
@@ -103,6 +103,7 @@ class DispatchTopics(DispatchEnvironment):
         self._open_lock = threading.Lock()  # guards _open
         self._open: Dict[int, PlannedAction] = {}
         self._alarm = component.own(RosAlarm(on_tick, f"alarm of {component.scope}"))
+        self._born, self._passed = rospy.get_time(), RosStopwatch()
         topic = str(component.param("action_dispatch_topic", "action_dispatch"))
         # Latched as in ROSPlan; its queue of one would lose actions and cancels sent back to back.
         self._actions = component.publisher(topic, ActionDispatch, queue_size=1000, latch=True)
@@ -148,8 +149,8 @@ class DispatchTopics(DispatchEnvironment):
             return list(self._open.values())
 
     def now(self) -> float:
-        """ROS time, s."""
-        return float(rospy.get_time())
+        """ROS time as it passes, s, from when the node began."""
+        return self._born + self._passed.look()
 
     def deadline(self, seconds: Optional[float]) -> Deadline:
         """A deadline that stands still while the simulator is paused, and while this process is stalled."""
@@ -212,7 +213,9 @@ class DispatchTopics(DispatchEnvironment):
         except PlanKnowledgeError as error:
             raise DispatchError(f"timed knowledge cannot be asked for: {error}") from error
         now = self.now()
-        return max((time for time, name in changes if name in names and now < time <= until), default=None)
+        moved = now - rospy.get_time()  # by what the clock was set
+        times = (time + moved for time, name in changes if name in names)
+        return max((time for time in times if now < time <= until), default=None)
 
     def begun(self, action: PlannedAction) -> Optional[bool]:
         """Asks a knowledge base of ours for its open executions."""
@@ -255,7 +258,10 @@ class DispatchTopics(DispatchEnvironment):
 
     def wake_at(self, when: Optional[float]) -> None:
         """Sets the alarm."""
-        self._alarm.set(when)
+        if when is None:
+            self._alarm.set(None)
+        else:
+            self._alarm.set_after(when - self.now())
 
     def changed(self, report: DispatchReport) -> None:
         """Publishes the status while a dispatch runs; the end is published after the goals have been checked.
