@@ -2,8 +2,9 @@
 """What the knowledge says of robots, and who hears of them: one robot that is wrong hides no other one."""
 
 import threading
+from queue import Queue
 from types import SimpleNamespace
-from typing import Any, Callable, Dict, Iterator, List, Optional, Sequence
+from typing import Any, Callable, Dict, Iterator, List, Optional, Sequence, Tuple
 
 import pytest
 from diagnostic_msgs.msg import KeyValue
@@ -16,6 +17,7 @@ from merlin_actions.robot_watch import AvailableFacts, RobotWatch
 from merlin_planning.knowledge_client import ADD, KnowledgeError, Update, fact
 from merlin_planning.robot_roster import OF_ONE
 from merlin_ros import alarms
+from merlin_ros.alarms import Alarm
 from merlin_ros.robot_values import AVAILABLE
 from merlin_ros.service_proxy import ServiceUnavailable
 
@@ -32,6 +34,7 @@ class Knowledge:
         self.changed = threading.Condition()
         self.available: Dict[str, bool] = dict.fromkeys(robots, True)
         self.silent = 0  # updates that it does not answer
+        self.full = 0  # updates that it cannot store
         self.asked: List[str] = []  # robots of which something was to be written
 
     def predicates(self) -> Dict[str, DomainFormula]:
@@ -39,6 +42,10 @@ class Knowledge:
 
     def propositions(self, predicate: str) -> List[Any]:
         return [fact(predicate, robot) for robot, there in self.available.items() if there]
+
+    def instances(self, type_name: str) -> List[str]:
+        assert type_name == "robot"
+        return list(self.available)
 
     def update(self, updates: Sequence[Update]) -> None:
         (update,) = updates
@@ -48,6 +55,9 @@ class Knowledge:
             if self.silent:
                 self.silent -= 1
                 raise ServiceUnavailable("it is being started again")
+            if self.full:
+                self.full -= 1
+                raise KnowledgeError("the state file cannot be written")
             if robot not in self.available:
                 raise KnowledgeError(f"unknown object '{robot}'")
             self.available[robot] = update.kind == ADD
@@ -139,15 +149,53 @@ def test_of_a_robot_that_is_removed_nothing_is_written_before_it_is_back(
     assert knowledge.wait(r1=True)
 
 
-def test_a_robot_that_the_knowledge_does_not_know_hides_no_other_one() -> None:
+@pytest.fixture
+def retries(monkeypatch: pytest.MonkeyPatch) -> "Queue[Tuple[float, Alarm]]":
+    """The calls that are to come, and after how many s: they come when the test rings them."""
+    calls: Queue[Tuple[float, Alarm]] = Queue()
+
+    def call_later(seconds: float, call: Callable[[], object]) -> Alarm:
+        alarm = Alarm(call)
+        calls.put((seconds, alarm))
+        return alarm
+
+    monkeypatch.setattr(robot_watch, "call_later", call_later)
+    return calls
+
+
+@pytest.mark.parametrize("change", [{"cleared": True}, {"added": [instance("ghost")]}], ids=["clear", "add"])
+def test_a_robot_that_the_knowledge_does_not_know_hides_no_other_one(
+    others: Callable[..., None], retries: "Queue[Tuple[float, Alarm]]", change: Dict[str, Any]
+) -> None:
     knowledge = Knowledge("r1", "r2")
     facts = AvailableFacts(knowledge)  # type: ignore[arg-type]
     facts.put("ghost", True)
     facts.put("r1", False)
+    assert knowledge.wait(r1=False)
     facts.put("r2", False)
-    assert knowledge.wait(r1=False, r2=False)
+    assert knowledge.wait(r2=False)
+    assert knowledge.asked.count("ghost") == 1 and retries.empty(), "it comes with an event"
     knowledge.available["ghost"] = False  # it is added to the problem
-    assert knowledge.wait(ghost=True)
+    others(**change)
+    assert knowledge.wait(ghost=True) and retries.empty()
+
+
+def test_what_a_knowledge_base_cannot_store_is_written_after_growing_pauses(
+    retries: "Queue[Tuple[float, Alarm]]",
+) -> None:
+    knowledge = Knowledge("r1", "r2")
+    facts = AvailableFacts(knowledge)  # type: ignore[arg-type]
+    pauses: List[float] = []
+    for robot in ("r1", "r2"):
+        knowledge.full = 3
+        facts.put(robot, False)
+        for _ in range(3):
+            pause, alarm = retries.get(timeout=LONG)
+            pauses.append(pause)
+            alarm.ring()
+        assert knowledge.wait(**{robot: False})
+    first, second, third = pauses[:3]
+    assert 0.0 < first < second < third and pauses[3:] == pauses[:3]
 
 
 def test_robots_that_were_never_heard_are_reported_after_a_knowledge_base_was_silent() -> None:

@@ -22,7 +22,8 @@ from merlin_ros.robot_values import AVAILABLE
 from merlin_ros.service_proxy import ServiceError
 from merlin_ros.work.threads import CallQueue
 
-RETRY = 0.3  # s of wall time between two attempts to reach the knowledge base
+RETRY = 0.3  # s of wall time to the second attempt to write; each later pause is twice as long
+LONGEST_RETRY = 5.0  # s of wall time between two attempts
 LONGEST_NAME = 100  # characters of a name in the log
 PUBLISH_LIMIT = 2.0  # s of its own time that an answer waits for the knowledge
 
@@ -157,11 +158,14 @@ class AvailableFacts:
     def __init__(self, knowledge: KnowledgeClient) -> None:
         self._knowledge = knowledge
         predicate = knowledge.predicates().get(AVAILABLE)
-        self._there = predicate is not None and len(predicate.typed_parameters) == 1
+        types = [each.value for each in predicate.typed_parameters] if predicate else []
+        self._there = len(types) == 1
+        self._type = "".join(types[:1])
         self._changed = threading.Condition()  # guards the field below
         self._availability = Availability()
         self._calls = CallQueue("available robots")
-        self._retry: Optional[Alarm] = None  # of the thread of the calls
+        self._retry: Optional[Alarm] = None  # of the thread of the calls, as is the pause
+        self._pause = RETRY
         if self._there:
             self._changes = ForeignChanges(knowledge.name, self._others_changed)
 
@@ -217,18 +221,24 @@ class AvailableFacts:
             refused = [text for text in itertools.starmap(self._write, changes.items()) if text]
         except (ServiceError, MasterSilent) as error:
             refused = [str(error)]
-        if refused:
-            rospy.logwarn_throttle(10.0, f"availability of robots is not written yet: {'; '.join(refused)}")
-            if (self._retry is None or not self._retry.waits) and not rospy.is_shutdown():
-                # A service gives no event when it is offered again.
-                self._retry = call_later(RETRY, self._write_soon)
+        if not refused:
+            self._pause = RETRY
+            return
+        rospy.logwarn_throttle(10.0, f"availability of robots is not written yet: {'; '.join(refused)}")
+        if (self._retry is None or not self._retry.waits) and not rospy.is_shutdown():
+            # Neither a service that is offered again nor a disk with room gives an event.
+            self._retry = call_later(self._pause, self._write_soon)
+            self._pause = min(2.0 * self._pause, LONGEST_RETRY)
 
     def _write(self, robot: str, available: bool) -> str:
         """Writes one; returns why the knowledge base refuses it: the others are written all the same."""
         try:
             self._knowledge.update([Update(ADD if available else REMOVE, fact(AVAILABLE, robot))])
         except KnowledgeError as error:
-            return str(error)
+            if robot.lower() in map(str.lower, self._knowledge.instances(self._type)):
+                return str(error)
+            # A change that adds it is an event, as is a knowledge base that begins anew.
+            rospy.logwarn(f"robot {robot[:LONGEST_NAME]} is no object of the problem: {error}")
         with self._changed:
             self._availability.wrote(robot, available)
             self._changed.notify_all()
