@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The screen of any mission says what the robot does, and why something failed."""
 
-from typing import Any, Dict, List
+import itertools
+from typing import Any, Dict, List, Tuple
 
 import pytest
 from diagnostic_msgs.msg import KeyValue
@@ -68,6 +69,30 @@ def test_actions_and_their_failures_are_reported(log: Log) -> None:
     assert log.lines == ["(ask hall)", "(ask hall): nobody is there"]
     assert log.failures == [("(ask hall)", "nobody is there")]
     assert log.log.deeds == [("(ask hall)", 12.5, 12.5, "nobody is there")]
+
+
+@pytest.mark.parametrize("of_dispatcher", itertools.combinations(range(5), 2))
+def test_an_answer_that_is_read_before_its_dispatch_counts(log: Log, of_dispatcher: Tuple[int, int]) -> None:
+    """All orders in which messages of two topics can be read, one answer of them twice."""
+    dispatches = iter(
+        [ActionDispatch(action_id=number, plan_id=2, name=f"ask_{number}") for number in (1, 2)]
+    )
+    done, failed = ActionFeedback.ACTION_SUCCEEDED_TO_GOAL_STATE, ActionFeedback.ACTION_FAILED
+    why = [KeyValue("reason", "no answer")]
+    answers = iter(
+        [
+            ActionFeedback(action_id=number, plan_id=2, status=status, information=why)
+            for number, status in ((2, failed), (2, failed), (1, done))
+        ]
+    )
+    for place in range(5):
+        topic, read = (
+            ("action_dispatch", dispatches) if place in of_dispatcher else ("action_feedback", answers)
+        )
+        log.hear(f"rosplan_plan_dispatcher/{topic}", next(read))
+    assert sorted(log.log.deeds) == [("(ask_1)", 12.5, 12.5, ""), ("(ask_2)", 12.5, 12.5, "no answer")]
+    assert log.failures == [("(ask_2)", "no answer")]
+    assert log.lines == ["(ask_1)", "(ask_2)", "(ask_2): no answer"]
 
 
 def test_speech_is_reported(log: Log) -> None:

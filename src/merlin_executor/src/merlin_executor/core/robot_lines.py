@@ -34,8 +34,9 @@ class RobotLines:
     def __init__(self, log: Callable[[str], None], on_failure: Callable[[str, str], None]) -> None:
         self._log = log
         self._on_failure = on_failure
-        self._lock = threading.Lock()  # guards the two below
+        self._lock = threading.Lock()  # guards the three below
         self._running: Dict[Tuple[int, int], Tuple[str, float]] = {}  # the oldest first
+        self._answers: Dict[Tuple[int, int], Tuple[Optional[str], ...]] = {}  # early ones; empty: it counted
         self._deeds: Deque[Deed] = deque(maxlen=REMEMBERED)
         self._request = ""
         self._goal = ""
@@ -72,12 +73,17 @@ class RobotLines:
         :param at: s of ROS time.
         """
         with self._lock:
+            early = self._answers.pop(key, ())
             self._running[key] = (text, at)
             _forget_oldest(self._running)  # one that was never answered
         self._log(text)
+        if early:
+            self.end(key, at, *early)
 
     def end(self, key: Tuple[int, int], at: float, failure: Optional[str]) -> None:
-        """An action has ended; one that never began, or has ended before, is left out.
+        """An action has ended; one that has ended before is left out.
+
+        Its dispatch may come later: messages of two topics are read in any order.
 
         :param failure: why it failed; None: it succeeded.
         """
@@ -86,6 +92,8 @@ class RobotLines:
             text, begun = self._running.pop(key, ("", 0.0))
             if text:
                 self._deeds.append(Deed(text, begun, at, reason))
+            self._answers.setdefault(key, () if text else (failure,))
+            _forget_oldest(self._answers)
         if text and failure is not None:
             self._log(f"{text}: {reason}")
             if reason != CANCELLED:
