@@ -33,6 +33,7 @@ class Mission:
         self.paused: List[bool] = []
         self._changed = threading.Condition()
         self._answers: List[bool] = []
+        self._looks = 0
 
     def pauses(self, paused: bool) -> None:
         with self._changed:
@@ -53,16 +54,31 @@ class Mission:
             assert self._changed.wait_for(lambda: bool(self.paused or self._answers), LONG)
             assert self.paused == [True]
 
+    def looks(self) -> None:
+        """Returns when what it has heard so far is taken in."""
+        with self._changed:
+            before = self._looks
+        self._pause.wake()
+        with self._changed:
+            assert self._changed.wait_for(lambda: self._looks > before or bool(self._answers), LONG)
+        self._pause.wake()  # behind what it says because of that look
+
     def goes_on(self) -> bool:
         with self._changed:
             assert self._changed.wait_for(lambda: bool(self._answers), LONG), f"it waits: {self.paused}"
         return self._answers == [True]
 
     def _ask(self, request: Any) -> None:
-        answer = self._pause.again(request, lambda: False)
+        answer = self._pause.again(request, self._looked)
         with self._changed:
             self._answers.append(answer)
             self._changed.notify_all()
+
+    def _looked(self) -> bool:
+        with self._changed:
+            self._looks += 1
+            self._changed.notify_all()
+        return False
 
 
 @pytest.fixture
@@ -139,6 +155,25 @@ def test_a_request_that_was_cancelled_while_it_waited_goes_on_though_the_release
     mission.hears(stopped_while_it_waits())
     mission.reads_result(at=20.0)
     assert mission.goes_on() and mission.paused == []
+
+
+@pytest.mark.parametrize("read", range(4))
+@pytest.mark.parametrize("set_back", [False, True])
+def test_an_older_release_that_is_read_after_the_result_does_not_count(
+    mission: Mission, read: int, set_back: bool
+) -> None:
+    older = stopped_while_it_waits()
+    mission.hears(older[:read])
+    mission.reads_result(at=40.0)
+    mission.wait_paused()
+    mission.hears(older[read:])
+    mission.looks()
+    assert mission.paused == [True]
+    release = [status(IDLE, HELD), status(IDLE)]
+    for each in release:
+        each.header.stamp = rospy.Time(5.0 if set_back else 50.0)  # the Executor's clock
+    mission.hears(release)
+    assert mission.goes_on() and mission.paused == [True, False]
 
 
 @pytest.mark.parametrize("set_back", [False, True])

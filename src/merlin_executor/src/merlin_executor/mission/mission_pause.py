@@ -30,6 +30,9 @@ class HoldWatch:
         """The requests that were cancelled before the last one ended; their results may be heard later."""
         self.released_at = -math.inf
         """When the last one ended, s of the Executor's ROS time."""
+        self.times_set_back = 0
+        """How often that clock was set back."""
+        self._stamp = -math.inf  # of the last status
         self._cancelled: Set[str] = set()  # since a request ran
         self._status = rospy.Subscriber("merlin/status", ExecutorStatus, self._receive, tcp_nodelay=True)
 
@@ -53,8 +56,10 @@ class HoldWatch:
             if status.state == ExecutorStatus.CANCELLING:
                 self._cancelled |= running
             stamp = status.header.stamp.to_sec()
-            if stamp < self.released_at:  # the clock was set back
+            if stamp < self._stamp:
+                self.times_set_back += 1
                 self.released_at = -math.inf
+            self._stamp = stamp
             if self.waits and not status.waits:
                 self.releases += 1
                 self.released_at = stamp
@@ -177,13 +182,19 @@ class MissionPause:
         if self._on_cancel != WAIT or holds is None or not request.taken_back:
             return False
         with self._changed:
-            releases = holds.releases
+            releases, set_back = holds.releases, holds.times_set_back
+
+            def released_later() -> bool:
+                # Statuses of an older release may be read behind the result.
+                older = holds.released_at < request.ended_at and holds.times_set_back == set_back
+                return holds.releases > releases and (request.id in holds.released or not older)
+
             # One that only waited was not seen to be cancelled, but has ended at once.
             released = request.id in holds.released or request.ended_at <= holds.released_at
             if holds.waits or not released:
                 self._set_now(True, asked=False)
                 Deadline(None).wait(
-                    self._changed, lambda: stopped() or not self._switch.paused or holds.releases > releases
+                    self._changed, lambda: stopped() or not self._switch.paused or released_later()
                 )
                 self._set_now(False, asked=False)
         return not stopped() and not rospy.is_shutdown()
