@@ -74,6 +74,15 @@ def test_the_status_says_cancelling_when_all_stops_and_not_when_one_leaves(
     assert second.end()[1] == "SUCCEEDED"
 
 
+def test_the_status_says_cancelling_before_anything_else_happens(bench: Bench) -> None:
+    bench.machine.cancel = lambda: None  # type: ignore[method-assign]
+    goal = bench.run(Goal("(checked kitchen)"))
+    bench.cancel(goal)
+    assert bench.status().state == ExecutorStatus.CANCELLING
+    bench.machine.end(Verdict(Outcome.CANCELLED, "cancelled"))
+    assert goal.end()[1] == "CANCELLED"
+
+
 def test_cancels_of_all_say_nothing_but_statuses_until_the_end(bench: Bench) -> None:
     bench.machine.revises, bench.machine.cancel = True, lambda: None  # type: ignore[method-assign]
     goals = run_together(bench, Goal("(checked kitchen)"), Goal("(checked hall)"))

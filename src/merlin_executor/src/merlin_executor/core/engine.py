@@ -149,8 +149,12 @@ class Engine(Generic[J]):
     def decide(self, event: Callable[[Agenda[J]], List[Decision]]) -> None:
         """Puts an event on the agenda and carries out what that decides; from any thread."""
         with self._changed:
+            stopped = self.agenda.stopping
             answers = self._carry_out([*self.agenda.elapse(), *event(self.agenda)])
+            stops = self.agenda.stopping and not stopped
             self._changed.notify_all()
+        if stops:  # what stops may take its time, and say nothing
+            self._tell(self._on_status)
         self._tell(self._on_queue)
         for request, verdict in answers.items():
             self._answer(request, verdict)
