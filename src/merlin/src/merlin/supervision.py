@@ -151,7 +151,7 @@ def _await(child: int) -> Tuple[int, int]:
 
 def _end_in_order() -> int:
     """Ends the nodes of a run that is dead; returns the signal that this process got meanwhile, or 0."""
-    stopped, until = 0, time.monotonic() + END_LIMIT
+    stopped, ticks = 0, TickClock()  # a stall of this process is none of theirs
     for process in children():
         with contextlib.suppress(OSError):
             os.kill(process, signal.SIGINT)
@@ -159,10 +159,10 @@ def _end_in_order() -> int:
         with contextlib.suppress(ChildProcessError):
             while os.waitpid(-1, os.WNOHANG)[0]:
                 pass
-        left = until - time.monotonic()
-        if not children() or left <= 0:
+        if not children() or ticks.now >= END_LIMIT:
             break
-        received = signal.sigtimedwait(_ENDS | _CHILD, left)
+        received = signal.sigtimedwait(_ENDS | _CHILD, TICK)
+        ticks.look()
         if received is not None and received.si_signo in _ENDS:
             stopped = received.si_signo
     end_children()
@@ -189,7 +189,7 @@ def end_children(limit: float = KILL_LIMIT) -> List[int]:
                 os.kill(process, signal.SIGKILL)
         killed += running
         ends = [start_thread(f"end of {process}", _reap, process) for process in running]
-        ticks = TickClock()  # a stall of this process is none of theirs
+        ticks = TickClock()  # as above
         for process, end in zip(running, ends):
             while end.is_alive() and ticks.now < limit:
                 end.join(TICK)
