@@ -17,9 +17,10 @@ import rosgraph.xmlrpc
 import rosmaster.master_api
 import rosmaster.registrations
 
+from merlin_ros.alarms import wait_ticks
 from merlin_ros.work.threads import CallQueue
 
-#: Wall seconds that binding a socket may take.
+#: s that binding a socket may take; a stall of this process uses up none.
 START_TIMEOUT = 10.0
 #: Longest wait of the master for a node, s of wall time. The call has reached one that hangs.
 NODE_TIMEOUT = 60.0
@@ -124,7 +125,7 @@ class Master:
         rosmaster.master_api.xmlrpcapi = rosmaster.registrations.xmlrpcapi = _notifier.proxy
         self._server = _Server(port or 0, handler)
         self._server.start()
-        if not self._server.settled.wait(START_TIMEOUT) or self._server.error is not None:
+        if not wait_ticks(self._server.settled.wait, START_TIMEOUT) or self._server.error is not None:
             reason = self._server.error or f"not ready after {START_TIMEOUT:.0f} s"
             raise MasterError(
                 f"the ROS master cannot use port {port or '(any)'} ({reason}); stop what holds it, "

@@ -6,7 +6,7 @@ import socket
 import threading
 import xmlrpc.client
 from contextlib import ExitStack
-from typing import Any, Iterator, List
+from typing import Any, Iterator, List, Optional
 from xmlrpc.server import SimpleXMLRPCServer
 
 import pytest
@@ -94,3 +94,25 @@ def test_a_node_hears_of_a_parameter_and_of_its_successor(api: Any, node: Node) 
     api.registerSubscriber("/listener", TOPIC, KIND, node.uri)
     api.registerSubscriber("/listener", TOPIC, KIND, "http://127.0.0.1:1/")
     assert "new node registered with same name" in node.heard.get(timeout=LIMIT)
+
+
+class _Stalled(threading.Event):
+    """The first wait with a limit ends when the limit has passed, and nothing has happened meanwhile."""
+
+    stalled = False
+
+    def wait(self, timeout: Optional[float] = None) -> bool:
+        if timeout is None or self.stalled:
+            return super().wait(timeout)
+        self.stalled = True
+        return False
+
+
+def test_a_stall_while_the_master_begins_is_no_reason_to_refuse_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The thread that opens its port has stood still for as long as the one that waits."""
+    with monkeypatch.context() as while_it_begins:
+        while_it_begins.setattr(threading, "Event", _Stalled)
+        master = Master()
+    with xmlrpc.client.ServerProxy(master_uri(master.port)) as api:
+        assert api.getPid("/test")[0] == 1  # type: ignore[index]
+    master.stop()
