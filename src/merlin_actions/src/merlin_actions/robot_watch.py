@@ -238,7 +238,8 @@ class AvailableFacts:
             if robot.lower() in map(str.lower, self._knowledge.instances(self._type)):
                 return str(error)
             # A change that adds it is an event, as is a knowledge base that begins anew.
-            rospy.logwarn(f"robot {robot[:LONGEST_NAME]} is no object of the problem: {error}")
+            words = f"it is no object of type {self._type}; add it to the problem"
+            rospy.logwarn(f"no plan counts on robot {robot[:LONGEST_NAME]}: {words} ({error})")
         with self._changed:
             self._availability.wrote(robot, available)
             self._changed.notify_all()
