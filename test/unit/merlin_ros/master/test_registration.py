@@ -73,6 +73,7 @@ class Nodes:
         self.hanging: List[str] = []  # in the next calls that say which publishers there are
         self.odd: List[str] = []  # that answer something else
         self.gone: List[str] = []
+        self.silent: List[str] = []  # in the next calls that ask what they have
         self.faulty: List[str] = []  # whose code raises when it gets publishers
         self.known: Dict[str, str] = {}
         monkeypatch.setattr(rospy, "get_name", lambda: "/me")
@@ -88,6 +89,9 @@ class Nodes:
         def topics(_: str) -> Tuple[int, str, Any]:
             if name in self.gone:
                 raise ConnectionRefusedError("it has ended")
+            if name in self.silent:
+                self.silent.remove(name)
+                raise master_link.MasterSilent("it did not answer within 2 s")
             return (1, "", "none") if name in self.odd else (1, "", [[f"{name}/a", "T"], [f"{name}/b", "T"]])
 
         def update(*_: Any) -> None:
@@ -141,6 +145,18 @@ def test_a_node_that_has_ended_meanwhile_is_not_tried_for_ever(monkeypatch: pyte
         nodes.restore(master)
     nodes.gone = ["/one"]
     assert nodes.restore(master) == []
+
+
+def test_a_node_that_did_not_answer_in_time_is_asked_once_more_and_keeps_no_other_one(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The whole machine may have stalled, or the node may have waited for its processor."""
+    nodes, master = Nodes(monkeypatch, "/hung", "/slow", "/two"), Master()
+    nodes.silent = ["/hung", "/slow", "/hung"]
+    with pytest.raises(RegistrationError, match="/slow does not answer"):
+        nodes.restore(master)
+    assert topics(master, "/two")
+    assert nodes.restore(master) == ["/slow"]
 
 
 def test_a_node_that_answers_something_else_keeps_no_other_one(monkeypatch: pytest.MonkeyPatch) -> None:

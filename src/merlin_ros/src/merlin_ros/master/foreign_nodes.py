@@ -30,6 +30,7 @@ class ForeignNodes:
         self._addresses: Dict[str, str] = {}  # node -> its XML-RPC server
         self._services: Dict[str, str] = {}  # service -> its address
         self._begun: Set[str] = set()  # nodes of which the master has only a part
+        self._silent: Set[str] = set()  # nodes that did not answer in time
 
     def look(self, master: rosgraph.Master) -> None:
         """Notes what is registered now.
@@ -51,7 +52,8 @@ class ForeignNodes:
         :param going_on: asked before each node.
         :return: their names.
         :raises OSError: when the master does not answer; to be tried again.
-        :raises RegistrationError: when a node is done in part only, the others as far as possible; likewise.
+        :raises RegistrationError: when a node is done in part only, or did not answer for the first time, the
+            others as far as possible; likewise.
         """
         known = master_link.ask_each(master, "lookupNode", list(self._addresses))
         done: List[str] = []
@@ -61,10 +63,14 @@ class ForeignNodes:
                 continue
             try:
                 things = self._registrations(name, uri)
-            except ERRORS as error:  # it has ended, or hangs
-                if name in self._begun and not isinstance(error, ConnectionRefusedError):
+            except ERRORS as error:  # it has ended, or hangs; or all has stalled: it is asked once more
+                again = isinstance(error, master_link.MasterSilent) and name not in self._silent
+                if again:
+                    self._silent.add(name)
+                if again or (name in self._begun and not isinstance(error, ConnectionRefusedError)):
                     fault = RegistrationError(f"{name} does not answer: {error}")
                 continue
+            self._silent.discard(name)
             if things is None or not going_on():
                 continue
             self._begun.add(name)  # the master knows it from the first of its topics on
