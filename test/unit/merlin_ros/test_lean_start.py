@@ -164,6 +164,19 @@ assert len(runs) == 1 and type(some_module) is type(sys)
 
 
 @pytest.mark.everywhere
+def test_a_thread_that_has_begun_to_use_a_lazy_module_while_another_imports_it_gets_it(tmp_path):
+    lazily(
+        tmp_path,
+        """
+go.set()
+begun = type(some_module).__getattribute__  # Python has found it, and has not called it yet
+assert some_module.first == 1
+assert (begun(some_module, "last"), len(runs)) == (2, 1)
+""",
+    )
+
+
+@pytest.mark.everywhere
 def test_a_lazy_module_is_what_an_eager_one_is(tmp_path):
     lazily(
         tmp_path,

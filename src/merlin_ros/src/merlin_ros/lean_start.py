@@ -16,6 +16,7 @@ import os
 import re
 import sys
 import threading
+from functools import partial
 from importlib.machinery import ModuleSpec, PathFinder
 from types import FrameType, ModuleType
 from typing import Any, Dict, Iterator, Optional, Sequence
@@ -288,7 +289,7 @@ class _LazyModule(ModuleType):
     """A module whose first use imports it: once, however many threads use it, as Python's imports do."""
 
     def __getattribute__(self, name: str) -> Any:
-        get = super().__getattribute__
+        get = partial(ModuleType.__getattribute__, self)  # no super(): it may have become a usual one
         spec, content = get("__spec__"), get("__dict__")
         known = name in content and (name.startswith("__") or name in LAZY[spec.name])
         if not known and name not in ("__class__", "__path__"):
