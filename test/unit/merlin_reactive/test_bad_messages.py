@@ -5,6 +5,7 @@ import math
 
 import pytest
 import rospy
+from geometry_msgs.msg import TransformStamped
 from nav_msgs.msg import OccupancyGrid, Odometry
 from sensor_msgs.msg import LaserScan
 
@@ -34,14 +35,14 @@ def test_a_scan_needs_rays(ranges: list, angle_min: float, increment: float) -> 
     assert f"it has {len(ranges)} ranges" in unusable(message)
 
 
-def test_a_laser_upside_down_sees_the_same() -> None:
+def test_a_laser_that_sweeps_clockwise_sees_the_same() -> None:
     sweep = LaserScan(ranges=[1.0, 2.0, math.nan, 30.0], angle_min=-1.0, angle_increment=0.5, range_max=10.0)
     back = LaserScan(
         ranges=sweep.ranges[::-1], angle_min=0.5, angle_increment=-0.5, range_min=0.0, range_max=10.0
     )
     for scan in (sweep, back):
         assert unusable(scan) == ""
-        angles, ranges = rays_of(scan)
+        angles, ranges = rays_of(scan, TransformStamped())
         assert angles.tolist() == [-1.0, -0.5, 0.0, 0.5]
         assert ranges.tolist() == [1.0, 2.0, math.inf, math.inf]
 

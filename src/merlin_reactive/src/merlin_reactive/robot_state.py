@@ -15,7 +15,7 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import LaserScan
 
 from merlin_reactive.pose import Pose, wrap
-from merlin_reactive.ros_messages import pose_of, pose_of_transform
+from merlin_reactive.ros_messages import hangs, pose_of, pose_of_transform
 from merlin_ros.deadline import Deadline
 
 HISTORY = 40  # odometry messages kept, to place a scan where it was made
@@ -53,7 +53,7 @@ class RobotState:
         self._odometry: Deque[Odometry] = deque(maxlen=HISTORY)
         self._heard = rospy.Time()  # when the last of it came
         self._scan: Optional[LaserScan] = None
-        self._mount: Optional[Pose] = None  # of the laser on the robot
+        self._mount: Optional[TransformStamped] = None  # of the laser on the robot
         self.buffer = tf2_ros.Buffer()
         self._listener = tf2_ros.TransformListener(self.buffer)
         self._subscribers = [
@@ -134,9 +134,10 @@ class RobotState:
             return None
         if self._mount is None:
             frames = history[-1].child_frame_id, message.header.frame_id
-            self._mount = pose_of_transform(self._transform(*frames, "robot_state_publisher"))
+            self._mount = self._transform(*frames, "robot_state_publisher")
+        mount = pose_of_transform(self._mount)
         base = self._frame_pose(history[-1].header.frame_id).compose(odometry_at(history, stamp))
-        return PlacedScan(base.compose(self._mount), *rays_of(message), stamp, self._mount)
+        return PlacedScan(base.compose(mount), *rays_of(message, self._mount), stamp, mount)
 
     def _frame_pose(self, frame: str) -> Pose:
         return pose_of_transform(self._frame(frame))
@@ -175,13 +176,18 @@ def unusable(message: LaserScan) -> str:
     return f"a scan is ignored: it has {count} ranges, from {first:g} rad in steps of {step:g} rad"
 
 
-def rays_of(message: LaserScan) -> Tuple[np.ndarray, np.ndarray]:
-    """The angles (rad, ascending) and ranges (m) of a usable scan, infinite where nothing was hit."""
+def rays_of(message: LaserScan, mount: TransformStamped) -> Tuple[np.ndarray, np.ndarray]:
+    """The rays of a usable scan, counterclockwise as seen from above the robot.
+
+    :param mount: of the laser on the robot.
+    :return: angles (rad, ascending) and ranges (m), infinite where nothing was hit.
+    """
     ranges = np.array(message.ranges, dtype=float)
     ranges[~((ranges >= message.range_min) & (ranges <= message.range_max))] = math.inf
     angles = message.angle_min + message.angle_increment * np.arange(len(ranges))
-    # A laser that hangs upside down sweeps the other way round.
-    return (angles, ranges) if message.angle_increment > 0.0 else (angles[::-1], ranges[::-1])
+    if hangs(mount):
+        angles = -angles
+    return (angles, ranges) if angles[0] < angles[-1] else (angles[::-1], ranges[::-1])
 
 
 def velocity_of(message: Odometry) -> Tuple[float, float]:

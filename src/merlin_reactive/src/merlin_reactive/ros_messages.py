@@ -81,6 +81,12 @@ def pose_of_transform(message: TransformStamped) -> Pose:
     return Pose(move.x, move.y, yaw_of(message.transform.rotation))
 
 
+def hangs(message: TransformStamped) -> bool:
+    """Whether the z axis of the child points down, as that of a laser that is mounted upside down."""
+    rotation = message.transform.rotation
+    return bool(rotation.x**2 + rotation.y**2 > 0.5)
+
+
 def grid_of(message: GridMessage) -> OccupancyGrid:
     """A map from a message.
 

@@ -9,7 +9,7 @@ from typing import Deque, Optional
 import numpy as np
 import rospy
 import tf2_ros
-from geometry_msgs.msg import PoseArray, PoseWithCovarianceStamped
+from geometry_msgs.msg import PoseArray, PoseWithCovarianceStamped, TransformStamped
 from nav_msgs.msg import OccupancyGrid, Odometry
 from sensor_msgs.msg import LaserScan
 from std_srvs.srv import Empty, EmptyRequest, EmptyResponse
@@ -53,7 +53,7 @@ class LocalizationNode:
         self._lock = threading.Lock()  # guards everything below
         self._localizer: Optional[Localizer] = None
         self._odometry: Deque[Odometry] = deque(maxlen=HISTORY)
-        self._mount: Optional[Pose] = None
+        self._mount: Optional[TransformStamped] = None  # of the laser on the robot
         self._scanned: Optional[rospy.Time] = None  # of the last scan
         self._buffer = tf2_ros.Buffer()
         self._listener = tf2_ros.TransformListener(self._buffer)
@@ -161,16 +161,15 @@ class LocalizationNode:
             last = self._odometry[-1]
             if self._mount is None:
                 try:
-                    self._mount = pose_of_transform(
-                        self._buffer.lookup_transform(
-                            last.child_frame_id, message.header.frame_id, rospy.Time(0)
-                        )
+                    self._mount = self._buffer.lookup_transform(
+                        last.child_frame_id, message.header.frame_id, rospy.Time(0)
                     )
                 except tf2_ros.TransformException as error:
                     rospy.logwarn_throttle(10.0, f"localization: where is the laser? {error}")
                     return
             odometry = odometry_at(list(self._odometry), message.header.stamp.to_sec())
-            updated = self._localizer.update(odometry, self._mount, *rays_of(message))
+            rays = rays_of(message, self._mount)
+            updated = self._localizer.update(odometry, pose_of_transform(self._mount), *rays)
             self._scanned = message.header.stamp
             self._publish(message.header.stamp, last.header.frame_id, odometry, updated)
 
