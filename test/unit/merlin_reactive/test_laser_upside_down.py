@@ -22,7 +22,7 @@ from merlin_reactive.ros_messages import transform
 NOW = rospy.Time(100.0)
 UPRIGHT = Quaternion(w=1.0)
 HANGS = Quaternion(x=1.0)  # turned about the axis that points forward
-HANGS_TURNED = Quaternion(x=math.cos(math.pi / 4), y=math.sin(math.pi / 4))  # and then to the left, by a quarter
+HANGS_TURNED = Quaternion(x=0.5**0.5, y=0.5**0.5)  # and then to the left, by a quarter
 #: 2 m of the laser away on its left, and nothing else.
 SCAN = LaserScan(
     ranges=[9.0, 9.0, 9.0, 2.0], angle_min=-math.pi / 2, angle_increment=math.pi / 3, range_max=5.0

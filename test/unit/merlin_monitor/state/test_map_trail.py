@@ -5,6 +5,7 @@ from typing import Any, List, Tuple
 
 import numpy
 import pytest
+from geometry_msgs.msg import Quaternion, Transform, Vector3
 from nav_msgs.msg import OccupancyGrid
 from sensor_msgs.msg import LaserScan
 
@@ -12,6 +13,8 @@ from merlin_monitor.panels.map import scan_points
 from merlin_monitor.state.map_section import LONGEST_TRAIL, MapSection, near_cells
 from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.text.phrase import in_english
+
+HALF = 0.5**0.5  # of a quaternion that turns by a quarter
 
 
 def section() -> Tuple[StateTree, MapSection]:
@@ -121,8 +124,13 @@ def test_why_a_drive_ended_stays_until_the_next_one() -> None:
     assert stands(tree) == ""
 
 
-def test_a_scan_in_the_maps_frame() -> None:
+@pytest.mark.parametrize(
+    ("rotation", "left"),
+    [(Quaternion(z=HALF, w=HALF), (-1.0, 1.0)), (Quaternion(x=HALF, y=HALF), (3.0, 1.0))],
+    ids=["upright", "upside down"],
+)
+def test_a_scan_in_the_maps_frame(rotation: Quaternion, left: Tuple[float, float]) -> None:
     scan = LaserScan(angle_min=0.0, angle_increment=numpy.pi / 2, range_min=0.1, range_max=5.0)
     scan.ranges = [1.0, 2.0, float("inf"), 0.01]
-    points = scan_points(scan, 1.0, 1.0, numpy.pi / 2)
-    assert numpy.allclose(points, [(1.0, 2.0), (-1.0, 1.0)])
+    points = scan_points(scan, Transform(Vector3(1.0, 1.0, 0.3), rotation))
+    assert numpy.allclose(points, [(1.0, 2.0), left])

@@ -179,7 +179,7 @@ class MapPanel(Panel):
             stamped = self._transform(self._frames[0], scan.header.frame_id)
         except NO_TRANSFORM:
             return
-        self.state.inbox.put(self.state.map.seen, scan_points(scan, *_pose_in(stamped)))
+        self.state.inbox.put(self.state.map.seen, scan_points(scan, stamped.transform))
 
     def _pose(self) -> Optional[Tuple[float, float, float]]:
         try:
@@ -208,13 +208,24 @@ def _failure(end: MoveBaseActionResult) -> str:
     return end.status.text or "no reason given" if failed else ""
 
 
-def scan_points(scan: Any, x: float, y: float, yaw: float) -> Any:
-    """What a laser sees, m, in the frame in which the laser has this pose; an array of two columns."""
+def scan_points(scan: Any, laser: Any) -> Any:
+    """What a laser sees, m; an array of two columns.
+
+    :param laser: geometry_msgs/Transform of the laser in the frame of the points; it may hang upside down.
+    """
     ranges = numpy.asarray(scan.ranges, dtype=float)
-    angles = yaw + scan.angle_min + scan.angle_increment * numpy.arange(len(ranges))
+    angles = scan.angle_min + scan.angle_increment * numpy.arange(len(ranges))
     hits = numpy.isfinite(ranges) & (ranges >= scan.range_min) & (ranges < scan.range_max)
     ranges, angles = ranges[hits], angles[hits]
-    return numpy.column_stack((x + ranges * numpy.cos(angles), y + ranges * numpy.sin(angles)))
+    ahead, left = ranges * numpy.cos(angles), ranges * numpy.sin(angles)
+    turn, place = laser.rotation, laser.translation
+    x, y, z, w = turn.x, turn.y, turn.z, turn.w
+    return numpy.column_stack(
+        (
+            place.x + (1.0 - 2.0 * (y * y + z * z)) * ahead + 2.0 * (x * y - w * z) * left,
+            place.y + 2.0 * (x * y + w * z) * ahead + (1.0 - 2.0 * (x * x + z * z)) * left,
+        )
+    )
 
 
 def _points_of(path: Path) -> List[Tuple[float, float]]:
