@@ -27,6 +27,16 @@ def in_thread(function):
     return results[0]
 
 
+def test_a_state_that_was_not_made_is_refused_by_its_class():
+    class Forgets(smach.State):
+        def __init__(self):
+            pass
+
+    refusal = pytest.raises(smach.InvalidStateError, match=r"'/A': Forgets.__init__ does not call super")
+    with refusal, smach.StateMachine(["done"]):
+        smach.StateMachine.add("A", Forgets())
+
+
 def test_d1_exception_while_building_leaves_no_container_open(kit):
     sm = smach.StateMachine(["done"])
     with pytest.raises(ZeroDivisionError), sm:

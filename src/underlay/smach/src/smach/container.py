@@ -152,6 +152,10 @@ class Container(PreemptibleContainer):
             )
         if not isinstance(state, State):
             raise InvalidStateError(f"'{where}': {state!r} is not a smach.State")
+        if not hasattr(state, "_outcomes"):
+            raise InvalidStateError(
+                f"'{where}': {type(state).__name__}.__init__ does not call super().__init__()"
+            )
         if label in self.get_children():
             raise InvalidStateError(f"'{where}': there is a state of this label already")
         if state is self:
