@@ -32,6 +32,32 @@ def test_what_is_no_class_of_actions_is_refused(path: str, why: str) -> None:
         make_machines([path])
 
 
+class Exits(MerlinActionSM):
+    def build(self) -> None:
+        raise SystemExit(0)
+
+
+class ForgetsSuper(MerlinActionSM):
+    def __init__(self) -> None:
+        pass
+
+
+@pytest.mark.parametrize(
+    ("of", "why"),
+    [(Exits, "SystemExit: 0"), (ForgetsSuper, r"its __init__ does not call super\(\).__init__\(\)")],
+)
+def test_a_class_that_ends_the_process_or_is_not_made_is_refused(of: type, why: str) -> None:
+    with pytest.raises(ValueError, match=f"{of.__name__} cannot be made: {why}"):
+        make_machines([f"{__name__}:{of.__name__}"])
+
+
+def test_a_module_that_ends_the_process_is_refused(tmp_path, monkeypatch) -> None:
+    (tmp_path / "ends_at_import.py").write_text("raise SystemExit(0)\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    with pytest.raises(ValueError, match=r"SystemExit: 0 \(ends_at_import.py, line 1\)"):
+        make_machines(["ends_at_import:Greet"])
+
+
 def test_two_operators_of_one_ros_name_are_refused() -> None:
     assert by_ros_name(["check-table", "greet"]) == {"check_table": "check-table", "greet": "greet"}
     with pytest.raises(ValueError, match="'check-table' and 'Check_Table' both map to actions/check_table"):

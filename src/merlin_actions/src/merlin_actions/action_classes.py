@@ -39,8 +39,11 @@ def make_machines(paths: Sequence[str]) -> List[MerlinActionSM]:
             mistakes.append(f"{error}; correct the launch file's 'actions'")
             continue
         try:
-            machines.append(action_class())
-        except Exception as error:  # users' code
+            machine = action_class()
+            if not hasattr(machine, "userdata"):
+                raise ValueError("its __init__ does not call super().__init__()")
+            machines.append(machine)
+        except (Exception, SystemExit) as error:  # users' code
             mistakes.append(cannot_be_made(path, error))
     if mistakes:
         raise ApplicationError(mistakes)

@@ -31,7 +31,7 @@ def fitted(machine: MerlinActionSM, world: ApplicationWorld) -> MerlinActionSM:
     kind = own.fitted(variables, robot, lambda text: with_robot(text, robot, world.facts, world.parents))
     try:
         return machine if kind is own else kind()
-    except Exception as error:  # users' code
+    except (Exception, SystemExit) as error:  # users' code
         raise ApplicationError([cannot_be_made(f"{own.__module__}:{own.__name__}", error)]) from error
 
 

@@ -32,7 +32,7 @@ def load_function(path: str) -> Callable[..., Any]:
     return found
 
 
-def cannot_be_made(path: str, error: Exception) -> str:
+def cannot_be_made(path: str, error: BaseException) -> str:
     """Why a class of an application cannot be instantiated, with its line that raised the error.
 
     :param path: ``package.module:Class``.
@@ -55,7 +55,7 @@ def _load(path: str) -> Any:
             module = importlib.import_module(module_name)
     except (ImportError, SyntaxError) as error:
         raise ValueError(f"{path!r}: {error}") from error
-    except Exception as error:  # of users' code, at its import
+    except (Exception, SystemExit) as error:  # of users' code, at its import
         frame = traceback.extract_tb(error.__traceback__)[-1]
         place = f"{Path(frame.filename).name}, line {frame.lineno}"
         raise ValueError(f"{path!r}: {failure_text(error)} ({place})") from error
