@@ -113,7 +113,7 @@ MAY_IMPORT: Dict[str, Tuple[str, ...]] = {
 #: beside them, of which one may be named by itself. A package that is missing here has no sub-packages.
 LAYERS: Dict[str, Tuple[str, ...]] = {
     "merlin_pddl": (".", "analysis", "checks"),
-    "merlin_ros": ("work", "alarms robot_values processes", "master ports", ".", "actions"),
+    "merlin_ros": ("work", "alarms robot_values", "processes", "master ports", ".", "actions"),
     "merlin_planning": (".", "over_rosplan", "dispatch_client"),
     "merlin_sm": (".", "states", "holding trees", "breakpoint_client state_factory"),
     "merlin_rosplan": (

@@ -71,3 +71,19 @@ def test_a_child_that_is_stopped_ends_with_a_killed_starter() -> None:
     done = subprocess.run([sys.executable, "-c", STARTER], capture_output=True, text=True, check=False)
     lives, child = done.stdout.split()
     assert lives == "True" and gone(int(child))
+
+
+STALLS = """
+import itertools, subprocess, time
+looks = itertools.count(0.0, 1000.0)  # so much passes before each look at the clock
+time.monotonic = lambda: next(looks)
+from merlin_ros.processes.process_tree import adopt_orphans, children, end_descendants
+adopt_orphans()
+subprocess.run(["sh", "-c", "setsid sleep 600 >/dev/null & setsid sleep 600 >/dev/null &"])
+print(len(children()), end_descendants(60.0), len(children()))
+"""
+
+
+def test_a_stall_while_descendants_end_is_none_of_theirs() -> None:
+    done = subprocess.run([sys.executable, "-c", STALLS], capture_output=True, text=True, check=True)
+    assert done.stdout == "2 True 0\n"

@@ -5,8 +5,9 @@ import contextlib
 import ctypes
 import os
 import signal
-import time
 from typing import Callable, Dict, List, NamedTuple
+
+from merlin_ros.alarms import wait_ticks
 
 _PR_SET_PDEATHSIG, _PR_SET_CHILD_SUBREAPER = 1, 36  # linux/prctl.h
 _LISTS = os.path.exists(f"/proc/self/task/{os.getpid()}/children")  # not every kernel is built with it
@@ -104,31 +105,24 @@ def tree_size(root: int) -> TreeSize:
 def end_descendants(limit: float) -> bool:
     """Kills and reaps everything below the calling process, which must have called :func:`adopt_orphans`.
 
-    :param limit: s of running time; a process in an uninterruptible call of the kernel outlives its kill.
+    :param limit: s of its own time; a process in an uninterruptible call of the kernel outlives its kill.
     :return: whether none is left.
     """
-    deadline = time.monotonic() + limit
     # Blocked, the end of a child waits for sigtimedwait and is not lost to a handler.
     before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGCHLD])
     try:
-        return _end_all(deadline)
+        # A stopped process starts no further one while the others are killed.
+        _send(descendants(os.getpid()), signal.SIGSTOP)
+        return wait_ticks(_end_all, limit)
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _end_all(deadline: float) -> bool:
-    stopped = False
-    while _reap():
-        pids = descendants(os.getpid())
-        if not stopped:  # a stopped process starts no further one while the others are killed
-            _send(pids, signal.SIGSTOP)
-            pids = descendants(os.getpid())
-            stopped = True
-        _send(pids, signal.SIGKILL)
-        if time.monotonic() > deadline:
-            return False
-        signal.sigtimedwait([signal.SIGCHLD], max(0.0, deadline - time.monotonic()))
-    return True
+def _end_all(seconds: float) -> bool:
+    _send(descendants(os.getpid()), signal.SIGKILL)
+    if _reap():
+        signal.sigtimedwait([signal.SIGCHLD], seconds)
+    return not _reap()
 
 
 def _send(pids: List[int], number: int) -> None:
