@@ -66,9 +66,16 @@ def test_a_calibration_that_cannot_be_used_is_refused(camera: CameraInfo, why: s
 
 
 @pytest.mark.parametrize(
-    ("encoding", "data"), [("rgb8", bytes(100)), ("bgr8", b""), ("ultraviolet", bytes(240 * 320 * 3))]
+    ("encoding", "data", "width"),
+    [
+        ("rgb8", bytes(100), 320),
+        ("bgr8", b"", 320),
+        ("rgb8", b"", 0),
+        ("bgr8", b"", 0),
+        ("ultraviolet", bytes(240 * 320 * 3), 320),
+    ],
 )
-def test_a_picture_that_cannot_be_read_is_refused(encoding: str, data: bytes) -> None:
-    strange = Image(width=320, height=240, step=960, encoding=encoding, data=data)
+def test_a_picture_that_cannot_be_read_is_refused(encoding: str, data: bytes, width: int) -> None:
+    strange = Image(width=width, height=240, step=3 * width, encoding=encoding, data=data)
     with pytest.raises(NoPicture, match="cannot be read"):
         rectified(BRIDGE, strange, info())

@@ -113,6 +113,8 @@ def rectified(bridge: CvBridge, image: Image, info: CameraInfo) -> Tuple[np.ndar
 
     :raises NoPicture: the image, or the calibration, cannot be used.
     """
+    if not image.width * image.height:
+        raise NoPicture("the camera image cannot be read: it has no pixels")
     try:
         pixels = bridge.imgmsg_to_cv2(image, "rgb8")
     except (CvBridgeError, TypeError, ValueError) as error:  # the last two: data of another size
