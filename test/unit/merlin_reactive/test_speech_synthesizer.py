@@ -99,6 +99,13 @@ def test_files_that_are_no_sound(tmp_path):
         out.setframerate(RATE)
     with pytest.raises(SoundError, match="contains no sound"):
         read_wave(str(file))
+    with wave.open(str(file), "wb") as out:
+        out.setnchannels(1)
+        out.setsampwidth(2)
+        out.setframerate(3 * RATE)
+        out.writeframes(bytes(2))  # a third of a sample at the common rate
+    with pytest.raises(SoundError, match="contains no sound"):
+        read_wave(str(file))
     with pytest.raises(SoundError, match="not a WAV file"):
         read_wave("a\0b")
     with pytest.raises(SoundError, match="No such file"):

@@ -156,17 +156,17 @@ def read_wave(path: str) -> Sound:
         raise SoundError(f"{path}: {rate} samples per second")
     # A file that was cut off ends anywhere.
     data = np.frombuffer(content[: len(content) // (2 * channels) * (2 * channels)], dtype="<i2")
-    if not len(data):
+    samples = resampled(data.reshape(-1, channels).mean(axis=1), rate)
+    if not len(samples):
         raise SoundError(f"{path} contains no sound")
-    mono = data.reshape(-1, channels).mean(axis=1)
-    return Sound(resampled(mono, rate))
+    return Sound(samples)
 
 
 def resampled(samples: np.ndarray, rate: int) -> np.ndarray:
     """Samples of another rate at RATE, by cutting or padding the spectrum."""
-    if rate == RATE or not len(samples):
-        return samples.astype(np.int16)
     wanted = round(len(samples) * RATE / rate)
+    if rate == RATE or not wanted:
+        return samples[:wanted].astype(np.int16)
     spectrum = np.fft.rfft(samples)
     changed = np.zeros(wanted // 2 + 1, dtype=complex)
     kept = min(len(spectrum), len(changed))
