@@ -5,7 +5,7 @@ import math
 
 import pytest
 import rospy
-from geometry_msgs.msg import TransformStamped
+from geometry_msgs.msg import Quaternion, TransformStamped
 from nav_msgs.msg import OccupancyGrid, Odometry
 from sensor_msgs.msg import LaserScan
 
@@ -23,6 +23,23 @@ def test_a_map_needs_cells_of_a_width(resolution: float) -> None:
     assert grid_of(message).cells.shape == (2, 2)
     message.info.resolution = resolution
     with pytest.raises(ValueError, match="m wide"):
+        grid_of(message)
+
+
+@pytest.mark.parametrize("turn", [Quaternion(0, 0, 1, 0), Quaternion(0, 0, 0.6, 0.8), Quaternion(w=math.nan)])
+def test_a_map_that_is_turned_is_refused(turn: Quaternion) -> None:
+    message = OccupancyGrid(data=[0, 0, 100, -1])
+    message.info.width, message.info.height, message.info.resolution = 2, 2, 0.05
+    message.info.origin.orientation = turn
+    with pytest.raises(ValueError, match="rotated"):
+        grid_of(message)
+
+
+def test_a_map_lies_somewhere() -> None:
+    message = OccupancyGrid(data=[0, 0, 100, -1])
+    message.info.width, message.info.height, message.info.resolution = 2, 2, 0.05
+    message.info.origin.position.y = math.nan
+    with pytest.raises(ValueError, match="origin"):
         grid_of(message)
 
 

@@ -90,15 +90,18 @@ def hangs(message: TransformStamped) -> bool:
 def grid_of(message: GridMessage) -> OccupancyGrid:
     """A map from a message.
 
-    :raises ValueError: when it is rotated, empty, without a resolution, or does not hold what it announces.
+    :raises ValueError: when it is rotated, empty, without a resolution or a place, or does not hold what it
+        announces.
     """
     info = message.info
     if info.width * info.height == 0 or len(message.data) != info.width * info.height:
         raise ValueError(f"the map announces {info.width} x {info.height} cells and has {len(message.data)}")
     if not (math.isfinite(info.resolution) and info.resolution > 0.0):
         raise ValueError(f"the map's cells are {info.resolution:g} m wide")
-    if abs(yaw_of(info.origin.orientation)) > 1e-6 and info.origin.orientation.w != 0.0:
+    if not abs(yaw_of(info.origin.orientation)) <= 1e-6:
         raise ValueError("the map is rotated, which is not supported")
+    if not (math.isfinite(info.origin.position.x) and math.isfinite(info.origin.position.y)):
+        raise ValueError("the map's origin is not finite")
     cells = np.array(message.data, dtype=np.int8).reshape(info.height, info.width)
     # map_server's convention: from 65 on a cell counts as occupied, in between as unknown.
     cells = np.where(cells >= 65, 100, np.where((cells >= 0) & (cells <= 19), 0, -1)).astype(np.int8)
