@@ -2,13 +2,17 @@
 """Messages that cannot be used are separated from usable ones."""
 
 import math
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 import rospy
+from fakes.topics import Topics
 from geometry_msgs.msg import Quaternion, TransformStamped
 from nav_msgs.msg import OccupancyGrid, Odometry
 from sensor_msgs.msg import LaserScan
 
+from merlin_reactive.localization import localization_node
 from merlin_reactive.navigation.navigation_node import _refuse_jump
 from merlin_reactive.pose import Pose
 from merlin_reactive.robot_state import StateError, rays_of, unusable
@@ -87,3 +91,32 @@ def test_odometry_that_wheels_cannot_make_is_a_jump(after: Pose, jumps: bool) ->
             _refuse_jump(before, odometry(after, 5.05))
     else:
         _refuse_jump(before, odometry(after, 5.05))
+
+
+def test_odometry_that_is_no_number_leaves_the_robot_where_it_is_believed_to_be(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    topics = Topics(monkeypatch)
+    monkeypatch.setattr(localization_node, "PromptPublisher", rospy.Publisher)
+    monkeypatch.setattr(rospy, "Service", lambda *_: None)
+    monkeypatch.setattr(rospy, "get_param", lambda name, default=None: default)
+    monkeypatch.setattr(rospy.Time, "now", lambda: rospy.Time(100))
+    mount = TransformStamped()
+    mount.transform.rotation.w = 1.0
+    buffer = SimpleNamespace(lookup_transform=lambda *_: mount)
+    tf = SimpleNamespace(Buffer=lambda: buffer, TransformListener=lambda buffer: None)
+    monkeypatch.setattr(localization_node, "tf2_ros", tf)
+    localization_node.LocalizationNode()
+    cells = np.zeros((40, 40), int)
+    cells[0] = cells[-1] = cells[:, 0] = cells[:, -1] = 100
+    room = OccupancyGrid(data=cells.ravel().tolist())
+    room.info.width, room.info.height, room.info.resolution = 40, 40, 0.1
+    topics.send("/map", room)
+    for step, x in enumerate((0.0, 0.1, math.nan, 0.2, 0.3)):
+        topics.send("/odom", odometry(Pose(x, 0.0, 0.0), 100.0 + step))
+        scan = LaserScan(ranges=[1.5] * 40, angle_increment=0.15, range_max=10.0)
+        scan.header.stamp = rospy.Time.from_sec(100.0 + step)
+        topics.send("/scan", scan)
+    believed = list(topics.published("/amcl_pose").queue)
+    assert len(believed) == 4
+    assert all(math.isfinite(message.pose.pose.position.x) for message in believed)

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Navigation stands while odometry, scan or transforms are too old, says which, and drives on after that."""
 
+import math
 import queue
 import threading
 from types import SimpleNamespace
@@ -60,6 +61,7 @@ class Robot:
         self.velocities: queue.Queue[Twist] = queue.Queue()
         self.buffer: Any = None
         self._clock, self._time = clock, 100.0
+        self.x = 1.0  # m, of its odometry
         for module in (navigation_node, robot_state, velocity_publisher):
             monkeypatch.setattr(module.rospy, "Subscriber", self._subscribe)
             monkeypatch.setattr(module.rospy, "Publisher", self._advertise)
@@ -108,7 +110,7 @@ class Robot:
         if "odom" not in silent:
             odometry = Odometry(child_frame_id="base")
             odometry.header.stamp, odometry.header.frame_id = rospy.Time.from_sec(self._time), "odom"
-            odometry.pose.pose.position.x, odometry.pose.pose.position.y = 1.0, 2.5
+            odometry.pose.pose.position.x, odometry.pose.pose.position.y = self.x, 2.5
             odometry.pose.pose.orientation.w = 1.0
             self.receive["odom"](odometry)
 
@@ -124,15 +126,15 @@ class Robot:
         self.tick()
         assert self.speed() > 0.0
 
-    def stands(self, sensor: str) -> None:
-        """One sensor is silent for longer than it may be, until the base is told to stand."""
+    def stands(self, *silent: str) -> None:
+        """Sensors are silent for longer than they may be, until the base is told to stand."""
         for _ in range(round(SENSOR_AGE / STEP) + 2):
-            self.tick(sensor)
+            self.tick(*silent)
         for _ in range(100):
             if self.speed() == 0.0:
                 return
-            self.tick(sensor)
-        pytest.fail(f"it drives on without {sensor}")
+            self.tick(*silent)
+        pytest.fail(f"it drives on without {silent}")
 
 
 @pytest.fixture
@@ -191,3 +193,16 @@ def test_a_static_transform_never_is_too_old(robot: Robot) -> None:
         assert robot.speed() >= 0.0
     robot.tick("tf")
     assert robot.speed() > 0.0
+
+
+def test_odometry_that_is_no_number_is_none(robot: Robot, goal: Goal) -> None:
+    robot.drives()
+    robot.x = math.nan
+    robot.stands()
+    robot.tick()
+    assert "/odom" in goal.reported[-1]
+    robot.x = 1.0
+    while goal.reported[-1]:
+        robot.tick()
+        robot.speed()
+    robot.drives()

@@ -8,6 +8,7 @@ from typing import Callable, List
 
 import numpy as np
 import pytest
+from fakes.topics import Topics
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import LaserScan
 
@@ -43,6 +44,11 @@ class _Nothing:
 
 
 def see(watch: FollowerWatch, distance: float) -> None:
+    """Sees a person ahead; 0: an empty room."""
+    watch._see(scan_of(distance))
+
+
+def scan_of(distance: float) -> LaserScan:
     """A scan of a person ahead; 0: of an empty room."""
     ranges: List[float] = []
     for angle in np.radians(np.arange(360)):
@@ -53,7 +59,7 @@ def see(watch: FollowerWatch, distance: float) -> None:
         angle_min=0.0, angle_increment=math.radians(1.0), range_min=0.05, range_max=10.0, ranges=ranges
     )
     scan.header.stamp = follower_watch.rospy.Time.from_sec(Clock.now)
-    watch._see(scan)
+    return scan
 
 
 class Waiting(threading.Thread):
@@ -103,6 +109,20 @@ def test_a_scan_that_comes_before_the_new_place_of_the_robot_is_not_taken_for_on
         see(watch, 1.5)
     assert abs(watch.distance - 1.5) < 0.1 and not watch.lost
     assert watch._tracker.place is not None and abs(watch._tracker.place[0] - 6.5) < 0.1
+
+
+def test_odometry_that_is_no_number_loses_no_client(
+    watch: FollowerWatch, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    topics = Topics(monkeypatch)
+    watch.begin()
+    for x in (math.nan, 0.0, 0.0, 0.0):
+        robot = Odometry()
+        robot.pose.pose.position.x, robot.pose.pose.orientation.w = x, 1.0
+        topics.send("/odom", robot)
+        Clock.now += UNSEEN / 2
+        topics.send("/scan", scan_of(1.2))
+    assert watch.close
 
 
 def test_who_is_too_far_away_is_lost(watch: FollowerWatch) -> None:

@@ -2,6 +2,7 @@
 """What each robot of an evening did, from its actions and its odometry."""
 
 import csv
+import math
 from pathlib import Path
 
 import pytest
@@ -23,6 +24,13 @@ def at(x: float) -> Odometry:
     message = Odometry()
     message.pose.pose.position.x = x
     return message
+
+
+def test_a_place_that_is_no_number_is_not_driven_to() -> None:
+    mileage = Mileage()
+    for place in (math.nan, 0.0, 1.0, math.nan, 3.0):
+        mileage.move(at(place), "robot_1")
+    assert mileage.of("robot_1") == 3.0
 
 
 def test_each_robot_has_a_row_of_its_own(tmp_path: Path) -> None:

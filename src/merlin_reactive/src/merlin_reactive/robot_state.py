@@ -152,6 +152,10 @@ class RobotState:
             raise StateError(f"no transform from {frame} to {to}; does {publisher} run? ({error})") from error
 
     def _receive_odometry(self, message: Odometry) -> None:
+        reason = unusable_odometry(message)
+        if reason:
+            rospy.logwarn_throttle(10.0, f"navigation: {reason}")
+            return
         with self.changed:
             if self._odometry and message.header.stamp < self._odometry[-1].header.stamp:
                 self._odometry.clear()
@@ -174,6 +178,14 @@ def unusable(message: LaserScan) -> str:
     if count > 1 and math.isfinite(first) and math.isfinite(step) and step != 0.0:
         return ""
     return f"a scan is ignored: it has {count} ranges, from {first:g} rad in steps of {step:g} rad"
+
+
+def unusable_odometry(message: Odometry) -> str:
+    """Why odometry cannot be used, as a sentence; empty when it can."""
+    pose = pose_of(message.pose.pose)
+    if all(map(math.isfinite, (pose.x, pose.y, pose.yaw))):
+        return ""
+    return f"odometry is ignored: its pose ({pose.x:g}, {pose.y:g}, {pose.yaw:g}) is not finite"
 
 
 def rays_of(message: LaserScan, mount: TransformStamped) -> Tuple[np.ndarray, np.ndarray]:

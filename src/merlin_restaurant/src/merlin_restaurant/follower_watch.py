@@ -75,8 +75,10 @@ class FollowerWatch:
     def _move(self, odometry: Odometry) -> None:
         pose = odometry.pose.pose
         yaw = 2 * math.atan2(pose.orientation.z, pose.orientation.w)
+        place = (pose.position.x, pose.position.y, yaw)
         with self.changed:
-            self._pose = (pose.position.x, pose.position.y, yaw)
+            if all(map(math.isfinite, place)):  # the tracker would look for the person nowhere from then on
+                self._pose = place
 
     def _see(self, scan: LaserScan) -> None:
         ranges = np.asarray(scan.ranges)

@@ -35,6 +35,8 @@ class Mileage:
         """Takes where a robot is."""
         position = message.pose.pose.position
         here = (position.x, position.y)
+        if not all(map(math.isfinite, here)):
+            return  # it would be the place from which no distance counts
         with self._lock:
             step = math.dist(self._last.setdefault(robot, here), here)
             if step >= STEP:

@@ -18,7 +18,7 @@ from tf2_msgs.msg import TFMessage
 from merlin_reactive.localization.particle_filter import FilterSettings, Localizer, ParticleFilter
 from merlin_reactive.pose import Pose
 from merlin_reactive.prompt_publisher import PromptPublisher
-from merlin_reactive.robot_state import HISTORY, odometry_at, rays_of, unusable
+from merlin_reactive.robot_state import HISTORY, odometry_at, rays_of, unusable, unusable_odometry
 from merlin_reactive.ros_messages import (
     bad_rotation,
     grid_of,
@@ -145,6 +145,10 @@ class LocalizationNode:
         return EmptyResponse()
 
     def _receive_odometry(self, message: Odometry) -> None:
+        reason = unusable_odometry(message)
+        if reason:
+            rospy.logwarn_throttle(10.0, f"localization: {reason}")
+            return
         with self._lock:
             if self._odometry and message.header.stamp < self._odometry[-1].header.stamp:
                 self._odometry.clear()
