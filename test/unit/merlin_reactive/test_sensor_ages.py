@@ -62,6 +62,7 @@ class Robot:
         self.buffer: Any = None
         self._clock, self._time = clock, 100.0
         self.x = 1.0  # m, of its odometry
+        self.stamps: Dict[str, float] = {}  # s, of sensors whose messages say another time than now
         for module in (navigation_node, robot_state, velocity_publisher):
             monkeypatch.setattr(module.rospy, "Subscriber", self._subscribe)
             monkeypatch.setattr(module.rospy, "Publisher", self._advertise)
@@ -105,14 +106,17 @@ class Robot:
             self.buffer.set_transform(self._transform("map", "odom", self._time), "test")
         if "scan" not in silent:
             scan = LaserScan(ranges=[9.0] * 9, angle_min=-1.0, angle_increment=0.25, range_max=5.0)
-            scan.header.stamp, scan.header.frame_id = rospy.Time.from_sec(self._time), "laser"
+            scan.header.stamp, scan.header.frame_id = self._stamp("scan"), "laser"
             self.receive["scan"](scan)
         if "odom" not in silent:
             odometry = Odometry(child_frame_id="base")
-            odometry.header.stamp, odometry.header.frame_id = rospy.Time.from_sec(self._time), "odom"
+            odometry.header.stamp, odometry.header.frame_id = self._stamp("odom"), "odom"
             odometry.pose.pose.position.x, odometry.pose.pose.position.y = self.x, 2.5
             odometry.pose.pose.orientation.w = 1.0
             self.receive["odom"](odometry)
+
+    def _stamp(self, sensor: str) -> rospy.Time:
+        return rospy.Time.from_sec(self.stamps.get(sensor, self._time))
 
     def speed(self) -> float:
         """Of the next command."""
@@ -206,3 +210,13 @@ def test_odometry_that_is_no_number_is_none(robot: Robot, goal: Goal) -> None:
         robot.tick()
         robot.speed()
     robot.drives()
+
+
+@pytest.mark.parametrize("stamp", [0.0, 100.1])
+@pytest.mark.parametrize("sensor", ["scan", "odom"])
+def test_what_has_always_the_same_stamp_gets_old(robot: Robot, goal: Goal, sensor: str, stamp: float) -> None:
+    robot.drives()
+    robot.stamps[sensor] = stamp
+    robot.stands()
+    robot.tick()
+    assert f"/{sensor}" in goal.reported[-1]

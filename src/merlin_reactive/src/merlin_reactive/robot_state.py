@@ -51,7 +51,7 @@ class RobotState:
         self.global_frame = global_frame
         self.changed = threading.Condition()  # guards the messages; notified at each odometry
         self._odometry: Deque[Odometry] = deque(maxlen=HISTORY)
-        self._heard = rospy.Time()  # when the last of it came
+        self._heard = rospy.Time()  # when the last of it came that had another stamp than before
         self._scan: Optional[LaserScan] = None
         self._mount: Optional[TransformStamped] = None  # of the laser on the robot
         self.buffer = tf2_ros.Buffer()
@@ -106,7 +106,8 @@ class RobotState:
         now = odometry.header.stamp
         what = f"the transform from {odometry.header.frame_id} to {self.global_frame}"
         old_scan = _why_old(rospy.resolve_name("scan"), now, scan.header.stamp, age)
-        return old_scan or _why_old(what, now, frame.header.stamp, age)
+        static = frame.header.stamp.is_zero()
+        return old_scan or _why_old(what, now, now if static else frame.header.stamp, age)
 
     def wake(self) -> None:
         """Wakes a wait, so that it re-checks its stop event."""
@@ -159,8 +160,9 @@ class RobotState:
         with self.changed:
             if self._odometry and message.header.stamp < self._odometry[-1].header.stamp:
                 self._odometry.clear()
+            if not self._odometry or message.header.stamp != self._odometry[-1].header.stamp:
+                self._heard = rospy.Time.now()
             self._odometry.append(message)
-            self._heard = rospy.Time.now()
             self.changed.notify_all()
 
     def _receive_scan(self, message: LaserScan) -> None:
@@ -225,8 +227,8 @@ def odometry_at(history: Sequence[Odometry], stamp: float) -> Pose:
 
 
 def _why_old(what: str, now: rospy.Time, stamp: rospy.Time, age: float) -> str:
-    """Why something with a stamp is not of now; empty when it is, or has no stamp."""
-    old = 0.0 if stamp.is_zero() else (now - stamp).to_sec()
+    """Why something with a stamp is not of now; empty when it is."""
+    old = (now - stamp).to_sec()
     if old < -AHEAD:
         return f"{what} is {-old:.1f} s ahead of the odometry; do their clocks agree?"
     return f"{what} is {old:.1f} s old" if old > age else ""
