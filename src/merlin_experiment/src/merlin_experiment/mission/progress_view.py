@@ -22,16 +22,11 @@ class ProgressView:
         self._shown = ""
         self._refreshed = 0.0
 
-    def live(self, text: str, now: bool = False) -> None:
-        """Shows what is going on. Without a terminal only lines marked `now` are written, each once."""
+    def live(self, text: str) -> None:
+        """Shows what is going on, where there is a terminal."""
         with self._lock:
-            if not self._terminal:
-                if now and text != self._shown:
-                    self._shown = text
-                    print(text, flush=True)
-                return
             moment = time.monotonic()
-            if text == self._shown or (not now and moment - self._refreshed < REFRESH):
+            if not self._terminal or text == self._shown or moment - self._refreshed < REFRESH:
                 return
             self._shown, self._refreshed = text, moment
             print(f"\r\x1b[K{text}", end="", flush=True)
@@ -39,7 +34,7 @@ class ProgressView:
     def line(self, text: str) -> None:
         """Writes a line that stays."""
         with self._lock:
-            start = "\r\x1b[K" if self._terminal and self._shown else ""
+            start = "\r\x1b[K" if self._shown else ""
             self._shown = ""
             print(f"{start}{text}", flush=True)
 

@@ -14,7 +14,7 @@ that outruns its robot distorts the results.
 """
 
 import threading
-from typing import Callable
+from typing import Callable, Optional
 
 POLICIES = ("constant", "adaptive")
 #: ROS time before a cancel from when the factor is 1, s.
@@ -93,11 +93,7 @@ class RealTimeFactor:
 
     def arrival_is_near(self) -> None:
         """A little before the robot arrives where it drives to."""
-        if not self._adaptive:
-            return
-        with self._lock:
-            self._moment += 1
-            self._set(1.0)
+        self._slow_down()
 
     def cancel_is_near(self) -> None:
         """A little before a task is cancelled."""
@@ -119,12 +115,12 @@ class RealTimeFactor:
                 self._fast = min(self._factor, RAISED * self._fast)
             self._set(self._fast)
 
-    def _slow_down(self, ending: bool) -> None:
+    def _slow_down(self, ending: Optional[bool] = None) -> None:
         if not self._adaptive:
             return
         with self._lock:
             self._moment += 1
-            self._ending = ending
+            self._ending = self._ending if ending is None else ending
             self._set(1.0)
 
     def _change(self, moment: int, fast: bool) -> None:

@@ -7,7 +7,7 @@ the edges of a graph in which Dijkstra's algorithm finds the path; nothing is ra
 """
 
 import math
-from typing import List, NamedTuple, Tuple
+from typing import Callable, List, NamedTuple, Tuple
 
 import numpy as np
 from scipy.sparse import coo_matrix
@@ -69,7 +69,7 @@ class ShortestPaths:
         circles = np.array(corners, dtype=float).reshape(-1, 3)
         turns = np.linspace(0.0, 2 * math.pi, SAMPLES, endpoint=False)
         rims = circles[:, None, :2] + circles[:, None, 2:] * np.stack([np.cos(turns), np.sin(turns)], axis=-1)
-        free = self._free_points(rims.reshape(-1, 2)).reshape(-1, SAMPLES)
+        free = self._free(self._outlines.to_points, rims.reshape(-1, 2)).reshape(-1, SAMPLES)
         used = free.any(axis=1)
         self._circles = circles[used]
         # Number of blocked samples before each, twice round: shows in one step whether an arc is free.
@@ -90,11 +90,8 @@ class ShortestPaths:
         :param goal: m.
         :raises NoPathError: when no path exists.
         """
-        begin, end = (
-            self._outside(np.asarray(start, dtype=float)),
-            self._outside(np.asarray(goal, dtype=float)),
-        )
-        if self._free(begin[None], end[None])[0]:
+        begin, end = (self._outside(np.asarray(place, dtype=float)) for place in (start, goal))
+        if self._free(self._outlines.to_lines, begin[None], end[None])[0]:
             return Route(math.dist(begin, end), [start, goal])
         count = len(self._circles)
         nodes = np.concatenate([self._circles, [[*begin, 0.0], [*end, 0.0]]])
@@ -198,19 +195,13 @@ class ShortestPaths:
             rows = np.arange(len(before))
             perhaps[rim] &= sums[rows, before + 2] - sums[rows, before] < 2  # the samples on both sides
         lines = lines.chosen(perhaps)
-        return lines.chosen(self._free(lines.points[:, 0], lines.points[:, 1]))
+        return lines.chosen(self._free(self._outlines.to_lines, lines.points[:, 0], lines.points[:, 1]))
 
-    def _free(self, starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
+    def _free(self, distances: Callable[..., np.ndarray], *places: np.ndarray) -> np.ndarray:
+        """Whether the disc touches nothing there, by the distances of points or of lines."""
         parts = [
-            (self._outlines.to_lines(starts[i : i + BATCH], ends[i : i + BATCH]) >= self._least).all(axis=1)
-            for i in range(0, len(starts), BATCH)
-        ]
-        return np.concatenate(parts) if parts else np.zeros(0, dtype=bool)
-
-    def _free_points(self, points: np.ndarray) -> np.ndarray:
-        parts = [
-            (self._outlines.to_points(points[i : i + BATCH]) >= self._least).all(axis=1)
-            for i in range(0, len(points), BATCH)
+            (distances(*(place[i : i + BATCH] for place in places)) >= self._least).all(axis=1)
+            for i in range(0, len(places[0]), BATCH)
         ]
         return np.concatenate(parts) if parts else np.zeros(0, dtype=bool)
 
@@ -226,13 +217,13 @@ class ShortestPaths:
 
     def _outside(self, point: np.ndarray) -> np.ndarray:
         """The nearest point at which the robot can stand."""
-        if self._free_points(point[None])[0]:
+        if self._free(self._outlines.to_points, point[None])[0]:
             return point
         turns = np.linspace(0.0, 2 * math.pi, 180, endpoint=False)
         circle = np.stack([np.cos(turns), np.sin(turns)], axis=-1)
         for away in np.geomspace(1e-5, AWAY, 400):
             ring = point + away * circle
-            free = self._free_points(ring)
+            free = self._free(self._outlines.to_points, ring)
             if free.any():
                 return ring[np.argmax(free)]
         raise NoPathError(f"the robot cannot stand within {AWAY:g} m of ({point[0]:.2f}, {point[1]:.2f})")

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Draws the way of the robot over the map."""
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Dict, Optional, Sequence, Tuple
 
@@ -15,6 +16,7 @@ from matplotlib.axes import Axes
 Point = Tuple[float, float]
 
 
+@dataclass(frozen=True)
 class MapPicture:
     """An occupancy grid ready to be drawn.
 
@@ -23,10 +25,9 @@ class MapPicture:
     :ivar origin: map coordinates of the outer corner of cell (0, 0), m.
     """
 
-    def __init__(self, occupied: np.ndarray, resolution: float, origin: Point) -> None:
-        self.occupied = occupied
-        self.resolution = resolution
-        self.origin = origin
+    occupied: np.ndarray
+    resolution: float
+    origin: Point
 
     def draw(self, axes: Axes, points: Dict[str, Point]) -> None:
         """Draws the map and the points of interest (m)."""
