@@ -80,8 +80,9 @@ def parse_world(data: Any, source: str = "world") -> World:
         starts=[_pose(item) for item in data["starts"]],
         resolution=data.get("resolution", 0.05),
     )
-    world.objects = _objects(data.get("objects", []), world.furniture + world.unmapped)
-    faults = [*_impossible(world), *_misplaced(world)]
+    supports = {solid.name: solid for solid in world.furniture + world.unmapped}
+    world.objects = [_object(item, supports) for item in data.get("objects", [])]
+    faults = [*_impossible(world), *_misplaced(world, supports)]
     if faults:
         raise WorldError(_in_words(source, faults))
     return world
@@ -131,17 +132,9 @@ def _pose(item: Dict[str, float]) -> Pose:
 
 
 def _solid(item: Dict[str, Any]) -> Solid:
-    size = item.get("box")
-    height = (size or item["cylinder"])[-1]
-    return Solid(
-        name=item["name"],
-        pose=Pose(*map(float, item["at"])),
-        height=height,
-        size=tuple(size[:2]) if size else None,
-        radius=None if size else item["cylinder"][0],
-        color=item.get("color", "#9a9a9a"),
-        mass=float(item.get("mass", 0.0)),
-    )
+    size, radius, height = _shape(item)
+    pose, color = Pose(*map(float, item["at"])), item.get("color", Solid.color)
+    return Solid(item["name"], pose, height, size, radius, color, float(item.get("mass", 0.0)))
 
 
 def _surveyed(item: Dict[str, Any]) -> bool:
@@ -218,19 +211,8 @@ def _impossible(world: World) -> Iterator[str]:
             yield f"starts[{index}]: {reason}"
 
 
-def _objects(items: List[Dict[str, Any]], furniture: List[Solid]) -> List[WorldObject]:
-    """Makes objects of the list `objects` of a world file that follows the schema.
-
-    With `support`, the place is given in m from the middle of that furniture, along its own axes. A class of
-    :mod:`merlin_reactive.recognition.object_classes` has its size and its colour; other things say theirs.
-    """
-    supports = {solid.name: solid for solid in furniture}
-    return [_object(item, supports) for item in items]
-
-
-def _misplaced(world: World) -> Iterator[str]:
+def _misplaced(world: World, supports: Dict[str, Solid]) -> Iterator[str]:
     """What is wrong with the places of a world's objects, a sentence each."""
-    supports = {solid.name: solid for solid in world.furniture + world.unmapped}
     left, bottom, right, top = world.bounds()
     for thing in world.objects:
         pose = thing.solid.pose
@@ -250,6 +232,11 @@ def _misplaced(world: World) -> Iterator[str]:
 
 
 def _object(item: Dict[str, Any], supports: Dict[str, Solid]) -> WorldObject:
+    """Makes an object of the list `objects` of a world file that follows the schema.
+
+    With `support`, the place is given in m from the middle of that furniture, along its own axes. A class of
+    :mod:`merlin_reactive.recognition.object_classes` has its size and its colour; other things say theirs.
+    """
     place = [float(value) for value in item["at"]]
     pose = Pose(place[0], place[1], float(item.get("yaw", 0.0)))
     bottom = place[2] if len(place) > 2 else 0.0
@@ -259,7 +246,7 @@ def _object(item: Dict[str, Any], supports: Dict[str, Solid]) -> WorldObject:
         bottom += support.height
     size, radius, height = _shape(item)
     known = OBJECT_CLASSES.get(item["class"])
-    color = known.color if known else item.get("color", "#9a9a9a")
+    color = known.color if known else item.get("color", Solid.color)
     solid = Solid(item["name"], pose, height, size=size, radius=radius, color=color)
     return WorldObject(
         item["class"], solid, bottom, item.get("support"), item.get("tag"), bool(item.get("absent"))

@@ -7,9 +7,13 @@ _number: Dict[str, Any] = {"type": "number"}
 _positive: Dict[str, Any] = {"type": "number", "exclusiveMinimum": 0}
 _moment: Dict[str, Any] = {"type": "number", "minimum": 0}
 _point: Dict[str, Any] = {"type": "array", "items": _number, "minItems": 2, "maxItems": 2}
-_placed: Dict[str, Any] = {"type": "array", "items": _number, "minItems": 2, "maxItems": 3}
+_placed: Dict[str, Any] = {**_point, "maxItems": 3}
 _name: Dict[str, Any] = {"type": "string", "pattern": "^[A-Za-z][A-Za-z0-9_-]*$"}
-_color: Dict[str, Any] = {"type": "string", "pattern": "^#[0-9a-fA-F]{6}$"}
+_shape: Dict[str, Any] = {
+    "box": {"type": "array", "items": _positive, "minItems": 3, "maxItems": 3},
+    "cylinder": {"type": "array", "items": _positive, "minItems": 2, "maxItems": 2},
+    "color": {"type": "string", "pattern": "^#[0-9a-fA-F]{6}$"},
+}
 
 
 def _object(properties: Dict[str, Any], required: str = "", **more: Any) -> Dict[str, Any]:
@@ -41,9 +45,7 @@ SCHEMA: Dict[str, Any] = _object(
                 {
                     "name": _name,
                     "at": _placed,
-                    "box": {"type": "array", "items": _positive, "minItems": 3, "maxItems": 3},
-                    "cylinder": {"type": "array", "items": _positive, "minItems": 2, "maxItems": 2},
-                    "color": _color,
+                    **_shape,
                     "on_map": {"type": "boolean"},
                     "mass": {"type": "number", "exclusiveMinimum": 0, "maximum": 500},
                 },
@@ -57,8 +59,8 @@ SCHEMA: Dict[str, Any] = _object(
                     "name": _name,
                     "path": {**_list(_point), "minItems": 1},
                     "speed": {"type": "number", "exclusiveMinimum": 0, "maximum": 3},
-                    "delay": {"type": "number", "minimum": 0},
-                    "pause": {"type": "number", "minimum": 0},
+                    "delay": _moment,
+                    "pause": _moment,
                     "polite": {"type": "boolean"},
                     "absent": {"type": "boolean"},
                 },
@@ -71,11 +73,9 @@ SCHEMA: Dict[str, Any] = _object(
                     "name": _name,
                     "class": {"type": "string", "pattern": "^[a-z][a-z0-9_]*$"},
                     "support": _name,
-                    "at": {"type": "array", "items": _number, "minItems": 2, "maxItems": 3},
+                    "at": _placed,
                     "yaw": _number,
-                    "box": {"type": "array", "items": _positive, "minItems": 3, "maxItems": 3},
-                    "cylinder": {"type": "array", "items": _positive, "minItems": 2, "maxItems": 2},
-                    "color": _color,
+                    **_shape,
                     "tag": {"type": "integer", "minimum": 0, "maximum": 49},
                     "absent": {"type": "boolean"},
                 },
