@@ -97,7 +97,6 @@ def test_odometry_that_is_no_number_leaves_the_robot_where_it_is_believed_to_be(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     topics = Topics(monkeypatch)
-    monkeypatch.setattr(localization_node, "PromptPublisher", rospy.Publisher)
     monkeypatch.setattr(rospy, "Service", lambda *_: None)
     monkeypatch.setattr(rospy, "get_param", lambda name, default=None: default)
     monkeypatch.setattr(rospy.Time, "now", lambda: rospy.Time(100))

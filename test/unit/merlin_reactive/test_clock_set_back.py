@@ -135,7 +135,6 @@ def test_a_scan_of_before_is_no_new_one(
     tf = SimpleNamespace(Buffer=lambda: buffer, TransformListener=lambda buffer: None)
     monkeypatch.setattr(localization_node, "tf2_ros", tf)
     monkeypatch.setattr(rospy, "Service", lambda *_: None)
-    monkeypatch.setattr(localization_node, "PromptPublisher", rospy.Publisher)
     node = LocalizationNode()
     room = OccupancyGrid(data=[0] * 400)
     room.info.width = room.info.height = 20

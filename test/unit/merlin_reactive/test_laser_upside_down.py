@@ -102,7 +102,6 @@ def test_localization_sees_a_wall_on_its_side(
 
     localizer = SimpleNamespace(update=update, map_to_odom=Pose(0.0, 0.0, 0.0))
     monkeypatch.setattr(localization_node, "Localizer", lambda *_: localizer)
-    monkeypatch.setattr(localization_node, "PromptPublisher", lambda *_, **__: MagicMock())
     for name in ("Publisher", "Service"):
         monkeypatch.setattr(rospy, name, MagicMock())
     monkeypatch.setattr(rospy, "get_param", lambda _, default=None: default)

@@ -75,6 +75,13 @@ def test_a_message_is_sent_by_the_thread_that_publishes_it(pair: Tuple[Transport
     assert (transport.stat_num_msg, transport.stat_bytes) == (1, 9)
 
 
+def test_a_small_message_waits_for_no_acknowledgement() -> None:
+    server = socket.create_server(("127.0.0.1", 0))
+    with server, socket.create_connection(server.getsockname()) as peer:
+        PromptConnection(Transport(peer), 10)
+        assert peer.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
+
+
 def test_a_slow_subscriber_gets_every_message_whole_and_in_order(
     pair: Tuple[Transport, socket.socket],
 ) -> None:

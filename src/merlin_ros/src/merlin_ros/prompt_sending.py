@@ -3,8 +3,11 @@
 
 rospy hands each message to a thread of its own for each connection: two changes of thread, and in Python a
 wait for the interpreter, before the first byte leaves. Here a thread exists only while a subscriber is slow.
+Rospy leaves Nagle's algorithm to the subscriber, and most do not ask for it to be off: a small message then
+waits up to 40 ms for the acknowledgement of the one before. For a clock that is two ticks.
 """
 
+import contextlib
 import select
 import socket
 import threading
@@ -76,6 +79,8 @@ class PromptConnection(QueuedConnection):
         self._rest = b""  # of the message that was sent in part
         self._working = False  # a thread sends what waits
         self._error: Any = None
+        with contextlib.suppress(OSError, AttributeError):  # one that is closing no longer has options
+            connection.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
     def set_cleanup_callback(self, callback: Any) -> None:
         """Called by rospy: the callback takes what it gets from the list of the topic's connections."""

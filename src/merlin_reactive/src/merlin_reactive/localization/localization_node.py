@@ -17,7 +17,6 @@ from tf2_msgs.msg import TFMessage
 
 from merlin_reactive.localization.particle_filter import FilterSettings, Localizer, ParticleFilter
 from merlin_reactive.pose import Pose
-from merlin_reactive.prompt_publisher import PromptPublisher
 from merlin_reactive.robot_state import HISTORY, odometry_at, rays_of, unusable, unusable_odometry
 from merlin_reactive.ros_messages import (
     bad_rotation,
@@ -57,8 +56,8 @@ class LocalizationNode:
         self._scanned: Optional[rospy.Time] = None  # of the last scan
         self._buffer = tf2_ros.Buffer()
         self._listener = tf2_ros.TransformListener(self._buffer)
-        self._tf = PromptPublisher("/tf", TFMessage)
-        self._pose = PromptPublisher("amcl_pose", PoseWithCovarianceStamped, latch=True)
+        self._tf = rospy.Publisher("/tf", TFMessage, queue_size=10)
+        self._pose = rospy.Publisher("amcl_pose", PoseWithCovarianceStamped, latch=True, queue_size=10)
         self._cloud = rospy.Publisher("particlecloud", PoseArray, queue_size=2)
         self._service = rospy.Service("global_localization", Empty, self._scatter)
         self._map_topic = graph_name("~map_topic", "/map")

@@ -14,7 +14,6 @@ from sensor_msgs.msg import CameraInfo, Image, JointState, LaserScan
 
 from merlin_reactive.occupancy_grid import OccupancyGrid
 from merlin_reactive.pose import Pose
-from merlin_reactive.prompt_publisher import PromptPublisher
 from merlin_reactive.ros_messages import pose_message, transform
 from merlin_ros.publishing import publish
 from merlin_sim.engine.simulation import ODOMETRY_EVERY, PHYSICS_RATE, Simulation, WorldRobot
@@ -102,11 +101,13 @@ class RobotInterface:
         topics = f"/{name}" if name else ""
         self._camera_period = max(1, round(PHYSICS_RATE / camera_rate))
         self._prefix = f"{name}/" if name else ""
-        self._odom = PromptPublisher(f"{topics}/odom", Odometry)
-        self._truth = PromptPublisher(f"{topics}/ground_truth", Odometry)
-        self._scan = PromptPublisher(f"{topics}/scan", LaserScan)
-        self._joints = PromptPublisher(f"{topics}/joint_states", JointState)
-        self._amcl = PromptPublisher(f"{topics}/amcl_pose", PoseWithCovarianceStamped, latch=True)
+        self._odom = rospy.Publisher(f"{topics}/odom", Odometry, queue_size=10)
+        self._truth = rospy.Publisher(f"{topics}/ground_truth", Odometry, queue_size=10)
+        self._scan = rospy.Publisher(f"{topics}/scan", LaserScan, queue_size=10)
+        self._joints = rospy.Publisher(f"{topics}/joint_states", JointState, queue_size=10)
+        self._amcl = rospy.Publisher(
+            f"{topics}/amcl_pose", PoseWithCovarianceStamped, latch=True, queue_size=10
+        )
         self._image = rospy.Publisher(f"{topics}/camera/image_raw", Image, queue_size=1)
         self._info = rospy.Publisher(f"{topics}/camera/camera_info", CameraInfo, queue_size=1)
         self._commands = rospy.Subscriber(f"{topics}/cmd_vel", Twist, self._command, tcp_nodelay=True)
@@ -129,9 +130,9 @@ class RobotInterface:
         if tick % ODOMETRY_EVERY == 0:
             self._publish_odometry(tick, stamp)
             transforms = self._transforms(stamp)
-        if tick % SCAN_PERIOD == 0 and self._scan.wanted:
+        if tick % SCAN_PERIOD == 0 and self._scan.get_num_connections():
             self._publish_scan(stamp)
-        if tick % JOINTS_PERIOD == 0 and self._joints.wanted:
+        if tick % JOINTS_PERIOD == 0 and self._joints.get_num_connections():
             joints = JointState(
                 name=["left_wheel_joint", "right_wheel_joint"],
                 position=[angle % (2 * math.pi) for angle in self._robot.body.wheel_angles()],
@@ -177,7 +178,7 @@ class RobotInterface:
     def _publish_odometry(self, tick: int, stamp: rospy.Time) -> None:
         odometry = self._robot.odometry
         base_frame = self._prefix + "base_footprint"
-        if self._odom.wanted:
+        if self._odom.get_num_connections():
             message = _odometry(odometry.pose, *odometry.velocity, self._prefix + "odom", base_frame, stamp)
             self._odom.publish(message)
         truth = self._robot.body.pose()
@@ -187,7 +188,7 @@ class RobotInterface:
             pose.pose.pose = pose_message(self._localization.estimate(truth, self._simulation.time))
             pose.pose.covariance = self._localization.covariance()
             self._amcl.publish(pose)
-        if self._truth.wanted:
+        if self._truth.get_num_connections():
             self._truth.publish(_odometry(truth, *self._robot.body.velocity(), "map", base_frame, stamp))
 
     def _transforms(self, stamp: rospy.Time) -> List[TransformStamped]:

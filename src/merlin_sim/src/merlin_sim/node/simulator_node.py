@@ -27,7 +27,6 @@ from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger, TriggerResponse
 from tf2_msgs.msg import TFMessage
 
-from merlin_reactive.prompt_publisher import PromptPublisher
 from merlin_ros.health import OK, WARN, Health, HealthReporter
 from merlin_ros.master.master_link import bounded_master
 from merlin_ros.node import run_node
@@ -70,9 +69,9 @@ class SimulatorNode:
         _refuse_second_clock()
         self._achieved = 0.0  # real-time factor of the last second
         self._pacer = Pacer(self._parameters.real_time_factor)
-        self._clock = PromptPublisher("/clock", Clock, latch=True)
+        self._clock = rospy.Publisher("/clock", Clock, latch=True, queue_size=10)
         self._status = rospy.Publisher("~status", SimStatus, queue_size=10, latch=True)
-        self._tf = PromptPublisher("/tf", TFMessage, queue_size=50)
+        self._tf = rospy.Publisher("/tf", TFMessage, queue_size=50)
         self._map = rospy.Publisher("/map", GridMessage, queue_size=1, latch=True)
         # One tick, so that rospy takes the time as set; it runs once the world is loaded.
         self._publish_clock(1)
