@@ -1,8 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Sounds: true lengths, rates, errors."""
 
+import subprocess
+import tempfile
 import threading
 import wave
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
@@ -40,6 +43,17 @@ def test_a_text_is_no_option(synthesizer):
 def test_what_cannot_be_said(synthesizer, text, voice):
     with pytest.raises(SoundError):
         synthesizer.say(text, voice)
+
+
+def test_it_speaks_where_no_file_can_be_written(synthesizer, monkeypatch, tmp_path):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "gone"))
+    assert synthesizer.say("the disk is full").duration > 0.3
+
+
+def test_a_system_that_starts_no_process_is_no_end_of_the_speaker(synthesizer, monkeypatch):
+    monkeypatch.setattr(subprocess, "Popen", MagicMock(side_effect=OSError(24, "Too many open files")))
+    with pytest.raises(SoundError, match="Too many open files"):
+        synthesizer.say("what nothing can say")
 
 
 def test_a_long_text_is_stopped_while_it_is_made(synthesizer):

@@ -1,14 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Turns text and files into sound: 16-bit mono samples of one rate."""
 
-import os
+import io
 import subprocess
-import tempfile
 import threading
 import wave
 from collections import OrderedDict
 from dataclasses import dataclass
-from typing import List, Optional, Tuple
+from typing import BinaryIO, List, Optional, Tuple
 
 import numpy as np
 
@@ -100,54 +99,52 @@ class SpeechSynthesizer:
         return sound
 
     def _synthesize(self, text: str, voice: str, stop: StopSound) -> Sound:
-        handle, path = tempfile.mkstemp(suffix=".wav")
-        os.close(handle)
         # --stdin: a text that begins with a dash is not an option.
-        command = ["espeak-ng", "-v", voice, "-s", str(self._speed), "-w", path, "--stdin"]
+        command = ["espeak-ng", "-v", voice, "-s", str(self._speed), "--stdout", "--stdin"]
         try:
-            code, said = _run(command, text.encode(), stop)
-            if stop.is_set():
-                raise SoundStopped("stopped before the sound was made")
-            if code != 0:
-                lines = said.decode(errors="replace").strip().splitlines()
-                why = lines[-1] if lines else "it gave no reason"
-                raise SoundError(f"espeak-ng cannot say it with voice {voice!r}: {why}")
-            return read_wave(path)
+            code, sound, said = _run(command, text.encode(), stop)
         except FileNotFoundError as error:
             raise SoundError("espeak-ng is not installed (apt install espeak-ng)") from error
+        except OSError as error:
+            raise SoundError(f"espeak-ng cannot be started: {error.strerror}") from error
         except subprocess.TimeoutExpired as error:
             raise SoundError(f"espeak-ng took longer than {TIMEOUT:.0f} s") from error
-        finally:
-            os.unlink(path)
+        if stop.is_set():
+            raise SoundStopped("stopped before the sound was made")
+        if code != 0:
+            lines = said.decode(errors="replace").strip().splitlines()
+            why = lines[-1] if lines else "it gave no reason"
+            raise SoundError(f"espeak-ng cannot say it with voice {voice!r}: {why}")
+        return read_wave("what espeak-ng says", io.BytesIO(sound))
 
 
-def _run(command: List[str], text: bytes, stop: StopSound) -> Tuple[int, bytes]:
-    """Runs a program to its end, or until it is stopped; its exit code, and what it complained of."""
-    with subprocess.Popen(
-        command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
-    ) as process:
+def _run(command: List[str], text: bytes, stop: StopSound) -> Tuple[int, bytes, bytes]:
+    """Runs a program to its end, or until it is stopped; its exit code, its output and its complaints."""
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe) as process:
         stop.attach(process)
         try:
-            _, said = process.communicate(text, timeout=TIMEOUT)
+            output, said = process.communicate(text, timeout=TIMEOUT)
         except subprocess.TimeoutExpired:
             process.kill()
             raise
         finally:
             stop.attach(None)
-        return process.returncode, said
+        return process.returncode, output, said
 
 
-def read_wave(path: str) -> Sound:
+def read_wave(path: str, content: Optional[BinaryIO] = None) -> Sound:
     """Reads a WAV file of 16-bit samples, any rate and number of channels.
 
+    :param content: of a file that is on no disk; `path` is what errors call it.
     :raises SoundError: when it is missing or of another kind.
     """
     try:
-        with wave.open(path) as file:
+        with wave.open(content or path) as file:
             if file.getsampwidth() != 2:
                 raise SoundError(f"{path}: {8 * file.getsampwidth()}-bit samples; only 16-bit WAV is played")
             rate, channels = file.getframerate(), file.getnchannels()
-            content = file.readframes(file.getnframes())
+            frames = file.readframes(file.getnframes())
     except OSError as error:
         raise SoundError(f"{path}: {error.strerror}") from error
     except (wave.Error, EOFError, ValueError) as error:
@@ -155,7 +152,7 @@ def read_wave(path: str) -> Sound:
     if rate <= 0:
         raise SoundError(f"{path}: {rate} samples per second")
     # A file that was cut off ends anywhere.
-    data = np.frombuffer(content[: len(content) // (2 * channels) * (2 * channels)], dtype="<i2")
+    data = np.frombuffer(frames[: len(frames) // (2 * channels) * (2 * channels)], dtype="<i2")
     samples = resampled(data.reshape(-1, channels).mean(axis=1), rate)
     if not len(samples):
         raise SoundError(f"{path} contains no sound")
