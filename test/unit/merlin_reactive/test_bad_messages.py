@@ -2,21 +2,24 @@
 """Messages that cannot be used are separated from usable ones."""
 
 import math
-from types import SimpleNamespace
+from typing import Sequence
 
 import numpy as np
 import pytest
+import rosgraph.masterapi
 import rospy
+import tf2_ros
 from fakes.topics import Topics
-from geometry_msgs.msg import Quaternion, TransformStamped
+from geometry_msgs.msg import Quaternion
 from nav_msgs.msg import OccupancyGrid, Odometry
 from sensor_msgs.msg import LaserScan
 
 from merlin_reactive.localization import localization_node
 from merlin_reactive.navigation.navigation_node import _refuse_jump
 from merlin_reactive.pose import Pose
+from merlin_reactive.recognition.camera_placement import CameraPlacement
 from merlin_reactive.robot_state import StateError, rays_of, unusable
-from merlin_reactive.ros_messages import grid_of, pose_message
+from merlin_reactive.ros_messages import grid_of, pose_message, transform
 
 
 @pytest.mark.parametrize("resolution", [0.0, -0.05, math.nan, math.inf])
@@ -93,29 +96,55 @@ def test_odometry_that_wheels_cannot_make_is_a_jump(after: Pose, jumps: bool) ->
         _refuse_jump(before, odometry(after, 5.05))
 
 
-def test_odometry_that_is_no_number_leaves_the_robot_where_it_is_believed_to_be(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    topics = Topics(monkeypatch)
+@pytest.fixture
+def topics(monkeypatch: pytest.MonkeyPatch) -> Topics:
+    """Those of a localisation that has its map; the laser is on the robot's middle."""
+    made = Topics(monkeypatch)
     monkeypatch.setattr(rospy, "Service", lambda *_: None)
     monkeypatch.setattr(rospy, "get_param", lambda name, default=None: default)
     monkeypatch.setattr(rospy.Time, "now", lambda: rospy.Time(100))
-    mount = TransformStamped()
-    mount.transform.rotation.w = 1.0
-    buffer = SimpleNamespace(lookup_transform=lambda *_: mount)
-    tf = SimpleNamespace(Buffer=lambda: buffer, TransformListener=lambda buffer: None)
-    monkeypatch.setattr(localization_node, "tf2_ros", tf)
+    buffer = tf2_ros.Buffer(debug=False)
+    buffer.set_transform_static(transform(Pose(0.0, 0.0), "base", "laser", rospy.Time()), "test")
+    monkeypatch.setattr(tf2_ros, "Buffer", lambda: buffer)
+    monkeypatch.setattr(tf2_ros, "TransformListener", lambda _: None)
     localization_node.LocalizationNode()
     cells = np.zeros((40, 40), int)
     cells[0] = cells[-1] = cells[:, 0] = cells[:, -1] = 100
     room = OccupancyGrid(data=cells.ravel().tolist())
     room.info.width, room.info.height, room.info.resolution = 40, 40, 0.1
-    topics.send("/map", room)
-    for step, x in enumerate((0.0, 0.1, math.nan, 0.2, 0.3)):
-        topics.send("/odom", odometry(Pose(x, 0.0, 0.0), 100.0 + step))
+    made.send("/map", room)
+    return made
+
+
+def drive(topics: Topics, places: Sequence[float], slash: str = "") -> None:
+    """The robot is at these places, m, one after the other, and scans there.
+
+    :param slash: with which its frames begin.
+    """
+    for step, x in enumerate(places):
+        here = odometry(Pose(x, 0.0, 0.0), 100.0 + step)
+        here.child_frame_id = f"{slash}base"
+        topics.send("/odom", here)
         scan = LaserScan(ranges=[1.5] * 40, angle_increment=0.15, range_max=10.0)
-        scan.header.stamp = rospy.Time.from_sec(100.0 + step)
+        scan.header.stamp, scan.header.frame_id = here.header.stamp, f"{slash}laser"
         topics.send("/scan", scan)
+
+
+def test_odometry_that_is_no_number_leaves_the_robot_where_it_is_believed_to_be(topics: Topics) -> None:
+    drive(topics, (0.0, 0.1, math.nan, 0.2, 0.3))
     believed = list(topics.published("/amcl_pose").queue)
     assert len(believed) == 4
     assert all(math.isfinite(message.pose.pose.position.x) for message in believed)
+
+
+def test_a_robot_is_localised_by_frames_with_a_slash(topics: Topics) -> None:
+    drive(topics, (0.0,), "/")
+    assert topics.published("/amcl_pose").qsize() == 1
+
+
+def test_a_camera_is_placed_by_a_frame_with_a_slash(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(rosgraph.masterapi.Master, "lookupService", lambda *_: "")
+    monkeypatch.setattr(tf2_ros, "TransformListener", lambda _: None)
+    placement = CameraPlacement("map")
+    placement.set_transform(transform(Pose(2.0, 1.0), "map", "camera", rospy.Time(5)), "test")
+    assert placement.at("/camera", rospy.Time(5), lambda: False)[:2, 3].tolist() == [2.0, 1.0]

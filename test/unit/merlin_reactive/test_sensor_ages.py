@@ -62,6 +62,7 @@ class Robot:
         self.buffer: Any = None
         self._clock, self._time = clock, 100.0
         self.x = 1.0  # m, of its odometry
+        self.slash = ""  # before each frame in its messages
         self.stamps: Dict[str, float] = {}  # s, of sensors whose messages say another time than now
         for module in (navigation_node, robot_state, velocity_publisher):
             monkeypatch.setattr(module.rospy, "Subscriber", self._subscribe)
@@ -106,11 +107,11 @@ class Robot:
             self.buffer.set_transform(self._transform("map", "odom", self._time), "test")
         if "scan" not in silent:
             scan = LaserScan(ranges=[9.0] * 9, angle_min=-1.0, angle_increment=0.25, range_max=5.0)
-            scan.header.stamp, scan.header.frame_id = self._stamp("scan"), "laser"
+            scan.header.stamp, scan.header.frame_id = self._stamp("scan"), f"{self.slash}laser"
             self.receive["scan"](scan)
         if "odom" not in silent:
-            odometry = Odometry(child_frame_id="base")
-            odometry.header.stamp, odometry.header.frame_id = self._stamp("odom"), "odom"
+            odometry = Odometry(child_frame_id=f"{self.slash}base")
+            odometry.header.stamp, odometry.header.frame_id = self._stamp("odom"), f"{self.slash}odom"
             odometry.pose.pose.position.x, odometry.pose.pose.position.y = self.x, 2.5
             odometry.pose.pose.orientation.w = 1.0
             self.receive["odom"](odometry)
@@ -220,3 +221,8 @@ def test_what_has_always_the_same_stamp_gets_old(robot: Robot, goal: Goal, senso
     robot.stands()
     robot.tick()
     assert f"/{sensor}" in goal.reported[-1]
+
+
+def test_frames_of_tf_with_their_slash_are_the_same(robot: Robot) -> None:
+    robot.slash = "/"
+    robot.drives()

@@ -148,7 +148,7 @@ class RobotState:
 
     def _transform(self, to: str, frame: str, publisher: str) -> TransformStamped:
         try:
-            return self.buffer.lookup_transform(to, frame, rospy.Time(0))
+            return self.buffer.lookup_transform(to.lstrip("/"), frame.lstrip("/"), rospy.Time(0))
         except tf2_ros.TransformException as error:
             raise StateError(f"no transform from {frame} to {to}; does {publisher} run? ({error})") from error
 

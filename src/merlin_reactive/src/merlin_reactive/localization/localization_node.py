@@ -163,10 +163,9 @@ class LocalizationNode:
                 return
             last = self._odometry[-1]
             if self._mount is None:
+                frames = last.child_frame_id.lstrip("/"), message.header.frame_id.lstrip("/")
                 try:
-                    self._mount = self._buffer.lookup_transform(
-                        last.child_frame_id, message.header.frame_id, rospy.Time(0)
-                    )
+                    self._mount = self._buffer.lookup_transform(*frames, rospy.Time(0))
                 except tf2_ros.TransformException as error:
                     rospy.logwarn_throttle(10.0, f"localization: where is the laser? {error}")
                     return

@@ -53,6 +53,7 @@ class CameraPlacement(tf2_ros.Buffer):
         :param stop: ends the wait for the transform when it says yes.
         :raises NotPlaced: tf does not know it.
         """
+        camera = camera.lstrip("/")
         end = time.monotonic() + WAIT
         with self._news:
             while True:
