@@ -185,7 +185,21 @@ def test_a_goal_in_another_frame_is_shown_in_that_of_the_map(panel: Tuple[MapPan
     transform.transform.translation.y = 3.0
     transform.transform.rotation.z = transform.transform.rotation.w = 0.5**0.5  # a quarter turn
     system.buffer.set_transform(transform, "")
-    assert shown_after(made, system, drive("b", 1.0, 12.0, "odom"))[0] == [0.0, 4.0, 1.571]
+    for name, frame in (("b", "odom"), ("c", "/odom")):
+        assert shown_after(made, system, drive(name, 1.0, 12.0, frame))[0] == [0.0, 4.0, 1.571]
+
+
+def test_a_scan_is_shown_whose_frame_begins_with_a_slash(panel: Tuple[MapPanel, System]) -> None:
+    made, system = panel
+    transform = TransformStamped(child_frame_id="laser")
+    transform.header.frame_id, transform.transform.rotation.w = "map", 1.0
+    system.buffer.set_transform_static(transform, "")
+    scan = LaserScan(ranges=[1.0], range_max=2.0)
+    scan.header.frame_id = "/laser"
+    next(each for each in system.subscribers if each.topic == "scan").receive(scan)
+    made.sample()
+    done(made)
+    assert made.state.tree.get("map", "seen") == [[1.0, 0.0]]
 
 
 def test_strange_names_of_robots_and_frames_are_not_looked_up(panel: Tuple[MapPanel, System]) -> None:

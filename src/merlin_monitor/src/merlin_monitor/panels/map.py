@@ -48,8 +48,8 @@ class MapPanel(Panel):
         robot = self.ros.namespace.strip("/")
         base_frame = f"{robot}/base_footprint" if robot else "base_footprint"
         self._frames = (
-            str(self.ros.parameter("~global_frame", "map")),
-            str(self.ros.parameter("~base_frame", base_frame)),
+            str(self.ros.parameter("~global_frame", "map")).lstrip("/"),
+            str(self.ros.parameter("~base_frame", base_frame)).lstrip("/"),
         )
         map_topic = str(self.ros.parameter("~map_topic", "/map"))
         people_topic = self.ros.resolve(str(self.ros.parameter("~people_topic", "people")))
@@ -152,9 +152,9 @@ class MapPanel(Panel):
 
     def _target(self, target: Any) -> Optional[Tuple[float, float, float]]:
         """Where a goal is in the map's frame; None: no transform into it is known."""
-        at, frame = target.pose, target.header.frame_id
+        at, frame = target.pose, target.header.frame_id.lstrip("/")
         x, y, yaw = at.position.x, at.position.y, yaw_of(at.orientation)
-        if frame.lstrip("/") in ("", self._frames[0].lstrip("/")):
+        if frame in ("", self._frames[0]):
             return x, y, yaw
         try:
             from_x, from_y, turn = _pose_in(self._transform(self._frames[0], frame))
@@ -176,7 +176,7 @@ class MapPanel(Panel):
             return
         self._scan, self._scan_shown = None, wall
         try:
-            stamped = self._transform(self._frames[0], scan.header.frame_id)
+            stamped = self._transform(self._frames[0], scan.header.frame_id.lstrip("/"))
         except NO_TRANSFORM:
             return
         self.state.inbox.put(self.state.map.seen, scan_points(scan, stamped.transform))
