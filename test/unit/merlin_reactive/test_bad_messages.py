@@ -10,7 +10,7 @@ import rosgraph.masterapi
 import rospy
 import tf2_ros
 from fakes.topics import Topics
-from geometry_msgs.msg import Quaternion
+from geometry_msgs.msg import PoseWithCovarianceStamped, Quaternion
 from nav_msgs.msg import OccupancyGrid, Odometry
 from sensor_msgs.msg import LaserScan
 
@@ -116,16 +116,17 @@ def topics(monkeypatch: pytest.MonkeyPatch) -> Topics:
     return made
 
 
-def drive(topics: Topics, places: Sequence[float], slash: str = "") -> None:
+def drive(topics: Topics, places: Sequence[float], slash: str = "", wall: float = 1.5) -> None:
     """The robot is at these places, m, one after the other, and scans there.
 
     :param slash: with which its frames begin.
+    :param wall: how far what it sees is, m.
     """
     for step, x in enumerate(places):
         here = odometry(Pose(x, 0.0, 0.0), 100.0 + step)
         here.child_frame_id = f"{slash}base"
         topics.send("/odom", here)
-        scan = LaserScan(ranges=[1.5] * 40, angle_increment=0.15, range_max=10.0)
+        scan = LaserScan(ranges=[wall] * 40, angle_increment=0.15, range_max=10.0)
         scan.header.stamp, scan.header.frame_id = here.header.stamp, f"{slash}laser"
         topics.send("/scan", scan)
 
@@ -135,6 +136,15 @@ def test_odometry_that_is_no_number_leaves_the_robot_where_it_is_believed_to_be(
     believed = list(topics.published("/amcl_pose").queue)
     assert len(believed) == 4
     assert all(math.isfinite(message.pose.pose.position.x) for message in believed)
+
+
+def test_a_base_that_counts_from_zero_again_has_not_moved(topics: Topics) -> None:
+    start = PoseWithCovarianceStamped()
+    start.pose.pose = pose_message(Pose(2.0, 2.0))
+    topics.send("/initialpose", start)
+    drive(topics, (3.0, 3.1, 0.0, 0.1), wall=math.inf)
+    believed = topics.published("/amcl_pose").queue[-1].pose.pose.position
+    assert (believed.x, believed.y) == pytest.approx((2.2, 2.0), abs=0.3)
 
 
 def test_a_robot_is_localised_by_frames_with_a_slash(topics: Topics) -> None:

@@ -19,6 +19,8 @@ from merlin_reactive.ros_messages import hangs, pose_of, pose_of_transform
 from merlin_ros.deadline import Deadline
 
 HISTORY = 40  # odometry messages kept, to place a scan where it was made
+JUMP, JUMP_SPEED = 0.3, 2.0  # m and m/s; no base of this kind moves further between two odometries
+JUMP_TURN, JUMP_TURN_SPEED = 0.5, 4.0  # rad and rad/s
 AHEAD = 1.0  # s that a stamp may be ahead of the odometry's: localisation dates its transforms ahead
 
 
@@ -188,6 +190,14 @@ def unusable_odometry(message: Odometry) -> str:
     if all(map(math.isfinite, (pose.x, pose.y, pose.yaw))):
         return ""
     return f"odometry is ignored: its pose ({pose.x:g}, {pose.y:g}, {pose.yaw:g}) is not finite"
+
+
+def jumped(last: Odometry, odometry: Odometry) -> bool:
+    """Whether the wheels cannot have made the way between two odometries."""
+    before, after = pose_of(last.pose.pose), pose_of(odometry.pose.pose)
+    elapsed = abs((odometry.header.stamp - last.header.stamp).to_sec())
+    way, turned = before.distance(after), abs(wrap(after.yaw - before.yaw))
+    return way > JUMP + JUMP_SPEED * elapsed or turned > JUMP_TURN + JUMP_TURN_SPEED * elapsed
 
 
 def rays_of(message: LaserScan, mount: TransformStamped) -> Tuple[np.ndarray, np.ndarray]:

@@ -17,7 +17,7 @@ from tf2_msgs.msg import TFMessage
 
 from merlin_reactive.localization.particle_filter import FilterSettings, Localizer, ParticleFilter
 from merlin_reactive.pose import Pose
-from merlin_reactive.robot_state import HISTORY, odometry_at, rays_of, unusable, unusable_odometry
+from merlin_reactive.robot_state import HISTORY, jumped, odometry_at, rays_of, unusable, unusable_odometry
 from merlin_reactive.ros_messages import (
     bad_rotation,
     grid_of,
@@ -149,7 +149,13 @@ class LocalizationNode:
             rospy.logwarn_throttle(10.0, f"localization: {reason}")
             return
         with self._lock:
-            if self._odometry and message.header.stamp < self._odometry[-1].header.stamp:
+            last = self._odometry[-1] if self._odometry else message
+            if jumped(last, message):  # the base was restarted: it has not moved
+                rospy.logwarn("localization: the odometry jumped; the robot counts as where it was")
+                self._odometry.clear()
+                if self._localizer is not None:
+                    self._localizer.restart()
+            elif message.header.stamp < last.header.stamp:
                 self._odometry.clear()
             self._odometry.append(message)
 

@@ -27,8 +27,8 @@ from merlin_reactive.navigation.path_planner import NoPath, PathPlanner
 from merlin_reactive.navigation.right_of_way import RightOfWay
 from merlin_reactive.navigation.velocity_publisher import VelocityPublisher
 from merlin_reactive.navigation.way_exchange import WayExchange
-from merlin_reactive.pose import Point, Pose, wrap
-from merlin_reactive.robot_state import RobotState, StateError, velocity_of
+from merlin_reactive.pose import Point, Pose
+from merlin_reactive.robot_state import RobotState, StateError, jumped, velocity_of
 from merlin_reactive.ros_messages import bad_rotation, grid_of, path_message, pose_of, stamped
 from merlin_ros.actions.action_server import ServerGoal
 from merlin_ros.actions.serial_action_server import SerialActionServer
@@ -74,8 +74,6 @@ START_TIMEOUT = 10.0  # s of running time for the map to appear
 PATIENCE = 10.0  # s of running time that it stands without them before driving is given up
 LOOK = 0.1  # s of running time without odometry after which the ages are looked at
 SENSOR_AGE = 0.5  # s of ROS time after which odometry, scan and transforms are too old to drive by
-JUMP, JUMP_SPEED = 0.3, 2.0  # m and m/s; no base of this kind moves further between two odometries
-JUMP_TURN, JUMP_TURN_SPEED = 0.5, 4.0  # rad and rad/s
 PLAN_WAIT = 3.0  # s of running time that a plan waits for odometry
 FEEDBACK_EVERY = 4  # control steps
 
@@ -302,10 +300,8 @@ class NavigationNode:
 
 def _refuse_jump(last: Odometry, odometry: Odometry) -> None:
     """Raises StateError when the wheels cannot have made the way between two odometries."""
-    before, after = pose_of(last.pose.pose), pose_of(odometry.pose.pose)
-    elapsed = abs((odometry.header.stamp - last.header.stamp).to_sec())
-    turned = abs(wrap(after.yaw - before.yaw))
-    if before.distance(after) > JUMP + JUMP_SPEED * elapsed or turned > JUMP_TURN + JUMP_TURN_SPEED * elapsed:
+    if jumped(last, odometry):
+        before, after = pose_of(last.pose.pose), pose_of(odometry.pose.pose)
         raise StateError(
             f"{NO_CONTROL_TEXT} The odometry jumped from ({before.x:.2f}, {before.y:.2f}) to "
             f"({after.x:.2f}, {after.y:.2f}): the base was restarted, or the simulator reset."
