@@ -10,7 +10,7 @@ import rosgraph.masterapi
 import rospy
 import tf2_ros
 from fakes.topics import Topics
-from geometry_msgs.msg import PoseWithCovarianceStamped, Quaternion
+from geometry_msgs.msg import PoseWithCovarianceStamped, Quaternion, TransformStamped
 from nav_msgs.msg import OccupancyGrid, Odometry
 from sensor_msgs.msg import LaserScan
 
@@ -96,12 +96,13 @@ def test_odometry_that_wheels_cannot_make_is_a_jump(after: Pose, jumps: bool) ->
         _refuse_jump(before, odometry(after, 5.05))
 
 
-@pytest.fixture
-def topics(monkeypatch: pytest.MonkeyPatch) -> Topics:
+@pytest.fixture(params=["map", "/map"])
+def topics(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> Topics:
     """Those of a localisation that has its map; the laser is on the robot's middle."""
     made = Topics(monkeypatch)
     monkeypatch.setattr(rospy, "Service", lambda *_: None)
-    monkeypatch.setattr(rospy, "get_param", lambda name, default=None: default)
+    frame = {"~global_frame": request.param}
+    monkeypatch.setattr(rospy, "get_param", lambda name, default=None: frame.get(name, default))
     monkeypatch.setattr(rospy.Time, "now", lambda: rospy.Time(100))
     buffer = tf2_ros.Buffer(debug=False)
     buffer.set_transform_static(transform(Pose(0.0, 0.0), "base", "laser", rospy.Time()), "test")
@@ -140,6 +141,7 @@ def test_odometry_that_is_no_number_leaves_the_robot_where_it_is_believed_to_be(
 
 def test_a_base_that_counts_from_zero_again_has_not_moved(topics: Topics) -> None:
     start = PoseWithCovarianceStamped()
+    start.header.frame_id = "map"
     start.pose.pose = pose_message(Pose(2.0, 2.0))
     topics.send("/initialpose", start)
     drive(topics, (3.0, 3.1, 0.0, 0.1), wall=math.inf)

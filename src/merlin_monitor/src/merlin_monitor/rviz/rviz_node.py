@@ -119,7 +119,7 @@ def main() -> int:
 
 
 def _start() -> None:
-    frame = str(rospy.get_param("~global_frame", "map"))
+    frame = str(rospy.get_param("~global_frame", "map")).lstrip("/")
     goal, priority = _goal(), whole("~priority", 0)
     reach = number("~reach", REACH, LEAST_REACH)
     state = MonitorModel(Inbox(rospy.logwarn))

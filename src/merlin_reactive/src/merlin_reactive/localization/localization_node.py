@@ -48,7 +48,7 @@ class LocalizationNode:
             beams=round(number("~beams", FilterSettings.beams, 10)),
         )
         self._seed = round(number("~seed", 1, 0))
-        self._frame = str(rospy.get_param("~global_frame", "map"))
+        self._frame = str(rospy.get_param("~global_frame", "map")).lstrip("/")
         self._lock = threading.Lock()  # guards everything below
         self._localizer: Optional[Localizer] = None
         self._odometry: Deque[Odometry] = deque(maxlen=HISTORY)

@@ -111,7 +111,7 @@ class NavigationNode:
 
     def __init__(self) -> None:
         self._settings = read_settings()
-        self._frame = str(rospy.get_param("~global_frame", "map"))
+        self._frame = str(rospy.get_param("~global_frame", "map")).lstrip("/")
         self._age = number("~sensor_age", SENSOR_AGE, 0.05)
         self._navigator: Optional[Navigator] = None  # replaced with each map; `_state.changed` is its lock
         self._state = RobotState(self._frame)

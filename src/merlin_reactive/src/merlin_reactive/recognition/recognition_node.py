@@ -40,7 +40,7 @@ class RecognitionNode:
     def __init__(self) -> None:
         least = number("~least_score", LEAST_SCORE, 0.0)
         self._recognizer = ObjectRecognizer(_supports(), least, number("~tag_size", TAG, 0.005))
-        self._frame = str(rospy.get_param("~global_frame", "map"))
+        self._frame = str(rospy.get_param("~global_frame", "map")).lstrip("/")
         topic = graph_name("~image_topic")
         self._source: Union[CaptureSource, TopicSource] = CaptureSource()
         if topic:
