@@ -57,6 +57,11 @@ class Judged(GoalDispatcher):
         return False
 
 
+class Exits(MissionSM):
+    def build(self) -> None:
+        raise SystemExit(0)
+
+
 class Unbuilt(MissionSM):
     pass
 
@@ -194,3 +199,9 @@ def test_a_mission_whose_build_fails_is_one_line_that_names_its_place(capsys: An
         "Misbuilt cannot be made: AttributeError: 'Misbuilt' object has no attribute 'add_gaol_state'" in line
     )
     assert "(test_mission_host.py, line " in line
+
+
+def test_a_mission_that_ends_the_process_is_one_line_that_names_its_place(capsys: Any) -> None:
+    assert mission_host.main("Exits") == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "Exits cannot be made: SystemExit: 0 (test_mission_host.py, line " in line

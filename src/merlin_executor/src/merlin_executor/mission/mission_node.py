@@ -145,6 +145,6 @@ def _made(mission_class: Type[MissionNode]) -> MissionNode:
         return mission_class.from_parameters()
     except ValueError as error:
         raise ParameterError(str(error)) from error
-    except Exception as error:  # users' code
+    except (Exception, SystemExit) as error:  # users' code
         path = f"{mission_class.__module__}:{mission_class.__name__}"
         raise ParameterError(cannot_be_made(path, error)) from error
