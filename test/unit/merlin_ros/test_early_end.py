@@ -4,6 +4,8 @@
 import os
 import random
 import signal
+import subprocess
+import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -12,7 +14,8 @@ import pytest
 
 pytestmark = pytest.mark.processes
 
-DOMAIN = Path(__file__).parents[3] / "pddl" / "home" / "domain.pddl"
+ROOT = Path(__file__).parents[3]
+DOMAIN = ROOT / "pddl" / "home" / "domain.pddl"
 EXECUTABLES = [
     ("merlin_rosplan", "planning_system"),
     ("merlin_rosplan", "knowledge_base"),
@@ -33,6 +36,24 @@ def patient(timer):
         timer.interval = {LIMIT}
     start(timer)
 threading.Timer.start = patient
+"""
+SCRIPTS = sorted(
+    path
+    for folder in ("src", "extras")
+    for path in (ROOT / folder).glob("**/scripts/*")
+    if path.is_file() and path.read_text(encoding="utf-8").startswith("#!/usr/bin/env python3")
+)
+#: Ctrl-C at the first import of ours that is not of how the executable starts.
+INTERRUPTED = """
+import os, signal, sys
+class Finder:
+    def find_spec(self, name, path=None, target=None):
+        if name.startswith("merlin") and name not in (
+            "merlin_ros", "merlin_ros.lean_start", "merlin_ros.early_end"
+        ):
+            sys.meta_path.remove(self)
+            os.kill(os.getpid(), signal.SIGINT)
+sys.meta_path.insert(0, Finder())
 """
 
 
@@ -71,3 +92,20 @@ def test_it_ends_without_a_traceback(
     assert "Traceback" not in node.output, f"signal after {moment:.2f} s:\n{node.output}"
     assert "by force" not in node.output, f"signal after {moment:.2f} s:\n{node.output}"
     assert code == ENDED[number], f"signal after {moment:.2f} s:\n{node.output}"
+
+
+@pytest.mark.everywhere
+@pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: f"{path.parts[-3]}/{path.name}")
+def test_an_executable_that_is_interrupted_while_it_imports_ends_quietly(
+    script: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "sitecustomize.py").write_text(INTERRUPTED)
+    path = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
+    done = subprocess.run(
+        [sys.executable, str(script), "--help"],
+        env={**os.environ, "PYTHONPATH": path},
+        capture_output=True,
+        text=True,
+    )
+    assert (done.stdout, done.stderr) == ("", "")
+    assert done.returncode in (0, -signal.SIGINT)

@@ -14,6 +14,7 @@ import gc
 import importlib
 import os
 import re
+import signal
 import sys
 import threading
 from functools import partial
@@ -77,6 +78,22 @@ def run(module: str, function: str = "main", *args: Any, patient: bool = False) 
             _import_patiently(module)
         found = importlib.import_module(module)
     sys.exit(getattr(found, function)(*args))
+
+
+def command(module: str, function: str = "main") -> None:
+    """Likewise for a command of a terminal; what it does not do about Ctrl-C, the signal does."""
+    usual = signal.getsignal(signal.SIGINT)
+    if usual is signal.default_int_handler:  # a shell may have begun it deaf to Ctrl-C
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+    with importing():
+        prepare()
+        found = importlib.import_module(module)
+    try:
+        signal.signal(signal.SIGINT, usual)
+        sys.exit(getattr(found, function)())
+    except KeyboardInterrupt:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+        signal.raise_signal(signal.SIGINT)
 
 
 @contextlib.contextmanager

@@ -4,9 +4,10 @@
 import argparse
 import sys
 from pathlib import Path
-from typing import Collection, List, Optional
+from typing import List, Optional
 
 import jinja2
+import rospkg
 
 from merlin.new.application import (
     DEFAULT_ACTION,
@@ -22,14 +23,11 @@ from merlin_pddl.text_reader import PddlError
 EXIT_REFUSED = 2
 
 
-def main(arguments: Optional[List[str]] = None, known: Collection[str] = ()) -> int:
-    """Writes a package; returns the exit code.
-
-    :param known: ROS packages that exist.
-    """
+def main(arguments: Optional[List[str]] = None) -> int:
+    """Writes a package; returns the exit code."""
     options = _options(arguments)
     try:
-        check_package(options.name, known)
+        check_package(options.name, rospkg.RosPack().list())
         application = _application(options)
         workspace = Path(options.workspace or f"{options.name}_ws").absolute()
         folder = write_application(application, workspace)
