@@ -29,7 +29,7 @@ class Gone:
     """Stands in for a master that has ended."""
 
     def getSystemState(self, _: str) -> tuple:
-        raise ConnectionRefusedError
+        raise ConnectionRefusedError(111, "Connection refused")
 
 
 @pytest.fixture
@@ -106,6 +106,30 @@ def test_the_note_of_a_killed_run_is_removed(masters: dict) -> None:
         note.write_text(note.read_text().replace('"began": "', '"began": "9'))
         assert running.living() == []
         assert not note.exists()
+
+
+def test_a_master_that_cannot_be_asked_says_why(masters: dict, monkeypatch: pytest.MonkeyPatch) -> None:
+    class Hangs:
+        def getSystemState(self, _: str) -> tuple:
+            raise master_link.MasterSilent("it did not answer within 2.5 s")
+
+    class Misnamed:
+        def getSystemState(self, _: str) -> tuple:
+            raise UnicodeError("label empty or too long")
+
+    masters["http://hangs:1"], masters["http://a..b:1"] = Hangs(), Misnamed()
+    like = "it has to be like http://localhost:11311"
+    for uri, why in (
+        ("http://gone:1", "Connection refused"),
+        ("http://hangs:1", "it did not answer within 2.5 s"),
+        ("nonsense", like),
+        ("http://localhost:99999", like),
+        ("http://a..b:1", like),
+    ):
+        monkeypatch.setenv("ROS_MASTER_URI", uri)
+        with pytest.raises(running.NothingRuns) as refused:
+            running.choose(find, "hosts")
+        assert f"asked: {uri} (ROS_MASTER_URI: {why})" in str(refused.value)
 
 
 def test_hosts_can_be_named() -> None:

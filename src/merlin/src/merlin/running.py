@@ -11,7 +11,7 @@ import os
 import socket
 import sys
 from pathlib import Path
-from typing import Any, Callable, Iterator, List, NamedTuple, Optional, Tuple, Type
+from typing import Any, Callable, Dict, Iterator, List, NamedTuple, Optional, Tuple, Type
 
 import rosgraph
 import rospkg
@@ -84,12 +84,15 @@ def choose(find: Callable[[List[str], List[str]], List[str]], wanted: str) -> Tu
     :raises LaunchError: when that of ROS_MASTER_URI has not, and several runs have it.
     """
     # It imports rospy, which a run that is only announced does without.
-    from merlin_ros.master.master_link import ERRORS, MASTER_TIMEOUT, bounded_proxy
+    from merlin_ros.master.master_link import MASTER_TIMEOUT, UNASKED, bounded_proxy, why_unasked
+
+    faults: Dict[str, str] = {}
 
     def found_at(uri: str) -> List[str]:
         try:
             return find(*_graph(bounded_proxy(uri, MASTER_TIMEOUT)))
-        except ERRORS:
+        except UNASKED as error:
+            faults[uri] = f": {why_unasked(uri, error)}"
             return []
 
     use_loopback()
@@ -108,7 +111,7 @@ def choose(find: Callable[[List[str], List[str]], List[str]], wanted: str) -> Tu
     if found:
         choice = ", ".join(f"ROS_MASTER_URI={uri} ({runs[uri]})" for uri in found)
         raise LaunchError(f"several systems have {wanted}; choose one: {choice}")
-    asked = ", ".join(f"{uri} ({name})" for uri, name in runs.items())
+    asked = ", ".join(f"{uri} ({name}{faults.get(uri, '')})" for uri, name in runs.items())
     raise NothingRuns(f"no running system has {wanted}; asked: {asked}")
 
 

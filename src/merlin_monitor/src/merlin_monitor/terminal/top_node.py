@@ -13,6 +13,7 @@ import tty
 from collections import deque
 from typing import Any, Deque, Iterator, List
 
+import rosgraph
 import rospy
 
 from merlin_monitor.listeners.ros_system import RosSystem
@@ -22,7 +23,7 @@ from merlin_monitor.state.history_events import Event
 from merlin_monitor.state.inbox import Inbox
 from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_monitor.terminal.terminal_view import lines, paint
-from merlin_ros.master.master_link import master_answers
+from merlin_ros.master.master_link import master_fault
 from merlin_ros.node import init_node, print_help
 
 REDRAW = 0.2  # s between two pictures
@@ -97,10 +98,11 @@ def _screen() -> Iterator[Any]:
 def main() -> int:
     """Entry point; returns the exit code."""
     print_help()
-    if not master_answers():
+    fault = master_fault()
+    if fault:
+        uri = rosgraph.get_master_uri()
         print(
-            f"top: there is no ROS master at {os.environ.get('ROS_MASTER_URI', '')}; "
-            "set ROS_MASTER_URI, or start something",
+            f"top: no ROS master answers at {uri}: {fault}; set ROS_MASTER_URI, or start something",
             file=sys.stderr,
         )
         return 1

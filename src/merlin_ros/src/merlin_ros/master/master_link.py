@@ -16,6 +16,7 @@ from xml.parsers.expat import ExpatError
 
 import rosgraph
 import rospy
+from rosgraph.network import parse_http_host_and_port
 from rospy.impl.masterslave import ROSHandler
 from rospy.impl.registration import RegManager
 
@@ -46,8 +47,10 @@ class MasterSilent(OSError):
 
 #: What a call to the master may raise: without an answer, and when the answer is an error.
 ERRORS = (OSError, rosgraph.MasterException, xmlrpc.client.Error, ExpatError)
+#: The same for an address that may be none.
+UNASKED = (*ERRORS, ValueError)
 
-#: Which of them only the connection raises: no file, and no mistake of a caller.
+#: Which of ERRORS only the connection raises: no file, and no mistake of a caller.
 UNREACHABLE = (
     MasterSilent,
     ConnectionError,
@@ -227,11 +230,28 @@ def master_answers(timeout: float = MASTER_TIMEOUT) -> bool:
 
     :param timeout: longest wait for it, s of wall time.
     """
+    return not master_fault(timeout)
+
+
+def master_fault(timeout: float = MASTER_TIMEOUT) -> str:
+    """Why the master gives no answer, which takes as long at most; empty: it gives one."""
     try:
         bounded_master(timeout).getPid()
-    except ERRORS:
-        return False
-    return True
+    except UNASKED as error:
+        return why_unasked(rosgraph.get_master_uri(), error)
+    return ""
+
+
+def why_unasked(uri: str, error: Exception) -> str:
+    """Why the master at an address gave no answer.
+
+    :param error: one of :data:`UNASKED`.
+    """
+    with contextlib.suppress(ValueError):
+        parse_http_host_and_port(uri)
+        if not isinstance(error, ValueError):
+            return str(getattr(error, "strerror", None) or error or type(error).__name__)
+    return "it has to be like http://localhost:11311"
 
 
 #: Parameters that were read or set, by global name: the master may be silent, or have forgotten them.
