@@ -213,6 +213,28 @@ def test_a_name_that_the_file_sets_to_nothing_is_no_argument(tmp_path: Path):
     assert known_arguments(file) == {"given": ""}
 
 
+def test_an_argument_with_two_values_is_refused() -> None:
+    home = ["home.launch", "simulator:=true"]
+    assert LaunchRequest.from_command_line([*home, "simulator:=true"]).arguments == {"simulator": "true"}
+    with pytest.raises(LaunchError, match="simulator:=true and simulator:=false contradict each other"):
+        LaunchRequest.from_command_line([*home, "simulator:=false"])
+
+
+@pytest.mark.parametrize(
+    ("wrong", "why"),
+    [
+        ({"on": "serverz"}, "on:=serverz is none of simulator, robot, servers"),
+        ({"robots": "ria,tom,tom"}, "robots:=tom,tom names tom twice"),
+        ({"robots": "[ria, ria]"}, "robots:=.*ria.* names ria twice"),
+    ],
+)
+@pytest.mark.parametrize("file", ["application.launch", "robots.launch"])
+def test_a_wrong_word_is_named_with_its_argument(file: str, wrong: dict, why: str) -> None:
+    points = {"points_of_interest": ROBOT["points_of_interest"]} if file == "robots.launch" else {}
+    with pytest.raises(RLException, match=why):
+        load(f"include/{file}", **points, **wrong)
+
+
 def test_a_launch_file_is_found_in_its_package() -> None:
     request = LaunchRequest.from_command_line(["merlin", "monitor.launch", "history:="])
     assert request.launch_file.name == "monitor.launch" and request.arguments == {"history": ""}

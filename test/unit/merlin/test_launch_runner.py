@@ -190,7 +190,7 @@ REFUSED = {
     (str(LAUNCH_FILE), "linger:=maybe"): "not one of false, true, auto",
     (str(LAUNCH_FILE), "domain:=/nowhere/domain.pddl"): "/nowhere/domain.pddl",
     (str(LAUNCH_FILE), "executable:=nothing"): "merlin_test/nothing",
-    (str(APPLICATION), "on:=server"): "'server' is not in list. <arg name=\"on_is_one_of\"",
+    (str(APPLICATION), "on:=server"): "on:=server is none of simulator, robot, servers",
     "<include file='/nowhere.launch'/>": "/nowhere.launch",
     "<include file='$(find nowhere)/x.launch'/>": "no package 'nowhere'",
     "<arg name='a' value='$(find nowhere)' doc='make it'/>": "no package 'nowhere'; make it",

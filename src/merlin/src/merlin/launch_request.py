@@ -61,16 +61,17 @@ class LaunchRequest:
 
         :raises HelpWanted: it has --help.
         :raises LaunchError: no such launch file, no such argument, a required argument is missing, a bad port
-            or word for lingering.
+            or word for lingering, or an argument has two values.
         """
-        files, pairs = [], {}
+        files: List[str] = []
+        pairs: Dict[str, str] = {}
         for word in words:
             if word in ("-h", "--help"):
                 raise HelpWanted(f"[package] <launch file> name:=value …\n\n{HELP}")
             name, assigned, value = word.partition(":=")
-            if assigned:
-                pairs[name] = value
-            else:
+            if assigned and pairs.setdefault(name, value) != value:
+                raise LaunchError(f"{name}:={pairs[name]} and {word} contradict each other; leave one out")
+            if not assigned:
                 files.append(word)
         if len(files) not in (1, 2):
             raise LaunchError(
