@@ -117,14 +117,17 @@ def topics(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> T
     return made
 
 
-def drive(topics: Topics, places: Sequence[float], slash: str = "", wall: float = 1.5) -> None:
+def drive(
+    topics: Topics, places: Sequence[float], slash: str = "", wall: float = 1.5, begin: float = 100.0
+) -> None:
     """The robot is at these places, m, one after the other, and scans there.
 
     :param slash: with which its frames begin.
     :param wall: how far what it sees is, m.
+    :param begin: s of ROS time.
     """
     for step, x in enumerate(places):
-        here = odometry(Pose(x, 0.0, 0.0), 100.0 + step)
+        here = odometry(Pose(x, 0.0, 0.0), begin + step)
         here.child_frame_id = f"{slash}base"
         topics.send("/odom", here)
         scan = LaserScan(ranges=[wall] * 40, angle_increment=0.15, range_max=10.0)
@@ -139,14 +142,19 @@ def test_odometry_that_is_no_number_leaves_the_robot_where_it_is_believed_to_be(
     assert all(math.isfinite(message.pose.pose.position.x) for message in believed)
 
 
-def test_a_base_that_counts_from_zero_again_has_not_moved(topics: Topics) -> None:
+@pytest.mark.parametrize(("begin", "x"), [(101.1, 2.2), (100.9, 1.1)], ids=["base", "simulator"])
+def test_a_base_that_counts_from_zero_again_has_not_moved_but_a_simulated_one_has(
+    topics: Topics, begin: float, x: float
+) -> None:
+    """A simulator that begins anew puts its robot where it began, and its clock begins, too."""
     start = PoseWithCovarianceStamped()
     start.header.frame_id = "map"
     start.pose.pose = pose_message(Pose(2.0, 2.0))
     topics.send("/initialpose", start)
-    drive(topics, (3.0, 3.1, 0.0, 0.1), wall=math.inf)
+    drive(topics, (1.0, 1.1), wall=math.inf)
+    drive(topics, (0.0, 0.1), wall=math.inf, begin=begin)
     believed = topics.published("/amcl_pose").queue[-1].pose.pose.position
-    assert (believed.x, believed.y) == pytest.approx((2.2, 2.0), abs=0.3)
+    assert (believed.x, believed.y) == pytest.approx((x, 2.0), abs=0.3)
 
 
 def test_a_robot_is_localised_by_frames_with_a_slash(topics: Topics) -> None:

@@ -150,13 +150,13 @@ class LocalizationNode:
             return
         with self._lock:
             last = self._odometry[-1] if self._odometry else message
-            if jumped(last, message):  # the base was restarted: it has not moved
+            if message.header.stamp < last.header.stamp:  # the simulator began anew, and so did its robot
+                self._odometry.clear()
+            elif jumped(last, message):  # the base was restarted: it has not moved
                 rospy.logwarn("localization: the odometry jumped; the robot counts as where it was")
                 self._odometry.clear()
                 if self._localizer is not None:
                     self._localizer.restart()
-            elif message.header.stamp < last.header.stamp:
-                self._odometry.clear()
             self._odometry.append(message)
 
     def _receive_scan(self, message: LaserScan) -> None:
