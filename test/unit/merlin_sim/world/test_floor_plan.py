@@ -6,6 +6,7 @@ import pytest
 from merlin_reactive.navigation.path_planner import PathPlanner
 from merlin_sim.world.floor_plan import FloorPlan, main
 from merlin_sim.world.survey import map_of
+from merlin_sim.world.world_drawing import main as draw
 from merlin_sim.world.world_file import load_world, parse_world
 
 
@@ -44,3 +45,17 @@ def test_a_floor_that_is_too_small(tmp_path, capsys):
         assert words in capsys.readouterr().err
     assert main([str(tmp_path / "a.yaml"), "--rooms", "50", "--size", "6", "6", "--furniture", "0"]) == 0
     assert "rooms fit" in capsys.readouterr().err
+
+
+def test_the_file_that_was_written_is_named_and_a_remapped_name_is_none(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["floor", "--rooms", "2", "--furniture", "0"]) == 0
+    assert capsys.readouterr().out == "floor: the world floor_1\n"
+    with pytest.raises(SystemExit) as ended:
+        main(["world:=floor"])
+    assert ended.value.code == 2 and "'world:=floor' is no file" in capsys.readouterr().err
+    assert draw(["floor", "floor.png"]) == 0
+    assert capsys.readouterr().out == "floor.png: the world floor_1\n"
+    with pytest.raises(SystemExit):
+        draw(["floor", "picture:=floor.png"])
+    assert [file.name for file in tmp_path.iterdir() if ":=" in file.name] == []

@@ -16,7 +16,7 @@ from merlin_reactive.occupancy_grid import OccupancyGrid
 from merlin_reactive.pose import Pose
 from merlin_reactive.seeded_random import draw
 from merlin_sim.world.survey import map_of
-from merlin_sim.world.world_file import parse_world
+from merlin_sim.world.world_file import file_to_write, parse_world
 from merlin_sim.world.world_model import World
 from merlin_sim.world.world_places import CLEARANCE, ROBOT_RADIUS
 
@@ -212,7 +212,7 @@ def write_plan(plan: FloorPlan, path: Path) -> None:
 def main(arguments: Optional[List[str]] = None) -> int:
     """The command ``generate_world``; returns its exit code."""
     parser = argparse.ArgumentParser(prog="generate_world", description="Writes a random floor plan.")
-    parser.add_argument("file", type=Path, help="world file (YAML) to write")
+    parser.add_argument("file", type=file_to_write, help="world file (YAML) to write")
     parser.add_argument("--rooms", type=int, default=8)
     parser.add_argument("--size", type=float, nargs=2, default=(16.0, 12.0), metavar=("WIDTH", "HEIGHT"))
     parser.add_argument("--furniture", type=int, default=3, help="pieces per room at most")
@@ -227,4 +227,5 @@ def main(arguments: Optional[List[str]] = None) -> int:
         return 1
     if len(plan.rooms) < options.rooms:
         print(f"generate_world: only {len(plan.rooms)} of {options.rooms} rooms fit", file=sys.stderr)
+    print(f"{options.file}: the world {plan.name}")
     return 0

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from merlin_reactive.pose import Point, Pose
-from merlin_sim.world.world_file import WorldError, find_world, load_world
+from merlin_sim.world.world_file import WorldError, file_to_write, find_world, load_world
 from merlin_sim.world.world_model import World
 
 SCALE = 80  # pixels per metre
@@ -94,11 +94,13 @@ def main(arguments: Optional[List[str]] = None) -> int:
     """The command ``draw_world``; returns its exit code."""
     parser = argparse.ArgumentParser(prog="draw_world", description="Draws a world file as a PNG.")
     parser.add_argument("world", help="world file (YAML), or the name of one that comes with merlin_sim")
-    parser.add_argument("picture", type=Path, help="PNG file to write")
+    parser.add_argument("picture", type=file_to_write, help="PNG file to write")
     options = parser.parse_args(arguments)
     try:
-        WorldDrawing(load_world(find_world(options.world))).save(options.picture)
+        world = load_world(find_world(options.world))
+        WorldDrawing(world).save(options.picture)
     except (WorldError, OSError) as error:
         print(f"draw_world: {error}", file=sys.stderr)
         return 1
+    print(f"{options.picture}: the world {world.name}")
     return 0

@@ -3,6 +3,7 @@
 
 import math
 import re
+from argparse import ArgumentTypeError
 from pathlib import Path
 from typing import Any, Dict, Iterator, List, Optional, Set, Tuple, Union
 
@@ -86,6 +87,16 @@ def parse_world(data: Any, source: str = "world") -> World:
     if faults:
         raise WorldError(_in_words(source, faults))
     return world
+
+
+def file_to_write(text: str) -> Path:
+    """The file that a command line names as the one to write.
+
+    :raises argparse.ArgumentTypeError: it is a remapping of ROS.
+    """
+    if ":=" in text:
+        raise ArgumentTypeError(f"{text!r} is no file; give a name or a path")
+    return Path(text)
 
 
 def _read(path: Union[str, Path]) -> Any:
