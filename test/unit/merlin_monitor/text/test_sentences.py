@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The file of the sentences: what is wrong with it, and that those of the examples fit all their domains."""
 
+import os
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, Dict, List
@@ -152,3 +153,11 @@ def test_a_monitor_does_not_begin_with_a_wrong_file_and_a_terminal_begins_withou
     assert warning.endswith("is 5, not a text; write it in quotes; words are made of the names in PDDL")
     ros.parameter = lambda name, default: "none"
     assert sentences_of_node(ros) == Sentences()
+
+
+def test_a_pipe_is_refused_and_not_waited_for(tmp_path: Path) -> None:
+    pipe = tmp_path / "pipe.yaml"
+    os.mkfifo(pipe)
+    for path in (Path(os.devnull), pipe):
+        with pytest.raises(SentencesError, match="cannot be read: it is no regular file"):
+            read_sentences(path)

@@ -21,6 +21,8 @@ def read_yaml(path: Path, what: str, text: Optional[str] = None) -> Any:
     :param text: that it had; None: it is read now.
     :raises YamlFileError: when it cannot be read, or is not YAML.
     """
+    if text is None and path.exists() and not path.is_file():  # a pipe may have no end
+        raise YamlFileError(f"{what} {path} cannot be read: it is no regular file")
     try:
         return yaml.safe_load(path.read_text(encoding="utf-8") if text is None else text)
     except (OSError, UnicodeDecodeError) as error:
