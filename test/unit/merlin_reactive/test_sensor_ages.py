@@ -132,7 +132,7 @@ class Robot:
         assert self.speed() > 0.0
 
     def stands(self, *silent: str) -> None:
-        """Sensors are silent for longer than they may be, until the base is told to stand."""
+        """Sensors are silent for longer than they may be, until navigation has the base stand."""
         for _ in range(round(SENSOR_AGE / STEP) + 2):
             self.tick(*silent)
         for _ in range(100):
