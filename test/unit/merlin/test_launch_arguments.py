@@ -11,6 +11,7 @@ from roslaunch.config import ROSLaunchConfig
 from roslaunch.core import RLException
 from roslaunch.xmlloader import XmlLoader
 
+from merlin.launch_config import LaunchConfig
 from merlin.launch_request import LaunchError, LaunchRequest, known_arguments
 
 LAUNCH = Path(rospkg.RosPack().get_path("merlin")) / "launch"
@@ -254,3 +255,11 @@ def test_arguments_of_a_file_that_takes_all_of_them_are_known(tmp_path: Path) ->
         LaunchRequest.from_command_line([top, "on:=robot", "deep:=7"])
     with pytest.raises(LaunchError, match="needs on:="):
         LaunchRequest.from_command_line([top])
+
+
+def test_a_file_of_parameters_that_is_not_utf8_is_named(tmp_path: Path) -> None:
+    world = tmp_path / "world.yaml"
+    world.write_bytes("name: Küche".encode("latin-1"))
+    request = LaunchRequest.from_command_line(["home.launch", f"world_file:={world}"])
+    with pytest.raises(LaunchError, match=f"{world} is not UTF-8 text: invalid "):
+        LaunchConfig(request)

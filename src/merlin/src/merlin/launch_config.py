@@ -44,7 +44,10 @@ HOSTS = {("merlin_actions", "fsm_host"), ("merlin_actions", "naive_actions")}
 
 
 class Loader(roslaunch.xmlloader.XmlLoader):
-    """Finds the version and the name of ROS, which every launch sets, without processes of their own."""
+    """Finds the version and the name of ROS, which every launch sets, without processes of their own.
+
+    Of a file that is not UTF-8 it says which.
+    """
 
     _VERSION, _DISTRIBUTION = "rosversion roslaunch", "rosversion -d"
 
@@ -63,6 +66,18 @@ class Loader(roslaunch.xmlloader.XmlLoader):
         if found:
             return roslaunch.loader.convert_value(f"{found}\n", ptype)  # the command ends its line, too
         return super().param_value(verbose, name, ptype, *sources)
+
+    def load_rosparam(
+        self, context: Any, ros_config: Any, cmd: str, param: str, file_: Any, *more: Any, **options: Any
+    ) -> None:
+        """Loads parameters.
+
+        :raises ValueError: when that is not possible; the text names the file.
+        """
+        try:
+            super().load_rosparam(context, ros_config, cmd, param, file_, *more, **options)
+        except UnicodeDecodeError as error:
+            raise ValueError(f"{file_} is not UTF-8 text: {error.reason}") from error
 
 
 class LaunchConfig:
