@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from merlin_sm.merlin_sm import MerlinSM
 from merlin_sm.state_factory import MerlinStateFactory
 from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, SUCCEEDED, MerlinState
-from smach import CBState, InvalidTransitionError, UserData
+from smach import CBState, InvalidStateError, InvalidTransitionError, UserData
 
 OUTCOMES = [SUCCEEDED, ABORTED, PREEMPTED]
 LIMIT = 60.0
@@ -175,3 +175,9 @@ def test_labels_that_are_members_of_an_enumeration(monkeypatch: pytest.MonkeyPat
         made.add(Step.REST, Wait(SUCCEEDED), {ABORTED: SUCCEEDED, PREEMPTED: SUCCEEDED})
     assert made.execute(UserData()) == SUCCEEDED
     assert said == ["GO was aborted: no way"]
+
+
+@pytest.mark.parametrize("add", [MerlinSM.add, MerlinSM.add_auto])
+def test_what_is_no_state_is_named_when_it_is_added(add: Any) -> None:
+    with pytest.raises(InvalidStateError, match="GO.*speak"), MerlinSM(OUTCOMES):
+        add("GO", "speak", [SUCCEEDED])

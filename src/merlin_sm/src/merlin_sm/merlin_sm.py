@@ -108,6 +108,8 @@ def _note(
     autonomy: Optional[Mapping[str, str]],
 ) -> None:
     """Leaves with a state what SMACH does not give back: for the check of the userdata, and for operators."""
+    if not issubclass(type(state), State):
+        return  # SMACH says so
     given = dict(zip(("remapping", "constants"), args), **options)
     state.remapping = dict(given.get("remapping") or {})
     state.constants = list(given.get("constants") or {})
