@@ -285,11 +285,14 @@ def check_world(found: Findings, config: LaunchConfig, node: Node) -> None:
 
 
 def check_page(found: Findings, config: LaunchConfig, node: Node) -> None:
-    """Loads the panels of the page, and reads its sentences, and the goals that it offers.
+    """Judges the port of the page, loads its panels, and reads its sentences, and the goals that it offers.
 
     :raises ParameterError: for a panel that cannot be used.
     """
     own = full_name(node)
+    port = config.param(f"{own}/port", 0)
+    if port not in range(65536):
+        found.wrong(f"parameter {own}/port is {port!r}, not a whole number from 0 to 65535")
     for path in config.param(f"{own}/panels", []):
         found.look(_check_panel, str(path))
     sentences = str(config.param(f"{node.namespace}{SENTENCES}", ""))

@@ -159,6 +159,13 @@ def test_an_expression_that_fails_is_one_line(tmp_path: Path) -> None:
     assert done.stderr == "merlin check: 'int' object has no attribute 'strip'\n"
 
 
+def test_a_port_of_the_page_that_is_none_is_named(check: Any, tmp_path: Path) -> None:
+    for port, read in (("abc", "'abc'"), ("65536", "65536")):
+        done = check(tmp_path, "home.launch", f"monitor_port:={port}")
+        assert f"port is {read}, not a whole number from 0 to 65535" in done.stderr
+        assert done.returncode == 2
+
+
 def test_every_mistake_of_an_application_is_named(check: Any, tmp_path: Path) -> None:
     done = check(tmp_path, application(tmp_path, NAVIGATE, points="kitchen bathroom dorm_room"))
     assert done.returncode == 2
