@@ -238,7 +238,7 @@ class AvailableFacts:
             if robot.lower() in map(str.lower, self._knowledge.instances(self._type)):
                 return str(error)
             # A change that adds it is an event, as is a knowledge base that begins anew.
-            words = f"it is no object of type {self._type}; add it to the problem"
+            words = f"the problem has no object {robot[:LONGEST_NAME]} of type {self._type}; add one"
             rospy.logwarn(f"no plan counts on robot {robot[:LONGEST_NAME]}: {words} ({error})")
         with self._changed:
             self._availability.wrote(robot, available)
