@@ -21,9 +21,10 @@ LONG = 60.0
 
 
 class Clock:
-    """ROS time that the test moves, simulated."""
+    """ROS time that the test moves, simulated, and the topics of that robot."""
 
     now = 100.0
+    topics: Topics
 
 
 @pytest.fixture()
@@ -31,24 +32,14 @@ def watch(monkeypatch: pytest.MonkeyPatch) -> FollowerWatch:
     Clock.now = 100.0
     monkeypatch.setattr(follower_watch.rospy, "get_time", lambda: Clock.now)
     monkeypatch.setattr(follower_watch.rospy.rostime, "is_wallclock", lambda: False)
-    monkeypatch.setattr(follower_watch.rospy, "Subscriber", lambda *_, **__: _Nothing())
+    Clock.topics = Topics(monkeypatch)
     watching = FollowerWatch()
     watching.begin()
-    watching._move(Odometry())
+    Clock.topics.send("/odom", Odometry())
     return watching
 
 
-class _Nothing:
-    def unregister(self) -> None:
-        pass
-
-
-def see(watch: FollowerWatch, distance: float) -> None:
-    """Sees a person ahead; 0: an empty room."""
-    watch._see(scan_of(distance))
-
-
-def scan_of(distance: float) -> LaserScan:
+def see(distance: float) -> None:
     """A scan of a person ahead; 0: of an empty room."""
     ranges: List[float] = []
     for angle in np.radians(np.arange(360)):
@@ -59,7 +50,7 @@ def scan_of(distance: float) -> LaserScan:
         angle_min=0.0, angle_increment=math.radians(1.0), range_min=0.05, range_max=10.0, ranges=ranges
     )
     scan.header.stamp = follower_watch.rospy.Time.from_sec(Clock.now)
-    return scan
+    Clock.topics.send("/scan", scan)
 
 
 class Waiting(threading.Thread):
@@ -87,51 +78,48 @@ class Waiting(threading.Thread):
 
 
 def test_who_is_seen_is_not_lost_and_who_is_not_seen_any_more_is(watch: FollowerWatch) -> None:
-    see(watch, 1.5)
+    see(1.5)
     assert abs(watch.distance - 1.5) < 0.1
     assert not watch.lost
     Clock.now += UNSEEN + 0.1
-    see(watch, 0.0)
+    see(0.0)
     assert watch.lost
 
 
 def test_a_scan_that_comes_before_the_new_place_of_the_robot_is_not_taken_for_one_at_the_old_place(
     watch: FollowerWatch,
 ) -> None:
-    see(watch, 1.5)
+    see(1.5)
     watch.begin()
-    see(watch, 1.5)  # the robot is 5 m away by now, but its odometry has not come yet
+    see(1.5)  # the robot is 5 m away by now, but its odometry has not come yet
     there = Odometry()
     there.pose.pose.position.x, there.pose.pose.orientation.w = 5.0, 1.0
-    watch._move(there)
+    Clock.topics.send("/odom", there)
     for _ in range(5):
         Clock.now += 0.1
-        see(watch, 1.5)
+        see(1.5)
     assert abs(watch.distance - 1.5) < 0.1 and not watch.lost
     assert watch._tracker.place is not None and abs(watch._tracker.place[0] - 6.5) < 0.1
 
 
-def test_odometry_that_is_no_number_loses_no_client(
-    watch: FollowerWatch, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    topics = Topics(monkeypatch)
+def test_odometry_that_is_no_number_loses_no_client(watch: FollowerWatch) -> None:
     watch.begin()
     for x in (math.nan, 0.0, 0.0, 0.0):
         robot = Odometry()
         robot.pose.pose.position.x, robot.pose.pose.orientation.w = x, 1.0
-        topics.send("/odom", robot)
+        Clock.topics.send("/odom", robot)
         Clock.now += UNSEEN / 2
-        topics.send("/scan", scan_of(1.2))
+        see(1.2)
     assert watch.close
 
 
 def test_who_is_too_far_away_is_lost(watch: FollowerWatch) -> None:
     for distance in np.arange(1.5, GONE - 0.05, 0.1):
         Clock.now += 0.1
-        see(watch, float(distance))
+        see(float(distance))
         assert not watch.lost
     Clock.now += 0.1
-    see(watch, GONE + 0.1)
+    see(GONE + 0.1)
     assert watch.lost
 
 
@@ -140,30 +128,30 @@ def test_a_robot_whose_lidar_falls_silent_does_not_lead_on_for_ever(
     watch: FollowerWatch, seen_before: bool
 ) -> None:
     if seen_before:
-        see(watch, 1.5)
+        see(1.5)
     leads = Waiting(watch, lambda: watch.behind)
     Clock.now += SILENT + 0.1
     assert leads.outcome() == "succeeded"
 
 
 def test_a_robot_waits_for_who_is_not_seen_and_goes_on_when_they_come(watch: FollowerWatch) -> None:
-    see(watch, 1.5)
+    see(1.5)
     waits = Waiting(watch, lambda: watch.close, 20.0)
     for _ in range(5):
         Clock.now += UNSEEN
-        waits.looks(lambda: see(watch, 0.0))
+        waits.looks(lambda: see(0.0))
     assert watch.lost and not waits.outcomes
-    see(watch, 1.2)
+    see(1.2)
     assert waits.outcome() == "succeeded"
 
 
 def test_a_clock_that_is_set_back_makes_no_wait_longer(watch: FollowerWatch) -> None:
-    see(watch, 1.5)
+    see(1.5)
     waits = Waiting(watch, lambda: watch.close, 20.0)
 
     def go_back() -> None:
         Clock.now -= 50.0
-        see(watch, 0.0)
+        see(0.0)
 
     waits.looks(go_back)
     Clock.now += 20.1
@@ -176,13 +164,13 @@ def test_a_wall_clock_that_is_set_forward_makes_no_wait_shorter(
     passed = [7.0]
     monkeypatch.setattr(follower_watch.rospy.rostime, "is_wallclock", lambda: True)
     monkeypatch.setattr(ros_alarm, "time", SimpleNamespace(monotonic=lambda: passed[0]))
-    see(watch, 1.5)
+    see(1.5)
     waits = Waiting(watch, lambda: watch.close, 20.0)
 
     def go_on(seconds: float, step: float) -> None:
         passed[0] += seconds
         Clock.now += seconds + step
-        see(watch, 0.0)
+        see(0.0)
 
     for step in (50.0, 0.0):
         waits.looks(lambda step=step: go_on(9.9, step))  # type: ignore[misc]
@@ -192,20 +180,20 @@ def test_a_wall_clock_that_is_set_forward_makes_no_wait_shorter(
 
 
 def test_a_lidar_that_is_silent_since_the_clock_was_set_back_is_noticed(watch: FollowerWatch) -> None:
-    see(watch, 1.5)
+    see(1.5)
     Clock.now -= 50.0
     assert watch.lost
 
 
 def test_a_robot_does_not_wait_for_ever_for_who_is_gone(watch: FollowerWatch) -> None:
-    see(watch, 1.5)
+    see(1.5)
     waits = Waiting(watch, lambda: watch.close, 20.0)
     Clock.now += 20.1
-    see(watch, 0.0)
+    see(0.0)
     assert waits.outcome() == LOST
 
 
 def test_a_scan_that_comes_late_is_none_that_never_comes(watch: FollowerWatch) -> None:
-    see(watch, 1.5)
+    see(1.5)
     Clock.now += UNSEEN + 1.0
     assert not watch.lost
