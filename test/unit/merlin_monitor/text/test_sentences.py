@@ -159,5 +159,5 @@ def test_a_pipe_is_refused_and_not_waited_for(tmp_path: Path) -> None:
     pipe = tmp_path / "pipe.yaml"
     os.mkfifo(pipe)
     for path in (Path(os.devnull), pipe):
-        with pytest.raises(SentencesError, match="cannot be read: it is no regular file"):
+        with pytest.raises(SentencesError, match="cannot be read: only a regular file can be"):
             read_sentences(path)

@@ -53,7 +53,7 @@ def test_the_file_that_was_written_is_named_and_a_remapped_name_is_none(tmp_path
     assert capsys.readouterr().out == "floor: the world floor_1\n"
     with pytest.raises(SystemExit) as ended:
         main(["world:=floor"])
-    assert ended.value.code == 2 and "'world:=floor' is no file" in capsys.readouterr().err
+    assert ended.value.code == 2 and "'world:=floor' is a remapping of ROS" in capsys.readouterr().err
     assert draw(["floor", "floor.png"]) == 0
     assert capsys.readouterr().out == "floor.png: the world floor_1\n"
     with pytest.raises(SystemExit):

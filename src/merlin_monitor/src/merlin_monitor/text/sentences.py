@@ -22,7 +22,7 @@ def read_yaml(path: Path, what: str, text: Optional[str] = None) -> Any:
     :raises YamlFileError: when it cannot be read, or is not YAML.
     """
     if text is None and path.exists() and not path.is_file():  # a pipe may have no end
-        raise YamlFileError(f"{what} {path} cannot be read: it is no regular file")
+        raise YamlFileError(f"{what} {path} cannot be read: only a regular file can be")
     try:
         return yaml.safe_load(path.read_text(encoding="utf-8") if text is None else text)
     except (OSError, UnicodeDecodeError) as error:

@@ -95,7 +95,7 @@ def file_to_write(text: str) -> Path:
     :raises argparse.ArgumentTypeError: it is a remapping of ROS.
     """
     if ":=" in text:
-        raise ArgumentTypeError(f"{text!r} is no file; give a name or a path")
+        raise ArgumentTypeError(f"{text!r} is a remapping of ROS; give the name or the path of a file")
     return Path(text)
 
 
