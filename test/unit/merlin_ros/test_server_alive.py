@@ -52,9 +52,15 @@ class Topic:
         return len(self.links)
 
 
+class Topics(List[Topic]):
+    """Those of the client; `now` is its running time, s."""
+
+    now = 100.0
+
+
 @pytest.fixture
-def topics(clock: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[List[Topic]]:
-    made: List[Topic] = []
+def topics(clock: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[Topics]:
+    made = Topics()
 
     def topic(name: str, _: type, receive: Any = None, **__: Any) -> Topic:
         made.append(Topic(name, receive))
@@ -63,6 +69,7 @@ def topics(clock: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[List[Topic]]
     monkeypatch.setattr(action_client.rospy, "Publisher", topic)
     monkeypatch.setattr(action_client.rospy, "Subscriber", topic)
     monkeypatch.setattr(action_client, "LeaseHolder", lambda _: None)
+    monkeypatch.setattr(action_client, "running_time", lambda: made.now)
     yield made
     for each in made:
         for link in each.links:
@@ -71,27 +78,33 @@ def topics(clock: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[List[Topic]]
 
 
 @pytest.fixture
-def client(topics: List[Topic]) -> ActionClient:
+def client(topics: Topics) -> ActionClient:
     return ActionClient("listen", ListenAction)
 
 
-def of(topics: List[Topic], name: str) -> Topic:
+def of(topics: Topics, name: str) -> Topic:
     return next(topic for topic in topics if topic.name.endswith(name))
 
 
-def connect(topics: List[Topic], *names: str) -> None:
+def connect(topics: Topics, *names: str) -> None:
     for name in names or ("goal", "cancel", "result", "feedback", "status"):
         of(topics, name).links.append(Link())
 
 
-def say(topics: List[Topic]) -> None:
-    """The server publishes its status."""
+def say_once(topics: Topics) -> None:
     message = GoalStatusArray()
     message._connection_header = of(topics, "status").links[-1].header
     of(topics, "status").receive(message)
 
 
-def die(topics: List[Topic], noticed: bool = True) -> None:
+def say(topics: Topics) -> None:
+    """The server publishes its status, and again after a period."""
+    say_once(topics)
+    topics.now += 0.2
+    say_once(topics)
+
+
+def die(topics: Topics, noticed: bool = True) -> None:
     for topic in topics:
         for link in topic.links:
             link.die(noticed)
@@ -99,7 +112,7 @@ def die(topics: List[Topic], noticed: bool = True) -> None:
 
 @pytest.mark.parametrize("noticed", [True, False])
 def test_a_server_whose_process_has_ended_is_not_alive(
-    client: ActionClient, topics: List[Topic], noticed: bool
+    client: ActionClient, topics: Topics, noticed: bool
 ) -> None:
     connect(topics)
     assert client.missing == "its status was never heard"
@@ -112,7 +125,7 @@ def test_a_server_whose_process_has_ended_is_not_alive(
 
 
 def test_its_successor_is_alive_when_it_is_connected_and_has_spoken(
-    client: ActionClient, topics: List[Topic]
+    client: ActionClient, topics: Topics
 ) -> None:
     connect(topics)
     say(topics)
@@ -127,6 +140,17 @@ def test_its_successor_is_alive_when_it_is_connected_and_has_spoken(
     assert client.alive
 
 
+def test_statuses_of_one_moment_do_not_show_that_results_come(client: ActionClient, topics: Topics) -> None:
+    """rospy greets a subscriber some ms before it sends to it; a server sends a status at each change."""
+    connect(topics)
+    for _ in range(3):
+        say_once(topics)
+        assert client.missing == "it speaks, but has no connection for results"
+    topics.now += 0.2
+    say_once(topics)
+    assert client.alive
+
+
 class Looks:
     """The clock of this process as its looks see it, set by a test."""
 
@@ -138,7 +162,7 @@ class Looks:
 
 
 def test_while_the_clock_of_ros_stands_the_link_for_results_counts_after_a_while(
-    topics: List[Topic], monkeypatch: pytest.MonkeyPatch
+    topics: Topics, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """actionlib's server publishes its status by ROS time: only the latched one comes, here as the first."""
     looks = Looks()
@@ -150,7 +174,7 @@ def test_while_the_clock_of_ros_stands_the_link_for_results_counts_after_a_while
         return client.alive
 
     connect(topics, "goal", "cancel", "feedback", "status")
-    say(topics)
+    say_once(topics)
     connect(topics, "result")
     assert client.missing == "it speaks, but has no connection for results"
     assert not ready_after(60.0), "a stall of this process proves nothing"
@@ -163,7 +187,7 @@ def test_while_the_clock_of_ros_stands_the_link_for_results_counts_after_a_while
     assert any(ready_after(0.1) for _ in range(10))
 
 
-def test_a_server_that_only_hangs_is_connected(client: ActionClient, topics: List[Topic]) -> None:
+def test_a_server_that_only_hangs_is_connected(client: ActionClient, topics: Topics) -> None:
     connect(topics)
     say(topics)
     assert client.alive

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A plain server of actionlib serves a node whose clock is set back, and one that also has a plain client."""
+"""Plain servers of actionlib: a clock that is set back, a link that sends late, a plain client as well."""
 
 import sys
 from typing import Any
@@ -43,6 +43,46 @@ else:
 print("END", run(), flush=True)
 back[0] += 86400.0
 print("END", run(), flush=True)
+"""
+
+# It has greeted the subscriber of its results when a status goes out, and sends to it only when the next one
+# does: between both, rospy starts a thread and logs.
+LATE = """
+import threading
+import actionlib, rospy
+from rospy.topics import _PublisherImpl
+from merlin_msgs.msg import ListenAction, ListenResult
+
+late = []  # calls that add the link for results
+add = _PublisherImpl.add_connection
+def add_late(publisher, connection):
+    if publisher.resolved_name == "/listen/result":
+        late.append(lambda: add(publisher, connection))
+    else:
+        add(publisher, connection)
+_PublisherImpl.add_connection = add_late
+
+class Statuses:
+    said = 0
+    def publish(self, message):
+        links = (status, server.action_server.goal_sub, server.action_server.cancel_sub)
+        if not message.status_list:  # no goal has come
+            if not late or not all(link.get_num_connections() for link in links):
+                return
+            self.said += 1
+            if self.said == 2:
+                late[0]()
+        status.publish(message)
+
+rospy.init_node("server")
+server = actionlib.SimpleActionServer(
+    "listen", ListenAction, lambda goal: server.set_succeeded(ListenResult(text="heard")), auto_start=False
+)
+server.start()
+status, server.action_server.status_pub = server.action_server.status_pub, Statuses()
+status.impl.latch = None
+print("serves", flush=True)
+rospy.spin()
 """
 
 BOTH = """
@@ -94,6 +134,11 @@ def test_a_clock_that_is_set_back_refuses_no_goal(master: Any, kind: str, end: s
     client.ended()
     again = run(master, CLIENT, "86400", *options)  # its process begins after the step
     assert [again.expect("END"), again.expect("END")] == [end, end]
+
+
+def test_a_result_is_not_lost_before_the_server_sends_over_its_link(master: Any) -> None:
+    run(master, LATE).expect("serves")
+    assert run(master, CLIENT, "0").expect("END") == "END (3, 'heard')"
 
 
 def test_the_goal_of_a_plain_client_beside_one_of_merlin_is_left_alone(master: Any) -> None:

@@ -37,6 +37,7 @@ REPEAT_CANCEL = 0.5  # s after which a cancel that shows no effect is sent again
 KEEP_GIVEN_UP = 60.0  # s for which a goal that was given up is cancelled when the server names it again
 SPEAKING = 2.0  # s since its last status within which a server is waited for beyond the time-out
 GREETED = 0.5  # s of wall time after which the server sends over its link for results, without a proof
+APART = 0.1  # s of running time between two statuses that are that proof; rospy needs some ms
 CONNECTING = 10.0  # s of that: rospy tries a connection that failed again at growing intervals
 ASKING = 1.0  # s of a wait after which the master is asked for the server; then after 2, 4 …
 AHEAD = 1.0  # s that a stamp may be ahead of the clock before it is told
@@ -71,7 +72,9 @@ class ActionClient:
         self._header: Optional[Mapping[str, str]] = None  # of the connection over which it came
         self._result_link: Any = None  # the server's, at the last look
         self._linked = TickClock(longest=LOOK)  # since the first look at it
-        self._proved: Any = None  # the server's link for results that was open when the last status came
+        self._proving: Any = None  # the server's link for results that was open when the last status came
+        self._proving_since = 0.0  # running time of the first status that came while it was open
+        self._proved: Any = None  # that link, when another status has come at least APART later
         self._silence = ServerSilence(self.name, running_time)
         self._given_up: Dict[str, float] = {}  # goal id -> running time of the last cancel
         self._dead_owners: Dict[str, None] = {}  # the oldest first
@@ -119,10 +122,10 @@ class ActionClient:
     def missing(self) -> str:
         """What keeps the server from being used, as part of a sentence; empty when nothing does.
 
-        Its link for results counts when a status has come after it: rospy's publisher greets a subscriber
-        before it sends to it, so the result of a goal that is sent at once could be lost. While the clock of
-        ROS stands, plain servers send no further status, and it counts after a while. The successor of a
-        server that has died counts when it has spoken.
+        Its link for results counts when two statuses have come after it, `APART`: rospy's publisher greets a
+        subscriber before it sends to it, also while a status goes out, so the result of a goal that is sent
+        at once could be lost. While the clock of ROS stands, plain servers send no further status, and it
+        counts after a while. The successor of a server that has died counts when it has spoken.
         """
         last = self._last_status
         if last is None:
@@ -338,7 +341,11 @@ class ActionClient:
             self._taken = max((status.goal_id.stamp for status in message.status_list), default=rospy.Time())
             self._header = message._connection_header
             self._server = message._connection_header["callerid"]
-            self._proved = link_from(self._result_subscriber, self._server)
+            link = link_from(self._result_subscriber, self._server)
+            if link is not self._proving:
+                self._proving, self._proving_since = link, now
+            elif now - self._proving_since >= APART:
+                self._proved = link
             left = self._left_running(statuses, now)
             lost = self._silence.hear(statuses, self._goals.values())
             for goal in lost:
