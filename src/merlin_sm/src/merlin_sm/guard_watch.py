@@ -12,6 +12,7 @@ from merlin_msgs.msg import GuardStatus
 
 from merlin_ros.alarms import wait_ticks
 from merlin_ros.master.master_link import MasterSilent, get_param
+from merlin_ros.master.publisher_updates import keep_all
 
 EXPECTED_PARAM = "merlin/guard_expected"
 STATUS_TOPIC = "merlin/guard"
@@ -34,9 +35,13 @@ class DriveMark(NamedTuple):
 
 
 class GuardWatch:
-    """Listens to the guard of this robot, where the parameter ``merlin/guard_expected`` says there is one."""
+    """Listens to the guard of this robot, where the parameter ``merlin/guard_expected`` says there is one.
+
+    Also a plain node of rospy keeps its connection to the guard then: a drive ends by what the guard says.
+    """
 
     def __init__(self) -> None:
+        keep_all()
         self._changed = threading.Condition()  # guards the fields below
         self._status: Optional[GuardStatus] = None
         self._heard_at = 0.0
