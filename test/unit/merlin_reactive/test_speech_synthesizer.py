@@ -120,6 +120,13 @@ def test_files_that_are_no_sound(tmp_path):
         out.writeframes(bytes(2))  # a third of a sample at the common rate
     with pytest.raises(SoundError, match="contains no sound"):
         read_wave(str(file))
+    with wave.open(str(file), "wb") as out:
+        out.setnchannels(1)
+        out.setsampwidth(2)
+        out.setframerate(1)
+        out.writeframes(bytes(200_000))  # a day
+    with pytest.raises(SoundError, match="1 samples per second; a sound has at least 1000"):
+        read_wave(str(file))
     with pytest.raises(SoundError, match="not a WAV file"):
         read_wave("a\0b")
     with pytest.raises(SoundError, match="No such file"):

@@ -12,6 +12,7 @@ from typing import BinaryIO, List, Optional, Tuple
 import numpy as np
 
 RATE = 16000  # samples per second of everything that is played; what recognisers want
+LOWEST_RATE = 1000  # samples per second of a file; at a lower one a small file would fill the memory at RATE
 CACHED = 200  # utterances
 TIMEOUT = 20.0  # s of wall time for espeak-ng
 
@@ -137,7 +138,7 @@ def read_wave(path: str, content: Optional[BinaryIO] = None) -> Sound:
     """Reads a WAV file of 16-bit samples, any rate and number of channels.
 
     :param content: of a file that is on no disk; `path` is what errors call it.
-    :raises SoundError: when it is missing or of another kind.
+    :raises SoundError: when it is missing or of another kind, or has a rate below `LOWEST_RATE`.
     """
     try:
         with wave.open(content or path) as file:
@@ -149,8 +150,8 @@ def read_wave(path: str, content: Optional[BinaryIO] = None) -> Sound:
         raise SoundError(f"{path}: {error.strerror}") from error
     except (wave.Error, EOFError, ValueError) as error:
         raise SoundError(f"{path!r} is not a WAV file: {error}") from error
-    if rate <= 0:
-        raise SoundError(f"{path}: {rate} samples per second")
+    if rate < LOWEST_RATE:
+        raise SoundError(f"{path}: {rate} samples per second; a sound has at least {LOWEST_RATE}")
     # A file that was cut off ends anywhere.
     data = np.frombuffer(frames[: len(frames) // (2 * channels) * (2 * channels)], dtype="<i2")
     samples = resampled(data.reshape(-1, channels).mean(axis=1), rate)
