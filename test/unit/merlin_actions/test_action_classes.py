@@ -32,6 +32,12 @@ def test_what_is_no_class_of_actions_is_refused(path: str, why: str) -> None:
         make_machines([path])
 
 
+def test_a_class_that_stands_twice_is_refused() -> None:
+    path = "merlin_actions.actions.navigate:Navigate"
+    with pytest.raises(ValueError, match=f"{path} stands twice"):
+        make_machines([path, path])
+
+
 class Exits(MerlinActionSM):
     def build(self) -> None:
         raise SystemExit(0)

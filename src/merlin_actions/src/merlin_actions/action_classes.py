@@ -7,7 +7,7 @@ import rospy
 
 from merlin_actions.core.application_check import ApplicationError
 from merlin_actions.merlin_action_sm import MerlinActionSM
-from merlin_ros.class_path import cannot_be_made, load_class
+from merlin_ros.class_path import WITHOUT_BASE, cannot_be_made, load_class
 
 
 def read_machines() -> List[MerlinActionSM]:
@@ -26,22 +26,24 @@ def make_machines(paths: Sequence[str]) -> List[MerlinActionSM]:
     """Makes a machine of each class.
 
     :param paths: ``package.module:Class`` each.
-    :raises ApplicationError: when some are not classes of actions, or cannot be made; it names all of them.
+    :raises ApplicationError: names all that are not classes of actions, stand twice, or cannot be made.
     """
     machines: List[MerlinActionSM] = []
     mistakes: List[str] = []
-    for path in paths:
+    for position, path in enumerate(paths):
         try:
             action_class = load_class(path)
             if not issubclass(action_class, MerlinActionSM):
                 raise ValueError(f"{path} is not a MerlinActionSM")
+            if paths.index(path) < position:
+                raise ValueError(f"{path} stands twice")
         except ValueError as error:
             mistakes.append(f"{error}; correct the launch file's 'actions'")
             continue
         try:
             machine = action_class()
             if not hasattr(machine, "userdata"):
-                raise ValueError("its __init__ does not call super().__init__()")
+                raise ValueError(WITHOUT_BASE)
             machines.append(machine)
         except (Exception, SystemExit) as error:  # users' code
             mistakes.append(cannot_be_made(path, error))

@@ -9,6 +9,9 @@ from typing import Any, Callable
 from merlin_ros.lean_start import importing
 from merlin_ros.work.threads import failure_text
 
+#: What is wrong with an instance that lacks what its base class makes.
+WITHOUT_BASE = "its __init__ does not call super().__init__()"
+
 
 def load_class(path: str) -> type:
     """The class behind ``package.module:Class``.

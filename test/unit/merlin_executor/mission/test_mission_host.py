@@ -62,6 +62,14 @@ class Exits(MissionSM):
         raise SystemExit(0)
 
 
+class ForgetsBase(GoalDispatcher):
+    def __init__(self) -> None:
+        pass
+
+    def run(self) -> None:
+        self.achieve("(visited kitchen)")
+
+
 class Unbuilt(MissionSM):
     pass
 
@@ -205,3 +213,9 @@ def test_a_mission_that_ends_the_process_is_one_line_that_names_its_place(capsys
     assert mission_host.main("Exits") == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert "Exits cannot be made: SystemExit: 0 (test_mission_host.py, line " in line
+
+
+def test_a_mission_without_its_base_is_one_line(capsys: Any) -> None:
+    assert mission_host.main("ForgetsBase") == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.endswith("ForgetsBase cannot be made: its __init__ does not call super().__init__()")

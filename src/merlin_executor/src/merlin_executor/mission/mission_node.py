@@ -17,7 +17,7 @@ from merlin_executor.mission.mission_pause import HoldWatch
 from merlin_executor.mission.mission_reporter import MissionReporter
 from merlin_executor.mission.readiness import NotReady, wait_for_robot
 from merlin_planning.knowledge_client import KnowledgeError
-from merlin_ros.class_path import cannot_be_made
+from merlin_ros.class_path import WITHOUT_BASE, cannot_be_made
 from merlin_ros.health import HealthReporter
 from merlin_ros.node import CANNOT_BEGIN
 from merlin_ros.parameters import ParameterError, number
@@ -141,10 +141,13 @@ def _run(mission_class: Type[MissionNode]) -> int:
 
 
 def _made(mission_class: Type[MissionNode]) -> MissionNode:
+    path = f"{mission_class.__module__}:{mission_class.__name__}"
     try:
-        return mission_class.from_parameters()
+        mission = mission_class.from_parameters()
     except ValueError as error:
         raise ParameterError(str(error)) from error
     except (Exception, SystemExit) as error:  # users' code
-        path = f"{mission_class.__module__}:{mission_class.__name__}"
         raise ParameterError(cannot_be_made(path, error)) from error
+    if not hasattr(mission, "reporter"):
+        raise ParameterError(f"{path} cannot be made: {WITHOUT_BASE}")
+    return mission
