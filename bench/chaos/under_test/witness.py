@@ -25,6 +25,7 @@ from chaos.judging import events
 from chaos.judging.scene import SERVERS
 from chaos.under_test.asking import Asking
 from chaos.under_test.child import Reporter, commands
+from merlin_ros.master.publisher_updates import keep_all
 
 LIVE = (GoalStatus.PENDING, GoalStatus.ACTIVE, GoalStatus.PREEMPTING, GoalStatus.RECALLING)
 ROBOT, MIND = "robot", "mind"
@@ -127,6 +128,7 @@ def main() -> int:
     """Runs until the input is closed; returns the exit code."""
     side = sys.argv[1] if len(sys.argv) > 1 else "all"
     report = Reporter()
+    keep_all()
     rospy.init_node(f"chaos_witness_{side}_{os.getpid()}", disable_signals=True)
     Witness(side, report)
     asking = Asking(report)

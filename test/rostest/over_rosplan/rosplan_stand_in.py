@@ -32,6 +32,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Empty, EmptyResponse
 
 from merlin_planning.knowledge_client import fact
+from merlin_test.topic_links import init_node
 
 SUCCEEDED = ActionFeedback.ACTION_SUCCEEDED_TO_GOAL_STATE
 FAILED = ActionFeedback.ACTION_FAILED
@@ -168,6 +169,6 @@ class StandIn:
         return ActionDispatch(action_id=action.action_id, name="cancel_action", parameters=action.parameters)
 
 
-rospy.init_node("rosplan_plan_dispatcher")
+init_node("rosplan_plan_dispatcher")
 stand_in = StandIn()
 rospy.spin()

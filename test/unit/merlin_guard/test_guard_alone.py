@@ -71,8 +71,9 @@ DRIVER = """
 import sys, threading, rospy
 from actionlib_msgs.msg import GoalID, GoalStatus, GoalStatusArray
 from geometry_msgs.msg import Twist
+from merlin_test.topic_links import init_node
 
-rospy.init_node("driver")
+init_node("driver")
 active = threading.Event()
 moved = []
 

@@ -18,7 +18,8 @@ PAGES = ("docs/tutorial.md", "src/merlin_home/README.md", "src/merlin_restaurant
 HEARTBEAT = """
 import rospy
 from diagnostic_msgs.msg import DiagnosticArray
-rospy.init_node("heartbeat")
+from merlin_test.topic_links import init_node
+init_node("heartbeat")
 def told(message):
     for status in message.status:
         print(f"{status.name}: {status.message}", flush=True)

@@ -30,7 +30,8 @@ rospy.spin()
 REPORTS = """
 import sys, rospy
 from diagnostic_msgs.msg import DiagnosticArray
-rospy.init_node("reports")
+from merlin_test.topic_links import init_node
+init_node("reports")
 def told(message):
     if any(status.name.startswith(sys.argv[1]) for status in message.status):
         print("report", flush=True)

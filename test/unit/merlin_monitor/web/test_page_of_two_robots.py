@@ -22,7 +22,8 @@ TOKEN = "token of the test"
 WITNESS = """
 import sys, rospy
 from merlin_msgs.msg import GuardStatus
-rospy.init_node("witness", anonymous=True)
+from merlin_test.topic_links import init_node
+init_node("witness", anonymous=True)
 last = []
 def told(status):
     said = [status.state, status.reason]
