@@ -32,8 +32,8 @@ QUESTION = 10.0
 LOOKS = 5
 #: s of wall time that nodes have to register at a master that was started anew, before it is done for them.
 FOREIGN_GRACE = 3.0
-#: s of wall time for which a node is tried again of which the master has got only a part.
-FOREIGN_PATIENCE = 30.0
+#: Periods in which a node is tried again of which the master has got only a part; a stall uses up none.
+FOREIGN_TRIES = 30
 #: Longest wait for a registration that is under way when the node ends, s of wall time.
 END_TIMEOUT = 3.0
 
@@ -82,6 +82,7 @@ class MasterKeeper:
         self._registering = threading.Lock()  # held while something is registered
         self._foreign: Optional[ForeignNodes] = None
         self._foreign_due: Optional[float] = None  # monotonic time from which they are registered
+        self._foreign_tries = 0
         self._news = CallQueue("master news")
         # Lists of callbacks, without a lock: each use is one step of Python's.
         self._on_lost: List[Callback] = []
@@ -245,7 +246,7 @@ class MasterKeeper:
         self._watch.registered()
         master_link.silent.clear()
         if decision is WatchDecision.BACK_NEW and self._foreign is not None:
-            self._foreign_due = time.monotonic() + FOREIGN_GRACE
+            self._foreign_due, self._foreign_tries = time.monotonic() + FOREIGN_GRACE, 0
         what = "is back" if decision is WatchDecision.BACK_SAME else "was started anew"
         rospy.logwarn(f"{self._name}: the master at {self._master_uri} {what}; this node is registered again")
         if was_lost:
@@ -259,8 +260,9 @@ class MasterKeeper:
             try:
                 done = self._foreign.restore(master_link.bounded_master(PING_TIMEOUT), self._going_on)
             except RegistrationError as error:
-                if self._foreign_due is not None and time.monotonic() < self._foreign_due + FOREIGN_PATIENCE:
-                    return  # tried again in the next period
+                self._foreign_tries += 1
+                if self._foreign_tries < FOREIGN_TRIES:
+                    return
                 done = []
                 rospy.logerr(f"{self._name}: a node is registered at the new master only in part: {error}")
             except ERRORS:
