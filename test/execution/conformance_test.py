@@ -1,4 +1,4 @@
-#!/usr/bin/env python3
+#!/usr/bin/env -S python3 -m merlin_test
 # SPDX-License-Identifier: Apache-2.0
 """The conformance cases with nodes, judged by the effects that came true and by the knowledge at the end."""
 

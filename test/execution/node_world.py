@@ -32,6 +32,7 @@ from merlin_actions.effects import effects_of
 from merlin_pddl.plan_text import OUTDATED
 from merlin_planning.knowledge_client import ADD, REMOVE, Update, fact, function_value, knowledge_client
 from merlin_ros.ros_alarm import RosAlarm
+from merlin_test.node_path import node_path
 from merlin_test.topic_links import patient_service, wait_for_publishers
 
 LONG = 120.0
@@ -215,8 +216,8 @@ class NodeWorld:
             components[f"{kind}_dispatcher"] = f"{kind}_plan_dispatcher"
             remaps.append(f"{kind}_dispatcher/complete_plan:={kind}_parser/complete_plan")
         rospy.set_param("/planning_system/components", components)
-        command = ["rosrun", "merlin_rosplan", "planning_system", "__name:=planning_system", *remaps]
-        self._process = subprocess.Popen(command)
+        command = node_path("merlin_rosplan", "planning_system")
+        self._process = subprocess.Popen([command, "__name:=planning_system", *remaps])
         self.clock = FastClock()
         self._changed = threading.Condition()  # guards the fields below
         self._announced: Dict[str, int] = {}

@@ -16,6 +16,7 @@ from typing import Any, Dict, Iterator, List, Optional
 import pytest
 
 from merlin.local_names import master_uri
+from merlin_test.node_path import LEAN
 from merlin_test.ports import free_ports, release
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
@@ -120,7 +121,7 @@ class MasterProcess:
     def start(self) -> None:
         """Starts a master that knows nothing; always on the same port."""
         self.env["ROS_MASTER_URI"] = self.uri = master_uri(self._port)
-        self.process = self.spawn(sys.executable, "-c", MASTER, str(self._port))
+        self.process = self.spawn(sys.executable, "-c", LEAN + MASTER, str(self._port))
         assert self.process.expect("") == str(self._port)
         self.api = xmlrpc.client.ServerProxy(self.uri)
 
@@ -136,7 +137,11 @@ class MasterProcess:
 
     def node(self, code: str, *args: str) -> Process:
         """Starts a node from its source."""
-        return self.spawn(sys.executable, "-c", code, *args)
+        return self.spawn(sys.executable, "-c", LEAN + code, *args)
+
+    def tool(self, name: str, *words: str) -> Process:
+        """Starts a tool of ROS whose module has its name: rostopic, rosservice."""
+        return self.node(f"import {name}; {name}.{name}main()", *words)
 
     def address_of(self, name: str) -> str:
         """The address that the master has for a node; empty: it has none."""

@@ -1,4 +1,4 @@
-#!/usr/bin/env python3
+#!/usr/bin/env -S python3 -m merlin_test
 # SPDX-License-Identifier: Apache-2.0
 """A bridge answers every dispatch exactly once, and leaves the knowledge true, whatever its machine does."""
 

@@ -1,10 +1,9 @@
-#!/usr/bin/env python3
+#!/usr/bin/env -S python3 -m merlin_test
 # SPDX-License-Identifier: Apache-2.0
 """A dispatch has an owner: what becomes of it when that one hangs or dies, and of actions not answered."""
 
 import signal
 import subprocess
-import sys
 import threading
 import time
 import unittest
@@ -21,6 +20,7 @@ from rosplan_dispatch_msgs.msg import ActionDispatch, NonBlockingDispatchGoal
 import rostest
 from merlin_planning.knowledge_client import fact
 from merlin_ros.actions.lease_holder import LeaseHolder
+from merlin_test.node_path import lean_script
 from merlin_test.topic_links import init_node, patient_service, sends
 
 VICTIM = Path(__file__).with_name("victim_owner.py")
@@ -79,7 +79,7 @@ class Owners(DispatchFixture):
     def owner(self, *words):
         """A client that has the plan dispatched; returns when the first action runs."""
         process = subprocess.Popen(
-            [sys.executable, str(VICTIM), self.dispatcher, *words], stdout=subprocess.PIPE, text=True
+            lean_script(VICTIM, self.dispatcher, *words), stdout=subprocess.PIPE, text=True
         )
         self.addCleanup(process.stdout.close)
         self.addCleanup(process.wait)

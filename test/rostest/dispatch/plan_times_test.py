@@ -1,4 +1,4 @@
-#!/usr/bin/env python3
+#!/usr/bin/env -S python3 -m merlin_test
 # SPDX-License-Identifier: Apache-2.0
 """Times of a plan are ROS times: bounds, timed literals, durations, and a clock that jumps back."""
 

@@ -1,4 +1,4 @@
-#!/usr/bin/env python3
+#!/usr/bin/env -S python3 -m merlin_test
 # SPDX-License-Identifier: Apache-2.0
 """Has a dispatcher carry out its plan, until it is killed: victim_owner.py DISPATCHER [--plain]."""
 

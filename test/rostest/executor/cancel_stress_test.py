@@ -1,4 +1,4 @@
-#!/usr/bin/env python3
+#!/usr/bin/env -S python3 -m merlin_test
 # SPDX-License-Identifier: Apache-2.0
 """A hundred cancels and interruptions at random moments leave everything as it has to be; soak has 10 000."""
 

@@ -1,4 +1,4 @@
-#!/usr/bin/env python3
+#!/usr/bin/env -S python3 -m merlin_test
 # SPDX-License-Identifier: Apache-2.0
 """The naive arm: a cancel is read when the action has ended; its effects are true, the plan stops there."""
 

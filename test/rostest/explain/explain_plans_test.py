@@ -1,4 +1,4 @@
-#!/usr/bin/env python3
+#!/usr/bin/env -S python3 -m merlin_test
 # SPDX-License-Identifier: Apache-2.0
 """Questions about plans while one is carried out: each answer is right, and the robot's plan goes on."""
 

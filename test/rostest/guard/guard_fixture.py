@@ -2,7 +2,6 @@
 """What the tests of the guard look through: what the base gets, what the guard says, a client that leases."""
 
 import subprocess
-import sys
 import threading
 from pathlib import Path
 
@@ -12,7 +11,7 @@ from geometry_msgs.msg import Twist
 from merlin_msgs.msg import GuardStatus
 from rosgraph_msgs.msg import Log
 
-from merlin_test.node_path import node_path
+from merlin_test.node_path import lean_script, node_path
 
 LONG = 60.0
 
@@ -94,7 +93,7 @@ class Client:
 
     def __init__(self):
         self.process = subprocess.Popen(
-            [sys.executable, str(Path(__file__).with_name("motion_client.py"))],
+            lean_script(Path(__file__).with_name("motion_client.py")),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,

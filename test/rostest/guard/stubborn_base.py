@@ -1,4 +1,4 @@
-#!/usr/bin/env python3
+#!/usr/bin/env -S python3 -m merlin_test
 # SPDX-License-Identifier: Apache-2.0
 """A move_base on the original actionlib: it commands a velocity while a goal runs, and may ignore cancels.
 

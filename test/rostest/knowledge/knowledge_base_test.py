@@ -1,4 +1,4 @@
-#!/usr/bin/env python3
+#!/usr/bin/env -S python3 -m merlin_test
 # SPDX-License-Identifier: Apache-2.0
 """The knowledge base and the problem interface as ROSPlan's clients see them, in a robot's namespace."""
 

@@ -1,4 +1,4 @@
-#!/usr/bin/env python3
+#!/usr/bin/env -S python3 -m merlin_test
 # SPDX-License-Identifier: Apache-2.0
 """Two robots in one plan, at once, over a planning system that behaves as the original ROSPlan does."""
 

@@ -1,4 +1,4 @@
-#!/usr/bin/env python3
+#!/usr/bin/env -S python3 -m merlin_test
 # SPDX-License-Identifier: Apache-2.0
 """The node that docs/real-robot.md shows, as it stands there, between a detector and MERLIN."""
 
@@ -17,6 +17,7 @@ from vision_msgs.msg import Detection3D, Detection3DArray, ObjectHypothesisWithP
 
 import rostest
 from merlin_ros.actions.action_client import ActionClient
+from merlin_test.node_path import LEAN
 from merlin_test.topic_links import init_node
 
 LONG = 60.0  # s of wall time
@@ -35,7 +36,7 @@ class RecognitionAdapter(unittest.TestCase):
     def setUp(self):
         codes = re.findall(r"```python\n(.*?)```", DOCUMENT.read_text(), re.S)
         (code,) = (each for each in codes if 'init_node("recognition")' in each)
-        self.adapter = subprocess.Popen([sys.executable, "-c", code])
+        self.adapter = subprocess.Popen([sys.executable, "-c", LEAN + code])
         self.addCleanup(self.adapter.wait, LONG)
         self.addCleanup(self.adapter.send_signal, signal.SIGINT)
         self.client = ActionClient("recognize", RecognizeAction)

@@ -1,4 +1,4 @@
-#!/usr/bin/env python3
+#!/usr/bin/env -S python3 -m merlin_test
 # SPDX-License-Identifier: Apache-2.0
 """Two robots of a fleet over a real etcd: one dies, nothing is lost or done twice; one is stopped."""
 

@@ -1,4 +1,4 @@
-#!/usr/bin/env python3
+#!/usr/bin/env -S python3 -m merlin_test
 # SPDX-License-Identifier: Apache-2.0
 """Two robots in one plan (docs/several-robots.md): each runs its own actions, comes and goes by itself."""
 

@@ -18,7 +18,7 @@ from std_srvs.srv import SetBool, SetBoolResponse
 from merlin_sm.merlin_sm import MerlinSM
 from merlin_sm.state_factory import MerlinStateFactory
 from merlin_test.knowledge_fixture import LONG, Received
-from merlin_test.node_path import node_path
+from merlin_test.node_path import LEAN, node_path
 
 DOCUMENT = Path(__file__).resolve().parents[3] / "docs" / "real-robot.md"
 OUTCOMES = ["succeeded", "not_found", "aborted", "preempted"]
@@ -139,7 +139,7 @@ class Arm(unittest.TestCase):
     def test_the_node_of_the_documents_serves_an_arm(self):
         codes = re.findall(r"```python\n(.*?)```", DOCUMENT.read_text(), re.S)
         (code,) = (each for each in codes if 'init_node("arm")' in each)
-        node = subprocess.Popen([sys.executable, "-c", code, "__ns:=dora"])
+        node = subprocess.Popen([sys.executable, "-c", LEAN + code, "__ns:=dora"])
         self.addCleanup(node.wait)
         self.addCleanup(node.send_signal, signal.SIGINT)
         answers = {True: SetBoolResponse(True, ""), False: SetBoolResponse(False, "no vacuum")}

@@ -1,4 +1,4 @@
-#!/usr/bin/env python3
+#!/usr/bin/env -S python3 -m merlin_test
 # SPDX-License-Identifier: Apache-2.0
 """SimpleActionState: P9, P10, B1 to B5 and U7, against servers of every temper."""
 
@@ -19,6 +19,7 @@ from smach_fixture import LONG, Run
 
 import rostest
 import smach
+from merlin_test.node_path import LEAN, lean_script
 from merlin_test.topic_links import init_node, wait_for_publisher
 from smach_ros import SimpleActionState, action_connection
 
@@ -168,7 +169,7 @@ class ActionStates(unittest.TestCase):
         self.assertEqual(Run(state.__class__("victim", TestAction)).end(), "succeeded")
 
     def victim(self):
-        process = subprocess.Popen([sys.executable, os.path.join(HERE, "smach_victim.py"), "server"])
+        process = subprocess.Popen(lean_script(os.path.join(HERE, "smach_victim.py"), "server"))
         self.addCleanup(process.wait)
         self.addCleanup(process.kill)
         return process
@@ -233,7 +234,10 @@ class ActionStates(unittest.TestCase):
         )
         for arguments, expected in (([], ""), (["run"], "succeeded")):
             done = subprocess.run(
-                [sys.executable, "-c", program, *arguments], timeout=LONG, stdout=subprocess.PIPE, text=True
+                [sys.executable, "-c", LEAN + program, *arguments],
+                timeout=LONG,
+                stdout=subprocess.PIPE,
+                text=True,
             )
             self.assertEqual((done.returncode, done.stdout.strip()), (0, expected))
 

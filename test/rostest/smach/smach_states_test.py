@@ -1,11 +1,10 @@
-#!/usr/bin/env python3
+#!/usr/bin/env -S python3 -m merlin_test
 # SPDX-License-Identifier: Apache-2.0
 """States of smach_ros but SimpleActionState: P11, P12, B7 to B11, D10, D12 and U7."""
 
 import os
 import signal
 import subprocess
-import sys
 import threading
 import unittest
 
@@ -17,6 +16,7 @@ from std_srvs.srv import SetBool, SetBoolRequest, SetBoolResponse, Trigger, Trig
 import rostest
 import smach
 import smach_ros
+from merlin_test.node_path import lean_script
 from merlin_test.topic_links import init_node
 from smach_ros import ConditionState, MonitorState, ServiceState
 
@@ -200,7 +200,7 @@ class Shutdown:
         """Interrupts one process per scenario when it runs; all at once, for their start takes long."""
         processes = {
             scenario: subprocess.Popen(
-                [sys.executable, os.path.join(HERE, "smach_victim.py"), scenario],
+                lean_script(os.path.join(HERE, "smach_victim.py"), scenario),
                 stdout=subprocess.PIPE,
                 text=True,
             )

@@ -1,4 +1,4 @@
-#!/usr/bin/env python3
+#!/usr/bin/env -S python3 -m merlin_test
 # SPDX-License-Identifier: Apache-2.0
 """An action client that sends one goal to the action ``owned`` and wants it until it is killed; or none."""
 

@@ -9,6 +9,7 @@ from typing import Any, Optional, Set, Union
 
 import rospy
 
+from merlin_ros.lean_start import end_lightly, log_configured
 from merlin_ros.master import announcing, publisher_updates
 from merlin_ros.master.master_link import ERRORS, bound_calls, bounded_master, bounded_proxy
 from merlin_ros.service_proxy import ServiceProxy
@@ -26,7 +27,9 @@ def init_node(name: str, **options: Any) -> None:
     publisher_updates.keep_all()
     announcing.announce_complete()
     bound_calls(LONG)
-    rospy.init_node(name, **options)
+    end_lightly()
+    with log_configured():
+        rospy.init_node(name, **options)
 
 
 def publishers_of(subscriber: rospy.Subscriber) -> Set[str]:

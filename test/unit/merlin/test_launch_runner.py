@@ -20,6 +20,7 @@ import pytest
 from merlin.launch_config import Loader
 from merlin.launch_runner import CHECK
 from merlin.supervision import PAUSES, Restarts
+from merlin_test.node_path import LEAN
 from merlin_test.process_end import gone
 
 pytestmark = pytest.mark.processes
@@ -28,14 +29,12 @@ LAUNCH_FILE = Path(__file__).resolve().parents[2] / "data" / "runner" / "runner.
 APPLICATION = Path(__file__).resolve().parents[3] / "launch" / "include" / "application.launch"
 LIMIT = 200.0  # s for a run to end
 PTRACE_SEIZE = 0x4206  # linux/ptrace.h
-RUN = (
-    "from merlin_ros.lean_start import prepare; prepare(); "
-    "from merlin import supervision; raise SystemExit(supervision.main())"
-)
+MAIN = "raise SystemExit(supervision.main())"
+RUN = f"{LEAN}from merlin import supervision; {MAIN}"
 #: The same, and gives up what has died twice, however slow this machine is.
 RUN_TWICE = (
-    "from merlin import launch_runner, supervision; supervision.PAUSES = (0.1, 0.1); "
-    f"launch_runner.WRAPPER_SPAN = 300.0; {RUN}"
+    f"{LEAN}from merlin import launch_runner, supervision; supervision.PAUSES = (0.1, 0.1); "
+    f"launch_runner.WRAPPER_SPAN = 300.0; {MAIN}"
 )
 WRAPPED = """<launch>
   <node pkg="merlin_test" type="fake_node.py" name="other" args="{}" required="true"

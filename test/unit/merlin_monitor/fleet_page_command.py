@@ -7,6 +7,8 @@ import subprocess
 import sys
 from typing import Tuple
 
+from merlin_test.node_path import LEAN
+
 LIMIT = 60.0  # s for anything that has to happen
 
 
@@ -18,7 +20,7 @@ class Command:
         words = ["page", "--hub", endpoint, "--fleet", "lab", *arguments]
         environment = {**os.environ, "ROS_MASTER_URI": "http://127.0.0.1:1"}
         self.process = subprocess.Popen(
-            [sys.executable, "-c", program, *words],
+            [sys.executable, "-c", LEAN + program, *words],
             env=environment,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,

@@ -13,6 +13,8 @@ from xmlrpc.server import SimpleXMLRPCServer
 
 import pytest
 
+from merlin_test.node_path import LEAN
+
 pytestmark = pytest.mark.processes
 
 CANNOT_BEGIN = 2
@@ -93,7 +95,7 @@ sys.exit(run_node("somebody", start))
 
 def begin(master: str, *args: str) -> "subprocess.CompletedProcess[str]":
     return subprocess.run(
-        [sys.executable, "-c", "from merlin_ros.node import init_node; init_node('asker')", *args],
+        [sys.executable, "-c", LEAN + "from merlin_ros.node import init_node; init_node('asker')", *args],
         env={**os.environ, "ROS_MASTER_URI": master},
         stderr=subprocess.PIPE,
         text=True,
@@ -117,7 +119,7 @@ def test_a_node_that_cannot_begin_says_so_with_its_exit_code(master: Any) -> Non
 
 
 def test_a_node_that_has_worked_is_tried_again_when_it_cannot_begin_any_more(master: Any) -> None:
-    node = master.spawn(str(RESPAWN), sys.executable, "-c", SPOILT)
+    node = master.spawn(str(RESPAWN), sys.executable, "-c", LEAN + SPOILT)
     node.expect("started")
     node.expect("cannot begin any more (exit code 2)")
     assert "~rate" in node.output
@@ -153,7 +155,7 @@ def test_a_line_of_log_that_cannot_be_written_keeps_no_node_from_going_on(
     master: Any, tmp_path: Path, output: str
 ) -> None:
     went_on = tmp_path / "went_on"
-    words = (sys.executable, "-c", LOGS, str(went_on))
+    words = (sys.executable, "-c", LEAN + LOGS, str(went_on))
     node = master.spawn("bash", "-c", f'"$@" {output}', "bash", *words)
     node.ended()
     assert went_on.read_text() == "went on"
@@ -310,7 +312,7 @@ sys.exit(run_node("somebody", start))
 def test_signals_that_interrupt_each_other_end_a_node(master: Any) -> None:
     for _ in range(3):  # a node that hangs is a time-out here; a late signal may come behind its handlers
         ended = subprocess.run(
-            [sys.executable, "-c", STORM],
+            [sys.executable, "-c", LEAN + STORM],
             env=dict(os.environ, ROS_MASTER_URI=master.uri),
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,

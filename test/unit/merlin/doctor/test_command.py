@@ -137,7 +137,7 @@ def test_what_is_there_twice_or_in_the_wrong_place_is_reported(master: Any) -> N
 
 
 def test_simulated_time_without_a_clock_is_reported(master: Any) -> None:
-    master.spawn("rosparam", "set", "/use_sim_time", "true").ended()
+    master.api.setParam("/test", "/use_sim_time", True)
     master.node(DEAD).expect("ready")
     done = doctor(master.env)
     assert done.returncode == 2 and not done.stderr, done

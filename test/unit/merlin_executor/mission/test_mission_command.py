@@ -8,6 +8,8 @@ from typing import Any, List
 
 import pytest
 
+from merlin_test.node_path import node_path
+
 pytestmark = pytest.mark.processes
 
 ROOT = Path(__file__).resolve().parents[4]
@@ -33,6 +35,11 @@ def commands() -> List[str]:
     return sorted(set(re.findall(r"rosrun merlin_executor mission mission:=[\w.]+:\w+(?: _\w+:=\S+)*", text)))
 
 
+def arguments(command: str) -> List[str]:
+    """What `rosrun` hands to the executable."""
+    return shlex.split(command)[3:]
+
+
 def test_each_page_has_one() -> None:
     assert len(commands()) == 3
 
@@ -40,10 +47,10 @@ def test_each_page_has_one() -> None:
 @pytest.mark.parametrize("command", commands())
 def test_without_a_robot_it_ends_with_one_line(master: Any, command: str, tmp_path: Path) -> None:
     master.api.setParam("/test", "/world/points_of_interest", {"hall": {}, "kitchen": {}})
-    words = [*shlex.split(command), "_startup_timeout:=1"]
+    words = [*arguments(command), "_startup_timeout:=1"]
     if "restaurant" in command:
         words.append(f"_results:={tmp_path / 'results'}")
-    mission = master.spawn(*words)
+    mission = master.spawn(node_path("merlin_executor", "mission"), *words)
     mission.expect("mission: no knowledge base /rosplan_knowledge_base after 1 s")
     assert mission.ended() == 2
     assert "Traceback" not in mission.output
@@ -53,7 +60,7 @@ def test_a_mission_is_heard_as_long_as_its_process_goes_on(master: Any) -> None:
     master.api.setParam("/test", "/world/points_of_interest", {"hall": {}, "kitchen": {}})
     (command,) = [command for command in commands() if "home_mission" in command][:1]
     listener = master.node(HEARTBEAT)
-    mission = master.spawn(*shlex.split(command))
+    mission = master.spawn(node_path("merlin_executor", "mission"), *arguments(command))
     listener.expect("mission: mission: starting")
     mission.end()
 
@@ -67,7 +74,7 @@ def test_a_mission_is_heard_as_long_as_its_process_goes_on(master: Any) -> None:
     ],
 )
 def test_a_name_that_is_missing_or_wrong_is_one_line(master: Any, words: List[str], why: str) -> None:
-    mission = master.spawn("rosrun", "merlin_executor", "mission", *words)
+    mission = master.spawn(node_path("merlin_executor", "mission"), *words)
     assert mission.ended() == 2
     (line,) = [line for line in mission.output.splitlines() if line.startswith("mission: ")]
     assert why in line

@@ -35,6 +35,7 @@ from merlin_fleet.hub import EtcdHub
 from merlin_fleet.hub_watch import Listener
 from merlin_fleet.sqlite_outbox import SqliteOutbox
 from merlin_test.etcd_process import EtcdProcess
+from merlin_test.node_path import LEAN
 from merlin_test.ports import free_ports
 
 pytestmark = pytest.mark.processes
@@ -293,7 +294,8 @@ def test_a_certificate_whose_time_is_over_is_named_and_the_next_one_taken(lab: L
         subprocess.run(shlex.split(line), cwd=tmp_path, check=True, capture_output=True)
     tls = Folder(tmp_path).tls("robot.ann")
     given = ["--hub", lab.etcd.endpoint, "--ca", tls.ca, "--certificate", tls.certificate, "--key", tls.key]
-    command = [sys.executable, "-c", "from merlin_fleet.commands.fleet_command import main; exit(main())"]
+    program = "from merlin_fleet.commands.fleet_command import main; exit(main())"
+    command = [sys.executable, "-c", LEAN + program]
     listed = subprocess.run([*command, "list", *given], capture_output=True, text=True, check=False)
     assert (listed.returncode, listed.stderr.count("\n")) == (2, 1), listed.stderr
     assert "the hub does not take the certificate" in listed.stderr

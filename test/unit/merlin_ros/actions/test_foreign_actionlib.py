@@ -6,6 +6,8 @@ from typing import Any
 
 import pytest
 
+from merlin_test.node_path import LEAN
+
 SERVER = """
 import actionlib, rospy
 from merlin_msgs.msg import ListenAction, ListenResult
@@ -122,7 +124,7 @@ pytestmark = pytest.mark.processes
 
 
 def run(master: Any, code: str, *arguments: str) -> Any:
-    return master.spawn(sys.executable, "-c", code, *arguments)
+    return master.spawn(sys.executable, "-c", LEAN + code, *arguments)
 
 
 @pytest.mark.parametrize(("kind", "end"), [("merlin", "END (3, 'heard')"), ("smach", "END succeeded")])

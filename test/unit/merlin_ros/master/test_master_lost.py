@@ -10,6 +10,7 @@ from typing import Any, List, Tuple
 import pytest
 
 from merlin_ros.master.master_watch import HUNG
+from merlin_test.node_path import node_path
 
 pytestmark = pytest.mark.processes
 
@@ -93,9 +94,9 @@ def nodes(master: Any) -> Tuple[Any, Any]:
 
 def outsiders_are_served(master: Any) -> None:
     """Programs that start now find the nodes through the master."""
-    echo = master.spawn("rostopic", "echo", "-n", "1", "/count")
+    echo = master.tool("rostopic", "echo", "-n", "1", "/count")
     echo.expect("data:")
-    call = master.spawn("rosservice", "call", "/ask")
+    call = master.tool("rosservice", "call", "/ask")
     call.expect("told")
 
 
@@ -288,10 +289,10 @@ ROBOT = """<robot name="r"><link name="base"/><link name="laser"/>
 def test_nodes_of_others_are_found_at_a_master_that_was_started_anew(master: Any) -> None:
     master.api.setParam("/test", "/use_sim_time", False)
     master.api.setParam("/test", "/robot_description", ROBOT)
-    publisher = master.spawn("rosrun", "robot_state_publisher", "robot_state_publisher")
-    ended = master.spawn("rostopic", "pub", "/ended", "std_msgs/Int32", "5")
+    publisher = master.spawn(node_path("robot_state_publisher", "robot_state_publisher"))
+    ended = master.tool("rostopic", "pub", "/ended", "std_msgs/Int32", "5")
     for topic in ("/tf_static", "/ended"):
-        echo = master.spawn("rostopic", "echo", "-n", "1", topic)
+        echo = master.tool("rostopic", "echo", "-n", "1", topic)
         echo.expect("---")
         echo.ended()  # or it is taken for a node of others, too
     keeper = master.node(KEEPER)
@@ -302,7 +303,7 @@ def test_nodes_of_others_are_found_at_a_master_that_was_started_anew(master: Any
     keeper.expect("does not answer")
     master.start()
     assert "registered /robot_state_publisher" in keeper.expect("registered /")
-    echo = master.spawn("rostopic", "echo", "-n", "1", "/tf_static")
+    echo = master.tool("rostopic", "echo", "-n", "1", "/tf_static")
     echo.expect("laser")
     assert "/ended" not in str(master.api.getSystemState("/test"))
     assert publisher.process.poll() is None

@@ -109,7 +109,7 @@ def test_the_costmaps_are_cleared_before_the_second_try(
 
 
 def test_the_parameter_says_that_they_stay_as_they_are(master: Any) -> None:
-    master.spawn("rosparam", "set", "/merlin/clear_costmaps", "false").ended()
+    master.api.setParam("/test", "/merlin/clear_costmaps", False)
     robot = Robot(master, "clears", LONG)
     robot.drive()
     assert robot.end() == "END succeeded"

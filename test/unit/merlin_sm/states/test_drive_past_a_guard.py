@@ -5,6 +5,8 @@ from typing import Any, Callable
 
 import pytest
 
+from merlin_test.node_path import node_path
+
 pytestmark = pytest.mark.processes
 
 # Two servers that never send a velocity.
@@ -64,9 +66,9 @@ for name in sys.stdin:
 
 def start(master: Any, *arguments: str) -> Callable[[str], str]:
     """Starts guard, servers and client; what it returns runs a state to its end."""
-    master.spawn("rosparam", "set", "/merlin/guard_expected", "true").ended()
+    master.api.setParam("/test", "/merlin/guard_expected", True)
     options = ("_motion_servers:=[move_base, dock]", "_no_command_after:=0.2", "_no_command_limit:=0.4")
-    master.spawn("rosrun", "merlin_guard", "guard", *options)
+    master.spawn(node_path("merlin_guard", "guard"), *options)
     master.node(SERVERS).expect("SERVES")
     client = master.node(CLIENT, *arguments)
     client.expect("READY")
@@ -84,7 +86,7 @@ def test_a_server_that_sends_no_velocity_is_given_up_by_name(master: Any, kind: 
     run = start(master)
     for _ in range(2):  # the time of the first goal is not that of the second
         assert run(kind).startswith(f"END aborted {server} had an active goal and sent no velocity")
-    master.spawn("rosservice", "call", "/merlin/stop").ended()
+    master.tool("rosservice", "call", "/merlin/stop").ended()
     assert run(kind).startswith("END aborted the velocity guard has stopped the base")
 
 
