@@ -23,6 +23,8 @@ LIVE = (GoalStatus.PENDING, GoalStatus.ACTIVE, GoalStatus.PREEMPTING, GoalStatus
 class GuardCase(unittest.TestCase):
     """A guard between a base and clients of this process; each test begins without goals."""
 
+    shared = []  # the client of tests that leave it as it was
+
     @classmethod
     def setUpClass(cls):
         cls.witness = Witness()
@@ -39,6 +41,7 @@ class GuardCase(unittest.TestCase):
     @classmethod
     def tearDownClass(cls):
         cls.witness.close()
+        cls.end_shared_client()
 
     @classmethod
     def connected(cls):
@@ -52,10 +55,22 @@ class GuardCase(unittest.TestCase):
     def setUp(self):
         self.call("merlin/release")
         self.addCleanup(self.end_goals)
-        self.client = self.start_client()
+
+    @property
+    def client(self):
+        """One that several tests use, and none kills or hangs."""
+        if not self.shared:
+            self.shared.append(Client("motion_client"))
+        return self.shared[0]
+
+    @classmethod
+    def end_shared_client(cls):
+        while cls.shared:
+            cls.shared.pop().end()
 
     def start_client(self):
-        client = Client()
+        """One of this test, that may be killed; the test's next one takes its place."""
+        client = Client("victim")
         self.addCleanup(client.end)
         return client
 
@@ -63,6 +78,8 @@ class GuardCase(unittest.TestCase):
         self.stubborn(False)
         rospy.ServiceProxy("move_base/end", EmptyService)()
         self.witness.wait(self.nothing_runs)
+        for client in self.shared:
+            client.ask("release")
         self.call("merlin/release")
         self.witness.state(IDLE)
         self.witness.wait(lambda: not (self.witness.velocities and self.witness.velocities[-1]))
@@ -86,6 +103,7 @@ class GuardCase(unittest.TestCase):
     def kill_guard(self):
         """Kills the guard; returns what waits until another one hears this node."""
         old = self.guard_links()
+        self.addCleanup(self.end_shared_client)  # it may still have the link to this guard
         os.kill(pid_of("/merlin_guard"), signal.SIGKILL)
 
         def is_new(topic, links):

@@ -89,11 +89,14 @@ class Witness:
 
 
 class Client:
-    """The process of a client that leases its goal."""
+    """The process of a client that leases its goal.
 
-    def __init__(self):
+    :param name: of its node; another one of that name ends.
+    """
+
+    def __init__(self, name):
         self.process = subprocess.Popen(
-            lean_script(Path(__file__).with_name("motion_client.py")),
+            lean_script(Path(__file__).with_name("motion_client.py"), f"__name:={name}"),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,

@@ -51,27 +51,30 @@ class Guard(GuardCase):
         self.witness.wait(lambda: False in self.witness.velocities)
 
     def test_an_owner_that_is_killed_stops_the_base_and_its_goal(self):
-        goal = self.drive()
-        self.client.process.kill()
-        self.witness.has_said(HOLDING, "motion_client")
+        client = self.start_client()
+        goal = self.drive(client)
+        client.process.kill()
+        self.witness.has_said(HOLDING, "victim")
         self.ended(goal)
         self.witness.state(IDLE)
         self.zero()
         self.drive(self.start_client())
 
     def test_an_owner_that_hangs_stops_the_base_until_it_goes_on(self):
-        goal = self.drive()
-        self.client.process.send_signal(signal.SIGSTOP)
+        client = self.start_client()
+        goal = self.drive(client)
+        client.process.send_signal(signal.SIGSTOP)
         self.witness.has_said(HOLDING, "silent")
         self.zero()
-        self.client.process.send_signal(signal.SIGCONT)
+        client.process.send_signal(signal.SIGCONT)
         self.witness.state(PASSING)
         self.witness.wait(lambda: self.witness.velocities[-1])
         self.assertEqual(self.witness.goals[goal], GoalStatus.ACTIVE)
 
     def test_an_owner_that_hangs_for_long_loses_its_goal(self):
-        goal = self.drive()
-        self.client.process.send_signal(signal.SIGSTOP)
+        client = self.start_client()
+        goal = self.drive(client)
+        client.process.send_signal(signal.SIGSTOP)
         self.ended(goal)
         self.zero()
 
@@ -90,9 +93,10 @@ class Guard(GuardCase):
         self.ended(goal)
 
     def test_a_restarted_owner_loses_the_goals_of_its_former_life(self):
-        goal = self.drive()
+        client = self.start_client()
+        goal = self.drive(client)
         self.stubborn(True)
-        self.client.process.kill()
+        client.process.kill()
         self.drive_of_new_life()
         self.witness.state(HOLDING)
         self.stands()
@@ -232,7 +236,7 @@ class Guard(GuardCase):
         self.witness.state(STOPPED, "stopped by Ana ")
         # As far as a parameter keeps it.
         self.assertAlmostEqual(self.witness.status.since.to_sec(), since.to_sec(), places=3)
-        goal = self.client.ask("drive")
+        goal = self.start_client().ask("drive")
         self.ended(goal)
 
     def test_nothing_sets_off_while_the_guard_is_stopped_or_silent(self):
@@ -266,7 +270,6 @@ class Guard(GuardCase):
     def test_a_second_guard_does_not_begin_and_harms_nothing(self):
         goal = self.drive()
         self.assertIn("/merlin_guard guards /cmd_vel already", refused_guard("__name:=second"))
-        self.assertIn("node /merlin_guard runs already (process ", refused_guard())
         text = refused_guard("__name:=second", "cmd_vel:=/other")
         self.assertIn("/merlin_guard publishes /merlin/guard and serves merlin/stop already", text)
         self.assertEqual(self.witness.goals[goal], GoalStatus.ACTIVE)

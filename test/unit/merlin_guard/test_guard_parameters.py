@@ -2,6 +2,7 @@
 """The guard's parameters: what is known of the base."""
 
 import math
+import re
 
 import pytest
 
@@ -91,3 +92,24 @@ def test_a_base_has_a_speed_and_its_limit(read, name, value):
 def test_what_happens_above_a_limit_is_one_of_two_words(read, value):
     with pytest.raises(ParameterError, match="has to be clamp or refuse"):
         read(over_limit=value)
+
+
+@pytest.mark.parametrize(
+    ("given", "text"),
+    [
+        ({"cancel_deadline": "soon"}, "~cancel_deadline is 'soon'"),
+        ({"command_timeout": -1}, "~command_timeout is -1"),
+        ({"motion_servers": "move_base"}, "~motion_servers is 'move_base'; it has to be a list"),
+        ({"motion_servers": [3]}, "~motion_servers has 3"),
+        ({"motion_servers": []}, "~motion_servers is []"),
+        ({"require_lease": "perhaps"}, "~require_lease is 'perhaps'"),
+        ({"stop_button": -3}, "~stop_button is -3"),
+        ({"max_speed": 0}, "~max_speed is 0; it has to be a number, more than 0"),
+        ({"max_turn_speed": "fast"}, "~max_turn_speed is 'fast'"),
+        ({"over_limit": "brake"}, "~over_limit is 'brake'; it has to be clamp or refuse"),
+        ({"suspend_after": 9.0}, "suspend_after (9 s) is longer than lose_after (3 s)"),
+    ],
+)
+def test_what_cannot_be_used_is_named_with_its_value(read, given, text):
+    with pytest.raises(ParameterError, match=re.escape(text)):
+        read(**given)
