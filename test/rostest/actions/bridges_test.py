@@ -32,6 +32,7 @@ LONG = 60.0
 ALWAYS = rospy.Time()
 DISPATCHER = "planning_system: rosplan_plan_dispatcher"
 ACTIONS = "[merlin_actions.actions.navigate:Navigate, merlin_home.actions.ask:Ask]"
+WHILE_RUNNING = "actions/navigate/while_running"
 FINAL = (ActionFeedback.ACTION_FAILED, ActionFeedback.ACTION_SUCCEEDED_TO_GOAL_STATE)
 
 
@@ -74,8 +75,13 @@ class Bridges(unittest.TestCase):
         cls.health = {}
         rospy.Subscriber("/diagnostics", DiagnosticArray, cls.receive_health)
         cls.number = 0
+        cls.machines = None  # the process of the state machines, for the tests that leave them as they were
         wait_for_interfaces("navigate", "ask")
         wait_for_publishers(cls.feedback)
+
+    @classmethod
+    def tearDownClass(cls):
+        cls.kill()
 
     def connected(self):
         return self.dispatches.get_num_connections()
@@ -123,16 +129,8 @@ class Bridges(unittest.TestCase):
 
     def setUp(self):
         self.wait_for_connections()
-        self.machines = None
-        self.served = False
+        self.addCleanup(self.drives.end)
         self.put_robot_into_kitchen()
-
-    def tearDown(self):
-        if self.machines is not None:
-            self.kill()
-        self.drives.end()
-        if self.served:  # the next test begins without machines, as the bridges see it
-            self.wait_for_health("merlin_bridges: navigate", DiagnosticStatus.ERROR, rospy.Time.now())
 
     def hush(self):
         """Forgets what was spoken before, and waits until it is heard what the machines want to be spoken."""
@@ -145,30 +143,43 @@ class Bridges(unittest.TestCase):
         while not self.connected():
             rospy.rostime.wallsleep(0.02)
 
-    def start(self, node, *arguments):
+    @staticmethod
+    def start(node, *arguments):
         command = [node_path("merlin_actions", node), f"_actions:={ACTIONS}", *arguments]
-        self.machines = subprocess.Popen(command, start_new_session=True)
+        return subprocess.Popen(command, start_new_session=True)
 
     def serve(self):
-        """Starts the machines, in another process; the bridge waits for them."""
-        self.served = True
-        self.start("fsm_host")
-        self.assertEqual(self.final(self.go()).status, ActionFeedback.ACTION_SUCCEEDED_TO_GOAL_STATE)
-        self.put_robot_into_kitchen()
+        """Has machines in another process; where they start, the bridge waits for them."""
+        if self.machines is None:
+            type(self).machines = self.start("fsm_host")
+            self.assertEqual(self.final(self.go()).status, ActionFeedback.ACTION_SUCCEEDED_TO_GOAL_STATE)
+            self.put_robot_into_kitchen()
+
+    def serve_alone(self):
+        """Likewise for a test that leaves them in no state for another one."""
+        self.serve()
+        self.addCleanup(self.without_machines)
+
+    def without_machines(self):
+        """No machines, as the bridges see it, too."""
+        self.kill()
+        self.wait_for_health("merlin_bridges: navigate", DiagnosticStatus.ERROR, rospy.Time.now())
 
     def put_robot_into_kitchen(self):
         self.knowledge.change_facts(remove=self.knowledge.facts("robot_at"), add="(robot_at kitchen)")
 
-    def kill(self):
-        os.killpg(self.machines.pid, signal.SIGKILL)
-        self.machines.wait()
-        self.machines = None
+    @classmethod
+    def kill(cls):
+        if cls.machines is not None:
+            if cls.machines.poll() is None:
+                os.killpg(cls.machines.pid, signal.SIGKILL)
+            cls.machines.wait()
+            cls.machines = None
 
-    def end_machines(self):
-        """Ends the machines' node by a signal while the robot drives, and waits until both have ended."""
-        os.killpg(self.machines.pid, signal.SIGINT)
-        self.assertEqual(self.machines.wait(LONG), 0)
-        self.machines = None
+    def end_machines(self, process):
+        """Ends a node of machines by a signal while the robot drives, and waits until both have ended."""
+        os.killpg(process.pid, signal.SIGINT)
+        self.assertEqual(process.wait(LONG), 0)
         # A base whose goal is only forgotten drives on.
         with self.changed:
 
@@ -237,6 +248,7 @@ class Bridges(unittest.TestCase):
         self.final(self.dispatch("ask"))  # without its parameter, it is answered at once
 
     def test_no_action_server(self):
+        self.without_machines()
         self.bridge("navigate", server_wait=0.1)
         reason = self.reason(self.final(self.go()))
         self.assertIn("no action server", reason)
@@ -244,14 +256,14 @@ class Bridges(unittest.TestCase):
         self.assertEqual(self.robot_at(), ["(robot_at kitchen)"])
 
     def test_diagnostics_tell_which_machine_is_missing(self):
+        self.without_machines()
         self.assertEqual(self.wait_for_health(DISPATCHER, DiagnosticStatus.OK), "idle")
         reason = self.wait_for_health("merlin_bridges: navigate", DiagnosticStatus.ERROR)
         self.assertIn("no action server /actions/navigate", reason)
         self.serve()
         self.wait_for_health("merlin_bridges: navigate", DiagnosticStatus.OK)
         self.wait_for_health("merlin_fsm_host: ask", DiagnosticStatus.OK)
-        self.kill()
-        self.wait_for_health("merlin_bridges: navigate", DiagnosticStatus.ERROR)
+        self.without_machines()
 
     def test_a_missing_parameter(self):
         self.assertIn("?to", self.reason(self.final(self.dispatch("navigate", **{"from": "kitchen"}))))
@@ -273,9 +285,15 @@ class Bridges(unittest.TestCase):
         self.assertEqual(self.robot_at(), ["(robot_at anywhere)"])
         self.drives.wait_stopped()
 
+    def declare(self, *facts):
+        """What is said to hold while a drive runs."""
+        declared = rospy.get_param(WHILE_RUNNING, [])
+        self.addCleanup(rospy.set_param, WHILE_RUNNING, declared)
+        rospy.set_param(WHILE_RUNNING, list(facts))
+
     def test_what_is_declared_holds_while_it_runs_and_no_longer(self):
         self.serve()
-        rospy.set_param("actions/navigate/while_running", ["(checked ?to)"])
+        self.declare("(checked ?to)")
         for end in (lambda dispatch: self.drives.end(), self.cancel):
             dispatch = self.drive()
             self.assertTrue(self.knowledge.holds("(checked bathroom)"))
@@ -286,12 +304,13 @@ class Bridges(unittest.TestCase):
 
     def test_a_declaration_that_cannot_be_applied_fails_the_action_and_leaves_the_knowledge_true(self):
         self.serve()
-        rospy.set_param("actions/navigate/while_running", ["(flying ?to)"])
+        self.declare("(flying ?to)")
         self.assertIn("while it runs", self.reason(self.final(self.go())))
         self.assertEqual(self.robot_at(), ["(robot_at kitchen)"])
 
     def test_what_an_earlier_machine_has_declared_does_not_count(self):
-        rospy.set_param("actions/navigate/while_running", ["(flying ?to)"])
+        self.without_machines()
+        self.declare("(flying ?to)")
         self.serve()
 
     def test_a_cancel_for_another_action_is_ignored(self):
@@ -315,16 +334,16 @@ class Bridges(unittest.TestCase):
         self.assertEqual(ends, [first.action_id, second.action_id])
 
     def test_a_killed_machine_is_reported(self):
-        self.serve()
+        self.serve_alone()
         dispatch = self.drive()
         self.kill()
         self.assertIn("gone", self.reason(self.final(dispatch)))
         self.assertEqual(self.robot_at(), ["(robot_at anywhere)"])
 
     def test_a_node_of_machines_that_is_told_to_end_stops_the_robot_first(self):
-        self.serve()
+        self.serve_alone()
         dispatch = self.drive()
-        self.end_machines()
+        self.end_machines(self.machines)
         self.reason(self.final(dispatch))
         self.assertEqual(self.robot_at(), ["(robot_at anywhere)"])
 
@@ -332,14 +351,15 @@ class Bridges(unittest.TestCase):
         # Topics of its own: the bridges would answer too.
         self.dispatches = rospy.Publisher("naive_dispatch", ActionDispatch, queue_size=10)
         self.addCleanup(self.dispatches.unregister)
-        self.start("naive_actions", "rosplan_plan_dispatcher/action_dispatch:=naive_dispatch")
+        actions = self.start("naive_actions", "rosplan_plan_dispatcher/action_dispatch:=naive_dispatch")
+        self.addCleanup(lambda: actions.poll() is None and os.killpg(actions.pid, signal.SIGKILL))
         self.wait_for_connections()
         self.drive()
-        self.end_machines()
+        self.end_machines(actions)
         self.assertEqual(self.robot_at(), ["(robot_at anywhere)"])
 
     def test_a_machine_that_does_not_stop_is_named(self):
-        self.serve()
+        self.serve_alone()
         self.hush()
         dispatch = self.dispatch("ask", p="kitchen")
         self.assertTrue(self.speech.wait(LONG))
@@ -361,7 +381,7 @@ class Bridges(unittest.TestCase):
         self.wait_for_connections()
 
     def test_without_a_cancel_limit_a_machine_may_take_its_time(self):
-        self.serve()
+        self.serve_alone()
         self.bridge("ask", cancel_limit=0.0)
         self.hush()
         dispatch = self.dispatch("ask", p="kitchen")
@@ -370,6 +390,7 @@ class Bridges(unittest.TestCase):
         self.assertNotIn("does not stop (", self.reason(self.final(dispatch)))
 
     def test_a_cancel_ends_the_wait_for_a_machine(self):
+        self.without_machines()
         self.bridge("navigate", server_wait=10 * LONG)
         dispatch = self.go()
         with self.changed:
