@@ -1,4 +1,3 @@
-#!/usr/bin/env -S python3 -m merlin_test
 # SPDX-License-Identifier: Apache-2.0
 """Processes around the Executor die, hang, or do not obey (docs/reliability.md).
 
@@ -6,108 +5,29 @@ The robot stops, the answer is true, and the next goal works without help.
 """
 
 import os
-import shutil
 import signal
 import subprocess
-import tempfile
 import threading
-import unittest
 from contextlib import contextmanager
 from pathlib import Path
 
 import rospy
 from actionlib_msgs.msg import GoalStatusArray
-from executor_faults_fixture import Changes, Guard, Watch, client_process, kill, start
-from merlin_msgs.msg import (
-    DispatchStatus,
-    ExecuteActionGoal,
-    ExecutorStatus,
-    GoalQueue,
-    MissionStatus,
-    PlannerStatus,
-)
+from executor_faults_case import CHECKED, LONG, FaultsCase
+from executor_faults_fixture import Changes, Watch, client_process, kill, start
+from merlin_msgs.msg import ExecuteActionGoal, GoalQueue, MissionStatus, PlannerStatus
 from rosplan_dispatch_msgs.srv import DispatchService
 from std_srvs.srv import Empty
 
-import rostest
-from merlin_executor.executor_client import MerlinExecutorClient, outcome_name
+from merlin_executor.executor_client import MerlinExecutorClient
 from merlin_executor.resending import RESEND
-from merlin_planning.knowledge_client import ADD_GOAL, REMOVE_GOAL, KnowledgeClient, Update, fact
-from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
-from merlin_test.held_drives import HeldDrives
-from merlin_test.topic_links import init_node, pid_of
+from merlin_planning.knowledge_client import ADD_GOAL, REMOVE_GOAL, Update, fact
+from merlin_test.topic_links import pid_of
 
-LONG = 60.0
 PLANNER = "rosplan_planner_interface/planner_command"
-TOPICS = {
-    "rosplan_planner_interface/problem_instance": "rosplan_problem_interface/problem_instance",
-    "rosplan_parsing_interface/planner_output": "rosplan_planner_interface/planner_output",
-    "rosplan_plan_dispatcher/complete_plan": "rosplan_parsing_interface/complete_plan",
-}
 
 
-class Faults(unittest.TestCase):
-    @classmethod
-    def setUpClass(cls):
-        cls.drives = HeldDrives()
-        cls.dispatch = Watch("rosplan_plan_dispatcher/dispatch_status", DispatchStatus)
-        cls.status = Watch("merlin/status", ExecutorStatus)
-        cls.knowledge = MerlinROSPlanAssistant()
-        cls.guard = Guard()
-        cls.planning = cls.start_planning()
-        assert cls.knowledge.knowledge.wait(LONG)
-
-    @classmethod
-    def tearDownClass(cls):
-        kill(cls.planning)
-
-    @classmethod
-    def start_planning(cls):
-        remaps = [f"{own}:={other}" for own, other in TOPICS.items()]
-        return start("merlin_rosplan", "planning_system", "__name:=planning_system", *remaps)
-
-    def setUp(self):
-        self.guard.says(moving=False)
-        self.guard.halted.clear()
-        self.guard.braked.clear()
-        if self.planning.poll() is not None:
-            type(self).planning = self.start_planning()
-            self.assertTrue(KnowledgeClient("rosplan_knowledge_base").wait(LONG))
-        self.client = MerlinExecutorClient()
-        self.folder = tempfile.mkdtemp()
-        self.addCleanup(shutil.rmtree, self.folder)  # behind the end of what writes there
-        self.addCleanup(lambda: kill(self.executor))
-        self.addCleanup(self.drives.end)
-        self.start_executor()
-        checked = [f"(checked {poi})" for poi in ("kitchen", "bathroom", "main_door")]
-        self.knowledge.remove_facts([*checked, *self.knowledge.facts("robot_at")])
-        self.knowledge.add_facts("(robot_at bathroom)")  # so that the kitchen is a drive away
-
-    def start_executor(self, *parameters):
-        self.executor = start("merlin_executor", "executor", "__name:=merlin_executor", *parameters)
-        self.assertTrue(self.client.wait_for_executor(LONG))
-
-    def restart_executor(self, *parameters):
-        for parameter in parameters:  # it would stay for the executors of other tests
-            name = parameter.split(":=")[0].replace("_", "/merlin_executor/", 1)
-            self.addCleanup(rospy.delete_param, name)
-        kill(self.executor, signal.SIGTERM)
-        self.wait_executor_gone()
-        self.start_executor(*parameters)
-
-    def wait_executor_gone(self):
-        deadline = rospy.Time.now() + rospy.Duration(LONG)
-        while self.client.executor_alive:
-            self.assertLess(rospy.Time.now(), deadline)
-            rospy.rostime.wallsleep(0.05)
-
-    def driving(self, **options):
-        """Has the kitchen checked; returns the request when the robot drives, until something stops it."""
-        self.drives.hold()
-        request = self.client.send("(checked kitchen)", **options)
-        self.drives.wait_driving()
-        return request
-
+class Faults(FaultsCase):
     @contextmanager
     def client_driving(self, *arguments):
         """A client of its own that wants the kitchen checked, and has the robot drive likewise."""
@@ -115,9 +35,6 @@ class Faults(unittest.TestCase):
         with client_process(*arguments) as client:
             self.drives.wait_driving()
             yield client
-
-    def assertOutcome(self, result, name):
-        self.assertEqual(outcome_name(result.outcome), name, result.reason)
 
     def assertNextGoalWorks(self, goal="(checked main_door)"):
         self.knowledge.remove_facts(goal)
@@ -135,15 +52,13 @@ class Faults(unittest.TestCase):
         self.drives.wait_stopped()
         self.assertTrue(request.wait(LONG))
         self.assertOutcome(request.result, "INTERNAL")
-        self.wait_executor_gone()
+        self.system.wait_executor_gone()
         self.start_executor()
         self.dispatch.wait_idle(killed)
         self.assertEqual(len(self.knowledge.facts("robot_at")), 1)
         self.assertNextGoalWorks()
 
     def test_what_survives_goes_on_after_a_power_cut_and_its_client_finds_it(self):
-        kept = f"_goals_file:={self.folder}/goals"
-        self.restart_executor(kept)
         request = self.driving(survives=True)
         orphan = self.client.send("(checked main_door)", survives=True)
         queue = Watch("merlin/queue", GoalQueue)
@@ -152,13 +67,11 @@ class Faults(unittest.TestCase):
         for process in (self.executor, self.planning):
             kill(process)
         self.drives.wait_stopped()
-        self.wait_executor_gone()
-        type(self).planning = self.start_planning()
-        self.assertTrue(KnowledgeClient("rosplan_knowledge_base").wait(LONG))
-        checked = [f"(checked {poi})" for poi in ("kitchen", "bathroom", "main_door")]
-        self.knowledge.remove_facts(checked)
+        self.system.wait_executor_gone()
+        self.system.start_planning()
+        self.knowledge.remove_facts(CHECKED)
         before = request.id
-        self.start_executor()  # with the parameter of before
+        self.start_executor()
         self.drives.wait_driving()
         self.drives.end()
         self.assertTrue(request.wait(LONG))
@@ -170,9 +83,9 @@ class Faults(unittest.TestCase):
         self.assertNextGoalWorks()
 
     def test_an_errand_of_a_day_survives_its_mission_and_the_executor(self):
-        day = Path(self.folder, "day.yaml")
+        day = Path(self.system.folder, "day.yaml")
         day.write_text("- every: 1s\n  goals: (checked kitchen)\n  survives: true\n")
-        self.restart_executor(f"_goals_file:={self.folder}/goals")
+        self.addCleanup(self.forget)  # the errand would go on
         goals = Watch("merlin/execute/goal", ExecuteActionGoal)
         mission = Watch("merlin/mission", MissionStatus)
         self.drives.hold()
@@ -181,7 +94,7 @@ class Faults(unittest.TestCase):
             errand = self.status.wait(lambda status: status.running).request
         kill(self.executor)
         self.drives.wait_stopped()
-        self.wait_executor_gone()
+        self.system.wait_executor_gone()
         self.drives.hold()
         self.start_executor()
         self.drives.wait_driving()
@@ -247,7 +160,7 @@ class Faults(unittest.TestCase):
         request = self.driving(on_lost=RESEND)
         kill(self.executor)
         self.drives.wait_stopped()
-        self.wait_executor_gone()
+        self.system.wait_executor_gone()
         self.start_executor()
         self.assertTrue(request.wait(LONG))
         self.assertOutcome(request.result, "SUCCEEDED")
@@ -291,30 +204,17 @@ class Faults(unittest.TestCase):
     # --- the planning system ----------------------------------------------------------------------------
 
     def test_a_planning_system_that_returns_is_used_again(self):
-        self.restart_executor(f"_planning_system_return:={LONG}")
         request = self.driving()
         kill(self.planning)
         self.drives.wait_stopped()
-        type(self).planning = self.start_planning()
+        self.system.start_planning()
         self.assertTrue(request.wait(LONG))
         self.assertOutcome(request.result, "SUCCEEDED")
         self.assertGreater(request.result.replans, 0)
         self.assertNextGoalWorks()
 
-    def test_a_planning_system_that_stays_away_is_named(self):
-        self.restart_executor("_planning_system_return:=1.0")
-        request = self.driving()
-        kill(self.planning)
-        self.assertTrue(request.wait(LONG))
-        self.assertOutcome(request.result, "INTERNAL")
-        self.assertIn("the planning system's plan dispatcher", request.result.reason)
-        self.assertIn("did not return within 1 s", request.result.reason)
-        self.assertNotIn("Errno", request.result.reason)
-        self.drives.wait_stopped()
-
     def test_a_hung_planning_system_is_told_within_ten_seconds_of_the_cancel(self):
-        self.restart_executor(f"_planning_system_return:={LONG}")  # until then it waits for the cancel
-        request = self.driving()
+        request = self.driving()  # the planning system may take its time: until then it waits for the cancel
         os.kill(self.planning.pid, signal.SIGSTOP)
         try:
             self.drives.wait_stopped()  # nothing owns the drive any more
@@ -416,8 +316,24 @@ class Faults(unittest.TestCase):
         self.assertIn("the base still moves", request.result.reason)
         self.assertTrue(self.guard.halted.is_set())
 
+
+class OtherLimits(FaultsCase):
+    """An Executor that does not wait for a planning system, but for a base that comes to rest."""
+
+    def usual(self):
+        return {"planning_system_return": 1.0, "stand_wait": LONG}
+
+    def test_a_planning_system_that_stays_away_is_named(self):
+        request = self.driving()
+        kill(self.planning)
+        self.assertTrue(request.wait(LONG))
+        self.assertOutcome(request.result, "INTERNAL")
+        self.assertIn("the planning system's plan dispatcher", request.result.reason)
+        self.assertIn("did not return within 1 s", request.result.reason)
+        self.assertNotIn("Errno", request.result.reason)
+        self.drives.wait_stopped()
+
     def test_a_base_that_comes_to_rest_a_moment_later_is_a_complete_cancel(self):
-        self.restart_executor(f"_stand_wait:={LONG}")
         self.guard.wait_heard()
         request = self.driving()
         self.guard.says(moving=True)
@@ -427,8 +343,3 @@ class Faults(unittest.TestCase):
         self.assertTrue(request.wait(LONG))
         self.assertOutcome(request.result, "CANCELLED")
         self.assertFalse(self.guard.halted.is_set())
-
-
-if __name__ == "__main__":
-    init_node("executor_faults_test")
-    rostest.rosrun("merlin_test", "executor_faults", Faults)
