@@ -33,15 +33,19 @@ from merlin_test.chromium import Visit, chromium  # noqa: F401  (for the tests)
 
 # To be put in by the browser's own means (bypass_csp), past the policy of the page.
 AXE = Path(axe_core_python.__file__).with_name("axe.min.js")
-#: What bars people from the page, and each rule of axe that cannot judge it.
-CHECK = """async () => {
-  const { violations, incomplete } = await axe.run(document, { resultTypes: ["violations"] });
+#: What bars people from the page, and each rule of axe that cannot judge it; of all rules, or of some.
+CHECK = """async (rules) => {
+  const asked = rules ? { runOnly: rules } : {};
+  const { violations, incomplete } = await axe.run(document, { resultTypes: ["violations"], ...asked });
   return [
     ...incomplete.filter(({ message }) => message).map(({ id, message }) => `${id}: ${message}`),
     ...violations.map(({ id, nodes }) =>
       `${id}: ${nodes.slice(0, 4).map((node) => `${node.target} ${node.failureSummary}`)}`),
   ];
 }"""
+
+#: The rules of axe that judge colours: where nothing else has changed, the others would find the same again.
+COLOURS = ["color-contrast", "link-in-text-block"]
 
 LIMIT = 60.0  # s for the model to take it in
 NOW = 120.0  # s of ROS time

@@ -17,7 +17,7 @@ from merlin_msgs.msg import (
 )
 from messages import ended, executor, fact, status, structure
 from served import TOKEN, Served
-from shown_page import AXE, CHECK, NOW, fill, look_again, signed_in
+from shown_page import AXE, CHECK, COLOURS, NOW, fill, look_again
 from std_msgs.msg import Header
 
 from merlin_monitor.state.knowledge_section import Contents
@@ -46,58 +46,55 @@ CUT = """() => [document.documentElement, document.querySelector("nav")]
   .filter((element) => element.scrollWidth > element.clientWidth).length"""
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_no_barriers_on_any_size(visits: Any, scheme: str) -> None:
-    page = visits(color_scheme=scheme, bypass_csp=True)
+def check(page: Any, what: str, scheme: str) -> None:
+    """Nothing bars people from it; between light and dark only the colours differ."""
+    if scheme == "light":
+        assert page.page.evaluate(CHECK) == [], what
+        assert page.page.evaluate(SMALL) == [], what
+    else:
+        assert page.page.evaluate(CHECK, COLOURS) == [], f"{what}, dark"
+
+
+def test_no_barriers_on_any_size_in_any_colours(visits: Any) -> None:
+    page = visits(color_scheme="light", bypass_csp=True)
     page.wait_text("#health-list .title", "camera")
     page.wait("() => document.querySelectorAll('#plan-graph .node').length > 3")
     page.page.add_script_tag(path=AXE)
+    press = page.page.keyboard.press
     for name, (width, height) in SIZES.items():
         page.page.set_viewport_size({"width": width, "height": height})
-        assert page.page.evaluate(CHECK) == [], name
-        assert page.page.evaluate(SMALL) == [], name
-        assert page.page.evaluate(OUTSIDE) == [], name
-        assert page.page.evaluate(CUT) == 0, name
-    page.page.keyboard.press("?")
-    assert page.page.evaluate(CHECK) == [], "the list of keys"
-    page.page.keyboard.press("Escape")
-    page.page.keyboard.press("w")
-    assert page.page.evaluate(CHECK) == [], "the wall display"
-    page.page.keyboard.press("w")
-    page.page.keyboard.press(",")
-    page.page.locator("#past-banner").wait_for()
-    for name, (width, height) in SIZES.items():
-        page.page.set_viewport_size({"width": width, "height": height})
-        assert page.page.evaluate(CHECK) == [], f"the past, {name}"
-        assert page.page.evaluate(SMALL) == [], f"the past, {name}"
-
-
-def test_what_is_not_known_any_more_can_be_read(visits: Any, served: Served) -> None:
-    page = visits(bypass_csp=True)
-    served.state.tree.set(
-        "now", "silent", {"since": 118.0, "node": "/merlin_executor", "what": "does not answer"}
-    )
-    served.state.tree.set("map", "silent", {"since": 118.0, "node": "", "what": "is gone"})
-    look_again(served)
-    page.wait_text("#glance-state", "Not known")
-    page.page.add_script_tag(path=AXE)
-    assert page.page.evaluate(CHECK) == []
-    served.state.tree.set("now", "silent", None)
-    stopped = GuardStatus(state=GuardStatus.STOPPED, reason="stopped by Ana")
-    served.state.inbox.put(served.state.guard.status, stopped, 121.0, 1.0)
-    look_again(served)
-    page.wait_text("#glance-state", "Stopped and held")
-    assert page.page.evaluate(CHECK) == [], "stopped and held"
+        for scheme in ("light", "dark"):
+            page.page.emulate_media(color_scheme=scheme)
+            check(page, name, scheme)
+            assert page.page.evaluate(OUTSIDE) == [], name
+            assert page.page.evaluate(CUT) == 0, name
+        press(",")
+        page.page.locator("#past-banner").wait_for()
+        for scheme in ("light", "dark"):
+            page.page.emulate_media(color_scheme=scheme)
+            check(page, f"the past, {name}", scheme)
+        press("l")
+        page.page.locator("#past-banner").wait_for(state="hidden")
+    for scheme in ("light", "dark"):
+        page.page.emulate_media(color_scheme=scheme)
+        press("?")
+        check(page, "the list of keys", scheme)
+        press("Escape")
+        press("w")
+        check(page, "the wall display", scheme)
+        press("w")
 
 
 def test_the_strip_says_state_problem_progress_next_and_end(visits: Any, served: Served) -> None:
-    page = visits()
+    page = visits(bypass_csp=True)
+    page.page.add_script_tag(path=AXE)
     page.wait_text("#glance-state", "Working")
     page.wait_text("#glance-problem", "camera: state: camera reports (and 1 more)")
     page.wait_text("#glance-progress", "task 3 of 6, 1 of 6 steps done")
     page.wait_text("#glance-next", "bathroom")
     # The first step ended 2 s late; the second began at 115 s and takes 10 s, and so do the four behind it.
     page.wait_text("#glance-end", "in 45 s (165.0 s)")
+    how_long_until_the_mission_is_done(page, served)
     parts = [
         DiagnosticStatus(name=f"{name}: state", level=DiagnosticStatus.OK) for name in ("camera", "battery")
     ]
@@ -109,24 +106,21 @@ def test_the_strip_says_state_problem_progress_next_and_end(visits: Any, served:
     look_again(served)
     page.wait_text("#glance-problem", stuck.warning)
     page.wait_text("#guard-says", stuck.warning)
+    tree = served.state.tree
+    tree.set("now", "silent", {"since": 118.0, "node": "/merlin_executor", "what": "does not answer"})
+    tree.set("map", "silent", {"since": 118.0, "node": "", "what": "is gone"})
+    look_again(served)
+    page.wait_text("#glance-state", "Not known")
+    assert page.page.evaluate(CHECK) == [], "what is not known any more"
+    tree.set("now", "silent", None)
     stopped = GuardStatus(state=GuardStatus.STOPPED, reason="stopped by Ana")
     served.state.inbox.put(served.state.guard.status, stopped, 121.0, 1.0)
     look_again(served)
     page.wait_text("#glance-state", "Stopped and held")
+    assert page.page.evaluate(CHECK) == [], "stopped and held"
 
 
-def test_a_clock_that_was_set_is_shown_as_it_is_now(visits: Any, served: Served) -> None:
-    page = visits()
-    served.state.tree.set("meta", "simulated", False)
-    served.state.tree.set("meta", "clock_set", CLOCK_SET)
-    for selector, at, around in (("#clock", NOW, "{}"), ("#glance-end", NOW + 45.0, "in 45 s ({})")):
-        clock = page.page.evaluate("(at) => new Date(1000 * at).toLocaleTimeString()", at + CLOCK_SET)
-        page.wait_text(selector, around.format(clock))
-
-
-def test_how_long_until_the_mission_is_done(visits: Any, served: Served) -> None:
-    page = visits()
-    page.wait_text("#glance-end", "in 45 s (165.0 s)")
+def how_long_until_the_mission_is_done(page: Any, served: Served) -> None:
     assert "mission" not in page.text("#glance-end"), "no task of it was seen from its beginning to its end"
     fourth = MissionStatus(mission="Round", state=1, task=4, tasks=6, description="ask in the bathroom")
     fifth = MissionStatus(mission="Round", state=1, task=5, tasks=6, description="ask in the hall")
@@ -134,15 +128,52 @@ def test_how_long_until_the_mission_is_done(visits: Any, served: Served) -> None
         served.state.inbox.put(served.state.now.mission, message, at, "/mission")
     # The plan of the fifth ends in 45 s, and the sixth takes 29 s as the fourth did.
     page.wait_text("#glance-end", "in 45 s (165.0 s) · mission in about 74 s")
+    # A clock that was set is shown as it is now.
+    served.state.tree.set("meta", "simulated", False)
+    served.state.tree.set("meta", "clock_set", CLOCK_SET)
+    for selector, at, around in (("#clock", NOW, "{}"), ("#glance-end", NOW + 45.0, "in 45 s ({})")):
+        clock = page.page.evaluate("(at) => new Date(1000 * at).toLocaleTimeString()", at + CLOCK_SET)
+        page.wait_text(selector, around.format(clock))
     of_ana = executor(ExecutorStatus.RUNNING, request="/page-1-1.0", goals=["(checked hall)"], by="Ana")
     served.state.inbox.put(served.state.now.executor, of_ana, 121.0)
     page.wait_text("#now-because", "asked for by Ana")
     page.wait("() => !/task|Round/.test(document.getElementById('now').innerText)")
 
 
-def test_what_is_set_by_hand_is_asked_about_and_set_back(visits: Any, served: Served) -> None:
-    page = visits()
-    signed_in(page)
+def test_an_operator_knows_of_a_problem_sets_facts_plans_and_asks_who_holds(
+    visits: Any, served: Served
+) -> None:
+    page = visits(bypass_csp=True)
+    page.page.add_script_tag(path=AXE)
+    a_problem_that_is_known_is_so_on_every_page(page, visits(), served)
+    page.wait_text("#operator", "Ana")  # who has signed in on the way
+    for shows in (
+        what_is_set_by_hand_is_asked_about_and_set_back,
+        a_plan_that_is_only_shown_says_in_words_where_it_begins,
+        while_a_base_is_held_no_resume_is_offered_and_who_holds_it_is_asked_for,
+    ):
+        served.robot.calls.clear()
+        shows(page, served)
+
+
+def a_problem_that_is_known_is_so_on_every_page(page: Any, other: Any, served: Served) -> None:
+    page.wait_text("#glance-problem", "camera: state: camera reports (and 1 more)")
+    page.page.click("#acknowledge")
+    page.page.keyboard.type(TOKEN)
+    page.page.keyboard.press("Enter")
+    page.wait_text("#control-said", "Noted.")
+    assert served.robot.calls == [("acknowledge", "part camera: state error", "Ana")]
+    for key, said in (
+        ("part camera: state error", "battery: state: battery reports (and 1 more)"),
+        ("part battery: state warning", "Ana knows: camera: state: camera reports (and 1 more)"),
+    ):
+        served.state.inbox.put(served.state.acknowledge, key, "Ana", 121.0, 1.0)
+        for each in (page, other):
+            each.wait_text("#glance-problem", said)
+    page.wait("() => document.getElementById('acknowledge').hidden")
+
+
+def what_is_set_by_hand_is_asked_about_and_set_back(page: Any, served: Served) -> None:
     page.page.fill("#goal", "(robot_at kitchen)")
     assert not page.page.is_visible("#undo")
     served.robot.running = "asking at the kitchen"
@@ -161,35 +192,87 @@ def test_what_is_set_by_hand_is_asked_about_and_set_back(visits: Any, served: Se
     assert served.robot.calls[-1] == ("change", "(not (robot_at kitchen))", "Ana")
 
 
-def test_a_plan_that_is_only_shown_says_in_words_where_it_begins(visits: Any) -> None:
-    page = visits()
-    signed_in(page)
+def a_plan_that_is_only_shown_says_in_words_where_it_begins(page: Any, served: Served) -> None:
     page.page.fill("#goal", "(checked kitchen)")
     page.page.click("#plan-only")
     page.wait_text("#preview .title", "Not carried out: kitchen checked in 2 steps")
     page.wait_text("#preview .left-out", "Begins when this has ended: driving to the hall")
+    assert served.robot.calls == [("plan", "(checked kitchen)", [], "Ana")]
 
 
-def test_an_operator_knows_about_a_problem_and_every_page_shows_that(visits: Any, served: Served) -> None:
-    page, other = visits(), visits()
-    page.wait_text("#glance-problem", "camera: state: camera reports (and 1 more)")
-    page.page.click("#acknowledge")
-    page.page.keyboard.type(TOKEN)
-    page.page.keyboard.press("Enter")
-    page.wait_text("#control-said", "Noted.")
-    assert served.robot.calls == [("acknowledge", "part camera: state error", "Ana")]
-    for key, said in (
-        ("part camera: state error", "battery: state: battery reports (and 1 more)"),
-        ("part battery: state warning", "Ana knows: camera: state: camera reports (and 1 more)"),
+def while_a_base_is_held_no_resume_is_offered_and_who_holds_it_is_asked_for(
+    page: Any, served: Served
+) -> None:
+    served.state.inbox.put(
+        served.state.now.executor,
+        executor(ExecutorStatus.IDLE, paused=True, waits="the base is held by Bob since 14:03:07"),
+        121.0,
+    )
+    page.wait_text("#pause", "Resume")
+    page.wait_text("#queue-list .more", "waits: the base is held by Bob since 14:03:07")
+    stopped = GuardStatus(state=GuardStatus.STOPPED, reason="stopped by Bob", since=rospy.Time(14))
+    served.state.inbox.put(served.state.guard.status, stopped, 121.0, 1.0)
+    page.page.wait_for_selector("#pause", state="hidden")
+    served.robot.holder = "the base is held by Bob since 14:03:07"
+    page.page.click("#release")
+    page.wait_text("#confirm-said", served.robot.holder)
+    assert page.page.evaluate(CHECK) == [], "the question"
+    page.page.click("#confirm-not")
+    page.page.wait_for_selector("#confirm-ask", state="hidden")
+    assert served.robot.calls == []
+    page.page.click("#release")
+    page.page.click("#confirm-yes")
+    page.wait_text("#control-said", "may drive again")
+    assert served.robot.calls == [("release", "Ana")]
+    free = GuardStatus(state=GuardStatus.IDLE)
+    served.state.inbox.put(served.state.guard.status, free, 122.0, 2.0)
+    page.page.wait_for_selector("#pause:visible")
+
+
+def test_on_paper_it_is_a_report(visits: Any, served: Served) -> None:
+    page = visits(color_scheme="dark", bypass_csp=True)
+    rows = "document.querySelectorAll('#knowledge-list [role=listitem]:not([hidden])').length"
+    facts = [fact("robot_at", f"place_{number}") for number in range(320)]
+    contents = Contents({}, facts, [], [])
+    served.state.inbox.put(served.state.knowledge.replace, contents, "/mission", 121.0, True)
+    page.wait_text("#knowledge-list", "place 0")
+    page.page.add_script_tag(path=AXE)
+    page.page.emulate_media(media="print")
+    page.page.set_viewport_size({"width": 720, "height": 1018})  # of A4
+    # Every list is there as a whole, or says how much is missing; nothing scrolls, nothing can be pressed.
+    page.wait(f"() => {rows} === 300")
+    more = "getComputedStyle(document.getElementById('knowledge-list'), '::after').content"
+    assert page.page.evaluate(more) == '"and 20 more"'
+    assert page.page.evaluate(SCROLLS) == []
+    assert page.page.evaluate(CUT) == 0
+    assert page.page.locator("button:visible").all_text_contents() == [
+        "▾ TAKE_ORDER",
+        "▸ ASK",
+        "▸ NAVIGATE",
+    ]
+    ink = "({ color, backgroundColor }) => [color, backgroundColor]"
+    body = page.page.evaluate(f"({ink})(getComputedStyle(document.body))")
+    assert body == ["rgb(0, 0, 0)", "rgb(255, 255, 255)"]
+    assert page.page.evaluate(CHECK) == []
+    assert page.page.pdf(format="A4").startswith(b"%PDF")
+    page.page.emulate_media(media="screen")
+    page.wait(f"() => {rows} < 60")
+
+
+def test_all_panels_show_what_the_robot_has_does_and_did(visits: Any, served: Served) -> None:
+    page = visits(bypass_csp=True)
+    page.page.add_script_tag(path=AXE)
+    for shows in (
+        what_is_not_well_and_what_runs_is_unfolded,
+        the_queue_is_shown_in_time_as_expected_and_as_it_was,
+        the_plan_in_time_and_what_was_said_heard_and_seen,
+        of_several_robots_the_page_says_which_are_held,
+        a_wide_screen_is_used,
     ):
-        served.state.inbox.put(served.state.acknowledge, key, "Ana", 121.0, 1.0)
-        for each in (page, other):
-            each.wait_text("#glance-problem", said)
-    page.wait("() => document.getElementById('acknowledge').hidden")
+        shows(page, served)
 
 
-def test_what_is_not_well_and_what_runs_is_unfolded(visits: Any, served: Served) -> None:
-    page = visits()
+def what_is_not_well_and_what_runs_is_unfolded(page: Any, served: Served) -> None:
     page.wait_text("#health-list summary", "12 are well")
     shown = page.page.locator("#health-list .title:visible").all_text_contents()
     assert shown == ["camera: state", "battery: state"]
@@ -213,8 +296,102 @@ def test_what_is_not_well_and_what_runs_is_unfolded(visits: Any, served: Served)
     assert "▾ TAKE_ORDER" not in unfolded()
 
 
-def test_keys_do_what_the_list_of_keys_says(visits: Any, served: Served) -> None:
-    page = visits()
+def the_queue_is_shown_in_time_as_expected_and_as_it_was(page: Any, served: Served) -> None:
+    reported, now = served.state.inbox.put, served.state.now
+    for request, end in (("/round-1-1.0", 150.0), ("/round-2-1.0", 190.0)):
+        running = executor(ExecutorStatus.RUNNING, request=request, goals=["(checked hall)"])
+        running.expected_end, running.deadline = map(rospy.Time.from_sec, (end, end + 2.0))
+        reported(now.executor, running, end - 30.0)
+        if request == "/round-1-1.0":  # idle comes before the answer
+            reported(now.executor, executor(ExecutorStatus.IDLE), 155.0)
+            reported(now.result, ended(request, "late"), 155.0)
+    waits = QueuedGoal(request="/round-3-1.0", goals=["(checked dorm_room)"])
+    times = {"expected_begin": 190.0, "expected_end": 220.0, "deadline": 1e9}
+    for name, at in times.items():
+        setattr(waits, name, rospy.Time.from_sec(at))
+    reported(now.queue, GoalQueue(requests=[waits]), 160.0)
+    page.wait("() => document.querySelectorAll('#queue-time .planned').length === 3")
+    states = "() => [...document.querySelectorAll('#queue-time .real')].map((bar) => bar.dataset.state)"
+    assert page.page.evaluate(states) == ["late", "running"]
+    assert page.page.evaluate("() => document.querySelectorAll('#queue-time .due').length") == 2
+    assert page.page.evaluate("() => document.querySelectorAll('#queue-time .tick').length") < 300
+    widths = "(kind) => document.querySelector(`#queue-time .${kind}`).width.baseVal.value"
+    assert page.page.evaluate(widths, "real") > page.page.evaluate(widths, "planned"), "it took longer"
+    assert page.page.evaluate(CHECK) == []
+    assert page.page.evaluate(SMALL) == []
+
+
+def the_plan_in_time_and_what_was_said_heard_and_seen(page: Any, served: Served) -> None:
+    fill(served, 40)
+    page.wait("() => document.querySelectorAll('#plan-time .planned').length === 40")
+    page.wait("() => document.querySelectorAll('#plan-time .real').length === 2")
+    # The one line of a plan without parallel steps is wider than its box, and shows the present.
+    box = "document.getElementById('plan-time')"
+    assert page.page.evaluate(f"{box}.scrollWidth > 3 * {box}.clientWidth")
+    assert len(page.texts("#plan-time text")) > 40
+    page.page.focus("#plan-time")
+    before = page.page.evaluate(f"{box}.scrollLeft")
+    for _ in range(5):
+        page.page.keyboard.press("ArrowRight")
+    page.wait(f"(before) => {box}.scrollLeft > before", before)
+    width = page.page.get_attribute("#plan-time svg", "width")
+    page.page.keyboard.press("+")
+    assert float(page.page.get_attribute("#plan-time svg", "width")) > float(width)
+    page.page.focus("#plan-graph")
+    page.page.keyboard.press("-")
+    page.wait_text("#said-list .said", "a coffee please")
+    page.wait("() => document.getElementById('said-picture').naturalWidth === 64")
+    page.page.click("#map-tools button")
+    page.wait("() => document.querySelector('#map-picture svg').viewBox.baseVal.width < 3.9")
+    page.page.locator("#map-tools button").nth(2).click()
+    page.wait("() => document.querySelector('#map-picture svg').viewBox.baseVal.width === 4")
+
+
+def of_several_robots_the_page_says_which_are_held(page: Any, served: Served) -> None:
+    guard, put = served.state.guard, served.state.inbox.put
+    stopped = GuardStatus(state=GuardStatus.STOPPED, reason="stopped by Bob", since=rospy.Time(14))
+    put(guard.met, "", False, 1.0)
+    for robot in ("ria", "tom"):
+        put(guard.met, robot, True, 1.0)
+    put(guard.status, stopped, 121.0, 1.0, "ria")
+    put(guard.status, GuardStatus(state=GuardStatus.PASSING), 121.0, 1.0, "tom")
+    page.wait_text("#guard-says", "Not all robots are held.")
+    assert page.texts("#guard-robots li") == [
+        "ria: stopped and held by Bob since 14.0 s",
+        "tom: not held",
+    ]
+    look_again(served)
+    page.wait_text("#glance-problem", "Not all robots are held.")
+    put(guard.status, stopped, 122.0, 1.0, "tom")
+    look_again(served)
+    page.wait_text("#now-doing", "ria stopped and held by Bob since 14.0 s and tom stopped and held by Bob")
+    page.wait_text("#glance-state", "Stopped and held")
+
+
+def a_wide_screen_is_used(page: Any, served: Served) -> None:
+    page.page.set_viewport_size({"width": 2560, "height": 1440})
+    width = page.page.evaluate("document.querySelector('main').getBoundingClientRect().width")
+    assert width > 2500
+    assert (
+        page.page.evaluate(
+            "() => new Set([...document.querySelectorAll('main > section.card')]"
+            ".map((card) => Math.round(card.getBoundingClientRect().left))).size"
+        )
+        >= 3
+    )
+
+
+def test_keys_and_buttons_do_what_they_say(visits: Any, served: Served) -> None:
+    page = visits(bypass_csp=True)
+    page.page.add_script_tag(path=AXE)
+    keys_do_what_the_list_of_keys_says(page, served)
+    served.robot.calls.clear()
+    served.state.inbox.put(served.state.machines.holds, MachineHolds(node="/host"), 121.0, 1.0)
+    page.wait("() => !document.getElementById('confirm')")
+    an_outcome_is_confirmed_or_forced_and_the_level_is_set(page, served)
+
+
+def keys_do_what_the_list_of_keys_says(page: Any, served: Served) -> None:
     keyboard = page.page.keyboard
     keyboard.press("?")
     page.wait("() => document.getElementById('keys').open")
@@ -260,9 +437,8 @@ def test_keys_do_what_the_list_of_keys_says(visits: Any, served: Served) -> None
     assert page.page.locator("#knowledge").is_visible()
 
 
-def test_an_outcome_is_confirmed_or_forced_and_the_level_is_set(visits: Any, served: Served) -> None:
-    page = visits(bypass_csp=True, viewport={"width": 390, "height": 844})
-    page.page.add_script_tag(path=AXE)
+def an_outcome_is_confirmed_or_forced_and_the_level_is_set(page: Any, served: Served) -> None:
+    page.page.set_viewport_size({"width": 390, "height": 844})
     machines = served.state.machines
 
     def hold(**fields: Any) -> None:
@@ -315,154 +491,3 @@ def test_an_outcome_is_confirmed_or_forced_and_the_level_is_set(visits: Any, ser
     served.state.inbox.put(machines.status, "/r1/grasp", over, 121.0, 1.0)
     page.wait_text("#userdata .ran", "CLOSE → lost, forced by Ana")
     page.wait("() => document.querySelector('#userdata .leave').hidden")
-
-
-def test_on_paper_it_is_a_report(visits: Any, served: Served) -> None:
-    page = visits(color_scheme="dark", bypass_csp=True)
-    rows = "document.querySelectorAll('#knowledge-list [role=listitem]:not([hidden])').length"
-    facts = [fact("robot_at", f"place_{number}") for number in range(320)]
-    contents = Contents({}, facts, [], [])
-    served.state.inbox.put(served.state.knowledge.replace, contents, "/mission", 121.0, True)
-    page.wait_text("#knowledge-list", "place 0")
-    page.page.add_script_tag(path=AXE)
-    page.page.emulate_media(media="print")
-    page.page.set_viewport_size({"width": 720, "height": 1018})  # of A4
-    # Every list is there as a whole, or says how much is missing; nothing scrolls, nothing can be pressed.
-    page.wait(f"() => {rows} === 300")
-    more = "getComputedStyle(document.getElementById('knowledge-list'), '::after').content"
-    assert page.page.evaluate(more) == '"and 20 more"'
-    assert page.page.evaluate(SCROLLS) == []
-    assert page.page.evaluate(CUT) == 0
-    assert page.page.locator("button:visible").all_text_contents() == [
-        "▾ TAKE_ORDER",
-        "▸ ASK",
-        "▸ NAVIGATE",
-    ]
-    ink = "({ color, backgroundColor }) => [color, backgroundColor]"
-    body = page.page.evaluate(f"({ink})(getComputedStyle(document.body))")
-    assert body == ["rgb(0, 0, 0)", "rgb(255, 255, 255)"]
-    assert page.page.evaluate(CHECK) == []
-    assert page.page.pdf(format="A4").startswith(b"%PDF")
-    page.page.emulate_media(media="screen")
-    page.wait(f"() => {rows} < 60")
-
-
-def test_a_wide_screen_is_used(visits: Any) -> None:
-    page = visits(viewport={"width": 2560, "height": 1440})
-    width = page.page.evaluate("document.querySelector('main').getBoundingClientRect().width")
-    assert width > 2500
-    assert (
-        page.page.evaluate(
-            "() => new Set([...document.querySelectorAll('main > section.card')]"
-            ".map((card) => Math.round(card.getBoundingClientRect().left))).size"
-        )
-        >= 3
-    )
-
-
-def test_the_plan_in_time_and_what_was_said_heard_and_seen(visits: Any, served: Served) -> None:
-    fill(served, 40)
-    page = visits()
-    page.wait("() => document.querySelectorAll('#plan-time .planned').length === 40")
-    page.wait("() => document.querySelectorAll('#plan-time .real').length === 2")
-    # The one line of a plan without parallel steps is wider than its box, and shows the present.
-    box = "document.getElementById('plan-time')"
-    assert page.page.evaluate(f"{box}.scrollWidth > 3 * {box}.clientWidth")
-    assert len(page.texts("#plan-time text")) > 40
-    page.page.focus("#plan-time")
-    before = page.page.evaluate(f"{box}.scrollLeft")
-    for _ in range(5):
-        page.page.keyboard.press("ArrowRight")
-    page.wait(f"(before) => {box}.scrollLeft > before", before)
-    width = page.page.get_attribute("#plan-time svg", "width")
-    page.page.keyboard.press("+")
-    assert float(page.page.get_attribute("#plan-time svg", "width")) > float(width)
-    page.page.focus("#plan-graph")
-    page.page.keyboard.press("-")
-    page.wait_text("#said-list .said", "a coffee please")
-    page.wait("() => document.getElementById('said-picture').naturalWidth === 64")
-    page.page.click("#map-tools button")
-    page.wait("() => document.querySelector('#map-picture svg').viewBox.baseVal.width < 3.9")
-    page.page.locator("#map-tools button").nth(2).click()
-    page.wait("() => document.querySelector('#map-picture svg').viewBox.baseVal.width === 4")
-
-
-def test_the_queue_is_shown_in_time_as_expected_and_as_it_was(visits: Any, served: Served) -> None:
-    page = visits(bypass_csp=True)
-    reported, now = served.state.inbox.put, served.state.now
-    for request, end in (("/round-1-1.0", 150.0), ("/round-2-1.0", 190.0)):
-        running = executor(ExecutorStatus.RUNNING, request=request, goals=["(checked hall)"])
-        running.expected_end, running.deadline = map(rospy.Time.from_sec, (end, end + 2.0))
-        reported(now.executor, running, end - 30.0)
-        if request == "/round-1-1.0":  # idle comes before the answer
-            reported(now.executor, executor(ExecutorStatus.IDLE), 155.0)
-            reported(now.result, ended(request, "late"), 155.0)
-    waits = QueuedGoal(request="/round-3-1.0", goals=["(checked dorm_room)"])
-    times = {"expected_begin": 190.0, "expected_end": 220.0, "deadline": 1e9}
-    for name, at in times.items():
-        setattr(waits, name, rospy.Time.from_sec(at))
-    reported(now.queue, GoalQueue(requests=[waits]), 160.0)
-    page.wait("() => document.querySelectorAll('#queue-time .planned').length === 3")
-    states = "() => [...document.querySelectorAll('#queue-time .real')].map((bar) => bar.dataset.state)"
-    assert page.page.evaluate(states) == ["late", "running"]
-    assert page.page.evaluate("() => document.querySelectorAll('#queue-time .due').length") == 2
-    assert page.page.evaluate("() => document.querySelectorAll('#queue-time .tick').length") < 300
-    widths = "(kind) => document.querySelector(`#queue-time .${kind}`).width.baseVal.value"
-    assert page.page.evaluate(widths, "real") > page.page.evaluate(widths, "planned"), "it took longer"
-    page.page.add_script_tag(path=AXE)
-    assert page.page.evaluate(CHECK) == []
-    assert page.page.evaluate(SMALL) == []
-
-
-def test_while_a_base_is_held_no_resume_is_offered_and_who_holds_it_is_asked_for(
-    visits: Any, served: Served
-) -> None:
-    page = visits(bypass_csp=True)
-    signed_in(page)
-    served.state.inbox.put(
-        served.state.now.executor,
-        executor(ExecutorStatus.IDLE, paused=True, waits="the base is held by Bob since 14:03:07"),
-        121.0,
-    )
-    page.wait_text("#pause", "Resume")
-    page.wait_text("#queue-list .more", "waits: the base is held by Bob since 14:03:07")
-    stopped = GuardStatus(state=GuardStatus.STOPPED, reason="stopped by Bob", since=rospy.Time(14))
-    served.state.inbox.put(served.state.guard.status, stopped, 121.0, 1.0)
-    page.page.wait_for_selector("#pause", state="hidden")
-    served.robot.holder = "the base is held by Bob since 14:03:07"
-    page.page.click("#release")
-    page.wait_text("#confirm-said", served.robot.holder)
-    page.page.add_script_tag(path=AXE)
-    assert page.page.evaluate(CHECK) == [], "the question"
-    page.page.click("#confirm-not")
-    page.page.wait_for_selector("#confirm-ask", state="hidden")
-    assert served.robot.calls == []
-    page.page.click("#release")
-    page.page.click("#confirm-yes")
-    page.wait_text("#control-said", "may drive again")
-    assert served.robot.calls == [("release", "Ana")]
-    free = GuardStatus(state=GuardStatus.IDLE)
-    served.state.inbox.put(served.state.guard.status, free, 122.0, 2.0)
-    page.page.wait_for_selector("#pause:visible")
-
-
-def test_of_several_robots_the_page_says_which_are_held(visits: Any, served: Served) -> None:
-    page = visits()
-    guard, put = served.state.guard, served.state.inbox.put
-    stopped = GuardStatus(state=GuardStatus.STOPPED, reason="stopped by Bob", since=rospy.Time(14))
-    put(guard.met, "", False, 1.0)
-    for robot in ("ria", "tom"):
-        put(guard.met, robot, True, 1.0)
-    put(guard.status, stopped, 121.0, 1.0, "ria")
-    put(guard.status, GuardStatus(state=GuardStatus.PASSING), 121.0, 1.0, "tom")
-    page.wait_text("#guard-says", "Not all robots are held.")
-    assert page.texts("#guard-robots li") == [
-        "ria: stopped and held by Bob since 14.0 s",
-        "tom: not held",
-    ]
-    look_again(served)
-    page.wait_text("#glance-problem", "Not all robots are held.")
-    put(guard.status, stopped, 122.0, 1.0, "tom")
-    look_again(served)
-    page.wait_text("#now-doing", "ria stopped and held by Bob since 14.0 s and tom stopped and held by Bob")
-    page.wait_text("#glance-state", "Stopped and held")
