@@ -170,10 +170,10 @@ class States(unittest.TestCase):
         self.assertIn("/news", sm.reason)
 
     def test_code_of_users_that_fails_ends_the_state(self):
-        publisher = rospy.Publisher("numbers", String, latch=True, queue_size=1)
+        publisher = rospy.Publisher("words", String, latch=True, queue_size=1)
         publisher.publish("one")
         with self.assertRaisesRegex(smach.InvalidUserCodeError, "invalid literal"):
-            machine(create("topic", "numbers", String, lambda ud, message: int(message.data))).execute()
+            machine(create("topic", "words", String, lambda ud, message: int(message.data))).execute()
         service = rospy.Service("ask_me", Trigger, lambda request: TriggerResponse(True, "yes"))
         self.addCleanup(service.shutdown)
         with self.assertRaises(smach.InvalidUserCodeError):

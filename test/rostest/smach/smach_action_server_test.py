@@ -1,4 +1,3 @@
-#!/usr/bin/env -S python3 -m merlin_test
 # SPDX-License-Identifier: Apache-2.0
 """Containers offered as actions: P13, U6, D11."""
 
@@ -13,9 +12,8 @@ from actionlib.msg import TestAction, TestFeedback, TestGoal, TestResult
 from actionlib_msgs.msg import GoalStatus
 from smach_fixture import LONG, Calling, Done, machine
 
-import rostest
 import smach
-from merlin_test.topic_links import init_node, wait_for_connections
+from merlin_test.topic_links import wait_for_connections
 from smach_ros import ActionServerWrapper
 
 
@@ -271,8 +269,3 @@ class Wrapper(unittest.TestCase):
                 ActionServerWrapper("never", TestAction, container, **how)
         with self.assertRaises(smach.InvalidConstructionError):
             ActionServerWrapper("never", TestAction, container, ["done"], goal_slots_map={"speed": "x"})
-
-
-if __name__ == "__main__":
-    init_node("smach_action_server_test")
-    rostest.rosrun("merlin_test", "smach_action_server", Wrapper)

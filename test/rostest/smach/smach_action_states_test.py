@@ -1,4 +1,3 @@
-#!/usr/bin/env -S python3 -m merlin_test
 # SPDX-License-Identifier: Apache-2.0
 """SimpleActionState: P9, P10, B1 to B5 and U7, against servers of every temper."""
 
@@ -15,12 +14,12 @@ import rosgraph
 import rospy
 from actionlib.msg import TestAction, TestGoal, TestResult
 from actionlib_msgs.msg import GoalID, GoalStatus
+from rospy.impl import registration
 from smach_fixture import LONG, Run
 
-import rostest
 import smach
 from merlin_test.node_path import LEAN, lean_script
-from merlin_test.topic_links import init_node, wait_for_publisher
+from merlin_test.topic_links import wait_for_publisher
 from smach_ros import SimpleActionState, action_connection
 
 SUCCEED, OBEY, ANSWER_SUCCEEDED, ANSWER_ABORTED, ANSWER_RECALLED, IGNORE, ABORT = range(7)
@@ -253,16 +252,37 @@ class ActionStates(unittest.TestCase):
         run.end()
         self.assertEqual(run.ud.g.goal, SUCCEED - 1)
 
-    def test_states_that_are_gone_leave_no_connection(self):
-        def advertised():
-            publishers, _, _ = rosgraph.Master(rospy.get_name()).getSystemState()
-            return rospy.get_name() in dict(publishers).get("/elsewhere/goal", [])
+    def advertised(self, action):
+        publishers, _, _ = rosgraph.Master(rospy.get_name()).getSystemState()
+        return rospy.get_name() in dict(publishers).get(f"/{action}/goal", [])
 
+    def wait_until_released(self, action):
+        end = time.monotonic() + LONG
+        while self.advertised(action):
+            self.assertLess(time.monotonic(), end)
+            rospy.rostime.wallsleep(0.01)
+
+    def test_states_that_are_gone_leave_no_connection(self):
         states = [SimpleActionState("elsewhere", TestAction) for _ in range(2)]
         states.pop()
-        self.assertTrue(advertised(), "the other one needs it")
+        SimpleActionState("somewhere", TestAction)
+        self.wait_until_released("somewhere")  # after the first use of the other connection has ended
+        self.assertTrue(self.advertised("elsewhere"), "the other state needs it")
         states.pop()
-        self.assertFalse(advertised())
+        self.wait_until_released("elsewhere")
+
+    def test_a_state_that_is_gone_in_the_midst_of_rospy_does_not_wait_for_it(self):
+        states = [SimpleActionState("elsewhere", TestAction)]
+
+        def drop():  # as the search for garbage does, in whatever thread it comes
+            with registration.get_registration_listeners().lock:
+                states.clear()
+
+        dropping = threading.Thread(target=drop, daemon=True)
+        dropping.start()
+        dropping.join(LONG)
+        self.assertFalse(dropping.is_alive())
+        self.wait_until_released("elsewhere")
 
     def test_broken_definitions_raise(self):
         for how in ({"goal_slots": ["speed"]}, {"result_slots": ["speed"]}):
@@ -272,8 +292,3 @@ class ActionStates(unittest.TestCase):
             self.action(goal="kitchen")
         with self.assertRaises(smach.InvalidStateError):
             self.action(goal_cb="kitchen")
-
-
-if __name__ == "__main__":
-    init_node("smach_action_states_test")
-    rostest.rosrun("merlin_test", "smach_action_states", ActionStates)

@@ -1,4 +1,3 @@
-#!/usr/bin/env -S python3 -m merlin_test
 # SPDX-License-Identifier: Apache-2.0
 """Containers shown to viewers: I1 to I4 and B12."""
 
@@ -17,9 +16,8 @@ from smach_msgs.msg import (
     SmachContainerStructure,
 )
 
-import rostest
 import smach
-from merlin_test.topic_links import init_node, wait_for_connections
+from merlin_test.topic_links import wait_for_connections
 from smach_ros import IntrospectionClient, IntrospectionServer, introspection
 from smach_ros.userdata_codec import encode
 
@@ -260,8 +258,3 @@ class Introspection(unittest.TestCase):
 
     def test_empty_userdata_has_the_known_encoding(self):
         self.assertEqual(encode({}), "gAJ9cQAu")
-
-
-if __name__ == "__main__":
-    init_node("smach_introspection_test")
-    rostest.rosrun("merlin_test", "smach_introspection", Introspection)

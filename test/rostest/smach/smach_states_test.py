@@ -1,4 +1,3 @@
-#!/usr/bin/env -S python3 -m merlin_test
 # SPDX-License-Identifier: Apache-2.0
 """States of smach_ros but SimpleActionState: P11, P12, B7 to B11, D10, D12 and U7."""
 
@@ -13,11 +12,9 @@ from smach_fixture import LONG, Run
 from std_msgs.msg import Int32
 from std_srvs.srv import SetBool, SetBoolRequest, SetBoolResponse, Trigger, TriggerResponse
 
-import rostest
 import smach
 import smach_ros
 from merlin_test.node_path import lean_script
-from merlin_test.topic_links import init_node
 from smach_ros import ConditionState, MonitorState, ServiceState
 
 HERE = os.path.dirname(os.path.abspath(__file__))
@@ -249,8 +246,3 @@ class States(Services, Topics, Conditions, Shutdown, unittest.TestCase):
         )
         self.assertIs(smach.logwarn, rospy.logwarn)
         self.assertTrue(callable(smach_ros.set_preempt_handler))
-
-
-if __name__ == "__main__":
-    init_node("smach_states_test")
-    rostest.rosrun("merlin_test", "smach_states", States)
