@@ -6,6 +6,7 @@ Silence counts in looks of this process: one that was stalled itself does not ta
 """
 
 import itertools
+import queue
 import select
 import threading
 import time
@@ -54,7 +55,9 @@ class ActionConnection:
     """Topics to one action server, shared by all states of the process that use it; see :meth:`acquire`."""
 
     _shared: Dict[Tuple[str, type], "ActionConnection"] = {}
-    _shared_lock = threading.Lock()  # guards _shared and all _users
+    _shared_lock = threading.Lock()  # guards _shared, all _users and the begin of _releaser
+    _unused: "queue.SimpleQueue[ActionConnection]" = queue.SimpleQueue()
+    _releaser: Optional[threading.Thread] = None
 
     def __init__(self, name: str, action_spec: type) -> None:
         action = action_spec()
@@ -96,11 +99,31 @@ class ActionConnection:
         :param name: resolved name of the action.
         """
         with cls._shared_lock:
+            if cls._releaser is None:
+                cls._releaser = threading.Thread(
+                    target=cls._release_unused, name="action releases", daemon=True
+                )
+                cls._releaser.start()
             connection = cls._shared.get((name, action_spec))
             if connection is None:
                 connection = cls._shared[name, action_spec] = cls(name, action_spec)
             connection._users += 1
             return connection
+
+    def release_soon(self) -> None:
+        """Ends the use from another thread; for the end of an object.
+
+        The search for garbage may end it in the midst of rospy, in a thread that has rospy's locks.
+        """
+        self._unused.put(self)
+
+    @classmethod
+    def _release_unused(cls) -> None:
+        while True:
+            try:
+                cls._unused.get().release()
+            except Exception as error:  # the others are still to be released
+                rospy.logwarn(f"A connection to an action server was not closed: {error!r}")
 
     def release(self) -> None:
         """Ends the use; the last one disconnects."""

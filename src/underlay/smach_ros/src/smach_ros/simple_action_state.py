@@ -106,7 +106,7 @@ class SimpleActionState(smach.State):
                 rospy.resolve_name(self._action_name), self._action_spec
             )
             # States come and go (machines built per goal); connections must go with them.
-            weakref.finalize(self, self._connection.release).atexit = False
+            weakref.finalize(self, self._connection.release_soon).atexit = False
         return self._connection
 
     def request_preempt(self) -> None:
