@@ -1,4 +1,3 @@
-#!/usr/bin/env -S python3 -m merlin_test
 # SPDX-License-Identifier: Apache-2.0
 """A dispatch has an owner: what becomes of it when that one hangs or dies, and of actions not answered."""
 
@@ -17,11 +16,10 @@ from merlin_msgs.msg import Lease
 from merlin_msgs.srv import ApplyEffects, ApplyEffectsRequest, ListExecutions
 from rosplan_dispatch_msgs.msg import ActionDispatch, NonBlockingDispatchGoal
 
-import rostest
 from merlin_planning.knowledge_client import fact
 from merlin_ros.actions.lease_holder import LeaseHolder
 from merlin_test.node_path import lean_script
-from merlin_test.topic_links import init_node, patient_service, sends
+from merlin_test.topic_links import patient_service, sends
 
 VICTIM = Path(__file__).with_name("victim_owner.py")
 
@@ -247,8 +245,3 @@ class Limits(Owners, unittest.TestCase):
         self.assertEqual(len(self.executions()), 1)  # its interface lives and may still close it
         self.interfaces.announced.clear()
         self.assertTrue(self.settled())
-
-
-if __name__ == "__main__":
-    init_node("dispatch_owner_test")
-    rostest.rosrun("merlin_test", "dispatch_owner", "__main__")

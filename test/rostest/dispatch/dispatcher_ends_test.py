@@ -1,4 +1,3 @@
-#!/usr/bin/env -S python3 -m merlin_test
 # SPDX-License-Identifier: Apache-2.0
 """A plan dispatcher that ends, by a signal or killed: its actions stop, and its client gets the reason."""
 
@@ -20,11 +19,10 @@ from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback
 from rosplan_dispatch_msgs.srv import DispatchService, DispatchServiceResponse, ParsingService
 from std_srvs.srv import Empty, EmptyResponse
 
-import rostest
 from merlin_planning import dispatch_client
 from merlin_planning.dispatch_client import DispatchClient
 from merlin_ros.service_proxy import ServiceError
-from merlin_test.topic_links import init_node, patient_service, wait_for_connections, wait_for_publishers
+from merlin_test.topic_links import patient_service, wait_for_connections, wait_for_publishers
 
 
 class DispatcherEnds(unittest.TestCase):
@@ -33,7 +31,7 @@ class DispatcherEnds(unittest.TestCase):
         interfaces = Interfaces(dispatcher)
         self.addCleanup(interfaces.close)
         interfaces.answers.update({"paint": [(1,)], **answers})
-        parse = patient_service("/simple_parser/parse_plan_from_file", ParsingService)
+        parse = patient_service("/ends_parser/parse_plan_from_file", ParsingService)
         self.assertTrue(parse.wait(LONG))
         with tempfile.NamedTemporaryFile("w", suffix=".plan") as file:
             file.write("0.0: (paint ann leg) [5.0]\n")
@@ -174,8 +172,3 @@ class DispatcherEnds(unittest.TestCase):
         self.assertEqual((result.goal_achieved, result.gone, client.steps_done), (False, False, 1))
         self.assertTrue(lost.is_set())
         return result
-
-
-if __name__ == "__main__":
-    init_node("dispatcher_ends_test")
-    rostest.rosrun("merlin_test", "dispatcher_ends", DispatcherEnds)

@@ -1,4 +1,3 @@
-#!/usr/bin/env -S python3 -m merlin_test
 # SPDX-License-Identifier: Apache-2.0
 """What a plan dispatcher promises to action interfaces and to its callers, over ROS."""
 
@@ -23,7 +22,6 @@ from rosplan_dispatch_msgs.srv import DispatchService
 from rosplan_knowledge_msgs.msg import DomainFormula
 from std_msgs.msg import String
 
-import rostest
 from merlin_planning.knowledge_client import (
     ADD,
     ADD_GOAL,
@@ -34,7 +32,7 @@ from merlin_planning.knowledge_client import (
 )
 from merlin_ros.service_proxy import ServiceError
 from merlin_test.knowledge_fixture import Received
-from merlin_test.topic_links import init_node, patient_service, wait_for_connections
+from merlin_test.topic_links import patient_service, wait_for_connections
 
 
 class Expressions(DispatchFixture):
@@ -424,8 +422,3 @@ class EsterelLimits(Limits, unittest.TestCase):
 
 class DispatchingOfItsOwnProcess(Expressions, unittest.TestCase):
     kind = "outer"
-
-
-if __name__ == "__main__":
-    init_node("plan_dispatch_test")
-    rostest.rosrun("merlin_test", "plan_dispatch", "__main__")
