@@ -1,4 +1,3 @@
-#!/usr/bin/env -S python3 -m merlin_test
 # SPDX-License-Identifier: Apache-2.0
 """The planner interface: every outcome reaches its caller with a reason, and a cancel kills the planner."""
 
@@ -19,15 +18,14 @@ from rosplan_dispatch_msgs.srv import PlanningService
 from std_msgs.msg import String
 from std_srvs.srv import Empty
 
-import rostest
 from merlin_ros.actions.action_client import ActionClient
 from merlin_ros.service_proxy import ServiceError
 from merlin_test.failure_texts import named_case
 from merlin_test.process_end import gone
-from merlin_test.topic_links import init_node, patient_service
+from merlin_test.topic_links import patient_service
 
 LONG = 60.0
-NODE = "/rosplan_planner_interface"
+NODE = "/stages/rosplan_planner_interface"
 
 
 class Planner(unittest.TestCase):
@@ -47,7 +45,7 @@ class Planner(unittest.TestCase):
             rospy.Subscriber(f"{NODE}/planner_output", String, lambda m: cls.note(cls.plans, m.data)),
             rospy.Subscriber(f"{NODE}/planner_status", PlannerStatus, lambda m: cls.note(cls.statuses, m)),
         ]
-        cls.problem_topic = rospy.Publisher("/problem", String, queue_size=1, latch=True)
+        cls.problem_topic = rospy.Publisher("/stages/problem", String, queue_size=1, latch=True)
         assert cls.params.wait(LONG) and cls.action.wait_for_server(LONG)
 
     @classmethod
@@ -243,8 +241,3 @@ class Planner(unittest.TestCase):
             reason = self.status(PlannerStatus.INVALID).reason
         self.assertIn(NODE, reason)
         self.assertIn("cannot write the problem to /gone/problem.pddl: No such file", reason)
-
-
-if __name__ == "__main__":
-    init_node("planner_interface_test")
-    rostest.rosrun("merlin_test", "planner_interface", "__main__")

@@ -1,4 +1,3 @@
-#!/usr/bin/env -S python3 -m merlin_test
 # SPDX-License-Identifier: Apache-2.0
 """From goals to a finished plan through all stages, called one right after the other without a pause."""
 
@@ -12,7 +11,6 @@ from rosplan_dispatch_msgs.srv import DispatchService
 from rosplan_knowledge_msgs.msg import DomainFormula
 from std_srvs.srv import Empty
 
-import rostest
 from merlin_planning.knowledge_client import (
     ADD,
     ADD_GOAL,
@@ -24,7 +22,7 @@ from merlin_planning.knowledge_client import (
 )
 from merlin_ros.service_proxy import ServiceError
 from merlin_test.knowledge_fixture import Received
-from merlin_test.topic_links import init_node, patient_service
+from merlin_test.topic_links import patient_service
 
 LONG = 60.0
 
@@ -90,7 +88,7 @@ class System:
 class Stages:
     """What both arrangements do; the namespace says which."""
 
-    namespace = ""
+    namespace: str
 
     def setUp(self):
         self.system = System(self.namespace)
@@ -159,9 +157,4 @@ class Together(Stages, unittest.TestCase):
 
 
 class Apart(Stages, unittest.TestCase):
-    namespace = "apart"
-
-
-if __name__ == "__main__":
-    init_node("planning_stages_test")
-    rostest.rosrun("merlin_test", "planning_stages", "__main__")
+    namespace = ""
