@@ -1,6 +1,6 @@
 #!/usr/bin/env -S python3 -m merlin_test
 # SPDX-License-Identifier: Apache-2.0
-"""A hundred cancels and interruptions at random moments leave everything as it has to be; soak has 10 000."""
+"""A hundred cancels and interruptions at random moments leave everything as it has to be; soak has more."""
 
 import sys
 import time

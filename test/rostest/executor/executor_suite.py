@@ -4,6 +4,7 @@
 
 import unittest
 
+from cancel_stress_test import Stress
 from exchange_test import Exchange
 from executor_test import Executor
 from goal_dispatcher_test import GoalDispatchers
@@ -12,7 +13,8 @@ from rviz_test import Rviz
 import rostest
 from merlin_test.topic_links import init_node
 
-CASES = (Exchange, Executor, GoalDispatchers, Rviz)
+# The stress first: what the others watch costs time at each of its cycles.
+CASES = (Stress, Exchange, Executor, GoalDispatchers, Rviz)
 
 
 def suite():
