@@ -34,6 +34,8 @@ class RobotBody:
     def __init__(self, engine: Any, urdf: str, start: Pose, geometry: DriveGeometry) -> None:
         self._engine = engine
         self._held: Optional[Tuple[float, float]] = None  # wheel angles while it stands
+        self._wheel_speeds: Optional[Tuple[float, float]] = None  # that the motors have been told
+        self._pose: Optional[Pose] = None  # as asked for since it last moved
         self.body = load_robot(engine, urdf)
         joints = {}
         self._camera: Optional[int] = None
@@ -59,9 +61,17 @@ class RobotBody:
         turn = self._engine.getQuaternionFromEuler([0, 0, pose.yaw])
         self._engine.resetBasePositionAndOrientation(self.body, [pose.x, pose.y, self._ride_height], turn)
         self._engine.resetBaseVelocity(self.body, [0, 0, 0], [0, 0, 0])
+        self.moved()
+
+    def moved(self) -> None:
+        """It may be somewhere else now."""
+        self._pose = None
 
     def drive(self, left: float, right: float) -> None:
         """Sets the speeds of the wheels' motors, rad/s; at zero they hold where they are."""
+        if (left, right) == self._wheel_speeds:
+            return
+        self._wheel_speeds = (left, right)
         if left == right == 0.0:
             # A motor that only regulates speed gives way to gravity, millimetres per second.
             self._held = self._held or self.wheel_angles()
@@ -79,7 +89,9 @@ class RobotBody:
 
     def pose(self) -> Pose:
         """Where it is, in the map frame."""
-        return _pose(*self._engine.getBasePositionAndOrientation(self.body))
+        if self._pose is None:
+            self._pose = _pose(*self._engine.getBasePositionAndOrientation(self.body))
+        return self._pose
 
     def velocity(self) -> Tuple[float, float]:
         """Speed along its heading (m/s) and turning speed (rad/s)."""
@@ -124,6 +136,7 @@ class Physics:
         self._engine.changeDynamics(ground, -1, lateralFriction=1.0, restitution=0.0)
         self._enter(ground, floor(world.bounds()))
         self._solids: Dict[str, int] = {}
+        self._robots: List[RobotBody] = []
         self._frozen: Set[str] = set()  # things with a mass that are not there
         self._untouchable: Set[str] = set()
         for solid in world.wall_solids():
@@ -195,6 +208,7 @@ class Physics:
         robot = RobotBody(self._engine, _massive_part(urdf), start, geometry)
         for link, parts in links_seen(self._engine, robot.body):
             self._enter(robot.body, parts, link)
+        self._robots.append(robot)
         return robot
 
     def shot(self, camera: Camera, pose: CameraPose, tick: int) -> Shot:
@@ -211,6 +225,8 @@ class Physics:
     def step(self) -> None:
         """Simulates one step."""
         self._engine.stepSimulation()
+        for robot in self._robots:
+            robot.moved()
 
     def close(self) -> None:
         """Gives the engine back."""
