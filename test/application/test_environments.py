@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The part of the suite that depends most on a machine passes in the environments that users have.
 
-It is marked ``everywhere``. ``make test`` runs it where all is unusual at once, and what starts no process
-also with a home that can be written; ``make soak`` in environments with one unusual thing, which says what a
-failure is due to.
+It is marked ``everywhere``. ``make test`` runs it where all is unusual at once; ``make soak`` what starts no
+process also with a home that can be written, and all in environments with one unusual thing, which says what
+a failure is due to.
 """
 
 import contextlib
@@ -193,12 +193,23 @@ UNUSUAL = (
 )
 
 
-def test_with_unusual_variables(home: Path) -> None:
+def unusual_variables(home: Path) -> None:
     with taken(BUSY_PORTS):
         passes(joined(*UNUSUAL), home, "everywhere and not long and not processes")
 
 
+@pytest.mark.long
+def test_with_unusual_variables(home: Path) -> None:
+    unusual_variables(home)
+
+
 def test_an_ordinary_user_where_all_is_unusual(home: Path) -> None:
+    """Where namespaces are refused, the variables alone are unusual."""
+    try:
+        namespaces()
+    except pytest.skip.Exception:
+        unusual_variables(home)
+        raise
     passes(joined(*UNUSUAL, "home_not_writable", "no_ipv6", "names_without_addresses"), home)
 
 
