@@ -112,16 +112,24 @@ class Visit:
     """A page that is open, with what it complained about.
 
     :param beside: another page of the same window.
+    :param script: runs before those of the page.
     :param options: of the browser's context, such as viewport and color_scheme.
     """
 
     def __init__(
-        self, browser: Browser, address: str, beside: Optional["Visit"] = None, **options: Any
+        self,
+        browser: Browser,
+        address: str,
+        beside: Optional["Visit"] = None,
+        script: str = "",
+        **options: Any,
     ) -> None:
         # Each fact that changes would be drawn sixty times a second while its light fades.
         options = {"reduced_motion": "reduce", **options}
         self.context: BrowserContext = beside.context if beside else browser.new_context(**options)
         self.page: Page = self.context.new_page()
+        if script:
+            self.page.add_init_script(script)
         self.page.set_default_timeout(1000 * LONG)
         self.complaints: List[str] = []
         self.page.on("pageerror", lambda error: self.complaints.append(str(error)))

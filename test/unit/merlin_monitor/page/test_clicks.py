@@ -25,18 +25,6 @@ LISTEN = """(() => {
 DRAWN = "() => new Promise((drawn) => requestAnimationFrame(() => requestAnimationFrame(drawn)))"
 
 
-@pytest.fixture
-def visit(visits: Callable[..., Visit], served: Served, browser: Any) -> Any:
-    """The page of a robot that serves a request while another one waits; Ana is signed in."""
-    first = visits()
-    first.context.add_init_script(LISTEN)
-    visit = Visit(browser, served.url, beside=first)
-    signed_in(visit)
-    visit.wait("() => document.querySelectorAll('#queue-list .cancel').length === 2")
-    yield visit
-    assert visit.complaints == []
-
-
 def changes(served: Served, visit: Visit, name: str, *change: Any) -> None:
     """Something changes, and the page has heard of it, and drawn it if it does so now."""
     served.state.tree.set(*change)
@@ -66,14 +54,14 @@ def cancel_of(number: int) -> str:
     return f"#queue-list li:nth-child({number}) .cancel"
 
 
-def test_a_click_reaches_the_row_although_the_one_before_is_replaced(served: Served, visit: Visit) -> None:
+def a_click_reaches_the_row_although_the_one_before_is_replaced(served: Served, visit: Visit) -> None:
     press(visit, cancel_of(2))
     changes(served, visit, "one begins", "now", "executor", serves("/mission-9-1.0"))
     visit.page.mouse.up()
     asked(served, visit, "cancel", WAITS, "Ana")
 
 
-def test_nothing_moves_under_a_press_and_all_is_drawn_after_it(served: Served, visit: Visit) -> None:
+def nothing_moves_under_a_press_and_all_is_drawn_after_it(served: Served, visit: Visit) -> None:
     press(visit, cancel_of(2))
     changes(served, visit, "it has ended", "now", "executor", {})
     visit.page.mouse.up()
@@ -81,7 +69,7 @@ def test_nothing_moves_under_a_press_and_all_is_drawn_after_it(served: Served, v
     visit.wait("() => document.querySelectorAll('#queue-list li').length === 1")
 
 
-def test_a_button_does_what_it_says_when_it_is_pressed(served: Served, visit: Visit) -> None:
+def a_button_does_what_it_says_when_it_is_pressed(served: Served, visit: Visit) -> None:
     press(visit, "#pause")
     paused = {**served.state.tree.get("now", "executor"), "paused": True}
     changes(served, visit, "another operator pauses", "now", "executor", paused)
@@ -91,7 +79,7 @@ def test_a_button_does_what_it_says_when_it_is_pressed(served: Served, visit: Vi
     visit.wait_text("#pause", "Resume")
 
 
-def test_the_focus_stays_on_a_row_when_those_before_it_go(served: Served, visit: Visit) -> None:
+def the_focus_stays_on_a_row_when_those_before_it_go(served: Served, visit: Visit) -> None:
     visit.page.focus(cancel_of(2))
     changes(served, visit, "it has ended", "now", "executor", {})
     visit.wait("() => document.querySelectorAll('#queue-list li').length === 1")
@@ -99,7 +87,7 @@ def test_the_focus_stays_on_a_row_when_those_before_it_go(served: Served, visit:
     asked(served, visit, "cancel", WAITS, "Ana")
 
 
-def test_the_focus_stays_on_a_row_that_changes_its_place(served: Served, visit: Visit) -> None:
+def the_focus_stays_on_a_row_that_changes_its_place(served: Served, visit: Visit) -> None:
     names = "() => [...document.querySelectorAll('.machine .name')].map((name) => name.textContent)"
     before = visit.page.evaluate(names)
     place = next(place for place, name in enumerate(before) if "NAVIGATE" in name)
@@ -111,8 +99,34 @@ def test_the_focus_stays_on_a_row_that_changes_its_place(served: Served, visit: 
     assert "NAVIGATE" in visit.text(".machine .name:focus")
 
 
-def test_a_slider_that_is_dragged_is_seen_to_move(served: Served, visit: Visit) -> None:
+def a_slider_that_is_dragged_is_seen_to_move(served: Served, visit: Visit) -> None:
     press(visit, "#time-range")
     visit.wait("() => document.body.dataset.time === 'past'")
     visit.wait("() => document.title.startsWith('PAST')")
     visit.page.mouse.up()
+
+
+CASES = (
+    a_click_reaches_the_row_although_the_one_before_is_replaced,
+    nothing_moves_under_a_press_and_all_is_drawn_after_it,
+    a_button_does_what_it_says_when_it_is_pressed,
+    the_focus_stays_on_a_row_when_those_before_it_go,
+    the_focus_stays_on_a_row_that_changes_its_place,
+    a_slider_that_is_dragged_is_seen_to_move,
+)
+
+
+def test_what_is_pressed_or_has_the_focus_stays_what_it_was(
+    visits: Callable[..., Visit], served: Served
+) -> None:
+    """On the page of a robot that serves a request while another one waits; Ana is signed in."""
+    visit = visits(script=LISTEN)
+    signed_in(visit)
+    executor = served.state.tree.get("now", "executor")
+    for case in CASES:
+        served.state.tree.set("now", "executor", executor)
+        visit.wait("() => document.querySelectorAll('#queue-list .cancel').length === 2")
+        visit.wait_text("#pause", "Pause")
+        visit.page.evaluate("document.getElementById('control-said').textContent = ''")
+        served.robot.calls.clear()
+        case(served, visit)

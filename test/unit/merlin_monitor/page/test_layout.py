@@ -27,31 +27,42 @@ def boxes(page: Any) -> Dict[str, Dict[str, float]]:
     return found
 
 
-@pytest.mark.parametrize("robots", [{}, TWO], ids=["one robot", "two robots"])
-@pytest.mark.parametrize(("width", "height", "lowest"), [(1440, 900, 400), (1024, 768, 420)])
-def test_plan_and_map_are_on_the_first_screen(
-    visits: Any, served: Served, robots: Dict[str, Any], width: int, height: int, lowest: int
-) -> None:
-    page = visits(viewport={"width": width, "height": height})
+def robots_shown(page: Any, served: Served, robots: Dict[str, Any]) -> None:
     served.state.tree.set("robots", "robots", robots)
     page.wait(f"() => document.querySelectorAll('#robots-list li').length === {len(robots)}")
+
+
+def test_plan_map_and_stop_come_first_on_every_screen(visits: Any, served: Served) -> None:
+    page = visits(viewport={"width": 1440, "height": 900})
+    page.wait("() => document.querySelectorAll('.machine').length === 3")
+    nothing_stands_empty_beside_the_machines(page)
+    for sign_in in (False, True):
+        assert not page.page.is_visible("#control")
+        if sign_in:
+            signed_in(page)
+            page.page.wait_for_selector("#goal", state="visible")
+        for robots in ({}, TWO):
+            robots_shown(page, served, robots)
+            for width, height, lowest in ((1440, 900, 400), (1024, 768, 420)):
+                page.page.set_viewport_size({"width": width, "height": height})
+                plan_and_map_are_on_the_first_screen(page, height, lowest, sign_in)
+    # Goals are written by those who are signed in.
+    page.page.click("#operator")
+    page.page.wait_for_selector("#goal", state="hidden")
+    page.page.set_viewport_size({"width": 390, "height": 844})
+    for robots in (TWO, {}):
+        robots_shown(page, served, robots)
+        headline_map_and_stop_come_first(page)
+
+
+def plan_and_map_are_on_the_first_screen(page: Any, height: int, lowest: int, signed: bool) -> None:
     shown = boxes(page)
-    assert shown["plan"]["top"] < lowest and shown["map"]["top"] < lowest, shown
-    assert page.page.evaluate(LINKS) == []
-    signed_in(page)
-    page.page.wait_for_selector("#goal", state="visible")
-    shown = boxes(page)
-    assert shown["map"]["top"] < lowest and shown["plan"]["top"] < height - 200, shown
+    assert shown["map"]["top"] < lowest, shown
+    assert shown["plan"]["top"] < (height - 200 if signed else lowest), shown
     assert page.page.evaluate(LINKS) == []
 
 
-@pytest.mark.parametrize("robots", [{}, TWO], ids=["one robot", "two robots"])
-def test_on_a_phone_headline_map_and_stop_come_first(
-    visits: Any, served: Served, robots: Dict[str, Any]
-) -> None:
-    page = visits(viewport={"width": 390, "height": 844})
-    served.state.tree.set("robots", "robots", robots)
-    page.wait(f"() => document.querySelectorAll('#robots-list li').length === {len(robots)}")
+def headline_map_and_stop_come_first(page: Any) -> None:
     shown = boxes(page)
     assert shown["now-line"]["top"] < 200 and shown["map"]["top"] < 520, shown
     assert shown["stop"]["bottom"] < 844 and shown["stop"]["top"] > 700
@@ -60,18 +71,7 @@ def test_on_a_phone_headline_map_and_stop_come_first(
     assert page.page.evaluate(LINKS) == []
 
 
-def test_goals_are_written_by_those_who_are_signed_in(visits: Any) -> None:
-    page = visits()
-    assert not page.page.is_visible("#control")
-    signed_in(page)
-    page.page.wait_for_selector("#goal", state="visible")
-    page.page.click("#operator")
-    page.page.wait_for_selector("#goal", state="hidden")
-
-
-def test_nothing_stands_empty_beside_the_machines(visits: Any) -> None:
-    page = visits(viewport={"width": 1440, "height": 900})
-    page.wait("() => document.querySelectorAll('.machine').length === 3")
+def nothing_stands_empty_beside_the_machines(page: Any) -> None:
     shown = boxes(page)
     for other in set(shown) - {"machines", "stop", "now-line"}:
         apart = shown[other]["bottom"] <= shown["machines"]["top"]
