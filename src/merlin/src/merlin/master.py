@@ -18,6 +18,7 @@ import rosmaster.master_api
 import rosmaster.registrations
 
 from merlin_ros.alarms import wait_ticks
+from merlin_ros.ports.xmlrpc_port import use_entrance
 from merlin_ros.work.threads import CallQueue
 
 #: s that binding a socket may take; a stall of this process uses up none.
@@ -120,6 +121,7 @@ class Master:
         :param port: TCP port; None: any free one.
         :raises MasterError: the port is taken.
         """
+        use_entrance()  # the thread of rosgraph's own server would work on after the end, at full speed
         handler = rosmaster.master_api.ROSMasterHandler(0)  # threads of its own
         handler.thread_pool = handler.reg_manager.thread_pool = _notifier
         rosmaster.master_api.xmlrpcapi = rosmaster.registrations.xmlrpcapi = _notifier.proxy

@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """The master of a run: each node hears of what is new at once and in order, whatever the others do."""
 
+import os
 import queue
 import socket
 import threading
+import time
 import xmlrpc.client
 from contextlib import ExitStack
 from typing import Any, Iterator, List, Optional
@@ -94,6 +96,16 @@ def test_a_node_hears_of_a_parameter_and_of_its_successor(api: Any, node: Node) 
     api.registerSubscriber("/listener", TOPIC, KIND, node.uri)
     api.registerSubscriber("/listener", TOPIC, KIND, "http://127.0.0.1:1/")
     assert "new node registered with same name" in node.heard.get(timeout=LIMIT)
+
+
+def test_the_threads_of_masters_that_were_stopped_end() -> None:
+    before = len(os.listdir("/proc/self/task"))  # threading knows nothing of the end of such a thread
+    for _ in range(30):
+        Master().stop()
+    end = time.monotonic() + LIMIT
+    while len(os.listdir("/proc/self/task")) > before:
+        assert time.monotonic() < end, "a thread works on, or waits for ever"
+        time.sleep(0.01)
 
 
 class _Stalled(threading.Event):

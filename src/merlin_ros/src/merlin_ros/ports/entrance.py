@@ -63,7 +63,9 @@ class Entrance:
         length: Callable[[bytes], Optional[int]],
         greet: Callable[[socket.socket, Any], None],
     ) -> None:
-        self._listening, self._number = listening, listening.fileno()
+        # Its own descriptor: epoll forgets one that another thread closes, and would wait for ever.
+        self._given, self._listening = listening, listening.dup()
+        self._number = self._listening.fileno()
         self._name, self._length, self._greet = name, length, greet
         self._closed = False
         # All below is for the thread that runs.
@@ -105,6 +107,7 @@ class Entrance:
                 self._close_oldest()
             self._events.close()
             self._listening.close()
+            self._given.close()
 
     def _close_oldest(self) -> None:
         self._unwatch(next(iter(self._silent))).connection.close()
