@@ -1,4 +1,3 @@
-#!/usr/bin/env -S python3 -m merlin_test
 # SPDX-License-Identifier: Apache-2.0
 """The simulated camera as its users see it: capture and stream."""
 
@@ -18,9 +17,8 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, Image
 from std_srvs.srv import Trigger
 
-import rostest
 from merlin_sim.rendering.picture_worker import NAME
-from merlin_test.topic_links import init_node, patient_service
+from merlin_test.topic_links import patient_service
 
 LONG = 60.0  # s of wall time
 
@@ -43,7 +41,7 @@ def picture_process():
 class Camera(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
-        cls.capture = patient_service("/r1/camera/capture", CaptureImage)
+        cls.capture = patient_service("/camera/capture", CaptureImage)
         cls.pause = patient_service("/merlin_sim/pause", Trigger)
         cls.resume = patient_service("/merlin_sim/resume", Trigger)
         for service in (cls.capture, cls.pause, cls.resume):
@@ -52,7 +50,7 @@ class Camera(unittest.TestCase):
     def check(self, image, info):
         self.assertEqual((image.encoding, image.step), ("rgb8", 3 * image.width))
         self.assertEqual((info.width, info.height), (image.width, image.height))
-        self.assertEqual(image.header.frame_id, "r1/camera_optical_frame")
+        self.assertEqual(image.header.frame_id, "camera_optical_frame")
         self.assertEqual(info.header.stamp, image.header.stamp)
         self.assertEqual(info.header.frame_id, image.header.frame_id)
         # 70 degrees from edge to edge.
@@ -92,7 +90,7 @@ class Camera(unittest.TestCase):
         answers = []
         callers = [
             threading.Thread(
-                target=lambda: answers.append(patient_service("/r1/camera/capture", CaptureImage)()),
+                target=lambda: answers.append(patient_service("/camera/capture", CaptureImage)()),
                 daemon=True,
             )
             for _ in range(4)
@@ -115,8 +113,8 @@ class Camera(unittest.TestCase):
                 came.notify_all()
 
         listeners = [
-            rospy.Subscriber("/r1/camera/image_raw", Image, keep),
-            rospy.Subscriber("/r1/camera/camera_info", CameraInfo, keep),
+            rospy.Subscriber("/camera/image_raw", Image, keep),
+            rospy.Subscriber("/camera/camera_info", CameraInfo, keep),
         ]
         for listener in listeners:
             self.addCleanup(listener.unregister)
@@ -130,8 +128,3 @@ class Camera(unittest.TestCase):
         self.check(messages[Image][stamps[0]], messages[CameraInfo][stamps[0]])
         # 2 Hz of simulated time; a picture may have been lost on the way.
         self.assertAlmostEqual(math.remainder((stamps[1] - stamps[0]).to_sec(), 0.5), 0.0, places=3)
-
-
-if __name__ == "__main__":
-    init_node("camera_test")
-    rostest.rosrun("merlin_test", "camera", Camera)

@@ -1,4 +1,3 @@
-#!/usr/bin/env -S python3 -m merlin_test
 # SPDX-License-Identifier: Apache-2.0
 """Guests of a restaurant: the nearest answers, with the answers that the application set."""
 
@@ -11,10 +10,9 @@ from merlin_msgs.msg import ListenAction, ListenGoal, PersonHeard, SimPeople, Si
 from merlin_msgs.srv import PlaceThing, SetAnswers
 from sound_play.msg import SoundRequest, SoundRequestAction, SoundRequestGoal
 
-import rostest
 from merlin_ros.actions.action_client import ActionClient
 from merlin_test.conversation import wait_for_conversation
-from merlin_test.topic_links import init_node, patient_service, wait_for_publishers
+from merlin_test.topic_links import patient_service, wait_for_publishers
 
 LONG = 60.0  # s of wall time
 ORDERS = "#JSGF V1.0; grammar order; public <order> = [please] bring me (a | the) (coffee | tea) [please];"
@@ -42,6 +40,11 @@ class Guests(unittest.TestCase):
         wait_for_conversation()
         # Guests hear the robot once they have the positions of all people.
         cls.wait(lambda: cls.health.get("person_voice: people") == "ready to answer")
+
+    @classmethod
+    def tearDownClass(cls):
+        for subscriber in cls.subscribers:
+            subscriber.unregister()
 
     @classmethod
     def note(cls, message):
@@ -94,6 +97,7 @@ class Guests(unittest.TestCase):
 
     def test_who_is_absent_hears_nothing_and_the_next_one_does(self):
         self.assertTrue(self.place(name="guest_2", absent=True).success)
+        self.addCleanup(self.wait, lambda: "guest_2" not in self.absent)
         self.addCleanup(self.place, name="guest_2", x=0.75, y=4.2)
         self.wait(lambda: "guest_2" in self.absent)
         self.assertTrue(self.tell(person="guest_1", next=["bring me the tea"]).success)
@@ -123,8 +127,3 @@ class Guests(unittest.TestCase):
     def test_every_part_tells_how_it_does(self):
         parts = ("soundplay_node: speech", "listen: listen", "person_voice: people", "merlin_sim: world")
         self.wait(lambda: all(part in self.health for part in parts))
-
-
-if __name__ == "__main__":
-    init_node("guests_test")
-    rostest.rosrun("merlin_test", "guests", Guests)

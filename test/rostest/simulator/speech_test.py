@@ -1,4 +1,3 @@
-#!/usr/bin/env -S python3 -m merlin_test
 # SPDX-License-Identifier: Apache-2.0
 """sound_play as its clients hear it: true lengths, cut-offs, errors."""
 
@@ -12,10 +11,9 @@ from sound_play.msg import SoundRequest, SoundRequestAction, SoundRequestActionR
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
-import rostest
 from merlin_reactive.speech.speech_synthesizer import SpeechSynthesizer
 from merlin_ros.actions.action_client import ActionClient
-from merlin_test.topic_links import init_node, patient_service, wait_for_connections, wait_for_publishers
+from merlin_test.topic_links import patient_service, wait_for_connections, wait_for_publishers
 
 LONG = 60.0  # s of wall time
 SENTENCE = "Good morning. Do you need anything from the kitchen or from anywhere else?"
@@ -33,16 +31,21 @@ class Speech(unittest.TestCase):
         cls.active = set()  # goals that were accepted
         cls.ended = {}  # goal -> when it ended, by the clock of the node
         cls.subscribers = [
-            rospy.Subscriber("audio/speaker", AudioData, cls.hear, queue_size=100),
-            rospy.Subscriber("audio/speaker_info", AudioInfo, lambda m: setattr(cls, "info", m)),
-            rospy.Subscriber("sound_play/is_speaking", Bool, cls.see),
-            rospy.Subscriber("sound_play/status", GoalStatusArray, cls.see_goals),
-            rospy.Subscriber("sound_play/result", SoundRequestActionResult, cls.see_end),
+            rospy.Subscriber("alone/audio/speaker", AudioData, cls.hear, queue_size=100),
+            rospy.Subscriber("alone/audio/speaker_info", AudioInfo, lambda m: setattr(cls, "info", m)),
+            rospy.Subscriber("alone/sound_play/is_speaking", Bool, cls.see),
+            rospy.Subscriber("alone/sound_play/status", GoalStatusArray, cls.see_goals),
+            rospy.Subscriber("alone/sound_play/result", SoundRequestActionResult, cls.see_end),
         ]
         assert patient_service("/merlin_sim/pause", Trigger).wait(LONG), "the simulator has started"
-        cls.client = ActionClient("sound_play", SoundRequestAction)
+        cls.client = ActionClient("alone/sound_play", SoundRequestAction)
         assert cls.client.wait_for_server(LONG)
         wait_for_publishers(*cls.subscribers)
+
+    @classmethod
+    def tearDownClass(cls):
+        for subscriber in cls.subscribers:
+            subscriber.unregister()
 
     @classmethod
     def hear(cls, message):
@@ -137,7 +140,7 @@ class Speech(unittest.TestCase):
             self.assertIn(word, goal.text)
 
     def publisher(self):
-        publisher = rospy.Publisher("robotsound", SoundRequest, queue_size=5)
+        publisher = rospy.Publisher("alone/robotsound", SoundRequest, queue_size=5)
         wait_for_connections(publisher)
         return publisher
 
@@ -172,8 +175,3 @@ class Speech(unittest.TestCase):
             resume()
             publisher.publish(SoundRequest(sound=SoundRequest.ALL, command=SoundRequest.PLAY_STOP))
         self.wait(lambda: self.speaking is False)
-
-
-if __name__ == "__main__":
-    init_node("speech_test")
-    rostest.rosrun("merlin_test", "speech", Speech)

@@ -1,4 +1,3 @@
-#!/usr/bin/env -S python3 -m merlin_test
 # SPDX-License-Identifier: Apache-2.0
 """listen as its clients use it."""
 
@@ -15,15 +14,15 @@ import rospy
 from actionlib_msgs.msg import GoalStatus
 from audio_common_msgs.msg import AudioData
 from merlin_msgs.msg import ListenAction, ListenGoal
+from merlin_msgs.srv import SetAnswers
 from sound_play.msg import SoundRequest, SoundRequestAction, SoundRequestGoal
 
-import rostest
 from merlin_reactive.ros_clock import RosClock
 from merlin_reactive.speech.speech_synthesizer import RATE, SpeechSynthesizer
 from merlin_ros.actions.action_client import ActionClient
 from merlin_ros.publishing import OnSubscriber
 from merlin_test.conversation import wait_for_conversation
-from merlin_test.topic_links import init_node
+from merlin_test.topic_links import patient_service
 
 LONG = 60.0  # s of wall time
 ORDERS = "#JSGF V1.0; grammar order; public <order> = [please] bring me (a | the) (coffee | tea) [please];"
@@ -49,6 +48,9 @@ class Listen(unittest.TestCase):
         self.assertTrue(self.listen.wait_for_server(LONG))
         self.assertTrue(self.speak.wait_for_server(LONG))
         wait_for_conversation()
+        tell = patient_service("person_voice/set_answers", SetAnswers)
+        self.assertTrue(tell.wait(LONG))
+        self.assertTrue(tell(person="guest_2", otherwise=["bring me a coffee please"]).success)
 
     def ask(self):
         request = SoundRequest(
@@ -173,8 +175,3 @@ class Listen(unittest.TestCase):
         goal = self.hear(ORDERS, timeout=-1.0)
         self.assertTrue(goal.wait(LONG))
         self.assertEqual((goal.status, "negative" in goal.text), (GoalStatus.ABORTED, True), goal.text)
-
-
-if __name__ == "__main__":
-    init_node("listen_test")
-    rostest.rosrun("merlin_test", "listen", Listen)
