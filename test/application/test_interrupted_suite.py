@@ -13,7 +13,7 @@ from pathlib import Path
 
 from chaos.under_test import processes
 
-SUITE = Path(__file__).parents[1] / "rostest" / "knowledge" / "knowledge_base.test"
+SUITE = Path(__file__).parents[1] / "rostest" / "knowledge" / "timed_knowledge.test"
 LIMIT = 200.0
 
 
@@ -33,7 +33,7 @@ def test_no_node_outlives_its_suite(tmp_path: Path) -> None:
     run = f"{pytest_process.pid}.{SUITE.stem}"
     try:
         end = time.monotonic() + LIMIT
-        while not processes.with_word(run, "__name:=planning_system"):
+        while not processes.with_word(run, "__name:=rosplan_knowledge_base"):
             assert time.monotonic() < end and pytest_process.poll() is None
             time.sleep(0.05)
         pytest_process.send_signal(signal.SIGINT)

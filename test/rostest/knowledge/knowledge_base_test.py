@@ -1,4 +1,3 @@
-#!/usr/bin/env -S python3 -m merlin_test
 # SPDX-License-Identifier: Apache-2.0
 """The knowledge base and the problem interface as ROSPlan's clients see them, in a robot's namespace."""
 
@@ -31,7 +30,6 @@ from rosplan_knowledge_msgs.srv import KnowledgeUpdateServiceRequest as Update
 from std_msgs.msg import String
 from std_srvs.srv import Empty, Trigger
 
-import rostest
 from merlin_ros.actions.lease_holder import LeaseHolder
 from merlin_test.knowledge_fixture import (
     KB,
@@ -46,7 +44,7 @@ from merlin_test.knowledge_fixture import (
     operator,
     travel_time,
 )
-from merlin_test.topic_links import init_node, wait_for_connections
+from merlin_test.topic_links import wait_for_connections
 
 LENIENT = "lenient_knowledge_base"
 
@@ -362,8 +360,3 @@ class KnowledgeBaseTest(unittest.TestCase):
             thread.join()
         self.assertEqual(results, [True] * 800)
         self.assertEqual(len(call("state/instances", GetInstanceService, "poi", False, False).instances), 4)
-
-
-if __name__ == "__main__":
-    init_node("knowledge_base_test")
-    rostest.rosrun("merlin_test", "knowledge_base", KnowledgeBaseTest)

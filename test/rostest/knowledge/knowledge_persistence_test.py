@@ -1,4 +1,3 @@
-#!/usr/bin/env -S python3 -m merlin_test
 # SPDX-License-Identifier: Apache-2.0
 """A knowledge base that is killed, and one that is sent nonsense."""
 
@@ -33,9 +32,7 @@ from rosplan_knowledge_msgs.srv import (
 )
 from std_srvs.srv import Empty
 
-import rostest
 from merlin_test.node_path import node_path
-from merlin_test.topic_links import init_node
 
 LONG = 60.0
 KB = "/rosplan_knowledge_base"
@@ -255,8 +252,3 @@ class KnowledgePersistenceTest(unittest.TestCase):
         self.assertEqual(texts("propositions"), [])
         self.restart(signal.SIGKILL)
         self.assertEqual(texts("propositions"), [])
-
-
-if __name__ == "__main__":
-    init_node("knowledge_persistence_test")
-    rostest.rosrun("merlin_test", "knowledge_persistence", KnowledgePersistenceTest)

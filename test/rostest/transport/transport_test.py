@@ -1,4 +1,3 @@
-#!/usr/bin/env -S python3 -m merlin_test
 # SPDX-License-Identifier: Apache-2.0
 """merlin_sm's transport over real connections: actions, services, and servers that die."""
 
@@ -15,11 +14,8 @@ from merlin_msgs.msg import Lease, SimStatus
 from rosplan_dispatch_msgs.msg import NonBlockingDispatchAction as Action
 from rosplan_dispatch_msgs.msg import NonBlockingDispatchGoal as Goal
 from rosplan_dispatch_msgs.msg import NonBlockingDispatchResult as Result
-from transport_flood_cases import Floods
-from transport_service_cases import Services
 from transport_victim import start_victim
 
-import rostest
 from merlin_ros import deadline
 from merlin_ros.actions import action_client, hang_watch, lease_watch, server_silence
 from merlin_ros.actions.action_client import ActionClient
@@ -29,7 +25,6 @@ from merlin_ros.actions.ownership import ownership
 from merlin_ros.actions.serial_action_server import SerialActionServer
 from merlin_ros.actions.server_silence import SILENCE
 from merlin_test.knowledge_fixture import Received
-from merlin_test.topic_links import init_node
 
 LONG = 60.0
 
@@ -387,12 +382,3 @@ class Owners(unittest.TestCase):
         with self.changed:
             self.below.append((goal.id, state))
             self.changed.notify_all()
-
-
-class Transport(Deadlines, Actions, Floods, Owners, Services):
-    pass
-
-
-if __name__ == "__main__":
-    init_node("transport_test")
-    rostest.rosrun("merlin_test", "transport", Transport)

@@ -1,4 +1,3 @@
-#!/usr/bin/env -S python3 -m merlin_test
 # SPDX-License-Identifier: Apache-2.0
 """Clients that connect all at once, that say nothing, nonsense or too much."""
 
@@ -29,8 +28,7 @@ from rosplan_knowledge_msgs.srv import (
 )
 from std_srvs.srv import Trigger
 
-import rostest
-from merlin_test.topic_links import init_node, wait_for_publisher
+from merlin_test.topic_links import wait_for_publisher
 
 LONG = 60.0
 KB = "/robot/rosplan_knowledge_base"
@@ -167,8 +165,3 @@ class KnowledgeTransportTest(unittest.TestCase):
             rospy.rostime.wallsleep(0.01)
         subscriber.unregister()
         self.assertLess(max(len(line.msg) for line in lines), 2000)
-
-
-if __name__ == "__main__":
-    init_node("knowledge_transport_test")
-    rostest.rosrun("merlin_test", "knowledge_transport", KnowledgeTransportTest)
