@@ -74,34 +74,35 @@ def test_nothing_of_the_old_run_is_left(master: Any) -> None:
     assert "Traceback" not in monitor.output
 
 
-def test_a_mission_that_hangs_is_the_headline_until_it_goes_on(master: Any) -> None:
+def test_what_hangs_is_the_headline_and_what_is_killed_the_trouble(master: Any) -> None:
     _, address = start_monitor(master)
-    mission = master.node(RUN, "Alphabet")
     with chromium() as browser:
         visit = Visit(browser, address)
-        visit.wait_text("#now-chain", "Alphabet")
-        visit.wait_text("#health-list .title", "mission: ")  # its first report, or its second
-        mission.send(signal.SIGSTOP)
-        visit.wait_text("#now-doing", "not known: Alphabet does not answer")
-        visit.wait_text("#now-because", "before: a task")
-        mission.send(signal.SIGCONT)
-        visit.wait_text("#now-doing", "idle")
-        assert visit.page.title() == "idle – MERLIN"
-        visit.close()
-
-
-def test_navigation_that_is_killed_is_the_trouble(master: Any) -> None:
-    _, address = start_monitor(master)
-    navigation = master.spawn(node_path("merlin_reactive", "navigation"), "__name:=navigation")
-    with chromium() as browser:
-        visit = Visit(browser, address)
-        visit.wait_text("#health-list .title", "navigation: ")
-        reports = master.node(REPORTS, "navigation: ")
-        for _ in range(5):  # what reports only now and then is not missed at once
-            reports.expect("report")
-        assert visit.page.locator("#now-trouble").is_hidden()
-        navigation.end(signal.SIGKILL)
-        visit.wait_text("#now-trouble", "the navigation server (navigation) is gone")
-        visit.wait_text("#glance-problem", "the navigation server (navigation) is gone")
+        a_mission_that_hangs_is_the_headline_until_it_goes_on(master, visit)
+        navigation_that_is_killed_is_the_trouble(master, visit)
         assert visit.complaints == []
         visit.close()
+
+
+def a_mission_that_hangs_is_the_headline_until_it_goes_on(master: Any, visit: Visit) -> None:
+    mission = master.node(RUN, "Alphabet")
+    visit.wait_text("#now-chain", "Alphabet")
+    visit.wait_text("#health-list .title", "mission: ")  # its first report, or its second
+    mission.send(signal.SIGSTOP)
+    visit.wait_text("#now-doing", "not known: Alphabet does not answer")
+    visit.wait_text("#now-because", "before: a task")
+    mission.send(signal.SIGCONT)
+    visit.wait_text("#now-doing", "idle")
+    assert visit.page.title() == "idle – MERLIN"
+
+
+def navigation_that_is_killed_is_the_trouble(master: Any, visit: Visit) -> None:
+    navigation = master.spawn(node_path("merlin_reactive", "navigation"), "__name:=navigation")
+    visit.wait_text("#health-list .title", "navigation: ")
+    reports = master.node(REPORTS, "navigation: ")
+    for _ in range(5):  # what reports only now and then is not missed at once
+        reports.expect("report")
+    assert visit.page.locator("#now-trouble").is_hidden()
+    navigation.end(signal.SIGKILL)
+    visit.wait_text("#now-trouble", "the navigation server (navigation) is gone")
+    visit.wait_text("#glance-problem", "the navigation server (navigation) is gone")
