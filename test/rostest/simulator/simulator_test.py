@@ -3,8 +3,10 @@
 """The simulator as its users see it: topics, frames, services, two robots."""
 
 import math
+import subprocess
 import threading
 import unittest
+from pathlib import Path
 
 import rospy
 import tf2_ros
@@ -18,9 +20,11 @@ from sensor_msgs.msg import LaserScan
 from std_srvs.srv import Trigger
 
 import rostest
+from merlin_test.node_path import node_path
 from merlin_test.topic_links import init_node, patient_service, wait_for_connections
 
 LONG = 120.0  # s of wall time
+WORLD = Path(__file__).resolve().parents[3] / "src" / "merlin_sim" / "worlds" / "apartment.yaml"
 SLOW = 0.25  # real-time factor that a machine with much else to do reaches, too
 ODOMETRY_PERIOD = 50_000_000  # ns
 
@@ -180,6 +184,14 @@ class Simulator(unittest.TestCase):
             answer = change(nonsense)
             self.assertFalse(answer.success)
             self.assertIn("not allowed", answer.message)
+
+    def test_a_second_simulator_ends_with_one_line_that_says_why(self):
+        command = [node_path("merlin_sim", "merlin_sim"), "__name:=second", f"_world:={WORLD}"]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=LONG)
+        # The node stamps its log with simulated time; the text is what counts.
+        lines = [line for line in (done.stdout + done.stderr).splitlines() if "second:" in line]
+        self.assertEqual((done.returncode, len(lines)), (2, 1), done)
+        self.assertIn("/merlin_sim already publishes /clock", lines[0])
 
     def scans_after(self, begin_anew, enough):
         """Scans of a new world, by the time since it began."""
