@@ -10,6 +10,7 @@ import rospy
 from actionlib_msgs.msg import GoalStatus
 from diagnostic_msgs.msg import DiagnosticArray
 from merlin_msgs.msg import RecognizeAction, RecognizeGoal
+from merlin_msgs.srv import CaptureImage
 from sensor_msgs.msg import Image
 from std_srvs.srv import Trigger
 
@@ -40,8 +41,12 @@ class Recognition(unittest.TestCase):
             assert client.wait_for_server(LONG), f"{name}/recognize is there"
         cls.pause = patient_service("/merlin_sim/pause", Trigger)
         cls.resume = patient_service("/merlin_sim/resume", Trigger)
-        for service in (cls.pause, cls.resume, patient_service("/r1/camera/capture", Trigger)):
+        capture = patient_service("/r1/camera/capture", CaptureImage)
+        for service in (cls.pause, cls.resume, capture):
             assert service.wait(LONG), "the simulator has started"
+        # The first picture starts the process that draws it. A look would not wait so long, and ask again.
+        picture = capture()
+        assert picture.success, picture.message
         rospy.wait_for_message("/r1/odom", rospy.AnyMsg, timeout=LONG)
         # The robot's fixed frames come last; then a look succeeds.
         end = time.monotonic() + LONG
