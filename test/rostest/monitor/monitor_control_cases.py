@@ -35,7 +35,7 @@ class ControlCases(PageCases):
     # --- what is not known any more ------------------------------------------------------------------------
 
     def test_5_a_monitor_that_hangs_is_not_live(self):
-        visit = self.visit()
+        visit = self.operator()
         visit.wait_text("#connection", "live")
         self.monitor.process.send_signal(signal.SIGSTOP)
         try:
@@ -48,7 +48,7 @@ class ControlCases(PageCases):
         visit.wait_text("#knowledge-list .fact", "kitchen checked")
 
     def test_5_an_executor_that_hangs_or_is_gone_is_the_headline(self):
-        visit = self.visit()
+        visit = self.operator()
         doing = visit.text("#now-doing")
         pid = pid_of("/merlin_executor")
         os.kill(pid, signal.SIGSTOP)
@@ -76,7 +76,7 @@ class ControlCases(PageCases):
         self.assertTrue(self.client.wait_for_executor(LONG))
 
     def test_5_a_server_that_hangs_is_named_in_the_headline(self):
-        visit = self.visit()
+        visit = self.operator()
         pid = pid_of("/merlin_fsm_host")
         os.kill(pid, signal.SIGSTOP)
         try:

@@ -43,15 +43,21 @@ class Latest:
 
 
 class Monitor:
-    """The node under test, which can be stopped and started again on its port."""
+    """The node under test, which can be stopped and started again on its port.
 
-    def __init__(self):
+    :param panels: beyond its own.
+    :param environment: what is different for it.
+    """
+
+    def __init__(self, panels, environment):
+        self.panels = panels
+        self.environment = {**os.environ, **environment}
         (self.port,) = free_ports(1)  # nobody gets it while the monitor is stopped
         self.process = None
         self.history = Path(os.environ.get("ROS_LOG_DIR", "/tmp")) / f"monitor-{os.getpid()}.sqlite"
         self.operators = self.history.with_name(f"operators-{os.getpid()}.yaml")
 
-    def start(self, operators=None, panels=(), environment=None):
+    def start(self, operators=None):
         with contextlib.suppress(KeyError):
             rospy.delete_param("/merlin_monitor/address")
         rospy.set_param("/merlin_monitor/port", self.port)
@@ -60,10 +66,10 @@ class Monitor:
         rospy.set_param("/merlin_monitor/operators", str(self.operators) if operators else "none")
         rospy.set_param("/merlin_monitor/goals", str(GOALS))
         rospy.set_param("/merlin_monitor/history", str(self.history))
-        rospy.set_param("/merlin_monitor/panels", list(panels))
+        rospy.set_param("/merlin_monitor/panels", self.panels)
         self.process = subprocess.Popen(
             [node_path("merlin_monitor", "monitor"), "__name:=merlin_monitor"],
-            env={**os.environ, **(environment or {})},
+            env=self.environment,
         )
         end = time.monotonic() + 2 * LONG  # a new process, on a machine that starts many
         while not rospy.has_param("/merlin_monitor/address"):
