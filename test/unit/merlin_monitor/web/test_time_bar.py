@@ -75,7 +75,7 @@ LOOK = """() => [
 ]"""
 
 
-def test_ten_random_moments_are_shown_as_they_were(shown: Served, browser: Any) -> None:
+def test_ten_random_moments_are_shown_and_keys_lead_from_event_to_event(shown: Served, browser: Any) -> None:
     visit = Visit(browser, f"{shown.url}?lang=en")
     assert not visit.page.is_visible("#past-banner")
     seen: List[Tuple[str, Any]] = []
@@ -97,6 +97,7 @@ def test_ten_random_moments_are_shown_as_they_were(shown: Served, browser: Any) 
     visit.page.keyboard.press("l")
     visit.wait_text("#now-doing", "doing 11")
     assert visit.page.url == f"{shown.url}?lang=en"
+    keys_lead_from_event_to_event_and_back_to_the_present(shown, browser, visit)
     assert visit.complaints == []
     visit.close()
 
@@ -109,11 +110,7 @@ def past(visit: Visit, doing: str) -> None:
     assert "PAST" in visit.text("#past-banner strong")
 
 
-def test_keys_lead_from_event_to_event_and_back_to_the_present(shown: Served, browser: Any) -> None:
-    for number in range(12):
-        does(shown, number, {4: "failure", 7: "cancel", 9: "replan"}.get(number, ""))
-    visit = Visit(browser, shown.url)
-    visit.wait_text("#now-doing", "doing 11")
+def keys_lead_from_event_to_event_and_back_to_the_present(shown: Served, browser: Any, visit: Visit) -> None:
     visit.wait_text("#connection", "live")
     press = visit.page.keyboard.press
     for key, doing in (
@@ -142,8 +139,6 @@ def test_keys_lead_from_event_to_event_and_back_to_the_present(shown: Served, br
     visit.wait_text("#connection", "live")
     assert not visit.page.is_visible("#past-banner") and "#" not in visit.page.url
     assert not visit.page.title().startswith("PAST")
-    assert visit.complaints == []
-    visit.close()
 
 
 def test_what_happens_before_a_press_does_not_move_the_event_under_the_pointer(
@@ -202,12 +197,28 @@ def test_no_event_is_missing_when_kinds_are_chosen_while_older_ones_are_on_their
     visit.close()
 
 
-def test_a_moment_that_comes_late_is_not_shown_any_more(shown: Served, browser: Any) -> None:
+def test_a_moment_comes_late_is_asked_for_again_or_never_comes(shown: Served, browser: Any) -> None:
     for number in range(4):
         does(shown, number, "failure" if number == 1 else "")
     visit = Visit(browser, shown.url)
     visit.wait_text("#now-doing", "doing 3")
     visit.wait_text("#connection", "live")
+    a_moment_that_comes_late_is_not_shown_any_more(visit)
+    a_moment_that_is_asked_for_again_is_shown(visit)
+    an_address_counts_although_a_moment_that_arrives_writes_it_over(visit)
+    a_monitor_that_hangs_is_named_after_a_limit(visit)
+    visit.close()
+
+
+def live_anew(visit: Visit) -> None:
+    """Loads the page again, in the present: without the moments that it has."""
+    visit.page.keyboard.press("l")
+    visit.page.reload()
+    visit.wait_text("#now-doing", "doing 3")
+    visit.wait_text("#connection", "live")
+
+
+def a_moment_that_comes_late_is_not_shown_any_more(visit: Visit) -> None:
     other = visit.page.locator(".event", has_text="event 2").locator("a.at").get_attribute("href")
     for leave, doing in (("live", "doing 3"), (other, "doing 2")):
         held: List[Any] = []
@@ -230,18 +241,10 @@ def test_a_moment_that_comes_late_is_not_shown_any_more(shown: Served, browser: 
         )
         assert visit.text("#now-doing") == doing
         assert visit.page.is_visible("#past-banner") == (leave != "live")
-        visit.page.keyboard.press("l")
-        visit.page.reload()  # without the segments that it has
-        visit.wait_text("#now-doing", "doing 3")
-        visit.wait_text("#connection", "live")
-    visit.close()
+        live_anew(visit)
 
 
-def test_a_moment_that_is_asked_for_again_is_shown(shown: Served, browser: Any) -> None:
-    for number in range(4):
-        does(shown, number)
-    visit = Visit(browser, shown.url)
-    visit.wait_text("#connection", "live")
+def a_moment_that_is_asked_for_again_is_shown(visit: Visit) -> None:
     visit.page.route("**/past/segment?*", lambda route: route.abort(), times=1)
     event = visit.page.locator(".event", has_text="event 2")
     event.dispatch_event("click")
@@ -249,13 +252,10 @@ def test_a_moment_that_is_asked_for_again_is_shown(shown: Served, browser: Any) 
     event.dispatch_event("click")
     past(visit, "doing 2")
     visit.wait_text("#past-banner .event-text", "event 2")
-    visit.close()
 
 
-def test_a_monitor_that_hangs_is_named_after_a_limit(shown: Served, browser: Any) -> None:
-    for number in range(4):
-        does(shown, number)
-    visit = Visit(browser, shown.url)
+def a_monitor_that_hangs_is_named_after_a_limit(visit: Visit) -> None:
+    visit.page.keyboard.press("l")
     visit.page.route("**/answers.js", soon)
     for asked in ("past/segment", "history"):
         visit.page.route(f"**/{asked}?*", lambda route: None)  # is never answered
@@ -264,7 +264,6 @@ def test_a_monitor_that_hangs_is_named_after_a_limit(shown: Served, browser: Any
     visit.wait_text("#connection", "live")
     visit.page.locator(".event", has_text="event 2").dispatch_event("click")
     visit.wait_text("#time-said", "The monitor does not answer.")
-    visit.close()
 
 
 def soon(route: Any) -> None:
@@ -274,11 +273,8 @@ def soon(route: Any) -> None:
     route.fulfill(body=script.replace("PATIENCE = 15000", "PATIENCE = 500"), content_type="text/javascript")
 
 
-def test_an_address_counts_although_a_moment_that_arrives_writes_it_over(shown: Served, browser: Any) -> None:
-    for number in range(4):
-        does(shown, number)
-    visit = Visit(browser, shown.url)
-    visit.wait_text("#connection", "live")
+def an_address_counts_although_a_moment_that_arrives_writes_it_over(visit: Visit) -> None:
+    live_anew(visit)
     visit.page.keyboard.press(",")
     past(visit, "doing 3")
     wanted = visit.page.locator(".event", has_text="event 1").locator("a.at").get_attribute("href")
@@ -288,7 +284,6 @@ def test_an_address_counts_although_a_moment_that_arrives_writes_it_over(shown: 
         wanted,
     )
     past(visit, "doing 1")
-    visit.close()
 
 
 def test_nothing_of_the_past_can_be_acted_on_but_the_robot_can_be_stopped(
