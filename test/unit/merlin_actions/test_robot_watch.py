@@ -87,8 +87,17 @@ def announce(monkeypatch: pytest.MonkeyPatch) -> Iterator[Announce]:
     )
     monkeypatch.setattr(robot_watch, "rospy", rospy)
     monkeypatch.setattr(robot_watch, "RETRY", 0.01)
+    looks: List[Alarm] = []
+
+    def every(period: float, call: Callable[[], object]) -> Alarm:
+        looks.append(alarms.every(period, call))
+        return looks[-1]
+
+    monkeypatch.setattr(robot_watch, "every", every)
     yield announced
     ends.set()
+    for look in looks:  # else it finds the robots silent in a later test, and says so in its log
+        look.cancel()
 
 
 @pytest.fixture(autouse=True)
