@@ -46,7 +46,7 @@ def test_plan_map_and_stop_come_first_on_every_screen(visits: Any, served: Serve
             for width, height, lowest in ((1440, 900, 400), (1024, 768, 420)):
                 page.page.set_viewport_size({"width": width, "height": height})
                 plan_and_map_are_on_the_first_screen(page, height, lowest, sign_in)
-    # Goals are written by those who are signed in.
+    # Signed-in operators write goals.
     page.page.click("#operator")
     page.page.wait_for_selector("#goal", state="hidden")
     page.page.set_viewport_size({"width": 390, "height": 844})

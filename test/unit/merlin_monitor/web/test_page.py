@@ -146,7 +146,7 @@ def test_an_operator_knows_of_a_problem_sets_facts_plans_and_asks_who_holds(
     page = visits(bypass_csp=True)
     page.page.add_script_tag(path=AXE)
     a_problem_that_is_known_is_so_on_every_page(page, visits(), served)
-    page.wait_text("#operator", "Ana")  # who has signed in on the way
+    page.wait_text("#operator", "Ana")  # signed in on the way
     for shows in (
         what_is_set_by_hand_is_asked_about_and_set_back,
         a_plan_that_is_only_shown_says_in_words_where_it_begins,

@@ -34,7 +34,7 @@ class RobotBody:
     def __init__(self, engine: Any, urdf: str, start: Pose, geometry: DriveGeometry) -> None:
         self._engine = engine
         self._held: Optional[Tuple[float, float]] = None  # wheel angles while it stands
-        self._wheel_speeds: Optional[Tuple[float, float]] = None  # that the motors have been told
+        self._wheel_speeds: Optional[Tuple[float, float]] = None  # as the motors were last set
         self._pose: Optional[Pose] = None  # as asked for since it last moved
         self.body = load_robot(engine, urdf)
         joints = {}
