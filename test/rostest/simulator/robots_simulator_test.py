@@ -20,7 +20,7 @@ from merlin_executor.executor_client import MerlinExecutorClient, outcome_name
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 from merlin_test.topic_links import init_node, patient_service, wait_for_publishers
 
-LONG = 180.0  # s of wall time
+LONG = 600.0  # s of wall time
 ROBOTS = ("ann", "bob")
 
 
