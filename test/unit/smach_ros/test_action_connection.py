@@ -96,11 +96,18 @@ def status(links, *statuses):
     links["status_subscriber"].receive(message)
 
 
-def test_a_server_that_was_restarted_is_ready_after_a_status_of_its_own(connection, links):
+def statuses(links, clocks):
+    """The server publishes its status, and again after a period."""
+    status(links)
+    clocks.pass_by(0.2)
+    status(links)
+
+
+def test_a_server_that_was_restarted_is_ready_after_statuses_of_its_own(connection, clocks, links):
     for each in links.values():
         each.open()
     assert not connection.ready()
-    status(links)
+    statuses(links, clocks)
     assert connection.ready()
     for each in links.values():
         each.die()
@@ -108,33 +115,37 @@ def test_a_server_that_was_restarted_is_ready_after_a_status_of_its_own(connecti
     for each in links.values():
         each.open()
     assert not connection.ready(), "its link for results may not take any yet"
-    status(links)
+    statuses(links, clocks)
     assert connection.ready()
 
 
 @pytest.mark.parametrize(
     "topic", ["goal_publisher", "cancel_publisher", "result_subscriber", "status_subscriber"]
 )
-def test_a_link_to_a_server_that_has_ended_does_not_count_for_its_successor(topic, connection, links):
+def test_a_link_to_a_server_that_has_ended_does_not_count_for_its_successor(topic, connection, clocks, links):
     for each in links.values():
         each.open()
-    status(links)
+    statuses(links, clocks)
     assert connection.ready()
     links[topic].die()
     assert not connection.ready()
     links[topic].open()
     assert connection.ready() is (topic != "result_subscriber"), "a status comes before it"
-    status(links)
+    statuses(links, clocks)
     assert connection.ready()
 
 
-def test_a_status_before_the_link_for_results_proves_nothing(connection, links):
+def test_statuses_before_the_link_for_results_or_of_one_moment_prove_nothing(connection, clocks, links):
     for name, each in links.items():
         if name != "result_subscriber":
             each.open()
     status(links)
     links["result_subscriber"].open()
     assert not connection.ready()
+    for _ in range(3):
+        status(links)
+        assert not connection.ready(), "it may have been greeted only"
+    clocks.pass_by(0.2)
     status(links)
     assert connection.ready()
 

@@ -138,9 +138,11 @@ def test_a_clock_that_is_set_back_refuses_no_goal(master: Any, kind: str, end: s
     assert [again.expect("END"), again.expect("END")] == [end, end]
 
 
-def test_a_result_is_not_lost_before_the_server_sends_over_its_link(master: Any) -> None:
+@pytest.mark.parametrize(("kind", "end"), [("merlin", "END (3, 'heard')"), ("smach", "END succeeded")])
+def test_a_result_is_not_lost_before_the_server_sends_over_its_link(master: Any, kind: str, end: str) -> None:
     run(master, LATE).expect("serves")
-    assert run(master, CLIENT, "0").expect("END") == "END (3, 'heard')"
+    options = [kind] if kind == "smach" else []
+    assert run(master, CLIENT, "0", *options).expect("END") == end
 
 
 def test_the_goal_of_a_plain_client_beside_one_of_merlin_is_left_alone(master: Any) -> None:

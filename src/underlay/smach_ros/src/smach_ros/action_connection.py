@@ -18,6 +18,7 @@ from actionlib_msgs.msg import GoalID, GoalStatus, GoalStatusArray
 from smach.log import wake_at_shutdown
 
 GREETED = 0.5  # s of wall time after which the server sends over its link for results, without a proof
+APART = 0.1  # s of wall time between two statuses that are that proof; rospy needs some ms
 GONE = 1.0  # s of wall time without a connection to its status after which a server counts as dead
 LONGEST_LOOK = 1.0  # s that one look at the clocks may count; states look every 0.5 s
 SILENCE = 5.0  # s without a status, by the wall and by ROS time, after which a server counts as dead
@@ -76,7 +77,9 @@ class ActionConnection:
         self._stamp = rospy.Time()  # of the last goal that was sent, or that the server names
         self._result_link: Any = None  # the server's, at the last look
         self._linked_at = 0.0  # counted wall time of the first look at it
-        self._proved: Any = None  # the server's link for results that was open when the last status came
+        self._proving: Any = None  # the server's link for results that was open when the last status came
+        self._proving_since = 0.0  # counted wall time of the first status that came while it was open
+        self._proved: Any = None  # that link, when another status has come at least APART later
         self._connected_at = 0.0  # counted
         listener = _Listener(self.changed)
         self._goal_publisher = rospy.Publisher(
@@ -145,10 +148,10 @@ class ActionConnection:
     def ready(self) -> bool:
         """Whether a server is connected in all directions.
 
-        A link for results counts when a status has come after it: rospy's publisher greets a subscriber
-        before it sends to it, so the result of a goal that is sent at once could be lost. While the clock of
-        ROS stands no further status comes, and it counts after a while. Links to a process that has ended do
-        not count: its successor has the same name.
+        A link for results counts when two statuses have come after it, `APART`: rospy's publisher greets a
+        subscriber before it sends to it, also while a status goes out, so the result of a goal that is sent
+        at once could be lost. While the clock of ROS stands no further status comes, and it counts after a
+        while. Links to a process that has ended do not count: its successor has the same name.
         """
         server = self._server
         if not server:
@@ -252,7 +255,11 @@ class ActionConnection:
             self._server = message._connection_header["callerid"]
             self._stamp = max([self._stamp, *(status.goal_id.stamp for status in message.status_list)])
             self._status_at = self._look()
-            self._proved = _link_from(self._result_subscriber, self._server)
+            link = _link_from(self._result_subscriber, self._server)
+            if link is not self._proving:
+                self._proving, self._proving_since = link, self._status_at[0]
+            elif self._status_at[0] - self._proving_since >= APART:
+                self._proved = link
             lost: List[SentGoal] = []
             if self._goals:
                 known = {status.goal_id.id: status for status in message.status_list}
