@@ -145,7 +145,7 @@ def test_nodes_of_others_are_tried_again_for_a_while_though_the_first_look_at_th
 
     def in_part(*_: Any) -> List[str]:
         tries[0] += 1
-        now[0] += 3600.0  # this process stands still, which is no reason to give up
+        now[0] += 3600.0  # this process stands still: that uses up no try
         raise RegistrationError("/one hangs")
 
     monkeypatch.setattr(ForeignNodes, "look", look)
