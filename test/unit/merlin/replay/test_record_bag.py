@@ -1,9 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """No recording is lost when another one begins in its folder."""
 
+import os
 import shlex
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 from typing import List
 
@@ -13,16 +16,20 @@ import roslaunch
 from merlin.launch_request import launch_folder
 
 pytestmark = pytest.mark.processes
-#: Stands for rosbag's: writes NAME.bag.active, renamed when its standard input is closed.
+#: Stands for rosbag's: writes NAME.bag.active, renamed when it is interrupted; says then when that was.
 RECORDER = """
 import os
+import signal
 import sys
+import time
 target = sys.argv[sys.argv.index("--output-name") + 1]
+signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
 with open(target + ".active", "w") as file:
     file.write(sys.argv[1])
     file.flush()
-    print("records", flush=True)
-    sys.stdin.read()
+    print("records", os.getpid(), flush=True)
+    signal.sigwait([signal.SIGINT])
+    print(time.monotonic(), flush=True)
 os.rename(target + ".active", target)
 """
 
@@ -39,24 +46,32 @@ class Recorder:
         command = [sys.executable, "-c", RECORDER, text, *shlex.split(node.args)]
         self._process = subprocess.Popen(
             [*shlex.split(node.launch_prefix), *command],
-            stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
+            start_new_session=True,  # as roslaunch does
         )
         assert self._process.stdout is not None
         self.said: List[str] = []
         for line in self._process.stdout:
-            if line == "records\n":
+            if line.startswith("records "):
+                self._recorder = int(line.split()[1])
                 break
             self.said.append(line)
 
-    def end(self) -> str:
-        """Ends the recording; returns what it said on the screen."""
-        return self._process.communicate(timeout=60)[1]
+    def end(self, number: int = signal.SIGTERM) -> str:
+        """Ends the recording by a signal to the session; returns what was said on the screen."""
+        os.killpg(self._process.pid, number)
+        self.ended, errors = self._process.communicate(timeout=60)
+        return errors
 
     def kill(self) -> None:
         """Ends it without its bag."""
+        os.kill(self._recorder, signal.SIGKILL)
+        self._process.communicate(timeout=60)
+
+    def kill_script(self) -> None:
+        """Kills what has started it."""
         self._process.kill()
         self._process.communicate(timeout=60)
 
@@ -85,3 +100,15 @@ def test_two_recorders_at_once_have_a_bag_each(tmp_path: Path) -> None:
     assert "run.1.bag" in second.end()
     assert first.end() == ""
     assert found(tmp_path) == {"run.1.bag": "second", "run.bag": "first"}
+
+
+def test_an_interrupted_recording_goes_on_for_the_last_words_of_the_others(tmp_path: Path) -> None:
+    recorder, before = Recorder(tmp_path, "all"), time.monotonic()
+    assert recorder.end(signal.SIGINT) == ""
+    assert float(recorder.ended) - before >= 1.0
+    assert found(tmp_path) == {"run.bag": "all"}
+
+
+def test_a_recording_whose_script_was_killed_ends_in_order(tmp_path: Path) -> None:
+    Recorder(tmp_path, "all").kill_script()
+    assert found(tmp_path) == {"run.bag": "all"}
