@@ -4,16 +4,39 @@
 import os
 import socket
 import threading
+import xmlrpc.client
+from io import BytesIO
 from typing import Any, Iterator, List, Tuple
 
 import pytest
 import rospy
+from rosgraph.network import read_ros_handshake_header, write_ros_handshake_header
 from rospy.exceptions import TransportInitError, TransportTerminated
 
 from merlin_ros import prompt_sending
 from merlin_ros.prompt_sending import PromptConnection
 
 LIMIT = 60.0  # s
+# Its end waits for a subscriber as long as the test may take.
+SAYS = f"""
+import sys, rospy
+from merlin_ros import prompt_sending
+from merlin_ros.node import run_node
+from std_msgs.msg import String
+prompt_sending.READ_LIMIT = {LIMIT}
+class Connected(rospy.SubscribeListener):
+    def peer_subscribe(self, *_):
+        print("connected", flush=True)
+def start():
+    words = rospy.Publisher("words", String, Connected(), queue_size=1)
+    def run():
+        print("announced", flush=True)
+        sys.stdin.readline()
+        words.publish("last")
+        rospy.signal_shutdown("said")
+    return run
+sys.exit(run_node("speaker", start))
+"""
 LARGE = 8 * 1024 * 1024  # bytes; more than a connection takes without a reader
 
 
@@ -175,9 +198,61 @@ def test_a_connection_that_breaks_while_messages_wait_is_reported_with_the_next_
         connection.write_data(b"next")
 
 
+def test_a_connection_ends_after_what_was_published_is_read(pair: Tuple[Transport, socket.socket]) -> None:
+    transport, peer = pair
+    connection = PromptConnection(transport, 0)
+    connection.write_data(b"a" * LARGE)
+    connection.write_data(b"last")
+    ending = threading.Thread(target=prompt_sending.finish, args=([connection], LIMIT))
+    ending.start()
+    assert read(peer, LARGE + 4) == b"a" * LARGE + b"last"
+    assert peer.recv(1) == b""
+    assert ending.is_alive()
+    assert connection.write_data(b"more")  # is dropped, and not an error of the topic
+    peer.close()
+    ending.join(LIMIT)
+    assert not ending.is_alive()
+
+
+def test_a_subscriber_that_does_not_read_keeps_no_node_from_its_end(
+    pair: Tuple[Transport, socket.socket],
+) -> None:
+    transport, peer = pair
+    stuck = PromptConnection(transport, 0)
+    stuck.write_data(b"a" * LARGE)
+    ours, theirs = socket.socketpair()
+    with ours:
+        theirs.close()
+        gone = PromptConnection(Transport(ours), 0)
+        closed = Transport(ours)
+        closed.done, closed.socket = True, None
+        prompt_sending.finish([gone, stuck, PromptConnection(closed, 0)], 0.05)
+    assert read(peer, LARGE) == b"a" * LARGE and peer.recv(1) == b""
+
+
+@pytest.mark.processes
+def test_a_node_is_at_the_master_until_its_last_message_is_read(master: Any) -> None:
+    node = master.node(SAYS)
+    node.expect("announced")
+    with xmlrpc.client.ServerProxy(master.address_of("/speaker")) as speaker:
+        _, _, (_, *address) = speaker.requestTopic("/listener", "/words", [["TCPROS"]])
+    with socket.create_connection(address, LIMIT) as peer:
+        fields = {"callerid": "/listener", "topic": "/words", "type": "*", "md5sum": "*"}
+        write_ros_handshake_header(peer, fields)
+        read_ros_handshake_header(peer, BytesIO(), 65536)
+        node.expect("connected")
+        node.say("")
+        with peer.makefile("rb") as file:
+            assert file.read().endswith(b"last")
+        assert master.address_of("/speaker")
+    assert node.ended() == 0
+    assert not master.address_of("/speaker")
+
+
 def test_rospy_connects_its_publishers_like_this(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("QueuedConnection", "Poller"):
         monkeypatch.setattr(rospy.topics, name, getattr(rospy.topics, name))  # is put back
+    monkeypatch.setattr(rospy.core, "_preshutdown_hooks", [])
     prompt_sending.send_promptly()
     ours, theirs = socket.socketpair()
     with ours, theirs:

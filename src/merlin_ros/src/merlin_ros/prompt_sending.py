@@ -5,13 +5,18 @@ rospy hands each message to a thread of its own for each connection: two changes
 wait for the interpreter, before the first byte leaves. Here a thread exists only while a subscriber is slow.
 Rospy leaves Nagle's algorithm to the subscriber, and most do not ask for it to be off: a small message then
 waits up to 40 ms for the acknowledgement of the one before. For a clock that is two ticks.
+
+A node of rospy that ends leaves the master's list before it closes its topics. A subscriber of roscpp then
+drops the connection with what it has not read. Here the connections end first: the subscriber reads to the
+end, and closes.
 """
 
 import contextlib
 import select
 import socket
 import threading
-from typing import Any, Iterator, List
+import time
+from typing import Any, Iterable, Iterator, List
 
 import rospy
 from rospy.exceptions import TransportInitError, TransportTerminated
@@ -19,11 +24,42 @@ from rospy.impl.tcpros_pubsub import QueuedConnection
 
 from merlin_ros.work.threads import start_thread
 
+#: Longest time for which a node that ends waits until its subscribers have read everything, s of wall time.
+READ_LIMIT = 0.5
+
 
 def send_promptly() -> None:
-    """Lets rospy connect its publishers like this; for the whole process, before topics have connections."""
+    """Lets rospy connect its publishers like this; for the whole process, before `rospy.init_node`."""
     rospy.topics.QueuedConnection = PromptConnection
     rospy.topics.Poller = PlainPoller
+    rospy.core.add_preshutdown_hook(_finish_topics)  # the first: rospy's own takes the node off the list
+
+
+def _finish_topics(_: str) -> None:
+    PromptConnection.ends = True  # a subscriber of roscpp connects again while the others still read
+    topics = rospy.topics.get_topic_manager()
+    with topics.lock:
+        publishers = list(topics.pubs.values())
+    finish([each for topic in publishers for each in topic.connections or ()], READ_LIMIT)
+
+
+def finish(connections: Iterable["PromptConnection"], limit: float) -> None:
+    """Ends connections and waits until their subscribers have read everything and have closed them.
+
+    :param limit: of the wait, s of wall time.
+    """
+    waits, open_ = select.poll(), set()
+    for connection in connections:
+        connection.finish()
+        number = connection.fileno()
+        if number is not None and number >= 0:
+            waits.register(number, select.POLLRDHUP)
+            open_.add(number)
+    end = time.monotonic() + limit
+    while open_ and (left := end - time.monotonic()) > 0:
+        for number, _ in waits.poll(left * 1000):
+            waits.unregister(number)
+            open_.remove(number)
 
 
 class PlainPoller:
@@ -64,11 +100,13 @@ class PromptConnection(QueuedConnection):
     """The connection of a publisher to a subscriber; publishing never waits for it.
 
     What the kernel does not take at once waits in the queue, as in rospy: when that is full, the oldest
-    message is dropped. A message of which a part was sent is always completed.
+    message is dropped. A message of which a part was sent is always completed, also by a node that ends.
 
     :param connection: rospy's transport.
     :param queue_size: messages that may wait; zero: any number.
     """
+
+    ends = False  # the node ends: a new connection takes nothing
 
     def __init__(self, connection: Any, queue_size: int) -> None:
         # Not rospy's own, which starts a thread.
@@ -79,6 +117,9 @@ class PromptConnection(QueuedConnection):
         self._rest = b""  # of the message that was sent in part
         self._working = False  # a thread sends what waits
         self._error: Any = None
+        self._finished = False  # nothing more is taken
+        if self.ends:
+            self.finish()
         with contextlib.suppress(OSError, AttributeError):  # one that is closing no longer has options
             connection.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
@@ -91,7 +132,7 @@ class PromptConnection(QueuedConnection):
         return None if self._connection.done else self._connection.fileno()
 
     def write_data(self, data: bytes) -> bool:
-        """Sends a message, or queues it.
+        """Sends a message, or queues it; after :meth:`finish` drops it.
 
         :raises TransportTerminated: the connection is broken; its publisher closes it.
         """
@@ -99,6 +140,8 @@ class PromptConnection(QueuedConnection):
             if self._error is not None:
                 error, self._error = self._error, None
                 raise error
+            if self._finished:
+                return True
             if not self._working:
                 self._rest = data[self._send(data) :]
                 if not self._rest:
@@ -110,6 +153,17 @@ class PromptConnection(QueuedConnection):
                 del self._queue[0]
             self._queue.append(data)
         return True
+
+    def finish(self) -> None:
+        """Lets the subscriber read the connection's end after what was published; nothing more is sent."""
+        with self._lock:
+            self._finished = True
+            if not self._working:
+                self._end()
+
+    def _end(self) -> None:
+        with contextlib.suppress(OSError, AttributeError):  # it is closed
+            self._connection.socket.shutdown(socket.SHUT_WR)
 
     def _send(self, data: bytes) -> int:
         """Sends without waiting; returns how many bytes the kernel has taken."""
@@ -138,6 +192,8 @@ class PromptConnection(QueuedConnection):
                 self._rest = b""
                 if not data or self._connection.done:
                     self._working = False
+                    if self._finished:
+                        self._end()
                     return
             try:
                 self._connection.write_data(data)
