@@ -130,12 +130,27 @@ def test_a_beat_comes_again_and_again_until_it_is_cancelled() -> None:
     process = StalledProcess()
     beats: List[float] = []
     beat = process.alarms.every(0.15, lambda: beats.append(process.now))
-    for _ in range(8):
-        process.pass_time(0.1)
-    assert len(beats) == 4
+    for _ in range(11):
+        process.pass_time(0.07)
+    assert len(beats) == 5
     beat.cancel()
     process.pass_time(0.2)
-    assert len(beats) == 4 and not beat.waits
+    assert len(beats) == 5 and not beat.waits
+
+
+def test_beats_of_one_period_come_together_also_after_a_late_one() -> None:
+    process = StalledProcess()
+    first: List[float] = []
+    second: List[float] = []
+    beats = [process.alarms.every(0.15, lambda: first.append(process.now))]
+    process.pass_time(0.06)
+    beats.append(process.alarms.every(0.15, lambda: second.append(process.now)))
+    for seconds in (0.1, 0.19, *[0.04] * 12):
+        process.pass_time(seconds)
+    assert second and first[-len(second) :] == second
+    assert all(0.07 < after - before < 0.27 for before, after in zip(second, second[1:]))
+    for beat in beats:
+        beat.cancel()
 
 
 def test_a_process_that_was_stopped_makes_up_for_no_beat() -> None:

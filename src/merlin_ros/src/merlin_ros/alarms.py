@@ -129,9 +129,12 @@ class Alarms:
         return self._put(Alarm(call), seconds)
 
     def every(self, period: float, call: Callable[[], object]) -> Alarm:
-        """Has a function called again and again, first after one period, until the alarm is cancelled.
+        """Has a function called again and again until the alarm is cancelled.
 
-        :param period: s from the end of a call to the next one, as in :meth:`call_later`.
+        Those of one period come together: each wakes the processor for all. So the first call comes after
+        half a period to one and a half, and so does the next one after the end of a late one.
+
+        :param period: s, as in :meth:`call_later`.
         :param call: likewise.
         """
         return self._put(Alarm(call, period), period)
@@ -139,8 +142,10 @@ class Alarms:
     def _put(self, alarm: Alarm, seconds: float) -> Alarm:
         with self._changed:
             self._clock.look()
-            # NaN has no place in an order.
-            when = self._clock.now + (math.inf if math.isnan(seconds) else seconds)
+            if alarm.period is not None:
+                when = alarm.period * (round(self._clock.now / alarm.period) + 1)
+            else:  # NaN has no place in an order
+                when = self._clock.now + (math.inf if math.isnan(seconds) else seconds)
             heapq.heappush(self._waiting, (when, next(self._numbers), alarm))
             if len(self._waiting) > self._many:
                 self._forget_cancelled()
@@ -172,8 +177,9 @@ class Alarms:
             left = self._waiting[0][0] - self._clock.now if self._waiting else math.inf
             if left <= 0.0:
                 return heapq.heappop(self._waiting)[2]
-            self._sleeps_until = self._clock.now + min(left, TICK) if self._waiting else math.inf
-            self._changed.wait(min(left, TICK) if self._waiting else None)
+            left = min(left, LONGEST_TICK)
+            self._sleeps_until = self._clock.now + left if self._waiting else math.inf
+            self._changed.wait(left if self._waiting else None)
             self._sleeps_until = -1.0
 
 
