@@ -113,7 +113,7 @@ class Log:
             patch.setattr(players_node.rospy, level, lines.append)
         patch.setattr(players_node.rospy, "on_shutdown", lambda close: None)
         patch.setattr(players_node.rospy, "is_shutdown", lambda: self.down)
-        patch.setattr(players_node.rospy, "spin", lambda: None)
+        patch.setattr(players_node, "spin", lambda: None)
         patch.setattr(players_node, "is_shutdown_requested", lambda: self.down)
 
 

@@ -17,7 +17,7 @@ from merlin_guests.house import BAR, House
 from merlin_guests.places import ENTRANCE_DOOR, Places
 from merlin_guests.schedule import DISTURBANCES, TABLES, GuestPlan, ScheduleError, make_schedule
 from merlin_guests.stage import Closed, PlayError, Stage
-from merlin_ros.node import init_node
+from merlin_ros.node import init_node, spin
 from merlin_ros.parameters import ParameterError, number, whole
 from merlin_ros.service_proxy import ServiceError
 from merlin_ros.work.threads import start_thread
@@ -93,7 +93,7 @@ class Players:
         if self._failure or rospy.is_shutdown():
             return 1 if self._failure else 0
         self._stage.publish(GuestEvent.CLOSED)
-        rospy.spin()
+        spin()
         self._stage.close()
         barman.join()
         return 0

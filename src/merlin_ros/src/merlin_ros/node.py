@@ -258,7 +258,7 @@ def run_node(
         with _ending.making():
             run = start()
         _tell_wrapper()
-        (run or rospy.spin)()
+        (run or spin)()
     except missing as error:
         if not is_shutdown_requested():  # otherwise it is not an error that something was not found
             return _give_up(str(error), NOT_YET)
@@ -277,6 +277,14 @@ def run_node(
     finally:
         _limit_end_of_python()
     return _ending.code
+
+
+def spin() -> None:
+    """Waits until ROS shuts down, as `rospy.spin`, which looks for it every 0.5 s."""
+    over = threading.Event()
+    rospy.core.add_shutdown_hook(lambda _: over.set())
+    if not rospy.is_shutdown():  # else the hook may have come behind the last one
+        over.wait()
 
 
 def _tell_wrapper() -> None:

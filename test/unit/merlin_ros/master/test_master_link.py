@@ -4,10 +4,12 @@
 import gc
 import socketserver
 import threading
+from types import SimpleNamespace
 from typing import Any, Iterator, List
 from xmlrpc.server import SimpleXMLRPCRequestHandler, SimpleXMLRPCServer
 
 import pytest
+import rospy
 
 from merlin_ros.master import master_link
 from merlin_ros.master.master_link import bounded_master, bounded_proxy, get_param
@@ -87,16 +89,33 @@ def test_parameters_are_asked_for_over_one_connection_whatever_thread_asks(
     assert len(connections) == 1
 
 
-def test_a_registration_is_noticed_when_it_is_noted(monkeypatch: pytest.MonkeyPatch) -> None:
-    noted = threading.Event()
+def test_a_registration_is_noticed_when_it_is_noted_and_an_end_at_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    noted, waits = threading.Event(), threading.Event()
+    woken: List[bool] = []
+
+    def run(manager: Any) -> None:
+        with manager.cond:
+            waits.set()
+            woken.append(manager.cond.wait(LIMIT))
+
+    monkeypatch.setattr(rospy.core, "_shutdown_hooks", [])
     monkeypatch.setattr(master_link, "REGISTRATION_LOOK", 60.0)
-    monkeypatch.setattr(master_link.RegManager, "run", lambda manager: None)
+    monkeypatch.setattr(master_link.RegManager, "run", run)
     monkeypatch.setattr(master_link.ROSHandler, "_is_registered", lambda handler: noted.is_set())
     master_link.hasten_registration()
     found: List[bool] = []
     waiting = threading.Thread(target=lambda: found.append(master_link.ROSHandler._is_registered(None)))
     waiting.start()
     noted.set()
-    master_link.RegManager.run(None)
+    manager = SimpleNamespace(cond=threading.Condition())
+    running = threading.Thread(target=master_link.RegManager.run, args=(manager,))
+    running.start()
     waiting.join()
     assert found == [True]
+    assert waits.wait(LIMIT)
+    for hook in rospy.core._shutdown_hooks:
+        hook("the test ends it")
+    running.join()
+    assert woken == [True]

@@ -19,7 +19,7 @@ from merlin_monitor.panel_board import OFFERED
 from merlin_monitor.panels.control import SENTENCES, path_of_node
 from merlin_monitor.text.sentences import read_sentences
 from merlin_planning.knowledge_client import KnowledgeClient
-from merlin_ros.node import run_node
+from merlin_ros.node import run_node, spin
 from merlin_ros.robot_values import ROBOTS
 from merlin_ros.service_proxy import ServiceError
 
@@ -48,7 +48,7 @@ def _start() -> Any:
                 publisher.publish(everything(client))
             except ServiceError as error:
                 rospy.logwarn(f"the recording begins without the knowledge: {error}")
-        rospy.spin()
+        spin()
 
     return publish
 

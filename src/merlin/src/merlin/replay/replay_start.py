@@ -9,7 +9,7 @@ import rospy
 from std_srvs.srv import SetBool
 
 from merlin_ros.master.master_link import ERRORS, MASTER_TIMEOUT, bounded_master, bounded_proxy
-from merlin_ros.node import run_node
+from merlin_ros.node import run_node, spin
 from merlin_ros.parameters import ParameterError
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
 
@@ -32,7 +32,7 @@ def _start() -> Any:
         if missing:
             rospy.logwarn(f"the page does not show {', '.join(sorted(missing))}")
         pause(False)
-        rospy.spin()
+        spin()
 
     return begin
 

@@ -16,7 +16,7 @@ from merlin_actions.testing.behaviour import Act, Behaviour
 from merlin_actions.testing.result_script import ScriptedResults
 from merlin_ros.actions.action_server import ServerGoal
 from merlin_ros.actions.serial_action_server import SerialActionServer
-from merlin_ros.node import run_node
+from merlin_ros.node import run_node, spin
 from merlin_ros.robot_values import of_robot, texts
 from merlin_ros.ros_alarm import call_after
 
@@ -136,7 +136,7 @@ class SimulatedActionServer:
             os._exit(17)
         if act is Act.HANG:
             # Until the node ends: a hung server is one that does nothing any more.
-            rospy.spin()
+            spin()
         self._on_stop()
         return act, cancelled
 

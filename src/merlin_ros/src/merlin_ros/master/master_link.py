@@ -207,16 +207,22 @@ def break_off_calls() -> None:
 
 
 def hasten_registration() -> None:
-    """From now on rospy notices at once that a node is registered; once, before `rospy.init_node`.
+    """From now on rospy notices at once that a node is registered, and ends; once, before `rospy.init_node`.
 
-    It looks for that before the registration has begun, and then again 0.1 s later.
+    It looks for the first before the registration has begun, and then again 0.1 s later. Its thread of
+    registrations looks for the end every 0.5 s, and a node waits for that thread.
     """
     registered = threading.Event()
     run, is_registered = RegManager.run, ROSHandler._is_registered
 
     def tell_and_run(manager: RegManager) -> None:
         registered.set()  # rospy runs it when it has noted the registration
+        rospy.core.add_shutdown_hook(lambda _: wake(manager.cond))
         run(manager)
+
+    def wake(changed: threading.Condition) -> None:
+        with changed:
+            changed.notify_all()
 
     def wait_registered(handler: ROSHandler) -> bool:
         registered.wait(REGISTRATION_LOOK)  # not longer: rospy looks whether the node was told to end
