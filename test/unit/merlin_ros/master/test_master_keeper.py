@@ -4,8 +4,9 @@
 import queue
 import threading
 import time
+from socketserver import ThreadingMixIn
 from typing import Any, Iterator, List
-from xmlrpc.server import SimpleXMLRPCServer
+from xmlrpc.server import SimpleXMLRPCRequestHandler, SimpleXMLRPCServer
 
 import pytest
 
@@ -31,19 +32,29 @@ def keeper(monkeypatch: pytest.MonkeyPatch) -> Iterator[MasterKeeper]:
     master_link.lost.clear()
 
 
-class SlowMaster:
-    """A master that answers only while `answers` is set."""
+class Server(ThreadingMixIn, SimpleXMLRPCServer):
+    """Serves each connection in a thread of its own."""
 
-    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+    daemon_threads = True
+
+
+class SlowMaster:
+    """A master that answers only while `answers` is set.
+
+    :param protocol: by ``HTTP/1.1`` it keeps the connections of its clients, by ``HTTP/1.0`` it does not.
+    """
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, protocol: str) -> None:
         self._monkeypatch = monkeypatch
         self.answers = threading.Event()
         self.answers.set()
-        self.process = 1
+        self.process, self.node = 1, ME
         self.questions: queue.Queue[str] = queue.Queue()
-        self._server = SimpleXMLRPCServer(("localhost", 0), logRequests=False)
+        handler = type("Handler", (SimpleXMLRPCRequestHandler,), {"protocol_version": protocol})
+        self._server = Server(("localhost", 0), handler, logRequests=False)
         self._server.register_multicall_functions()
         self._server.register_function(self._get_pid, "getPid")
-        self._server.register_function(lambda *_: [1, "", ME], "lookupNode")
+        self._server.register_function(lambda *_: [1, "", self.node], "lookupNode")
         self.uri = f"http://localhost:{self._server.server_address[1]}"
         threading.Thread(target=self._server.serve_forever, name="slow master", daemon=True).start()
 
@@ -72,9 +83,9 @@ class SlowMaster:
         self._server.server_close()
 
 
-@pytest.fixture
-def slow(monkeypatch: pytest.MonkeyPatch) -> Iterator[SlowMaster]:
-    master = SlowMaster(monkeypatch)
+@pytest.fixture(params=["HTTP/1.0", "HTTP/1.1"])
+def slow(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> Iterator[SlowMaster]:
+    master = SlowMaster(monkeypatch, request.param)
     monkeypatch.setenv("ROS_MASTER_URI", master.uri)
     master_link.missed.clear()  # a test before this one may have been held up
     yield master
@@ -125,6 +136,19 @@ def test_a_master_that_hangs_is_lost_in_the_end_and_what_runs_stays_paused_until
     slow.go_on()
     assert "is back; this node is registered again" in said.get(timeout=LONG)
     assert not master_link.lost.is_set() and not ownership.suspended("a goal")
+
+
+def test_an_answer_that_is_another_one_after_many_that_were_alike_is_noticed(
+    slow: SlowMaster, said: "queue.Queue[str]"
+) -> None:
+    for _ in range(4):
+        slow.questions.get(timeout=LONG)
+    slow.node = "http://another:1"
+    assert "the master has another node of this name" in said.get(timeout=LONG)
+    slow.node = ME
+    slow.process = 2
+    while "was started anew; this node is registered again" not in said.get(timeout=LONG):
+        pass
 
 
 def test_other_nodes_are_looked_for_at_once(keeper: MasterKeeper, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,13 +2,15 @@
 """Keeps a node registered with its master, and reports when the master is lost and when it is back."""
 
 import contextlib
+import errno
 import http.client
 import select
 import socket
 import threading
 import time
 import xmlrpc.client
-from typing import Any, Callable, List, Mapping, Optional, Tuple
+from typing import Any, Callable, List, Mapping, Optional, Sequence, Tuple
+from urllib.parse import urlsplit
 from xml.parsers.expat import ExpatError
 
 import rosgraph
@@ -28,6 +30,8 @@ PERIOD = 1.0
 PING_TIMEOUT = 1.0
 #: Longest wait for the answer of a slow master, s; then it is asked anew: a question may be lost on its way.
 QUESTION = 10.0
+#: Bytes of an answer that are compared with the last one; a longer answer is read anew each time.
+LARGEST = 16 * 1024
 #: Questions between two looks at the node's parameters.
 LOOKS = 5
 #: s of wall time that nodes have to register at a master that was started anew, before it is done for them.
@@ -40,27 +44,72 @@ END_TIMEOUT = 3.0
 Callback = Callable[[], None]
 
 
-class _SlowTransport(xmlrpc.client.Transport):
-    """Waits for a slow answer, and has its caller look meanwhile.
+class _Question:
+    """Calls of the master that are made again and again, over one connection, and mostly answered alike.
 
+    A node asks every second for its whole life: what is answered word for word as before is not parsed, and
+    what is asked is not written, again.
+
+    :param calls: pairs of a method's name and its parameters.
     :param wait: waits until a socket can be read; raises an OSError to give up.
     """
 
-    def __init__(self, wait: Callable[[socket.socket], None]) -> None:
-        super().__init__()
+    def __init__(
+        self, uri: str, calls: Sequence[Tuple[str, Sequence[Any]]], wait: Callable[[socket.socket], None]
+    ) -> None:
+        named = [{"methodName": name, "params": list(parameters)} for name, parameters in calls]
+        text = xmlrpc.client.dumps((named,), "system.multicall").encode()
+        address = urlsplit(uri)
+        self._address = str(address.hostname), address.port or 80
+        fields = f"Host: {address.netloc}\r\nContent-Type: text/xml\r\nContent-Length: {len(text)}"
+        self._request = f"POST {address.path or '/RPC2'} HTTP/1.1\r\n{fields}\r\n\r\n".encode() + text
         self._wait = wait
+        self._socket: Optional[socket.socket] = None
+        self._said = b""  # the last answer, when it can be told by its end
+        self._answers: Any = []
 
-    def make_connection(self, host: Any) -> http.client.HTTPConnection:
-        """The connection of the questions before, or a new one."""
-        connection = super().make_connection(host)
-        connection.timeout = PING_TIMEOUT
-        return connection
+    def ask(self) -> Any:
+        """The answers of the calls, one after the other; to read one that is a fault raises it.
 
-    def send_request(self, *args: Any) -> http.client.HTTPConnection:
-        """Sends a question and waits for its answer to begin."""
-        connection = super().send_request(*args)
-        self._wait(connection.sock)
-        return connection
+        :raises OSError: it cannot be asked, or `wait` gave up.
+        :raises http.client.HTTPException: what it says is no answer; as xmlrpc.client.Error and ExpatError.
+        """
+        kept = self._socket is not None
+        try:
+            return self._ask()
+        except ConnectionError:
+            if not kept:
+                raise
+            return self._ask()  # the master had closed the connection
+
+    def _ask(self) -> Any:
+        if self._socket is None:
+            self._socket = socket.create_connection(self._address, PING_TIMEOUT)
+        connection, self._socket = self._socket, None  # a failure ends it
+        with contextlib.ExitStack() as failure:
+            failure.callback(connection.close)
+            connection.sendall(self._request)
+            self._wait(connection)
+            said = connection.recv(LARGEST, socket.MSG_PEEK)
+            if self._said and said.endswith(self._said):
+                connection.recv(len(said))
+            elif not said:
+                raise ConnectionResetError(errno.ECONNRESET, "the master closed the connection")
+            else:
+                self._read(connection)
+            if self._said:
+                self._socket = connection
+                failure.pop_all()
+        return xmlrpc.client.MultiCallIterator(self._answers)
+
+    def _read(self, connection: socket.socket) -> None:
+        response = http.client.HTTPResponse(connection, method="POST")
+        response.begin()
+        body = response.read()
+        if response.status != http.client.OK:
+            raise http.client.BadStatusLine(f"{response.status} {response.reason}")
+        (self._answers,), _ = xmlrpc.client.loads(body)
+        self._said = b"" if response.will_close or response.chunked else body
 
 
 class MasterKeeper:
@@ -76,7 +125,8 @@ class MasterKeeper:
         self._name = name
         self._watch = MasterWatch(uri)
         self._master_uri = rosgraph.get_master_uri()
-        self._proxy = xmlrpc.client.ServerProxy(self._master_uri, transport=_SlowTransport(self._wait))
+        calls = ("getPid", (name,)), ("lookupNode", (name, name))
+        self._question = _Question(self._master_uri, calls, self._wait)
         self._unanswered = 0.0  # s since the last answer, in ticks of the thread that asks
         self._stopped = threading.Event()
         self._registering = threading.Lock()  # held while something is registered
@@ -194,11 +244,7 @@ class MasterKeeper:
             raise socket.timeout
 
     def _ping(self) -> Tuple[int, Optional[str]]:
-        calls = xmlrpc.client.MultiCall(self._proxy)
-        calls.getPid(self._name)
-        calls.lookupNode(self._name, self._name)
-        answers: Any = calls()
-        (_, _, process), (code, _, address) = answers
+        (_, _, process), (code, _, address) = self._question.ask()
         return int(process), str(address) if code == 1 else None
 
     def _look(self) -> None:
