@@ -35,8 +35,6 @@ STATUS_PERIOD = 0.5  # s of wall time between two statuses without a change
 SLOWEST = 0.1  # factor of a simulation below which a slow one counts as this slow
 WARN_AFTER = 0.25  # s; an owner releases a goal some moments before the end of the goal is published
 REMEMBER = 0.5  # s to wait for the master to keep a stop; one that hangs must not hold up its confirmation
-FLUSH = 0.05  # s for the last zero velocity to leave the process
-LONGEST_FLUSH = 0.5  # s for a thread to begin with it
 STOPPED_PARAM, SINCE_PARAM = "~stopped", "~stopped_since"  # keep a stop over a restart of the node
 LONGEST_TEXT = 100  # characters of the name of an operator, or of a reason
 
@@ -314,17 +312,7 @@ class GuardNode:
         self._over.set()
         with self._lock:
             self._closing = True
-            self._velocity.publish(Twist())
-        # rospy sends in threads of its own, closes the connections next, and does not say when it has sent.
-        end = time.monotonic() + LONGEST_FLUSH
-        while _waits_to_be_sent(self._velocity) and time.monotonic() < end:
-            time.sleep(FLUSH / 10)
-        time.sleep(FLUSH)
-
-
-def _waits_to_be_sent(publisher: rospy.Publisher) -> bool:
-    """Whether a thread of rospy's has not taken a message yet; on a busy machine it comes late."""
-    return any(getattr(connection, "_queue", None) for connection in publisher.impl.connections)
+            self._velocity.publish(Twist())  # a node that ends waits until it is read
 
 
 def _connected(subscriber: rospy.Subscriber) -> Set[str]:
