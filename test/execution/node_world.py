@@ -32,10 +32,10 @@ from merlin_actions.effects import effects_of
 from merlin_pddl.plan_text import OUTDATED
 from merlin_planning.knowledge_client import ADD, REMOVE, Update, fact, function_value, knowledge_client
 from merlin_ros.ros_alarm import RosAlarm
+from merlin_test import LONG
 from merlin_test.node_path import node_path
 from merlin_test.topic_links import patient_service, wait_for_publishers
 
-LONG = 120.0
 KB = "/rosplan_knowledge_base"
 TICK = 0.01  # s of wall time
 KINDS = ("simple", "esterel")

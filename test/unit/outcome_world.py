@@ -10,8 +10,7 @@ from merlin_sm.holding.state_hook import hook_states
 from merlin_sm.merlin_sm import MerlinSM
 from merlin_sm.states.function_state import FunctionState
 from merlin_sm.states.merlin_state import MerlinState
-
-LONG = 60.0
+from merlin_test import LONG
 
 
 class Clock:

@@ -16,7 +16,7 @@ import pytest
 from chaos.judging.events import Event
 from chaos.under_test.network import ADDRESSES, MIND, ROBOT, Network, why_impossible
 
-from merlin_test.process_end import LONG
+from merlin_test import LONG
 
 pytestmark = [
     pytest.mark.processes,

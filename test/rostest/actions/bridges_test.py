@@ -23,12 +23,12 @@ from merlin_actions import action_interface
 from merlin_actions.merlin_action import MerlinAction
 from merlin_ros.publishing import publish
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
+from merlin_test import LONG
 from merlin_test.announced_interfaces import wait_for_interfaces
 from merlin_test.held_drives import HeldDrives
 from merlin_test.node_path import node_path
 from merlin_test.topic_links import init_node, wait_for_publisher, wait_for_publishers
 
-LONG = 60.0
 ALWAYS = rospy.Time()
 DISPATCHER = "planning_system: rosplan_plan_dispatcher"
 ACTIONS = "[merlin_actions.actions.navigate:Navigate, merlin_home.actions.ask:Ask]"

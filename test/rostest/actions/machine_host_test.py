@@ -27,10 +27,10 @@ from merlin_ros.actions.action_client import ActionClient
 from merlin_ros.actions.action_server import ActionServer
 from merlin_ros.health import ERROR
 from merlin_sm.states.action_state import give_up_goals, shared_client
+from merlin_test import LONG
 from merlin_test.failure_texts import named_case
 from merlin_test.topic_links import init_node
 
-LONG = 60.0
 CANCEL_LIMIT = 1.0
 
 

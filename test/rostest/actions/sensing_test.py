@@ -17,10 +17,10 @@ from std_srvs.srv import SetBool, SetBoolResponse, Trigger, TriggerResponse
 import rostest
 from merlin_planning.knowledge_client import ADD, REMOVE, Update, fact, instance, knowledge_client
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
+from merlin_test import LONG
 from merlin_test.knowledge_fixture import Received
 from merlin_test.topic_links import init_node, pid_of, wait_for_connections, wait_for_publishers
 
-LONG = 60.0
 DETAILS = "/rosplan_knowledge_base/domain/predicate_details"
 
 

@@ -23,9 +23,9 @@ from merlin_planning.knowledge_client import (
 )
 from merlin_ros.actions.action_client import ActionClient
 from merlin_ros.service_proxy import ServiceError
+from merlin_test import LONG
 from merlin_test.topic_links import patient_service, wait_for_publishers
 
-LONG = 60.0
 KNOWLEDGE_BASE = "/rosplan_knowledge_base"
 
 

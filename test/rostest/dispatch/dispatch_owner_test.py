@@ -11,13 +11,14 @@ from pathlib import Path
 import rospy
 from actionlib_msgs.msg import GoalStatus
 from diagnostic_msgs.msg import KeyValue
-from dispatch_fixture import KNOWLEDGE_BASE, LONG, DispatchFixture, named
+from dispatch_fixture import KNOWLEDGE_BASE, DispatchFixture, named
 from merlin_msgs.msg import Lease
 from merlin_msgs.srv import ApplyEffects, ApplyEffectsRequest, ListExecutions
 from rosplan_dispatch_msgs.msg import ActionDispatch, NonBlockingDispatchGoal
 
 from merlin_planning.knowledge_client import fact
 from merlin_ros.actions.lease_holder import LeaseHolder
+from merlin_test import LONG
 from merlin_test.node_path import lean_script
 from merlin_test.topic_links import patient_service, sends
 

@@ -14,7 +14,7 @@ from xmlrpc.client import ServerProxy
 import rosgraph
 import rosnode
 import rospy
-from dispatch_fixture import LONG, Interfaces, named, publisher
+from dispatch_fixture import Interfaces, named, publisher
 from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback
 from rosplan_dispatch_msgs.srv import DispatchService, DispatchServiceResponse, ParsingService
 from std_srvs.srv import Empty, EmptyResponse
@@ -22,6 +22,7 @@ from std_srvs.srv import Empty, EmptyResponse
 from merlin_planning import dispatch_client
 from merlin_planning.dispatch_client import DispatchClient
 from merlin_ros.service_proxy import ServiceError
+from merlin_test import LONG
 from merlin_test.topic_links import patient_service, wait_for_connections, wait_for_publishers
 
 

@@ -8,7 +8,7 @@ import unittest
 import rospy
 from actionlib_msgs.msg import GoalStatus
 from diagnostic_msgs.msg import KeyValue
-from dispatch_fixture import KNOWLEDGE_BASE, LONG, DispatchFixture, Interfaces, named
+from dispatch_fixture import KNOWLEDGE_BASE, DispatchFixture, Interfaces, named
 from merlin_msgs.msg import DispatchStatus
 from merlin_msgs.srv import ExchangePlan
 from rosplan_dispatch_msgs.msg import (
@@ -31,6 +31,7 @@ from merlin_planning.knowledge_client import (
     function_value,
 )
 from merlin_ros.service_proxy import ServiceError
+from merlin_test import LONG
 from merlin_test.knowledge_fixture import Received
 from merlin_test.topic_links import patient_service, wait_for_connections
 

@@ -15,9 +15,9 @@ from rosplan_knowledge_msgs.msg import DomainFormula
 
 import rostest
 from merlin_planning.knowledge_client import ADD, REMOVE, Update, fact, function_value, knowledge_client
+from merlin_test import LONG
 from merlin_test.topic_links import init_node, patient_service
 
-LONG = 60.0
 DISPATCHER = "/rosplan_plan_dispatcher"
 
 

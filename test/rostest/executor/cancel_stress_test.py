@@ -10,6 +10,7 @@ from pathlib import Path
 import rospy
 
 import rostest
+from merlin_test import LONG
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[3] / "bench"))  # not installed
 
@@ -19,7 +20,6 @@ from stress.process_usage import usage_of_nodes
 from merlin_test.topic_links import init_node
 
 GOALS = [f"(checked {poi})" for poi in ("kitchen", "bathroom", "dorm_room", "main_door")]
-LONG = 60.0
 WARM_UP = 20  # cycles until every connection has been made once
 
 

@@ -22,10 +22,10 @@ from merlin_planning.planning_client import Planned, PlanningClient
 from merlin_ros.call_scope import CallScope
 from merlin_ros.service_proxy import ServiceError
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
+from merlin_test import LONG
 from merlin_test.held_drives import HeldDrives
 from merlin_test.topic_links import patient_service, wait_for_publishers
 
-LONG = 60.0
 GOALS = ["(checked kitchen)", "(checked bathroom)"]
 HOLDS = "(in_service)"
 PLANNER = "rosplan_planner_interface/planner_command"

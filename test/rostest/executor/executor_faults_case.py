@@ -13,9 +13,9 @@ from merlin_msgs.msg import DispatchStatus, ExecutorStatus
 from merlin_executor.executor_client import MerlinExecutorClient, outcome_name
 from merlin_planning.knowledge_client import KnowledgeClient
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
+from merlin_test import LONG
 from merlin_test.held_drives import HeldDrives
 
-LONG = 60.0
 EXECUTOR = "/merlin_executor"
 TOPICS = {
     "rosplan_planner_interface/problem_instance": "rosplan_problem_interface/problem_instance",

@@ -14,10 +14,10 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger, TriggerResponse
 
 from merlin_planning.knowledge_text import to_pddl
+from merlin_test import LONG
 from merlin_test.node_path import node_path
 from merlin_test.topic_links import wait_for_publishers
 
-LONG = 60.0
 ALWAYS = rospy.Time()
 LIBC = ctypes.CDLL(None)
 PR_SET_PDEATHSIG = 1

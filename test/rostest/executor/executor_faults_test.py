@@ -13,7 +13,7 @@ from pathlib import Path
 
 import rospy
 from actionlib_msgs.msg import GoalStatusArray
-from executor_faults_case import CHECKED, LONG, FaultsCase
+from executor_faults_case import CHECKED, FaultsCase
 from executor_faults_fixture import Changes, Watch, client_process, kill, start
 from merlin_msgs.msg import ExecuteActionGoal, GoalQueue, MissionStatus, PlannerStatus
 from rosplan_dispatch_msgs.srv import DispatchService
@@ -22,6 +22,7 @@ from std_srvs.srv import Empty
 from merlin_executor.executor_client import MerlinExecutorClient
 from merlin_executor.resending import RESEND
 from merlin_planning.knowledge_client import ADD_GOAL, REMOVE_GOAL, Update, fact
+from merlin_test import LONG
 from merlin_test.topic_links import pid_of
 
 PLANNER = "rosplan_planner_interface/planner_command"

@@ -5,10 +5,11 @@ import time
 from pathlib import Path
 
 import rospy
-from executor_faults_case import EXECUTOR, LONG, FaultsCase
+from executor_faults_case import EXECUTOR, FaultsCase
 
 from merlin_planning.knowledge_client import ADD_GOAL, REMOVE_GOAL, Update, fact, knowledge_client
 from merlin_planning.knowledge_text import to_pddl
+from merlin_test import LONG
 
 FOREIGN = fact("checked", "bathroom")
 NOTED = f"{EXECUTOR}/added_goals"

@@ -24,11 +24,11 @@ from merlin_executor.goal_check import GoalError
 from merlin_executor.mission.goal_state import ACHIEVED
 from merlin_planning.knowledge_client import KnowledgeError
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
+from merlin_test import LONG
 from merlin_test.held_drives import HeldDrives
 from merlin_test.node_path import node_path
 from merlin_test.topic_links import patient_service, wait_for_publishers
 
-LONG = 60.0
 DORM_ROOM = "world/points_of_interest/dorm_room"
 PLANNER = "rosplan_planner_interface/planner_command"
 TWO_PLANS = """

@@ -19,10 +19,10 @@ from merlin_pddl.breakpoints import BreakpointError
 from merlin_sm.breakpoint_client import MachineNodes
 from merlin_sm.holding.node_holds import CONSOLES_TOPIC, node_holds
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
+from merlin_test import LONG
 from merlin_test.held_drives import HeldDrives
 from merlin_test.topic_links import wait_for_publishers
 
-LONG = 60.0
 POIS = ("kitchen", "bathroom", "dorm_room", "main_door")
 
 

@@ -13,8 +13,9 @@ from sound_play.msg import SoundRequestActionGoal
 import rostest
 from merlin_executor.executor_client import MerlinExecutorClient, outcome_name
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
+from merlin_test import LONG
 from merlin_test.held_drives import HeldDrives
-from merlin_test.knowledge_fixture import LONG, Received
+from merlin_test.knowledge_fixture import Received
 from merlin_test.topic_links import init_node
 
 

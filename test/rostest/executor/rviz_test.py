@@ -16,9 +16,9 @@ from visualization_msgs.msg import MarkerArray
 from merlin_executor.core.outcome import outcome_name
 from merlin_executor.executor_client import MerlinExecutorClient
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
+from merlin_test import LONG
 from merlin_test.topic_links import patient_service, publishers_of, wait_for_publishers
 
-LONG = 60.0
 NODE = "rviz_markers"
 
 

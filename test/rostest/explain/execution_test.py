@@ -21,11 +21,11 @@ from merlin_executor.mission.goal_state import ACHIEVED
 from merlin_reactive.speech.speech_synthesizer import RATE, SpeechSynthesizer
 from merlin_ros.master.master_link import bounded_master
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
+from merlin_test import LONG
 from merlin_test.held_drives import HeldDrives
 from merlin_test.node_path import node_path
 from merlin_test.topic_links import init_node, patient_service, sends
 
-LONG = 120.0
 HOST = "/merlin_fsm_host"
 DORM_ROOM = "world/points_of_interest/dorm_room"
 

@@ -14,10 +14,10 @@ from merlin_msgs.srv import Explain, ExplainRequest
 
 import rostest
 from merlin_executor.executor_client import MerlinExecutorClient
+from merlin_test import LONG
 from merlin_test.node_path import node_path
 from merlin_test.topic_links import init_node, patient_service
 
-LONG = 120.0
 GOALS = ["(checked kitchen)", "(checked bathroom)"]
 
 

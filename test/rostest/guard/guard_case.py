@@ -8,12 +8,13 @@ import unittest
 import rospy
 from actionlib_msgs.msg import GoalID, GoalStatus
 from geometry_msgs.msg import Twist
-from guard_fixture import LONG, Client, Witness
+from guard_fixture import Client, Witness
 from sensor_msgs.msg import Joy
 from std_msgs.msg import Empty, String
 from std_srvs.srv import Empty as EmptyService
 from std_srvs.srv import SetBool, Trigger
 
+from merlin_test import LONG
 from merlin_test.topic_links import pid_of
 
 IDLE, PASSING, HOLDING, STOPPED = range(4)

@@ -7,12 +7,12 @@ import actionlib
 import rospy
 from geometry_msgs.msg import PoseStamped, Twist
 from guard_case import PASSING, GuardCase
-from guard_fixture import LONG
 from move_base_msgs.msg import MoveBaseAction
 from nav_msgs.msg import Odometry
 
 from merlin_sm.states.merlin_state import ABORTED
 from merlin_sm.states.navigation import NavigationState
+from merlin_test import LONG
 
 
 class GuardDrives(GuardCase):

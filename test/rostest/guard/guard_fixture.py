@@ -11,9 +11,8 @@ from geometry_msgs.msg import Twist
 from merlin_msgs.msg import GuardStatus
 from rosgraph_msgs.msg import Log
 
+from merlin_test import LONG
 from merlin_test.node_path import lean_script, node_path
-
-LONG = 60.0
 
 
 class Witness:

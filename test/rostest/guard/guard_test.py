@@ -10,7 +10,7 @@ import rospy
 from actionlib_msgs.msg import GoalID, GoalStatus
 from geometry_msgs.msg import PoseStamped, Twist
 from guard_case import HOLDING, IDLE, LIVE, PASSING, STOPPED, GuardCase
-from guard_fixture import LONG, Witness, refused_guard
+from guard_fixture import Witness, refused_guard
 from merlin_msgs.msg import SimStatus
 from move_base_msgs.msg import MoveBaseActionGoal
 from sensor_msgs.msg import Joy
@@ -20,6 +20,7 @@ from std_srvs.srv import Empty as EmptyService
 from merlin_sm import guard_watch
 from merlin_sm.states.merlin_state import ABORTED
 from merlin_sm.states.navigation import NavigationState
+from merlin_test import LONG
 from merlin_test.node_path import node_path
 from merlin_test.topic_links import pid_of
 

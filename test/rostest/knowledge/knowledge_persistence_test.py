@@ -32,9 +32,9 @@ from rosplan_knowledge_msgs.srv import (
 )
 from std_srvs.srv import Empty
 
+from merlin_test import LONG
 from merlin_test.node_path import node_path
 
-LONG = 60.0
 KB = "/rosplan_knowledge_base"
 
 

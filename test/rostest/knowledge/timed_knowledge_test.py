@@ -10,7 +10,8 @@ from rosgraph_msgs.msg import Clock
 
 import rostest
 from merlin_planning.knowledge_client import ADD, REMOVE, Update, fact, knowledge_client
-from merlin_test.knowledge_fixture import LONG, Received
+from merlin_test import LONG
+from merlin_test.knowledge_fixture import Received
 from merlin_test.topic_links import init_node, wait_for_connections
 
 

@@ -9,10 +9,11 @@ import rospy
 from merlin_msgs.msg import ExecutorStatus, MissionStatus
 from merlin_msgs.srv import Breakpoints, BreakpointsRequest
 from monitor_fixture import OPERATOR, TOKEN, PageCases, Patrol
-from monitor_process import LONG, parent_of
+from monitor_process import parent_of
 from std_srvs.srv import Trigger
 
 from merlin_executor.executor_client import outcome_name
+from merlin_test import LONG
 from merlin_test.node_path import node_path
 from merlin_test.topic_links import pid_of
 

@@ -13,11 +13,12 @@ import rospkg
 import rospy
 from actionlib_msgs.msg import GoalStatusArray
 from merlin_msgs.msg import ExecutorStatus, GuardStatus, KnowledgeChanges, MissionStatus
-from monitor_process import LONG, Latest, Monitor
+from monitor_process import Latest, Monitor
 
 from merlin_executor.executor_client import MerlinExecutorClient
 from merlin_executor.mission.goal_dispatcher import GoalDispatcher
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
+from merlin_test import LONG
 from merlin_test.chromium import Visit, chromium
 from merlin_test.held_drives import HeldDrives
 

@@ -13,10 +13,10 @@ import rospkg
 import rospy
 
 from merlin_monitor.access.operators import write_operators
+from merlin_test import LONG
 from merlin_test.node_path import node_path
 from merlin_test.ports import free_ports
 
-LONG = 60.0
 GOALS = Path(rospkg.RosPack().get_path("merlin"), "pddl", "home", "goals.yaml")
 
 

@@ -8,7 +8,6 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import Point, Pose, PoseArray
 from merlin_msgs.msg import KnowledgeChanges, MissionStatus
 from monitor_fixture import KB, PageCases
-from monitor_process import LONG
 from nav_msgs.msg import OccupancyGrid
 from rosplan_knowledge_msgs.msg import KnowledgeItem
 from sensor_msgs.msg import BatteryState
@@ -16,6 +15,7 @@ from smach_msgs.msg import SmachContainerStatus, SmachContainerStructure
 
 from merlin_monitor.text.phrase import in_english
 from merlin_monitor.text.wording import Wording
+from merlin_test import LONG
 
 HOSTILE = '<img src=x onerror="window.pwned=1"><script>window.pwned=1</script>\'";alert(1)//'
 

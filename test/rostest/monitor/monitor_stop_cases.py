@@ -9,11 +9,11 @@ import rospy
 from merlin_msgs.msg import ExecutorStatus, GuardStatus, MissionStatus
 from monitor_control_cases import LONG_GOAL, ControlCases
 from monitor_fixture import Patrol
-from monitor_process import LONG
 from std_srvs.srv import Trigger
 
 from merlin_executor.executor_client import outcome_name
 from merlin_ros.actions.server_silence import CONNECTED_SILENCE
+from merlin_test import LONG
 from merlin_test.topic_links import pid_of
 
 

@@ -12,8 +12,8 @@ from std_srvs.srv import SetBool
 import rostest
 from merlin_executor.executor_client import MerlinExecutorClient, outcome_name
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
+from merlin_test import LONG
 from merlin_test.announced_interfaces import wait_for_interfaces
-from merlin_test.knowledge_fixture import LONG
 from merlin_test.topic_links import init_node, wait_for_publishers
 
 ROBOTS = ("ann", "bob")

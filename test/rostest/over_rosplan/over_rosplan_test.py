@@ -10,9 +10,9 @@ import rosservice
 import rostest
 from merlin_executor.executor_client import MerlinExecutorClient, outcome_name
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
+from merlin_test import LONG
 from merlin_test.announced_interfaces import wait_for_interfaces
 from merlin_test.held_drives import HeldDrives
-from merlin_test.knowledge_fixture import LONG
 from merlin_test.topic_links import init_node
 
 

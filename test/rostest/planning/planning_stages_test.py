@@ -21,10 +21,9 @@ from merlin_planning.knowledge_client import (
     knowledge_client,
 )
 from merlin_ros.service_proxy import ServiceError
+from merlin_test import LONG
 from merlin_test.knowledge_fixture import Received
 from merlin_test.topic_links import patient_service
-
-LONG = 60.0
 
 
 class Latched:

@@ -15,7 +15,7 @@ from rosplan_knowledge_msgs.srv import GetAttributeService, KnowledgeUpdateServi
 from std_msgs.msg import String
 from std_srvs.srv import Empty
 
-LONG = 60.0
+from merlin_test import LONG
 
 
 class RosplanLaunchFilesTest(unittest.TestCase):

@@ -10,7 +10,8 @@ from rosplan_dispatch_msgs.srv import ParsingService, PlanningService
 from std_msgs.msg import String
 from std_srvs.srv import Empty
 
-LONG = 60.0
+from merlin_test import LONG
+
 PLAN = "0.000: (go hall kitchen)  [1.000]\n1.001: (go kitchen cellar)  [1.000]\n"
 CONDITION, START_END = EsterelPlanEdge.CONDITION_EDGE, EsterelPlanEdge.START_END_ACTION_EDGE
 

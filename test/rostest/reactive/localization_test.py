@@ -15,9 +15,8 @@ from nav_msgs.msg import Odometry
 
 import rostest
 from merlin_ros.actions.action_client import ActionClient
+from merlin_test import LONG
 from merlin_test.topic_links import init_node, wait_for_connections
-
-LONG = 120.0  # s of wall time
 
 
 class Localization(unittest.TestCase):

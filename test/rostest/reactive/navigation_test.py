@@ -18,10 +18,9 @@ from std_srvs.srv import Empty, Trigger
 
 import rostest
 from merlin_ros.actions.action_client import ActionClient
+from merlin_test import LONG
 from merlin_test.knowledge_fixture import Received
 from merlin_test.topic_links import init_node, patient_service, wait_for_connections
-
-LONG = 120.0  # s of wall time
 
 
 def pose(x, y, yaw=0.0, frame="map"):

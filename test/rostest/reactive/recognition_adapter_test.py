@@ -17,10 +17,10 @@ from vision_msgs.msg import Detection3D, Detection3DArray, ObjectHypothesisWithP
 
 import rostest
 from merlin_ros.actions.action_client import ActionClient
+from merlin_test import LONG
 from merlin_test.node_path import LEAN
 from merlin_test.topic_links import init_node
 
-LONG = 60.0  # s of wall time
 DOCUMENT = Path(__file__).resolve().parents[3] / "docs" / "real-robot.md"
 CUP, PERSON = 0, 2
 SILENT = "the detector sent nothing within 5 s"

@@ -18,9 +18,9 @@ import rostest
 import smach
 from merlin_ros.actions.action_client import ActionClient
 from merlin_sm.state_factory import MerlinStateFactory
+from merlin_test import LONG
 from merlin_test.topic_links import init_node, patient_service
 
-LONG = 60.0  # s of wall time
 TRUTH = {
     "cup": (1.5, 0.4, 0.80),
     "coffee": (1.7, -0.35, 0.80),

@@ -29,6 +29,7 @@ from merlin_actions.merlin_action_server import MerlinActionServer
 from merlin_actions.merlin_action_sm import MerlinActionSM
 from merlin_executor.executor_client import MerlinExecutorClient, outcome_name
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
+from merlin_test import LONG
 from merlin_test.announced_interfaces import wait_for_interfaces
 from merlin_test.node_path import node_path
 from merlin_test.topic_links import init_node, sends, wait_for_publisher
@@ -37,7 +38,6 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[3] / "bench"))  # not in
 
 from stress.robots_stress import RobotsStress
 
-LONG = 60.0
 SUCCEEDED, FAILED = ActionFeedback.ACTION_SUCCEEDED_TO_GOAL_STATE, ActionFeedback.ACTION_FAILED
 PLACES = ("dorm_room", "bathroom", "kitchen", "main_door")
 ACTIONS = "[merlin_actions.actions.drive:Drive]"

@@ -18,9 +18,8 @@ from sensor_msgs.msg import CameraInfo, Image
 from std_srvs.srv import Trigger
 
 from merlin_sim.rendering.picture_worker import NAME
+from merlin_test import LONG
 from merlin_test.topic_links import patient_service
-
-LONG = 60.0  # s of wall time
 
 
 def picture_process():

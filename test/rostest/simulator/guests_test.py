@@ -11,10 +11,10 @@ from merlin_msgs.srv import PlaceThing, SetAnswers
 from sound_play.msg import SoundRequest, SoundRequestAction, SoundRequestGoal
 
 from merlin_ros.actions.action_client import ActionClient
+from merlin_test import LONG
 from merlin_test.conversation import wait_for_conversation
 from merlin_test.topic_links import patient_service, wait_for_publishers
 
-LONG = 60.0  # s of wall time
 ORDERS = "#JSGF V1.0; grammar order; public <order> = [please] bring me (a | the) (coffee | tea) [please];"
 
 

@@ -21,10 +21,10 @@ from merlin_reactive.ros_clock import RosClock
 from merlin_reactive.speech.speech_synthesizer import RATE, SpeechSynthesizer
 from merlin_ros.actions.action_client import ActionClient
 from merlin_ros.publishing import OnSubscriber
+from merlin_test import LONG
 from merlin_test.conversation import wait_for_conversation
 from merlin_test.topic_links import patient_service
 
-LONG = 60.0  # s of wall time
 ORDERS = "#JSGF V1.0; grammar order; public <order> = [please] bring me (a | the) (coffee | tea) [please];"
 ANSWERS = "#JSGF V1.0; grammar answer; public <answer> = (seven | eleven) of them;"
 

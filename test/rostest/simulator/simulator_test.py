@@ -20,10 +20,10 @@ from sensor_msgs.msg import LaserScan
 from std_srvs.srv import Trigger
 
 import rostest
+from merlin_test import LONG
 from merlin_test.node_path import node_path
 from merlin_test.topic_links import init_node, patient_service, wait_for_connections
 
-LONG = 120.0  # s of wall time
 WORLD = Path(__file__).resolve().parents[3] / "src" / "merlin_sim" / "worlds" / "apartment.yaml"
 SLOW = 0.25  # real-time factor that a machine with much else to do reaches, too
 ODOMETRY_PERIOD = 50_000_000  # ns

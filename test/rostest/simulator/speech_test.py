@@ -13,9 +13,9 @@ from std_srvs.srv import Trigger
 
 from merlin_reactive.speech.speech_synthesizer import SpeechSynthesizer
 from merlin_ros.actions.action_client import ActionClient
+from merlin_test import LONG
 from merlin_test.topic_links import patient_service, wait_for_connections, wait_for_publishers
 
-LONG = 60.0  # s of wall time
 SENTENCE = "Good morning. Do you need anything from the kitchen or from anywhere else?"
 STORY = " ".join([SENTENCE] * 20)  # is not over when a test without a processor comes to its cancel
 

@@ -12,9 +12,8 @@ from merlin_msgs.srv import PlaceThing, WalkPerson
 from sensor_msgs.msg import LaserScan
 from std_srvs.srv import Trigger
 
+from merlin_test import LONG
 from merlin_test.topic_links import patient_service, wait_for_publishers
-
-LONG = 120.0  # s of wall time
 
 
 class WorldControl(unittest.TestCase):

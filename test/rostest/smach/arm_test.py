@@ -17,7 +17,8 @@ from std_srvs.srv import SetBool, SetBoolResponse
 
 from merlin_sm.merlin_sm import MerlinSM
 from merlin_sm.state_factory import MerlinStateFactory
-from merlin_test.knowledge_fixture import LONG, Received
+from merlin_test import LONG
+from merlin_test.knowledge_fixture import Received
 from merlin_test.node_path import LEAN, node_path
 
 DOCUMENT = Path(__file__).resolve().parents[3] / "docs" / "real-robot.md"

@@ -15,8 +15,8 @@ from merlin_planning.knowledge_text import PDDLSyntaxError
 from merlin_sm.merlin_sm import MerlinSM
 from merlin_sm.state_factory import MerlinStateFactory
 from merlin_sm.states.merlin_state import MerlinState
+from merlin_test import LONG
 from merlin_test.held_drives import HeldDrives
-from merlin_test.knowledge_fixture import LONG
 
 OUTCOMES = ["succeeded", "aborted", "preempted"]
 create = MerlinStateFactory.create

@@ -10,9 +10,10 @@ import actionlib
 import rospy
 from actionlib.msg import TestAction, TestFeedback, TestGoal, TestResult
 from actionlib_msgs.msg import GoalStatus
-from smach_fixture import LONG, Calling, Done, machine
+from smach_fixture import Calling, Done, machine
 
 import smach
+from merlin_test import LONG
 from merlin_test.topic_links import wait_for_connections
 from smach_ros import ActionServerWrapper
 

@@ -15,9 +15,10 @@ import rospy
 from actionlib.msg import TestAction, TestGoal, TestResult
 from actionlib_msgs.msg import GoalID, GoalStatus
 from rospy.impl import registration
-from smach_fixture import LONG, Run
+from smach_fixture import Run
 
 import smach
+from merlin_test import LONG
 from merlin_test.node_path import LEAN, lean_script
 from merlin_test.topic_links import wait_for_publisher
 from smach_ros import SimpleActionState, action_connection

@@ -4,8 +4,7 @@
 import threading
 
 import smach
-
-LONG = 60.0
+from merlin_test import LONG
 
 
 class Run(threading.Thread):

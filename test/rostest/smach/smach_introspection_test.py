@@ -9,7 +9,7 @@ import unittest
 import rosgraph
 import rospy
 from actionlib.msg import TestGoal
-from smach_fixture import LONG, Done, machine
+from smach_fixture import Done, machine
 from smach_msgs.msg import (
     SmachContainerInitialStatusCmd,
     SmachContainerStatus,
@@ -17,6 +17,7 @@ from smach_msgs.msg import (
 )
 
 import smach
+from merlin_test import LONG
 from merlin_test.topic_links import wait_for_connections
 from smach_ros import IntrospectionClient, IntrospectionServer, introspection
 from smach_ros.userdata_codec import encode

@@ -8,12 +8,13 @@ import threading
 import unittest
 
 import rospy
-from smach_fixture import LONG, Run
+from smach_fixture import Run
 from std_msgs.msg import Int32
 from std_srvs.srv import SetBool, SetBoolRequest, SetBoolResponse, Trigger, TriggerResponse
 
 import smach
 import smach_ros
+from merlin_test import LONG
 from merlin_test.node_path import lean_script
 from smach_ros import ConditionState, MonitorState, ServiceState
 

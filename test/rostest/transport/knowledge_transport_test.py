@@ -28,9 +28,9 @@ from rosplan_knowledge_msgs.srv import (
 )
 from std_srvs.srv import Trigger
 
+from merlin_test import LONG
 from merlin_test.topic_links import wait_for_publisher
 
-LONG = 60.0
 KB = "/robot/rosplan_knowledge_base"
 
 

@@ -15,8 +15,7 @@ from rospy.impl.registration import get_topic_manager
 from merlin_ros.actions import server_silence
 from merlin_ros.actions.action_client import ActionClient
 from merlin_ros.actions.action_server import ActionServer
-
-LONG = 60.0
+from merlin_test import LONG
 
 
 class Floods(unittest.TestCase):

@@ -14,9 +14,8 @@ from transport_victim import start_victim
 from merlin_ros import service_proxy
 from merlin_ros.master.master_link import MasterSilent
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
+from merlin_test import LONG
 from merlin_test.topic_links import patient_service
-
-LONG = 60.0
 
 
 class Services(unittest.TestCase):

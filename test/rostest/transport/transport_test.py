@@ -24,9 +24,8 @@ from merlin_ros.actions.lease import LOSE_AFTER, LeaseState
 from merlin_ros.actions.ownership import ownership
 from merlin_ros.actions.serial_action_server import SerialActionServer
 from merlin_ros.actions.server_silence import SILENCE
+from merlin_test import LONG
 from merlin_test.knowledge_fixture import Received
-
-LONG = 60.0
 
 
 class Deadlines(unittest.TestCase):

@@ -7,7 +7,7 @@ from typing import Set
 import rospy
 from rosplan_knowledge_msgs.msg import DomainFormula
 
-LONG = 60.0
+from merlin_test import LONG
 
 
 def wait_for_interfaces(*operators: str) -> None:

@@ -12,9 +12,10 @@ from typing import Any, Dict, Iterator, List, Optional
 
 from playwright.sync_api import Browser, BrowserContext, Error, Page, Playwright, sync_playwright
 
+from merlin_test import LONG
+
 # The shell has no window to draw for each page, which takes most of the time of the whole browser.
 BROWSERS = ("chromium-headless-shell", "chromium", "chromium-browser")
-LONG = 60.0  # s
 #: Looks at the page each 30 ms, in the page: from outside, each look costs four processes a message.
 LOOK_AGAIN = """async ([argument, limit]) => {
   const end = performance.now() + limit;

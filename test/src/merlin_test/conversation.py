@@ -5,9 +5,9 @@ import time
 
 import rospy
 
+from merlin_test import LONG
 from merlin_test.topic_links import sends
 
-LONG = 120.0
 PERSON = "/person_voice"
 
 

@@ -8,9 +8,8 @@ import rospy
 from geometry_msgs.msg import Twist
 from std_srvs.srv import SetBool
 
+from merlin_test import LONG
 from merlin_test.topic_links import wait_for_publishers
-
-LONG = 60.0
 
 
 class HeldDrives:

@@ -9,9 +9,9 @@ from diagnostic_msgs.msg import KeyValue
 from rosplan_knowledge_msgs.msg import DomainFormula, DomainInequality, ExprBase, ExprComposite
 from rosplan_knowledge_msgs.msg import KnowledgeItem as Item
 
+from merlin_test import LONG
 from merlin_test.topic_links import wait_for_publishers
 
-LONG = 60.0
 KB = "rosplan_knowledge_base"
 
 

@@ -13,8 +13,7 @@ from merlin_ros.lean_start import end_lightly, log_configured
 from merlin_ros.master import announcing, publisher_updates
 from merlin_ros.master.master_link import ERRORS, bound_calls, bounded_master, bounded_proxy
 from merlin_ros.service_proxy import ServiceProxy
-
-LONG = 120.0  # s; a master on a busy machine takes longer than MERLIN waits for it
+from merlin_test import LONG
 
 
 def init_node(name: str, **options: Any) -> None:

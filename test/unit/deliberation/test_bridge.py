@@ -14,8 +14,7 @@ from small_house import HOUSE, state
 from deliberation import bridge as module
 from deliberation.bridge import SERVERS, Bridge
 from merlin_planning.knowledge_client import ADD, KnowledgeError, Update
-
-LONG = 60.0
+from merlin_test import LONG
 
 
 class Bench:

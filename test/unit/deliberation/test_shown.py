@@ -9,8 +9,7 @@ import pytest
 from fakes.topics import Topics
 
 from deliberation.shown import Shown
-
-LONG = 60.0
+from merlin_test import LONG
 
 
 class Simulation:

@@ -14,8 +14,8 @@ from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback
 from rosplan_knowledge_msgs.msg import DomainFormula
 
 from merlin_actions import action_interface
+from merlin_test import LONG
 
-LONG = 60.0
 DISPATCHER = "/rosplan_plan_dispatcher"
 FORMULA = DomainFormula(name="navigate", typed_parameters=[KeyValue("to", "poi")])
 

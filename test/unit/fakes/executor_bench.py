@@ -19,8 +19,7 @@ from merlin_executor.node.executor import Executor
 from merlin_planning.dispatcher_kind import Hold
 from merlin_ros.actions.lease import LeaseState
 from merlin_ros.service_proxy import ServiceUnavailable
-
-LONG = 60.0
+from merlin_test import LONG
 
 
 class Goal:

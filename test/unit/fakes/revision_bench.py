@@ -29,8 +29,8 @@ from merlin_planning.knowledge_text import action_text, parse_goal, to_pddl
 from merlin_planning.planning_client import Planned, PlanningResult
 from merlin_ros.call_scope import current_scope
 from merlin_ros.service_proxy import ServiceUnavailable
+from merlin_test import LONG
 
-LONG = 60.0
 DRIVE = SimpleNamespace(
     at_start_del_effects=[SimpleNamespace(name="robot_at", typed_parameters=[KeyValue("from", "place")])],
     at_start_add_effects=[],

@@ -12,6 +12,7 @@ from typing import Callable, List, Sequence
 
 import pytest
 
+from merlin_test import LONG
 from merlin_test.process_end import gone
 
 pytestmark = pytest.mark.processes
@@ -20,7 +21,6 @@ SCRIPTS = Path(__file__).parents[3] / "src" / "merlin" / "scripts"
 RESPAWN = SCRIPTS / "respawn"
 COARSE_TIMERS = SCRIPTS / "coarse_timers"
 SLACK = Path("/proc/self/timerslack_ns")
-LONG = 120.0
 
 # Adds its pid to a file, then does what its life's word says; the last word holds for all further lives. A
 # word that begins with w tells the script first that the node works.

@@ -17,8 +17,7 @@ from merlin_actions import merlin_action_server
 from merlin_actions.merlin_action_server import MerlinActionServer
 from merlin_actions.merlin_action_sm import MerlinActionSM
 from merlin_sm.states.merlin_state import SUCCEEDED, MerlinState
-
-LONG = 60.0
+from merlin_test import LONG
 
 
 class Wait(MerlinState):

@@ -20,8 +20,8 @@ from merlin_ros import alarms
 from merlin_ros.alarms import Alarm
 from merlin_ros.robot_values import AVAILABLE
 from merlin_ros.service_proxy import ServiceUnavailable
+from merlin_test import LONG
 
-LONG = 60.0
 Announce = Callable[..., None]
 
 

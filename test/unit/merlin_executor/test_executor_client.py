@@ -22,8 +22,7 @@ from merlin_executor.resending import RESEND
 from merlin_ros import service_proxy
 from merlin_ros.actions.action_client import ActionClient
 from merlin_ros.service_proxy import ServiceUnavailable
-
-LONG = 60.0
+from merlin_test import LONG
 
 
 class Request:

@@ -22,8 +22,7 @@ from merlin_executor.executor_request import GOES_ON, ExecutorRequest
 from merlin_executor.resending import END, RESEND, RESENDS, Next, Resending
 from merlin_ros import late_topics
 from merlin_ros.actions.lease import LEASED, LOSE_AFTER, LeaseBook
-
-LONG = 60.0
+from merlin_test import LONG
 
 
 def test_by_default_a_lost_goal_ends() -> None:

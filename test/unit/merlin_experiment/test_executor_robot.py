@@ -11,8 +11,8 @@ from merlin_msgs.msg import ExecutorStatus
 from merlin_experiment.mission import executor_robot
 from merlin_experiment.mission.executor_robot import ExecutorRobot
 from merlin_experiment.records.trajectory import Trajectory
+from merlin_test import LONG
 
-LONG = 60.0
 FOREIGN = {"state": ExecutorStatus.RUNNING, "request": "/merlin_monitor-1-7.0", "goals": ["(checked hall)"]}
 OWN = {"state": ExecutorStatus.RUNNING, "request": "/mission-1-3.0"}
 

@@ -11,8 +11,7 @@ from merlin_guests import players_node
 from merlin_guests.players_node import Players
 from merlin_guests.stage import Closed
 from merlin_ros.service_proxy import ServiceError
-
-LONG = 60.0
+from merlin_test import LONG
 
 
 @pytest.fixture()

@@ -11,8 +11,7 @@ from merlin_msgs.msg import DispatchStatus
 from merlin_planning import dispatch_client
 from merlin_planning.dispatch_client import INTERRUPTED, DispatchClient
 from merlin_ros.actions.client_goal import ClientGoal
-
-LONG = 60.0
+from merlin_test import LONG
 
 
 def never(interrupt: Optional[Callable[[], None]]) -> None:

@@ -14,8 +14,8 @@ from rosplan_knowledge_msgs.msg import DomainFormula
 
 from merlin_planning import dispatch_client
 from merlin_planning.dispatch_progress import CANCEL_ACTION, DispatchResult
+from merlin_test import LONG
 
-LONG = 60.0
 PAINT = ActionDispatch(action_id=3, name="paint", parameters=[KeyValue("part", "leg")])
 
 

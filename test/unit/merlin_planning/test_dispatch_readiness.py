@@ -14,8 +14,8 @@ from merlin_planning import over_rosplan
 from merlin_planning.dispatch_client import WITHDRAWN
 from merlin_planning.over_rosplan import ANNOUNCED, SilentDispatcher, drawn_actions
 from merlin_ros import deadline
+from merlin_test import LONG
 
-LONG = 60.0
 GRAPH = """digraph plan {
 0[ label="plan_start",style=filled,fillcolor=black,fontcolor=white];
 1[ label="drive_start\\n(ann,kitchen)",style=filled,fillcolor=darkgoldenrod2];

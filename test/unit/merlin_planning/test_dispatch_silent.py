@@ -12,8 +12,7 @@ from rosplan_dispatch_msgs.msg import NonBlockingDispatchResult
 from merlin_planning import dispatch_client
 from merlin_ros.actions.client_goal import ClientGoal
 from merlin_ros.actions.lease import LeaseState
-
-LONG = 60.0
+from merlin_test import LONG
 
 
 class Sent:

@@ -11,8 +11,7 @@ import rospy
 from merlin_msgs.msg import KnowledgeChanges
 
 from merlin_planning.foreign_changes import ForeignChanges
-
-LONG = 60.0
+from merlin_test import LONG
 
 
 class Link:

@@ -16,8 +16,8 @@ from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback
 from merlin_planning import dispatch_client
 from merlin_ros.actions.client_goal import ClientGoal
 from merlin_ros.service_proxy import ServiceUnavailable
+from merlin_test import LONG
 
-LONG = 60.0
 NOTHING = "carries out no plan of this node"
 PLAN = [
     ActionDispatch(action_id=2, plan_id=7, name="ask"),

@@ -15,9 +15,8 @@ from sensor_msgs.msg import LaserScan
 from merlin_restaurant import follower_watch
 from merlin_restaurant.follower_watch import GONE, LOST, SILENT, UNSEEN, FollowerWatch, WatchState
 from merlin_ros import ros_alarm
+from merlin_test import LONG
 from smach import UserData
-
-LONG = 60.0
 
 
 class Clock:

@@ -9,10 +9,10 @@ import pytest
 
 from merlin_ros.call_scope import CallScope, current_scope
 from merlin_ros.service_proxy import ServiceProxy
+from merlin_test import LONG
 
 pytestmark = pytest.mark.processes
 
-LONG = 60.0
 
 SERVER = """
 import sys, threading, rospy

@@ -11,8 +11,7 @@ from diagnostic_updater import DiagnosticStatusWrapper
 
 from merlin_ros import health as module
 from merlin_ros.health import ENDED, STALE, WARN, Health, HealthReporter
-
-LONG = 60.0
+from merlin_test import LONG
 
 
 class Updater:

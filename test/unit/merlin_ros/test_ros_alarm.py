@@ -13,8 +13,7 @@ import rospy
 
 from merlin_ros import ros_alarm
 from merlin_ros.ros_alarm import RosAlarm, call_after
-
-LONG = 60.0
+from merlin_test import LONG
 
 
 def test_a_callback_that_fails_does_not_end_the_alarm(monkeypatch):

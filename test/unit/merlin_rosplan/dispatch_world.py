@@ -18,8 +18,8 @@ from merlin_rosplan.dispatch.dispatch_graph import GraphSchedule
 from merlin_rosplan.dispatch.dispatch_schedule import PlannedAction
 from merlin_rosplan.dispatch.operator_model import ActionModel, Conditions, PlanTerm, TimedEffects
 from merlin_rosplan.dispatch.plan_graph_builder import build_graph
+from merlin_test import LONG
 
-LONG = 60.0
 PLAN_ID = 7
 #: A test may stand still for seconds; one that waits for the end of a patience names its own.
 PATIENT = dict.fromkeys(("acknowledge", "accept", "liveness", "cancel", "over_all_grace", "settle"), LONG)

@@ -2,12 +2,13 @@
 """Outcomes above the autonomy level wait until operators confirm them or force others; a cancel wins."""
 
 import pytest
-from outcome_world import LONG, Work, World
+from outcome_world import Work, World
 
 from merlin_sm.holding.outcomes import Outcomes
 from merlin_sm.holding.state_holds import GRACE, StateHolds
 from merlin_sm.holding.state_hook import hook_states
 from merlin_sm.merlin_sm import MerlinSM
+from merlin_test import LONG
 
 
 @pytest.fixture

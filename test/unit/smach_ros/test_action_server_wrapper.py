@@ -12,10 +12,9 @@ import rospy
 from merlin_msgs.msg import ListenAction, ListenGoal
 
 import smach
+from merlin_test import LONG
 from smach_ros import action_server_wrapper
 from smach_ros.action_server_wrapper import ActionServerWrapper
-
-LONG = 60.0
 
 
 class Goal:

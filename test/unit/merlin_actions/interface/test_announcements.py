@@ -10,8 +10,8 @@ from rosplan_knowledge_msgs.msg import DomainFormula
 
 from merlin_actions import action_interface
 from merlin_actions.action_interface import ActionInterface
+from merlin_test import LONG
 
-LONG = 60.0
 TOPIC = "/kb/pddl_action_parameters"
 
 

@@ -14,8 +14,7 @@ from merlin_planning.dispatch_progress import CANCEL_ACTION
 from merlin_ros.actions import hang_watch
 from merlin_ros.actions.hang_watch import HUNG, HangWatch
 from merlin_ros.actions.ownership import Ownership, ownership
-
-LONG = 60.0
+from merlin_test import LONG
 
 
 class Probe(action_interface.ActionInterface):

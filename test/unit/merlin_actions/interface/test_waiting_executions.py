@@ -14,8 +14,8 @@ from merlin_actions import action_interface
 from merlin_actions.core.ending import Ending
 from merlin_actions.core.execution import Execution
 from merlin_ros import ros_alarm
+from merlin_test import LONG
 
-LONG = 60.0
 LIMIT = action_interface.WAIT_LIMIT
 
 

@@ -5,8 +5,7 @@ import threading
 from typing import Callable
 
 from merlin_executor.core.awaited import Awaited
-
-LONG = 60.0
+from merlin_test import LONG
 
 
 class Over:

@@ -14,8 +14,7 @@ from merlin_executor.core.engine import Engine, Job, Stages
 from merlin_executor.core.outcome import Outcome, Verdict
 from merlin_executor.goal_check import GoalError, check_atom
 from merlin_executor.goals.goal_ledger import GoalNotes, NotesError
-
-LONG = 60.0
+from merlin_test import LONG
 
 
 class Wish(Job):

@@ -12,8 +12,8 @@ from fake_robot import FakeRobot
 from merlin_msgs.msg import ExecutorStatus, QueuedGoal
 
 from merlin_executor.mission.mission_pause import MissionPause
+from merlin_test import LONG
 
-LONG = 60.0
 HELD = "the base is held by Ana since 14:03"
 OURS = "/mission-1"
 IDLE, RUNNING, CANCELLING = ExecutorStatus.IDLE, ExecutorStatus.RUNNING, ExecutorStatus.CANCELLING

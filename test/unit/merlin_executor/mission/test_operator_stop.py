@@ -18,8 +18,8 @@ from merlin_executor.mission import (
     mission_host,
     mission_node,
 )
+from merlin_test import LONG
 
-LONG = 60.0
 HELD = "the base is held by Ana since 14:03:07"
 
 

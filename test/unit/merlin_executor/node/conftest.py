@@ -7,7 +7,9 @@ from typing import Any, Iterator
 
 import pytest
 import rospy
-from fakes.revision_bench import LONG, Bench, Robot
+from fakes.revision_bench import Bench, Robot
+
+from merlin_test import LONG
 
 sys.path.insert(0, str(Path(__file__).parent))
 

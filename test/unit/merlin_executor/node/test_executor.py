@@ -15,8 +15,7 @@ from merlin_executor.core.outcome import Outcome, Verdict, outcome_name
 from merlin_executor.node import executor as executor_module
 from merlin_ros.actions.lease import LeaseState
 from merlin_ros.service_proxy import ServiceUnavailable
-
-LONG = 60.0
+from merlin_test import LONG
 
 
 @pytest.fixture

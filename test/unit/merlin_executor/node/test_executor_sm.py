@@ -24,8 +24,8 @@ from merlin_planning.planning_client import Planned, PlanningResult
 from merlin_ros.call_scope import current_scope
 from merlin_ros.service_proxy import ServiceUnavailable
 from merlin_sm.state_factory import MerlinStateFactory
+from merlin_test import LONG
 
-LONG = 60.0
 KITCHEN = parse_goal("(checked kitchen)")
 
 

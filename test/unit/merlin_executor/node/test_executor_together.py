@@ -10,8 +10,7 @@ from merlin_msgs.msg import ExecutorStatus, RunningAction
 
 from merlin_executor.core.agenda import Refusal
 from merlin_executor.core.outcome import Outcome, Verdict
-
-LONG = 60.0
+from merlin_test import LONG
 
 
 @pytest.fixture

@@ -11,11 +11,12 @@ from diagnostic_msgs.msg import KeyValue
 from merlin_msgs.msg import PlannerStatus, RunningAction
 from merlin_msgs.srv import PreviewPlanResponse
 from rosplan_dispatch_msgs.msg import ActionDispatch
-from test_executor import LONG, Goal
 from test_executor import Bench as ExecutorBench
+from test_executor import Goal
 
 from merlin_executor.core.outcome import Outcome, Verdict
 from merlin_executor.node import executor as executor_module
+from merlin_test import LONG
 
 
 class Bench(ExecutorBench):

@@ -12,8 +12,7 @@ from merlin_msgs.msg import GuardStatus, RobotHost
 from merlin_executor.node import guard_client as module
 from merlin_executor.node.guard_client import GuardClient
 from merlin_ros.deadline import Deadline
-
-LONG = 60.0
+from merlin_test import LONG
 
 
 class Guards:

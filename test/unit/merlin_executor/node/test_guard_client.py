@@ -11,8 +11,8 @@ from merlin_msgs.msg import RobotHost
 
 from merlin_executor.node import guard_client
 from merlin_executor.node.guard_client import GuardClient
+from merlin_test import LONG
 
-LONG = 60.0
 braked: List[str] = []
 ended: List[str] = []
 registers = threading.Event()

@@ -15,8 +15,7 @@ from merlin_planning.knowledge_client import ADD_GOAL
 from merlin_planning.knowledge_text import parse_goal, to_pddl
 from merlin_ros.call_scope import current_scope
 from merlin_ros.service_proxy import ServiceUnavailable
-
-LONG = 60.0
+from merlin_test import LONG
 
 
 class World:

@@ -12,8 +12,7 @@ from merlin_executor.node import own_goals
 from merlin_executor.node.own_goals import OwnGoals, ParameterNotes
 from merlin_planning.knowledge_text import parse_goal
 from merlin_ros.master.master_link import MasterSilent
-
-LONG = 60.0
+from merlin_test import LONG
 
 
 class Master:

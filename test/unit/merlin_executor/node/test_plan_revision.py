@@ -9,13 +9,14 @@ from typing import Any, Callable, List
 
 import pytest
 from diagnostic_msgs.msg import KeyValue
-from fakes.revision_bench import LONG, Bench, Robot, by, end, text
+from fakes.revision_bench import Bench, Robot, by, end, text
 from merlin_msgs.msg import PlannerStatus, RunningAction
 from rosplan_dispatch_msgs.msg import ActionDispatch
 
 from merlin_executor.node import plan_revision
 from merlin_executor.node.plan_revision import PlanRevision
 from merlin_sm.states import planning
+from merlin_test import LONG
 
 
 def test_a_newcomer_joins_in_mid_drive_and_the_drive_goes_on(bench: Bench, robot: Robot) -> None:

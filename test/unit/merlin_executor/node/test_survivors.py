@@ -19,8 +19,7 @@ from merlin_executor.node import executor as executor_module
 from merlin_executor.node.survivors import Survivors
 from merlin_executor.resending import was_lost
 from merlin_ros.service_proxy import ServiceUnavailable
-
-LONG = 60.0
+from merlin_test import LONG
 
 
 @pytest.fixture

@@ -8,13 +8,13 @@ from typing import Any, Callable, Iterator
 import pytest
 
 from merlin_monitor.access.operators import write_operators
+from merlin_test import LONG
 from merlin_test.chromium import Visit, chromium
 from merlin_test.node_path import node_path
 
 pytestmark = pytest.mark.processes
 
 TOKEN = "token of the test"
-LONG = 60.0  # s
 
 ROBOT = """
 import sys, threading, rospy

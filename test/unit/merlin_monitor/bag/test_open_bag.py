@@ -34,9 +34,9 @@ from merlin_monitor.state.state_tree import apply_changes
 from merlin_monitor.text.phrase import in_english
 from merlin_monitor.web import open_command
 from merlin_ros.health import ENDED, STALE
+from merlin_test import LONG
 
 pytestmark = pytest.mark.processes
-LONG = 60.0
 BEGIN = 1_700_000_000.0  # s since 1970, of a robot
 KITCHEN = {"x": 4.0, "y": 2.0, "yaw": 0.0}
 Reported = Tuple[str, Any, float, str]

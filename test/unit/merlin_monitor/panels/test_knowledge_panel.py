@@ -19,8 +19,8 @@ from merlin_monitor.panels import knowledge as knowledge_panel
 from merlin_monitor.panels.knowledge import KnowledgePanel
 from merlin_monitor.state.inbox import Inbox
 from merlin_monitor.state.monitor_model import MonitorModel
+from merlin_test import LONG
 
-LONG = 60.0
 NAME = "/knowledge"
 
 

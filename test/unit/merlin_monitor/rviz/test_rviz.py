@@ -21,8 +21,8 @@ from merlin_monitor.rviz.rviz_node import NoPlace, nearest
 from merlin_monitor.state.inbox import Inbox
 from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_ros.publishing import OnSubscriber
+from merlin_test import LONG
 
-LONG = 60.0  # s
 PACKAGE = Path(rospkg.RosPack().get_path("merlin_monitor"))
 LAUNCH = Path(rospkg.RosPack().get_path("merlin"), "launch")
 WINDOW = PACKAGE / "scripts" / "rviz_window"

@@ -15,10 +15,10 @@ from served import TOKEN, WEB, Served
 from merlin_monitor.access.web_access import TOKEN_HEADER
 from merlin_monitor.web import connections as limits
 from merlin_monitor.web import live_feed, web_server
+from merlin_test import LONG
 
 pytestmark = pytest.mark.processes
 
-LONG = 60.0  # s
 MANY = 100
 LARGEST = 210_000  # bytes of the page, with all languages and a line for the licence in each file
 

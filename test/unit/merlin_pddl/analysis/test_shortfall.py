@@ -18,9 +18,9 @@ from merlin_pddl.domain_reader import parse_domain
 from merlin_pddl.evaluation import compare
 from merlin_pddl.formula import Atom
 from merlin_pddl.problem_reader import parse_problem
+from merlin_test import LONG
 
 FOLDER = Path(__file__).parents[4] / "src" / "merlin" / "pddl"
-LONG = 60.0
 COURIER = """(define (domain courier)
   (:types place box)
   (:predicates (at ?p - place) (in ?b - box ?p - place) (door ?from ?to - place) (dirty) (safe))

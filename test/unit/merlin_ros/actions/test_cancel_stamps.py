@@ -21,8 +21,7 @@ from merlin_ros.actions.action_server import (
 )
 from merlin_ros.actions.lease import LASTING
 from merlin_ros.alarms import Alarm
-
-LONG = 60.0
+from merlin_test import LONG
 
 
 class Served:

@@ -10,8 +10,7 @@ from merlin_msgs.msg import Lease
 from merlin_ros.actions import lease_holder
 from merlin_ros.actions.lease_holder import LeaseHolder
 from merlin_ros.alarms import Alarm
-
-LONG = 60.0
+from merlin_test import LONG
 
 
 @pytest.fixture

@@ -20,8 +20,8 @@ from merlin_ros.actions.lease_watch import LeaseWatch
 from merlin_ros.actions.peers import came_over_open, connected_peers, link_from, reaches, sender_of
 from merlin_ros.alarms import Alarm
 from merlin_ros.work import threads
+from merlin_test import LONG
 
-LONG = 60.0
 Pair = Tuple[socket.socket, socket.socket]
 
 

@@ -16,8 +16,7 @@ from merlin_ros.actions.hang_watch import HUNG, SETTLE, HangWatch
 from merlin_ros.actions.lease import LeaseState
 from merlin_ros.actions.ownership import Ownership, ownership
 from merlin_ros.alarms import Alarm
-
-LONG = 60.0
+from merlin_test import LONG
 
 
 def test_a_goal_is_suspended_from_the_silence_of_its_owner_to_its_return() -> None:

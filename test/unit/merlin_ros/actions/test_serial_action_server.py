@@ -13,8 +13,7 @@ from merlin_msgs.msg import ListenAction, ListenActionGoal
 from merlin_ros.actions.action_server import ServerGoal
 from merlin_ros.actions.lease_watch import LeaseWatch
 from merlin_ros.actions.serial_action_server import SerialActionServer
-
-LONG = 60.0
+from merlin_test import LONG
 
 
 class Unsayable(Exception):

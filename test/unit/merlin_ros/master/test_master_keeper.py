@@ -17,9 +17,9 @@ from merlin_ros.master.foreign_nodes import ForeignNodes
 from merlin_ros.master.master_keeper import MasterKeeper
 from merlin_ros.master.master_link import MasterSilent
 from merlin_ros.master.registration import KeptParameters, RegistrationError
+from merlin_test import LONG
 
 ME = "http://me:1"
-LONG = 60.0
 
 
 @pytest.fixture

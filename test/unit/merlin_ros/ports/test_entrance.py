@@ -11,8 +11,8 @@ from typing import Any, Iterator, List
 import pytest
 
 from merlin_ros.ports import entrance, tcpros_port, xmlrpc_port
+from merlin_test import LONG
 
-LONG = 60.0
 GREETING = struct.pack("<I", 5) + b"hello"
 REQUEST = b"POST / HTTP/1.1\r\nContent-Length: 4\r\n\r\nbody"
 

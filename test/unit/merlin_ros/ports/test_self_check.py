@@ -13,8 +13,7 @@ import pytest
 from merlin_ros.alarms import LONGEST_TICK, call_later
 from merlin_ros.ports import self_check
 from merlin_ros.ports.self_check import Port, SelfCheck
-
-LONG = 60.0
+from merlin_test import LONG
 
 
 class Watched:

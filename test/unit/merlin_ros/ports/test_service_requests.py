@@ -13,10 +13,10 @@ from std_srvs.srv import SetBool
 
 from merlin_ros.call_scope import CallScope
 from merlin_ros.service_proxy import ServiceProxy
+from merlin_test import LONG
 
 pytestmark = pytest.mark.processes
 
-LONG = 60.0
 
 SERVER = """
 import sys, rospy

@@ -15,11 +15,11 @@ import pytest
 
 from merlin_ros.processes import child_process
 from merlin_ros.processes.child_process import ChildProcess, receive, send
+from merlin_test import LONG
 from merlin_test.process_end import gone
 
 pytestmark = pytest.mark.processes
 
-LONG = 60.0  # s
 WORKER = """
 import contextlib, os, sys
 from merlin_ros.processes.child_process import parent, receive, send

@@ -9,8 +9,7 @@ import pytest
 
 from merlin_ros.work import threads
 from merlin_ros.work.threads import CallQueue, failure_text, log_failure, start_thread
-
-LONG = 60.0
+from merlin_test import LONG
 
 
 def no_thread(thread: threading.Thread) -> None:

@@ -5,7 +5,7 @@ import threading
 import time
 
 import pytest
-from dispatch_world import GUARDED, LIGHT, LONG, PLAN_ID, WORK, Run, World, actions, parallel
+from dispatch_world import GUARDED, LIGHT, PLAN_ID, WORK, Run, World, actions, parallel
 
 from merlin_pddl.plan_text import PlanStep
 from merlin_rosplan.dispatch.dispatch import PlanDispatch
@@ -21,6 +21,7 @@ from merlin_rosplan.dispatch.dispatch_schedule import SequentialSchedule
 from merlin_rosplan.dispatch.operator_model import ActionModel, PlanTerm, TimedEffects
 from merlin_rosplan.dispatch.plan_graph import TimedLiteral
 from merlin_rosplan.dispatch.plan_graph_builder import build_graph
+from merlin_test import LONG
 
 
 @pytest.fixture

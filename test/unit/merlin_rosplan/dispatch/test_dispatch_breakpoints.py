@@ -2,7 +2,7 @@
 """A dispatch that is held before an action, steps, goes on, and is cancelled meanwhile."""
 
 import pytest
-from dispatch_world import LONG, PATIENT, PLAN_ID, WORK, World, actions
+from dispatch_world import PATIENT, PLAN_ID, WORK, World, actions
 from dispatch_world import Run as PlainRun
 
 from merlin_pddl.breakpoints import Breakpoints
@@ -15,6 +15,7 @@ from merlin_rosplan.dispatch.dispatch_environment import (
     Tick,
 )
 from merlin_rosplan.dispatch.dispatch_schedule import SequentialSchedule
+from merlin_test import LONG
 
 
 class HeldWorld(World):

@@ -27,9 +27,9 @@ from merlin_rosplan.dispatch.plan_graph_builder import build_graph
 from merlin_rosplan.messages.plan_graph_messages import graph_from_message, graph_to_dot
 from merlin_rosplan.planning.planner_command import PlannerCommandError, parse_command
 from merlin_rosplan.planning.planner_output import candidate_plans, verdict
+from merlin_test import LONG
 
 PLAN_ID = 5
-LONG = 60.0
 STATUSES = (0, 1, 1, 1, 2, 2, 2, 3, 4, 10, 77, -1)
 
 

@@ -2,7 +2,7 @@
 """A robot leaves while a plan is dispatched: the others finish what they do, and nothing else starts."""
 
 import pytest
-from dispatch_world import GUARDED, LONG, WORK, Run, World, actions, parallel
+from dispatch_world import GUARDED, WORK, Run, World, actions, parallel
 
 from merlin_pddl.plan_text import PlanStep
 from merlin_rosplan.dispatch.dispatch_environment import DispatchState, FeedbackStatus
@@ -10,6 +10,7 @@ from merlin_rosplan.dispatch.dispatch_graph import GraphSchedule
 from merlin_rosplan.dispatch.dispatch_schedule import SequentialSchedule
 from merlin_rosplan.dispatch.operator_model import PlanTerm
 from merlin_rosplan.dispatch.plan_graph_builder import build_graph
+from merlin_test import LONG
 
 
 @pytest.fixture

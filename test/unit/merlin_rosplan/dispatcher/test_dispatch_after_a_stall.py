@@ -7,7 +7,7 @@ from typing import Any, Iterator, List
 
 import pytest
 import rospy
-from dispatch_world import LIGHT, LONG, Run, World, actions
+from dispatch_world import LIGHT, Run, World, actions
 from fakes.topics import Topics
 
 from merlin_pddl.breakpoints import Breakpoints
@@ -21,6 +21,7 @@ from merlin_rosplan.dispatch.dispatch_environment import (
 from merlin_rosplan.dispatch.dispatch_schedule import SequentialSchedule
 from merlin_rosplan.dispatch.operator_model import PlanTerm
 from merlin_rosplan.dispatcher.dispatch_topics import DispatchTopics
+from merlin_test import LONG
 
 BURNING = PlanTerm("burning", ("o0",))
 

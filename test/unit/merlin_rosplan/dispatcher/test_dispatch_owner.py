@@ -27,8 +27,8 @@ from merlin_rosplan.dispatcher import plan_dispatcher
 from merlin_rosplan.dispatcher.simple_and_esterel import SimplePlanDispatcher
 from merlin_rosplan.transport import component
 from merlin_rosplan.transport.handover import Handover
+from merlin_test import LONG
 
-LONG = 60.0
 NAME = "/dispatcher"
 ACTION = f"{NAME}/dispatch_plan_action"
 GOAL = f"goal{LEASED}"

@@ -7,12 +7,12 @@ from typing import Any, Iterator
 
 import pytest
 import rospy
-from dispatch_world import LONG
 from fakes.topics import Topics
 
 from merlin_pddl.breakpoints import Breakpoints
 from merlin_ros import ros_alarm
 from merlin_rosplan.dispatcher.dispatch_topics import DispatchTopics
+from merlin_test import LONG
 
 HOUR = 3600.0
 

@@ -18,12 +18,12 @@ from merlin_rosplan.planning.planner_command import PlannerCommandError, parse_c
 from merlin_rosplan.planning.planner_process import PlannerProcess
 from merlin_rosplan.planning.planning_outcome import PlannerState
 from merlin_rosplan.supervision.supervised_planning import Planning
+from merlin_test import LONG
 from merlin_test.process_end import gone
 
 DOMAIN = Path(__file__).parents[4] / "pddl" / "home" / "domain.pddl"
 PROBLEM = (DOMAIN.parent / "problem.pddl").read_text()
 PLAN = "0.000: (navigate anywhere kitchen)  [28.200]\n28.200: (ask kitchen)  [5.000]\n"
-LONG = 120.0
 
 #: Of which one is long enough for a script to begin, on a machine of any speed; s.
 LIMITS = (0.3, 2.0, 8.0, 30.0)

@@ -15,6 +15,7 @@ from merlin_rosplan.planning.planner_engines import engines
 from merlin_rosplan.planning.planner_race import PlannerRace
 from merlin_rosplan.planning.planning_outcome import PlannerState
 from merlin_rosplan.supervision.supervised_planning import Planning
+from merlin_test import LONG
 
 needs_kairos = pytest.mark.skipif(not kairos_check.available(), reason="kairos needs Python 3.10")
 DOMAIN = """(define (domain costs) (:requirements :typing :action-costs) (:types place)
@@ -25,7 +26,6 @@ PROBLEM = """(define (problem p) (:domain costs) (:objects a b c - place)
   (:init (at a) (= (total-cost) 0) (= (way a b) 50) (= (way a c) 10) (= (way c b) 10) (= (way a a) 1)
     (= (way b a) 1) (= (way b b) 1) (= (way b c) 1) (= (way c a) 1) (= (way c c) 1))
   (:goal (at b)) (:metric SENSE (total-cost)))"""
-LONG = 120.0  # s
 SHORT, CHEAP = "(go a b)", "(go a c)\\n(go c b)"
 
 

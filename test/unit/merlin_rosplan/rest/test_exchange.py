@@ -4,7 +4,7 @@
 import dataclasses
 
 import pytest
-from dispatch_world import LONG, WORK, Run, World, actions, parallel
+from dispatch_world import WORK, Run, World, actions, parallel
 
 from merlin_pddl.plan_text import PlanStep
 from merlin_rosplan.dispatch.dispatch_environment import DispatchState, Exchange, FeedbackStatus, Tick
@@ -12,6 +12,7 @@ from merlin_rosplan.dispatch.dispatch_schedule import Ongoing, PlanError, Planne
 from merlin_rosplan.dispatch.operator_model import ActionModel, Conditions, PlanTerm, TimedEffects
 from merlin_rosplan.dispatch.plan_graph_builder import build_graph
 from merlin_rosplan.rest.exchange import continued_graph, continued_list
+from merlin_test import LONG
 
 
 def further(*objects, first=10):

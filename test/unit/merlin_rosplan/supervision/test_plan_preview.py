@@ -22,10 +22,10 @@ from merlin_rosplan.supervision.plan_preview import (
     steps_of,
     write_later_problem,
 )
+from merlin_test import LONG
 
 HOME = Path(__file__).resolve().parents[4] / "pddl" / "home"
 DOMAIN = str(HOME / "domain.pddl")
-LONG = 60.0
 
 
 @pytest.fixture

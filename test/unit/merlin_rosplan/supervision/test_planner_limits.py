@@ -20,12 +20,12 @@ from merlin_rosplan.planning.planning_outcome import PlannerState
 from merlin_rosplan.supervision import planner_host
 from merlin_rosplan.supervision.planner_host import HostError, PlannerHost, PlannerHosts
 from merlin_rosplan.supervision.supervised_planning import Planning
+from merlin_test import LONG
 from merlin_test.process_end import gone
 
 pytestmark = pytest.mark.processes
 
 HOME = Path(__file__).parents[4] / "pddl" / "home"
-LONG = 120.0
 # Leaves the group and the session of the planner, twice, and writes its number.
 RUNAWAY = """
 setsid sh -c 'echo $$ >> {pids}; setsid sh -c "echo \\$\\$ >> {pids}; sleep 600" & sleep 600' &

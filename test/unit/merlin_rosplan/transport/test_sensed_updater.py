@@ -11,8 +11,7 @@ from merlin_planning.knowledge_text import to_pddl
 from merlin_ros.service_proxy import ServiceError
 from merlin_rosplan.transport import sensed_updater
 from merlin_rosplan.transport.sensed_updater import SensedUpdater
-
-LONG = 60.0
+from merlin_test import LONG
 
 
 class Knowledge:

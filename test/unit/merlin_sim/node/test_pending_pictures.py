@@ -10,8 +10,7 @@ import rospy
 from merlin_ros.health import OK, WARN
 from merlin_sim.node.pending_pictures import PendingPictures
 from merlin_sim.rendering.shot import PictureError
-
-LONG = 60.0  # s
+from merlin_test import LONG
 
 
 class Later:

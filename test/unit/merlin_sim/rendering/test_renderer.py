@@ -22,12 +22,12 @@ from merlin_sim.rendering.shot import PictureError
 from merlin_sim.robot.camera import CameraModel
 from merlin_sim.world.world_file import load_world
 from merlin_sim.world.world_model import DoorEvent, Solid
+from merlin_test import LONG
 
 pytestmark = pytest.mark.processes
 
 PACKAGE = Path(__file__).resolve().parents[4] / "src" / "merlin_sim"
 URDF = PACKAGE / "urdf" / "rb1.urdf"
-LONG = 120.0  # s
 
 
 @pytest.fixture(scope="module")

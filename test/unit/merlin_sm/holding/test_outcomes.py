@@ -5,7 +5,7 @@ import enum
 import threading
 
 import pytest
-from outcome_world import LONG, World
+from outcome_world import World
 
 import smach
 from merlin_pddl.breakpoints import BreakpointError
@@ -13,6 +13,7 @@ from merlin_sm.holding.outcomes import NoSuchState, Outcomes
 from merlin_sm.holding.state_holds import StateHolds
 from merlin_sm.holding.state_hook import hook_states
 from merlin_sm.merlin_sm import MerlinSM
+from merlin_test import LONG
 
 
 @pytest.fixture

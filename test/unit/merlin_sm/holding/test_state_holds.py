@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from merlin_pddl.breakpoints import MOST, BreakpointError
 from merlin_sm.holding.state_holds import GRACE, Machine, StateHolds, names_state, read_state_pattern
+from merlin_test import LONG
 
-LONG = 60.0
 PATHS = ["NAVIGATE/DRIVE", "NAVIGATE/SAY", "ASK/SPEAK/SAY"]
 
 

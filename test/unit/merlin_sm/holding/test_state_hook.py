@@ -11,8 +11,7 @@ from merlin_sm.holding.state_holds import StateHolds
 from merlin_sm.holding.state_hook import hook_states
 from merlin_sm.merlin_sm import MerlinSM
 from merlin_sm.states.function_state import FunctionState
-
-LONG = 60.0
+from merlin_test import LONG
 
 
 class Plain(smach.State):

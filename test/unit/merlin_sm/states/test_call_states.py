@@ -15,9 +15,8 @@ from merlin_ros.service_proxy import ServiceError
 from merlin_sm.states import ros_calls
 from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, SUCCEEDED
 from merlin_sm.states.ros_calls import ServiceCallState, TopicState
+from merlin_test import LONG
 from smach import UserData
-
-LONG = 60.0
 
 
 class Service:

@@ -13,9 +13,8 @@ from merlin_sm.states.function_state import FunctionState
 from merlin_sm.states.merlin_state import PREEMPTED, SUCCEEDED, MerlinState
 from merlin_sm.states.planning import DispatchPlanState
 from merlin_sm.states.while_state import WhileSM
+from merlin_test import LONG
 from smach import UserData
-
-LONG = 60.0
 
 
 def refuse(userdata: Any) -> None:

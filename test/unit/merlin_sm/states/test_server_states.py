@@ -23,9 +23,9 @@ from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, SUCCEEDED, GivenUp
 from merlin_sm.states.navigation import POINTS_PARAM, NavigationState
 from merlin_sm.states.recognition import NOT_FOUND, DetectState, Recognized, RecognizeState
 from merlin_sm.states.speech import MISUNDERSTOOD, ListenState, SpeakState
+from merlin_test import LONG
 from smach import UserData
 
-LONG = 60.0
 POINTS = {"kitchen": {"x": 1.0, "y": 2.0, "yaw": 0.0}, "broken": {"x": 1.0, "y": "?"}}
 
 

@@ -8,9 +8,8 @@ import pytest
 
 from merlin_sm.states.merlin_state import PREEMPTED, SUCCEEDED
 from merlin_sm.states.wait import WaitState
+from merlin_test import LONG
 from smach import UserData
-
-LONG = 60.0
 
 
 class Runner:
