@@ -54,7 +54,6 @@ WAIT_LIMIT = 5.0  # s, of running time and of ROS time, in which an execution th
 WAITS = 6  # so often that limit of running time at most, where ROS time is slower, or stands
 ON_TIME = 0.9  # share of running time from which on ROS time is not slower
 MASTER_LOST = "the ROS master is lost"
-ENDS = "its action interface shuts down"
 _KNOWLEDGE_ERRORS = (KnowledgeError, ServiceError, ValueError, MasterSilent)
 #: Answers that wait for the dispatcher's connection; rospy drops the oldest of more, and says nothing.
 QUEUE = 1000
@@ -178,7 +177,7 @@ class ActionInterface:
         """See :class:`.Serving`."""
         with self._changed:
             self._stopped.set()
-            decisions = self._book.cancel_all(ENDS)
+            decisions = self._book.cancel_all("its action interface shuts down")
         if self._announces is not None:
             self._announces.cancel()
         self._carry_out(decisions)
@@ -282,13 +281,11 @@ class ActionInterface:
         execution = Execution(dispatch, [KeyValue(key, given[key]) for key in variables], LIFE)
         execution.lane = self._lane(execution)
         with self._changed:
-            ends = self._stopped.is_set()
-            decisions = [] if ends else self._book.arrive(execution.key, execution.lane, dispatch.plan_id)
+            if self._stopped.is_set():
+                return  # it waits for the next process: a plan that fails at once is soon given up
+            decisions = self._book.arrive(execution.key, execution.lane, dispatch.plan_id)
             if decisions:
                 self._executions[execution.key] = execution
-        if ends:
-            self._answer(key, Ending(False, ENDS, begun=False))
-            return
         if not decisions:
             rospy.logwarn(f"{execution.text} was dispatched twice with the same ids; it runs once")
             return

@@ -30,8 +30,6 @@ from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, MerlinState, merli
 #: the bridge gives the machine: the server knows in which state the machine hangs, and names it.
 CANCEL_LIMIT = 2.7
 
-ENDS = "its host shuts down"
-
 
 class MerlinActionServer:
     """Runs a :class:`MerlinActionSM` for the goals of its action, as many at once as its class says.
@@ -121,7 +119,7 @@ class MerlinActionServer:
         """See :class:`.Serving`."""
         with self._changed:
             self._ends = True
-            decisions = self._book.cancel_all(ENDS)
+            decisions = self._book.cancel_all("its host shuts down")
         self._carry_out(decisions)
 
     def wait_stopped(self, seconds: float) -> bool:
@@ -157,9 +155,10 @@ class MerlinActionServer:
 
     def _receive(self, goal: ServerGoal) -> None:
         with self._changed:
+            if self._ends:
+                return  # answered when the server is closed: a plan that fails at once is soon given up
             self._goals[goal.id] = goal
-            ends = [Decision(Step.REFUSE, goal.id, ENDS)] if self._ends else None
-            decisions = ends or self._book.arrive(goal.id)
+            decisions = self._book.arrive(goal.id)
         self._carry_out(decisions)
 
     def _cancel(self, goal: ServerGoal) -> None:
