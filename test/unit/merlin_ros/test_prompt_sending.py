@@ -28,7 +28,7 @@ class Connected(rospy.SubscribeListener):
     def peer_subscribe(self, *_):
         print("connected", flush=True)
 def start():
-    words = rospy.Publisher("words", String, Connected(), queue_size=1)
+    words = rospy.Publisher("words", String, Connected(), queue_size=int(sys.argv[1]) or None)
     def run():
         print("announced", flush=True)
         sys.stdin.readline()
@@ -231,8 +231,9 @@ def test_a_subscriber_that_does_not_read_keeps_no_node_from_its_end(
 
 
 @pytest.mark.processes
-def test_a_node_is_at_the_master_until_its_last_message_is_read(master: Any) -> None:
-    node = master.node(SAYS)
+@pytest.mark.parametrize("queue", ["1", "0"])  # 0: none, as in much of rospy's users' code
+def test_a_node_is_at_the_master_until_its_last_message_is_read(master: Any, queue: str) -> None:
+    node = master.node(SAYS, queue)
     node.expect("announced")
     with xmlrpc.client.ServerProxy(master.address_of("/speaker")) as speaker:
         _, _, (_, *address) = speaker.requestTopic("/listener", "/words", [["TCPROS"]])

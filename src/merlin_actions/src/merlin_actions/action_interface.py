@@ -22,6 +22,7 @@ from merlin_actions.core.execution import Execution, Key, Token, at_once
 from merlin_actions.core.latched import LATCH_GRACE, Latched, PutAside
 from merlin_actions.core.names import CONCURRENT, IF_INTERRUPTED, IF_STOPPED_AT, WHILE_RUNNING, action_param
 from merlin_actions.effects import APPLY_LIMIT, Opening, effects_of
+from merlin_actions.shutdown_order import shut_down
 from merlin_planning.dispatch_progress import CANCEL_ACTION
 from merlin_planning.execution_journal import ExecutionJournal
 from merlin_planning.knowledge_client import (
@@ -37,11 +38,11 @@ from merlin_ros.actions.lease_holder import LIFE
 from merlin_ros.actions.lease_watch import LeaseWatch
 from merlin_ros.actions.ownership import ownership
 from merlin_ros.actions.peers import connected_peers, sender_of
-from merlin_ros.alarms import Alarm, call_later, every, wait_ticks
+from merlin_ros.alarms import Alarm, call_later, every
 from merlin_ros.deadline import call_when_passed, running_time
 from merlin_ros.master.master_link import MasterSilent, get_param
 from merlin_ros.node import master_is_lost
-from merlin_ros.publishing import OnSubscriber, publish
+from merlin_ros.publishing import OnSubscriber, publish, unregister
 from merlin_ros.ros_alarm import RosStopwatch
 from merlin_ros.service_proxy import ServiceError, ServiceUnavailable, when_back
 from merlin_ros.work.threads import log_failure, start_thread
@@ -53,7 +54,6 @@ WAIT_LIMIT = 5.0  # s, of running time and of ROS time, in which an execution th
 WAITS = 6  # so often that limit of running time at most, where ROS time is slower, or stands
 ON_TIME = 0.9  # share of running time from which on ROS time is not slower
 MASTER_LOST = "the ROS master is lost"
-SHUTDOWN_WAIT = 2.0  # s of wall time in which running executions can end when their node does
 _KNOWLEDGE_ERRORS = (KnowledgeError, ServiceError, ValueError, MasterSilent)
 #: Answers that wait for the dispatcher's connection; rospy drops the oldest of more, and says nothing.
 QUEUE = 1000
@@ -170,18 +170,27 @@ class ActionInterface:
         return rospy.resolve_name(self._topics[0]).rsplit("/", 1)[0]
 
     def shutdown(self) -> None:
-        """Cancels what runs, waits until it has ended, at most ``SHUTDOWN_WAIT``, and stops serving."""
-        self._stopped.set()
+        """Cancels what runs, waits until it has ended, and stops serving; of several see `shut_down`."""
+        shut_down([self])
+
+    def stop(self) -> None:
+        """See :class:`.Serving`."""
+        with self._changed:
+            self._stopped.set()
+            decisions = self._book.cancel_all("its action interface shuts down")
         if self._announces is not None:
             self._announces.cancel()
-        self._subscriber.unregister()
-        self._dispatcher_status.unregister()
-        self._owners.shutdown()
-        with self._changed:
-            decisions = self._book.cancel_all("its action interface shuts down")
         self._carry_out(decisions)
+
+    def wait_stopped(self, seconds: float) -> bool:
+        """See :class:`.Serving`."""
         with self._changed:
-            wait_ticks(lambda tick: self._changed.wait_for(lambda: self._book.idle, tick), SHUTDOWN_WAIT)
+            return self._changed.wait_for(lambda: self._book.idle, seconds)
+
+    def close(self) -> None:
+        """See :class:`.Serving`."""
+        self._owners.shutdown()
+        unregister(self._subscriber, self._dispatcher_status)
 
     def master_lost(self) -> None:
         """Stops what runs: nothing else of the system can be found any more."""
@@ -272,6 +281,8 @@ class ActionInterface:
         execution = Execution(dispatch, [KeyValue(key, given[key]) for key in variables], LIFE)
         execution.lane = self._lane(execution)
         with self._changed:
+            if self._stopped.is_set():
+                return  # it waits for the next process: a plan that fails at once is soon given up
             decisions = self._book.arrive(execution.key, execution.lane, dispatch.plan_id)
             if decisions:
                 self._executions[execution.key] = execution
@@ -339,7 +350,6 @@ class ActionInterface:
         execution.left_queue.set()
         with self._changed:
             self._executions.pop(execution.key, None)
-            decisions = self._book.end(execution.key)
         ownership.resume(execution.token)
         self._owners.forget(execution.lease)
         try:
@@ -347,6 +357,7 @@ class ActionInterface:
                 self._answer_end(execution, ending)
         finally:  # the next execution begins whatever became of this answer
             with self._changed:
+                decisions = self._book.end(execution.key)
                 self._changed.notify_all()
             self._carry_out(decisions)
 

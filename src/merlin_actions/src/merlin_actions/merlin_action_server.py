@@ -12,8 +12,8 @@ import smach
 from merlin_actions.core.ending import GIVEN_UP, NOT_BEGUN, MachineEnd, answer_of
 from merlin_actions.core.names import CONCURRENT, DECLARED, action_param, ros_name
 from merlin_actions.merlin_action_sm import MerlinActionSM
+from merlin_actions.shutdown_order import shut_down
 from merlin_ros.actions.action_server import ActionServer, ServerGoal
-from merlin_ros.alarms import wait_ticks
 from merlin_ros.deadline import call_when_passed, limit
 from merlin_ros.health import ERROR, OK, WARN, Health
 from merlin_ros.work.goal_end import GoalEnd
@@ -25,9 +25,6 @@ from merlin_sm.holding.state_hook import hook_states
 from merlin_sm.introspection import start_introspection
 from merlin_sm.states.action_state import give_up_goals
 from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, MerlinState, merlin_states
-
-#: Wall seconds in which a running machine can stop the robot when its node ends.
-SHUTDOWN_WAIT = 2.0
 
 #: Running seconds in which a preempted machine has to end: longer than a state gives its server, shorter than
 #: the bridge gives the machine: the server knows in which state the machine hangs, and names it.
@@ -55,6 +52,7 @@ class MerlinActionServer:
         self._machines: Dict[str, MerlinActionSM] = {}  # of the goals that were started
         self._book: WorkBook[str] = WorkBook(Policy.NEWEST, len(self._pool))
         self._goals: Dict[str, ServerGoal] = {}  # accepted or waiting, not answered
+        self._ends = False  # nothing begins any more
         self._crash = ""  # what the last run raised
         self._threads: Dict[str, threading.Thread] = {}  # of the goals
         self._abandoned: List[threading.Thread] = []  # of runs that did not stop
@@ -114,16 +112,23 @@ class MerlinActionServer:
                 self._shown.pop()[1].stop()
 
     def shutdown(self) -> None:
-        """Preempts what runs, waits until it has stopped, at most ``SHUTDOWN_WAIT``, and stops serving."""
+        """Preempts what runs, waits until it has stopped, and stops serving; of several see `shut_down`."""
+        shut_down([self])
+
+    def stop(self) -> None:
+        """See :class:`.Serving`."""
         with self._changed:
-            running = self._book.running
+            self._ends = True
             decisions = self._book.cancel_all("its host shuts down")
         self._carry_out(decisions)
+
+    def wait_stopped(self, seconds: float) -> bool:
+        """See :class:`.Serving`."""
         with self._changed:
-            wait_ticks(
-                lambda tick: self._changed.wait_for(lambda: not set(running) & set(self._book.running), tick),
-                SHUTDOWN_WAIT,
-            )
+            return self._changed.wait_for(lambda: not self._goals, seconds)
+
+    def close(self) -> None:
+        """See :class:`.Serving`."""
         self._server.shutdown()
         with self._showing:
             while self._shown:
@@ -150,6 +155,8 @@ class MerlinActionServer:
 
     def _receive(self, goal: ServerGoal) -> None:
         with self._changed:
+            if self._ends:
+                return  # answered when the server is closed: a plan that fails at once is soon given up
             self._goals[goal.id] = goal
             decisions = self._book.arrive(goal.id)
         self._carry_out(decisions)
@@ -167,8 +174,12 @@ class MerlinActionServer:
             if goal is None:  # it has ended since that was decided
                 continue
             if decision.what is Step.REFUSE:
-                self._forget(goal)
-                goal.cancelled(RunActionResult(outcome=PREEMPTED, reason=decision.reason), decision.reason)
+                try:
+                    goal.cancelled(
+                        RunActionResult(outcome=PREEMPTED, reason=decision.reason), decision.reason
+                    )
+                finally:
+                    self._forget(goal)
                 continue
             if decision.what is Step.STOP:
                 goal.request_cancel(decision.reason)  # first: a run that begins just now looks at it
@@ -206,6 +217,7 @@ class MerlinActionServer:
             self._end(goal, MachineEnd(ABORTED, f"{self.operator} cannot begin: {crash}"), crash)
 
     def _forget(self, goal: ServerGoal) -> None:
+        """A goal is answered: the end of the host does not wait for it any more."""
         with self._changed:
             self._goals.pop(goal.id, None)
             self._threads.pop(goal.id, None)
@@ -256,8 +268,10 @@ class MerlinActionServer:
             self._release(goal)
             if goal.id in self._threads:  # otherwise it hangs before its run
                 self._abandoned.append(self._threads[goal.id])
-        self._forget(goal)
-        goal.abort(RunActionResult(ABORTED, reason, culprit, ""), reason)
+        try:
+            goal.abort(RunActionResult(ABORTED, reason, culprit, ""), reason)
+        finally:
+            self._forget(goal)
 
     # --- a run ------------------------------------------------------------------------------------
 
@@ -289,10 +303,10 @@ class MerlinActionServer:
             self._crash = crash
             decisions = self._book.end(goal.id)
             self._release(goal)
-        self._forget(goal)
         try:
             self._answer(goal, end)
         finally:  # the next goal begins whatever became of this answer
+            self._forget(goal)
             self._carry_out(decisions)
             self._show()  # when its class was edited meanwhile
 

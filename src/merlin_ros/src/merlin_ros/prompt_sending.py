@@ -43,16 +43,20 @@ def _finish_topics(_: str) -> None:
     finish([each for topic in publishers for each in topic.connections or ()], READ_LIMIT)
 
 
-def finish(connections: Iterable["PromptConnection"], limit: float) -> None:
+def finish(connections: Iterable[Any], limit: float) -> None:
     """Ends connections and waits until their subscribers have read everything and have closed them.
 
+    :param connections: also those of publishers without a queue, which rospy sends over itself.
     :param limit: of the wait, s of wall time.
     """
     waits, open_ = select.poll(), set()
     for connection in connections:
-        connection.finish()
-        number = connection.fileno()
-        if number is not None and number >= 0:
+        if isinstance(connection, PromptConnection):
+            connection.finish()
+        else:
+            _end(connection)
+        with contextlib.suppress(OSError, AttributeError, TypeError, ValueError):  # it is closed
+            number = connection.fileno()
             waits.register(number, select.POLLRDHUP)
             open_.add(number)
     end = time.monotonic() + limit
@@ -60,6 +64,12 @@ def finish(connections: Iterable["PromptConnection"], limit: float) -> None:
         for number, _ in waits.poll(left * 1000):
             waits.unregister(number)
             open_.remove(number)
+
+
+def _end(transport: Any) -> None:
+    """Lets the subscriber read the end of a connection of rospy behind what was sent."""
+    with contextlib.suppress(OSError, AttributeError):  # it is closed
+        transport.socket.shutdown(socket.SHUT_WR)
 
 
 class PlainPoller:
@@ -159,11 +169,7 @@ class PromptConnection(QueuedConnection):
         with self._lock:
             self._finished = True
             if not self._working:
-                self._end()
-
-    def _end(self) -> None:
-        with contextlib.suppress(OSError, AttributeError):  # it is closed
-            self._connection.socket.shutdown(socket.SHUT_WR)
+                _end(self._connection)
 
     def _send(self, data: bytes) -> int:
         """Sends without waiting; returns how many bytes the kernel has taken."""
@@ -193,7 +199,7 @@ class PromptConnection(QueuedConnection):
                 if not data or self._connection.done:
                     self._working = False
                     if self._finished:
-                        self._end()
+                        _end(self._connection)
                     return
             try:
                 self._connection.write_data(data)

@@ -64,6 +64,16 @@ def publish(publisher: rospy.Publisher, message: Any) -> None:
         impl.release()
 
 
+def unregister(*topics: Any) -> None:
+    """Unregisters publishers and subscribers. A node that ends keeps them: rospy ends all of them at once.
+
+    One by one each costs a call to the master, seconds where that hangs. The callbacks go on until the end.
+    """
+    if not is_shutdown_requested():
+        for topic in topics:
+            topic.unregister()
+
+
 def _publish(publisher: rospy.Publisher, message: Any) -> None:
     try:
         publisher.publish(message)

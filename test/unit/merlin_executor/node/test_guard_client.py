@@ -8,7 +8,9 @@ import pytest
 import rospy
 from fakes.topics import Topics
 from merlin_msgs.msg import RobotHost
+from std_srvs.srv import TriggerResponse
 
+from merlin_executor.core.standstill import Halt
 from merlin_executor.node import guard_client
 from merlin_executor.node.guard_client import GuardClient
 from merlin_test import LONG
@@ -107,3 +109,35 @@ def test_a_node_of_an_impossible_name_has_no_guard(client: GuardClient, topics: 
     announce(topics, node, "/flood")
     client.brake("cancelled")
     assert braked == [OWN]
+
+
+@pytest.mark.parametrize("short", [False, True])  # of threads
+def test_a_guard_that_hangs_keeps_no_other_base_moving(
+    topics: Topics, monkeypatch: pytest.MonkeyPatch, short: bool
+) -> None:
+    """The guard of this robot answers when that of the other one was asked."""
+    other = threading.Event()
+
+    class Service:
+        def __init__(self, name: str, *_: Any, **__: Any) -> None:
+            self.own = name == "merlin/halt"
+
+        def available(self) -> bool:
+            return True
+
+        def __call__(self) -> TriggerResponse:
+            if not self.own:
+                other.set()
+                return TriggerResponse(True, "stands")
+            return TriggerResponse(other.wait(LONG), "stands")
+
+    def no_thread(*_: Any) -> threading.Thread:
+        raise RuntimeError("can't start new thread")
+
+    monkeypatch.setattr(guard_client, "ServiceProxy", Service)
+    if short:
+        monkeypatch.setattr(guard_client, "start_thread", no_thread)
+    master_answers.set()
+    client = GuardClient("/kb")
+    announce(topics, "/r1/host", "/r1/host")
+    assert client.halt() == Halt(True, True, "stands")

@@ -19,7 +19,7 @@ from std_srvs.srv import EmptyRequest
 from merlin_ros.actions import lease_watch
 from merlin_ros.actions.lease import LEASED
 from merlin_ros.actions.ownership import ownership
-from merlin_ros.alarms import Alarm
+from merlin_ros.alarms import Alarm, wait_ticks
 from merlin_ros.deadline import Deadline
 from merlin_rosplan.dispatch.dispatch import DispatchReport, DispatchState
 from merlin_rosplan.dispatch.dispatch_schedule import Schedule
@@ -205,6 +205,47 @@ def test_a_cancel_while_the_plan_is_taken_is_not_lost(bench: Bench) -> None:
     assert statuses.queue[-1].state == DispatchStatus.IDLE
     bench.dispatcher.on_schedule = lambda: None  # type: ignore[method-assign]
     assert bench.dispatch().success
+
+
+def test_a_dispatcher_ends_behind_the_answer_to_its_client(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    judges, goes_on = threading.Event(), threading.Event()
+    over: List[bool] = []
+
+    def unmet_goals() -> List[str]:
+        judges.set()
+        assert goes_on.wait(LONG)
+        return []
+
+    def wait(attempt: Callable[[float], bool], seconds: float) -> bool:
+        assert judges.wait(LONG)  # the dispatch has ended
+        over.append(attempt(0.0))
+        goes_on.set()
+        return wait_ticks(attempt, LONG)
+
+    monkeypatch.setattr(plan_dispatcher, "wait_ticks", wait)
+    bench.unmet_goals, bench.last = unmet_goals, True
+    bench.send_goal()
+    bench.next()
+    bench.dispatcher.shutdown()
+    result = bench.result()
+    assert (result.status, result.text) == (GoalStatus.PREEMPTED, "the dispatcher ends")
+    assert over == [False]
+
+
+def test_a_goal_for_which_there_is_no_thread_is_answered_and_keeps_no_next_client(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def no_thread(*_: Any) -> threading.Thread:
+        raise RuntimeError("can't start new thread")
+
+    with monkeypatch.context() as short:
+        short.setattr(plan_dispatcher, "start_thread", no_thread)
+        bench.send_goal()
+    result = bench.result()
+    assert result.status == GoalStatus.ABORTED and "can't start new thread" in result.text
+    assert bench.dispatch("/next").success
 
 
 # --- whose turn it is -----------------------------------------------------------------------------------

@@ -13,6 +13,7 @@ from merlin_actions.core.robot_book import GONE_AFTER, WORD_PERIOD
 from merlin_actions.merlin_action import MerlinAction
 from merlin_actions.robot_places import RobotPlaces
 from merlin_actions.robot_watch import RobotWatch
+from merlin_actions.shutdown_order import shut_down
 from merlin_actions.stopped_robots import StoppedRobots
 from merlin_planning.knowledge_client import (
     DEFAULT_KNOWLEDGE_BASE,
@@ -80,9 +81,11 @@ def _start() -> None:
     if not isinstance(operators, list):
         raise ParameterError(f"parameter ~operators is {operators!r}, not a list of operators")
     bridges = make_bridges(operators, knowledge_base, robots)
+    started: List[MerlinAction] = []
+    rospy.on_shutdown(functools.partial(shut_down, started))
     for bridge in bridges:
         bridge.start()
-        rospy.on_shutdown(bridge.shutdown)
+        started.append(bridge)
         on_master_lost(bridge.master_lost)
         if robots is not None:
             robots.listen(bridge.robot_changed)

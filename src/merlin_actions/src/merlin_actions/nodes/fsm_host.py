@@ -19,6 +19,7 @@ from merlin_actions.machine_survey import fitted, survey
 from merlin_actions.merlin_action_server import CANCEL_LIMIT, MerlinActionServer
 from merlin_actions.merlin_action_sm import MerlinActionSM
 from merlin_actions.robot_presence import RobotPresence
+from merlin_actions.shutdown_order import shut_down
 from merlin_pddl.checks.literals import literal_fault
 from merlin_planning.knowledge_client import (
     DEFAULT_KNOWLEDGE_BASE,
@@ -119,9 +120,11 @@ class MachineHost:
     def start(self) -> None:
         """Begins to serve."""
         node_holds.offer()
+        started: List[MerlinActionServer] = []
+        rospy.on_shutdown(lambda: shut_down(started))
         for server in self.servers:
             server.start()
-            rospy.on_shutdown(server.shutdown)
+            started.append(server)
             on_master_lost(server.master_lost)
         rospy.Service("~reload_actions", Trigger, self._serve_reload)
         if self._presence is not None:

@@ -6,8 +6,9 @@ The state machine runs directly inside the action interface, in the thread that 
 effects are true and are applied, and the dispatcher stops before the next action (paper, section 3.2.3).
 """
 
+import functools
 import threading
-from typing import Any, Dict
+from typing import Any, Dict, List
 
 import rospy
 
@@ -16,15 +17,14 @@ from merlin_actions.action_interface import ActionInterface
 from merlin_actions.core.ending import Ending
 from merlin_actions.core.execution import Execution
 from merlin_actions.core.names import DECLARED, ros_name
-from merlin_actions.merlin_action_server import SHUTDOWN_WAIT
 from merlin_actions.merlin_action_sm import MerlinActionSM
+from merlin_actions.shutdown_order import shut_down
 from merlin_planning.knowledge_client import (
     DEFAULT_KNOWLEDGE_BASE,
     KnowledgeBaseMissing,
     KnowledgeError,
     wait_for_knowledge_base,
 )
-from merlin_ros.alarms import wait_ticks
 from merlin_ros.node import on_master_lost, run_node
 from merlin_ros.parameters import graph_name, number
 from merlin_sm.introspection import start_introspection
@@ -42,7 +42,7 @@ class NaiveAction(ActionInterface):
     def __init__(self, machine: MerlinActionSM, **options: Any) -> None:
         super().__init__(machine.operator_name(), **options)
         self.machine = machine
-        self._turn = threading.Lock()  # held while an action is carried out
+        self._turn = threading.RLock()  # held while an action, and those behind it, are carried out
         machine.check_signature([parameter.key for parameter in self.formula.typed_parameters])
 
     def run(self, execution: Execution) -> Ending:
@@ -52,12 +52,10 @@ class NaiveAction(ActionInterface):
             return Ending(True)
         return Ending(False, self.machine.reason or f"the machine ended with {outcome}")
 
-    def shutdown(self) -> None:
-        """Preempts what runs, waits until it has stopped, at most ``SHUTDOWN_WAIT``, and stops serving."""
+    def stop(self) -> None:
+        """Preempts what runs, too."""
         self.machine.cancel()
-        super().shutdown()
-        if wait_ticks(lambda tick: self._turn.acquire(timeout=tick), SHUTDOWN_WAIT):
-            self._turn.release()
+        super().stop()
 
     def _spawn(self, execution: Execution) -> None:
         execution.left_queue.set()
@@ -79,9 +77,11 @@ def _start() -> None:
     machines = read_machines()
     wait_for_knowledge_base(knowledge_base, number("~knowledge_base_wait", 30.0, 0.0))
     actions = [NaiveAction(machine, knowledge_base=knowledge_base) for machine in machines]
+    started: List[NaiveAction] = []
+    rospy.on_shutdown(functools.partial(shut_down, started))
     for action in actions:
         action.start()
-        rospy.on_shutdown(action.shutdown)
+        started.append(action)
         on_master_lost(action.machine.cancel)
         rospy.on_shutdown(start_introspection(ros_name(action.operator).upper(), action.machine).stop)
     rospy.loginfo(f"naive actions: {', '.join(action.operator for action in actions)}")

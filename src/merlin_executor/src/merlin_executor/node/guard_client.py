@@ -18,6 +18,7 @@ from merlin_ros.actions.peers import sender_of
 from merlin_ros.deadline import Deadline
 from merlin_ros.publishing import publish
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
+from merlin_ros.work.threads import start_thread
 
 HALT_LIMIT = 1.0  # s of wall time for the guard to answer
 #: s of wall time for which the word of another robot's guard counts, and a guard that hangs is awaited; it
@@ -103,8 +104,26 @@ class GuardClient:
                 self._changed.wait_for(lambda: not any(guard.moves() for guard in moving), BRAKE_WAIT)
 
     def halt(self) -> Halt:
-        """Asks the guards to hold their bases, and to cancel all present motion goals."""
-        return together([guard.halt() for guard in self._all()])
+        """Asks the guards to hold their bases, and to cancel all present motion goals.
+
+        All at once: the base of another robot does not move on while one guard hangs.
+        """
+        guards = self._all()
+        halts = [Halt(True)] * len(guards)
+
+        def ask(number: int) -> None:
+            halts[number] = guards[number].halt()
+
+        threads = []
+        for number in range(1, len(guards)):
+            try:
+                threads.append(start_thread("halt of a guard", ask, number))
+            except RuntimeError:  # no further thread
+                ask(number)
+        ask(0)
+        for thread in threads:
+            thread.join()
+        return together(halts)
 
     @property
     def hold(self) -> str:

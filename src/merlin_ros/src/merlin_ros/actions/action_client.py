@@ -30,7 +30,7 @@ from merlin_ros.actions.server_silence import CONNECTED_SILENCE, LOOK, ServerSil
 from merlin_ros.alarms import Alarm, TickClock, every
 from merlin_ros.deadline import running_time
 from merlin_ros.master import registration
-from merlin_ros.publishing import OnSubscriber, publish
+from merlin_ros.publishing import OnSubscriber, publish, unregister
 from merlin_ros.work.threads import CallQueue
 
 REPEAT_CANCEL = 0.5  # s after which a cancel that shows no effect is sent again
@@ -282,8 +282,7 @@ class ActionClient:
             if not goal.lasting:
                 publish(self._cancel_publisher, GoalID(id=goal.id))
         self._lease.shutdown()
-        for topic in [*self._subscribers, self._goal_publisher, self._cancel_publisher]:
-            topic.unregister()
+        unregister(*self._subscribers, self._goal_publisher, self._cancel_publisher)
         for goal in goals:
             goal.finish(GoalStatus.LOST, "the client was shut down", self._result_type())
 

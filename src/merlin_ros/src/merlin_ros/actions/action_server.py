@@ -24,7 +24,7 @@ from merlin_ros.actions.ownership import ownership
 from merlin_ros.actions.peers import sender_of
 from merlin_ros.actions.sending_order import SendingOrder
 from merlin_ros.alarms import Alarm, call_later, every
-from merlin_ros.publishing import publish
+from merlin_ros.publishing import publish, unregister
 from merlin_ros.work.threads import log_failure
 
 STATUS_PERIOD = 0.2  # s of wall time, actionlib's usual 5 Hz
@@ -229,20 +229,19 @@ class ActionServer:
 
     def shutdown(self) -> None:
         """Ends every goal as ABORTED and stops serving."""
-        for subscriber in self._subscribers:
-            subscriber.unregister()
+        with self.lock:
+            self._stopped = True
+        unregister(*self._subscribers)
         if self._leases is not None:
             self._leases.shutdown()
         for goal in self.goals():
             goal.abort(text="the action server shuts down")
         with self.lock:
-            self._stopped = True
             if self._postponed is not None:
                 self.publish_status()
             if self._heartbeat is not None:
                 self._heartbeat.cancel()
-            for publisher in self._publishers:
-                publisher.unregister()
+            unregister(*self._publishers)
 
     def goals(self) -> List[ServerGoal]:
         """The goals that have not ended, oldest first."""
@@ -311,6 +310,8 @@ class ActionServer:
     def _receive_goal(self, message: Any) -> None:
         hangs.wait_settled(lambda: self._stopped)
         with self.lock:
+            if self._stopped:
+                return
             goal_id = message.goal_id
             if not goal_id.id:
                 goal_id.id = f"{rospy.get_name()}-unnamed-{next(_numbers)}"

@@ -10,7 +10,7 @@ from merlin_msgs.msg import Lease
 
 from merlin_ros.actions.ownership import ownership
 from merlin_ros.alarms import Alarm, every
-from merlin_ros.publishing import publish
+from merlin_ros.publishing import publish, unregister
 
 PERIOD = 0.15  # s of wall time between two renewals
 LIFE = uuid.uuid4().hex[:12]  #: names this process
@@ -110,7 +110,7 @@ class _Lease:
         with self._lock:
             self._stopped = True
         if self._publisher is not None:
-            self._publisher.unregister()
+            unregister(self._publisher)
 
     def advertise(self) -> None:
         """Registers with the master before the first goal, so that servers connect meanwhile."""

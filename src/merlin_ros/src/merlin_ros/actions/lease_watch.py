@@ -10,6 +10,7 @@ from merlin_msgs.msg import Lease
 from merlin_ros.actions.lease import LOSE_AFTER, SUSPEND_AFTER, LeaseBook, LeaseChange, LeaseState
 from merlin_ros.actions.peers import connected_peers
 from merlin_ros.alarms import TICK, Alarm, TickClock, every
+from merlin_ros.publishing import unregister
 from merlin_ros.work.threads import CallQueue
 
 
@@ -88,8 +89,8 @@ class LeaseWatch:
 
     def shutdown(self) -> None:
         """Watches no more."""
-        self._subscriber.unregister()
         self._stopped = True
+        unregister(self._subscriber)
 
     def _receive(self, lease: Lease) -> None:
         with self._lock:

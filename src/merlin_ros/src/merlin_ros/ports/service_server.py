@@ -90,6 +90,13 @@ def use_for_all() -> None:
     rospy.Service = Service
 
 
+class Unanswered(BaseException):
+    """Raised by a handler that must not answer: its client finds the connection closed, as of a dead node.
+
+    Not an Exception, which rospy would answer with its text.
+    """
+
+
 class Service(rospy.Service):
     """A service whose connections end with an answer when a request of theirs cannot be decoded."""
 
@@ -103,7 +110,7 @@ class Service(rospy.Service):
                     self._answer(transport, request)
                 if not persistent:
                     break
-        except TransportTerminated:
+        except (TransportTerminated, Unanswered):
             pass  # the client has gone, or has said half of a request and nothing since
         except (TransportException, OSError) as error:
             reason = str(error)[:300]

@@ -122,6 +122,7 @@ class PlanDispatcher(Component):
         self._fresh = False
         self._failure = ""  # of the last dispatch
         self._turns: WorkBook[_Turn] = WorkBook(Policy.IN_TURN)
+        self._owed = 0  # goals that have no answer yet
         self._missed: FrozenSet[str] = frozenset()  # names that have changed since the last dispatch
         self._watches_rest = self.flag("watch_rest", True)
         self._limits = DispatchLimits(
@@ -184,13 +185,17 @@ class PlanDispatcher(Component):
         return PlanKnowledge(self.knowledge_base)
 
     def on_shutdown(self) -> None:
-        """Cancels the dispatch and waits a moment for its end."""
+        """Cancels the dispatch, and waits a moment for its end and the answer: the server would abort it."""
         with self._state:
             dispatch = self._turn.dispatch
             self._state.notify_all()
         if dispatch is not None:
             dispatch.cancel("the dispatcher ends")
-            wait_ticks(dispatch.ended.wait, SHUTDOWN_DEADLINE)
+        wait_ticks(self._has_answered, SHUTDOWN_DEADLINE)
+
+    def _has_answered(self, seconds: float) -> bool:
+        with self._state:
+            return self._state.wait_for(lambda: self._turns.idle and not self._owed, seconds)
 
     def health(self) -> Health:
         """Whether a plan is dispatched; a warning with the reason when the last one failed."""
@@ -262,7 +267,13 @@ class PlanDispatcher(Component):
 
     def _accept(self, goal: ServerGoal) -> None:
         turn = self._arrive(_Turn(goal.sender, goal))
-        start_thread(f"dispatch {self.scope}", self._run_goal, turn, goal)
+        with self._state:
+            self._owed += 1
+        try:
+            start_thread(f"dispatch {self.scope}", self._run_goal, turn, goal)
+        except RuntimeError:  # the server answers
+            self._leave(turn, 1)
+            raise
 
     def _run_goal(self, turn: _Turn, goal: ServerGoal) -> None:
         try:
@@ -279,6 +290,8 @@ class PlanDispatcher(Component):
             goal.reject(NonBlockingDispatchResult(), str(refused))
         except Exception:  # the client gets its answer all the same
             goal.abort(NonBlockingDispatchResult(), log_failure(self.scope))
+        finally:
+            self._leave(turn, 1)
 
     def _cancel_goal(self, goal: ServerGoal) -> None:
         with self._state:
@@ -364,11 +377,15 @@ class PlanDispatcher(Component):
             self._topics.report_status(judged)
             after_answer(lambda: self._log(report, judged))
         finally:
-            with self._state:
-                self._turns.cancel(turn, "refused")  # where it waits
-                self._turns.end(turn)
-                self._state.notify_all()
+            self._leave(turn)
         return judged
+
+    def _leave(self, turn: _Turn, answered: int = 0) -> None:
+        with self._state:
+            self._owed -= answered
+            self._turns.cancel(turn, "refused")  # where it waits
+            self._turns.end(turn)
+            self._state.notify_all()
 
     def _log(self, report: DispatchReport, judged: DispatchReport) -> None:
         log = rospy.logerr if report.state == DispatchState.FAILED else rospy.loginfo

@@ -9,7 +9,7 @@ from rosplan_dispatch_msgs.msg import ActionDispatch, EsterelPlan
 from std_msgs.msg import String
 
 from merlin_ros.alarms import call_later
-from merlin_ros.publishing import OnSubscriber, publish
+from merlin_ros.publishing import OnSubscriber, publish, unregister
 from merlin_ros.work.threads import CallQueue
 from merlin_rosplan.dispatch.dispatch_schedule import PlanError
 
@@ -70,7 +70,7 @@ class PlanGraphDrawer:
         """Draws no more."""
         with self._lock:
             self._stopping = True
-        self._publisher.unregister()
+        unregister(self._publisher)
 
     def _draw_now(self) -> None:
         with self._lock:

@@ -5,7 +5,7 @@ import os
 import threading
 import time
 from collections import OrderedDict
-from typing import List, Optional, Sequence, Tuple
+from typing import Any, Callable, List, Optional, Sequence, Tuple, Type
 
 import rospkg
 import rospy
@@ -22,6 +22,7 @@ from merlin_pddl.problem_reader import read_problem
 from merlin_pddl.text_reader import PddlError, shortened
 from merlin_ros.actions.peers import sender_of
 from merlin_ros.health import OK, Health
+from merlin_ros.ports.service_server import Unanswered
 from merlin_ros.ros_alarm import LONGEST
 from merlin_ros.work.threads import start_thread
 from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
@@ -82,6 +83,21 @@ class KnowledgeBase(Component):
         self._refusals = Refusals()
         self.service("last_refusal", Trigger, self._refusals.answer)
         self._goal_leases = GoalLeases(self.scope, self.store, self._updates)
+
+    def service(self, name: str, service_class: Type[Any], callback: Callable[[Any], Any]) -> rospy.Service:
+        """Offers a service. Once the store is to be closed it does not answer.
+
+        A refusal would count, and the end of an action would be lost: its client waits for the next process.
+        """
+
+        def answer(request: Any) -> Any:
+            try:
+                return callback(request)
+            finally:
+                if self.closed:
+                    raise Unanswered
+
+        return super().service(name, service_class, answer)
 
     def on_shutdown(self) -> None:
         """Stops watching owners, and closes the store."""

@@ -11,7 +11,8 @@ from typing import Any, Dict, NamedTuple, Optional
 import rospy
 from rospy.msg import args_kwds_to_message
 
-from merlin_ros.service_proxy import ServiceError, ServiceProxy
+from merlin_ros.ports.service_server import Unanswered
+from merlin_ros.service_proxy import ServiceError, ServiceProxy, ServiceUnavailable
 
 
 class _Offer(NamedTuple):
@@ -49,6 +50,8 @@ class DirectServiceProxy(ServiceProxy):
         request._connection_header = {"callerid": rospy.get_name()}
         try:
             return service.handler(request)
+        except Unanswered:
+            raise ServiceUnavailable(f"service {self.name} does not answer: it ends") from None
         except Exception as error:  # as over a connection: whatever it is, the call has failed
             raise ServiceError(f"service {self.name} failed: {error}") from error
 

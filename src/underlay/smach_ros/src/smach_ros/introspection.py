@@ -105,6 +105,8 @@ class IntrospectionServer:
             self._changed.notify_all()
         if worker is not threading.current_thread():
             worker.join(5.0)
+        if rospy.core.is_shutdown_requested():
+            return  # rospy ends all of them at once; one by one they would ask a master that may hang
         for topic in topics:
             if topic is not None:
                 topic.unregister()
