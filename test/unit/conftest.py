@@ -16,6 +16,7 @@ from typing import Any, Dict, Iterator, List, Optional
 import pytest
 
 from merlin.local_names import master_uri
+from merlin_test import LONG
 from merlin_test.node_path import LEAN
 from merlin_test.ports import free_ports, release
 
@@ -28,8 +29,6 @@ master = Master(int(sys.argv[1]))
 print(master.port, flush=True)
 signal.pause()
 """
-
-LIMIT = 120.0  # s for anything that a test waits for
 
 
 class Process:
@@ -59,7 +58,7 @@ class Process:
         self.process.stdin.write(line + "\n")
         self.process.stdin.flush()
 
-    def expect(self, text: str, limit: float = LIMIT) -> str:
+    def expect(self, text: str, limit: float = LONG) -> str:
         """Waits for a new line that contains the text."""
         end = time.monotonic() + limit
         while True:
@@ -94,10 +93,10 @@ class Process:
         """Closes its input, waits for the end, returns the exit code; `output` is complete then."""
         with contextlib.suppress(OSError):
             self.process.stdin.close()
-        code = self.process.wait(LIMIT)
-        self._reader.join(LIMIT)
+        code = self.process.wait(LONG)
+        self._reader.join(LONG)
         while True:
-            line = self._queue.get(timeout=LIMIT)
+            line = self._queue.get(timeout=LONG)
             if line is None:
                 self._queue.put(None)
                 return code
@@ -187,7 +186,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Iterator[SimulatedClock]:
     before = set(threading.enumerate())
     made.set(100.0)
     yield made
-    end = time.monotonic() + LIMIT
+    end = time.monotonic() + LONG
     for thread in set(threading.enumerate()) - before:
         if thread.name not in ("timer", "running limits"):  # those of the process stay
             # One that looks at the clock later would find none. Not joined: it may be about to be started.

@@ -30,11 +30,11 @@ from merlin_fleet.core.records import Goal
 from merlin_fleet.fleet_client import ACHIEVED, FleetClient, FleetError
 from merlin_monitor.state.state_tree import apply_changes
 from merlin_planning.knowledge_client import REMOVE, Update, fact, knowledge_client
+from merlin_test import LONG
 from merlin_test.etcd_process import DIRECT, EtcdProcess
 from merlin_test.node_path import node_path
 from merlin_test.topic_links import init_node, wait_for_publishers
 
-LIMIT = 120.0
 POINTS = ("kitchen", "bathroom", "dorm_room", "main_door")
 ROBOTS = ("r1", "r2")
 
@@ -96,7 +96,7 @@ class Fleet(unittest.TestCase):
 
     def until(self, holds, what):
         with self.changed:
-            self.assertTrue(self.changed.wait_for(holds, LIMIT), f"{what}: {vars(self)}")
+            self.assertTrue(self.changed.wait_for(holds, LONG), f"{what}: {vars(self)}")
 
     def begin(self, robot):
         command = [
@@ -138,7 +138,7 @@ class Fleet(unittest.TestCase):
         before = self.client.status("r2")[0].stop
         request = urllib.request.Request(f"{page}control/stop", b'{"robot": "r2"}', method="POST")
         try:
-            with DIRECT.open(request, timeout=LIMIT) as answer:
+            with DIRECT.open(request, timeout=LONG) as answer:
                 return True, json.load(answer)["done"]
         except urllib.error.HTTPError as refused:
             said = json.load(refused)["error"]
@@ -146,7 +146,7 @@ class Fleet(unittest.TestCase):
         if late not in said:
             return False, said
         # It has 2 s to answer, and a busy machine may need more: then the status has the answer.
-        self.assertTrue(self.client.wait(lambda: self.client.status("r2")[0].stop > before, LIMIT), said)
+        self.assertTrue(self.client.wait(lambda: self.client.status("r2")[0].stop > before, LONG), said)
         hold = self.client.status("r2")[0].hold
         if hold:
             return True, f"r2 stands: {hold}."
@@ -154,7 +154,7 @@ class Fleet(unittest.TestCase):
 
     def until_shown(self, page, holds):
         """Follows the page until something holds of what it shows of r2."""
-        return asyncio.run(asyncio.wait_for(self.follow(page, holds), LIMIT))
+        return asyncio.run(asyncio.wait_for(self.follow(page, holds), LONG))
 
     async def follow(self, page, holds):
         state = {}
@@ -192,7 +192,7 @@ class Fleet(unittest.TestCase):
         self.assertEqual(self.press_stop(page), (False, said))
         # The stop stays while the robot's part in the fleet is away, and when it is back.
         self.processes["r2"].send_signal(signal.SIGINT)
-        self.assertEqual(self.processes["r2"].wait(LIMIT), 0)
+        self.assertEqual(self.processes["r2"].wait(LONG), 0)
         self.assertTrue(self.until_shown(page, lambda robot: not robot["joined"])["stop"])
         said = said.replace("its guard has not confirmed it", "it is not joined, and stops when it is back")
         self.assertEqual(self.press_stop(page), (False, said))
@@ -212,30 +212,28 @@ class Fleet(unittest.TestCase):
         self.join("r1")
         requests = [self.client.send(f"(checked {point})", domain="home") for point in POINTS]
         self.until(lambda: self.active["r1"], "r1 begins")
-        owned = self.client.wait(lambda: len(self.of_r1(requests)) == 2, LIMIT)
+        owned = self.client.wait(lambda: len(self.of_r1(requests)) == 2, LONG)
         self.assertTrue(owned, [it.news for it in requests])
         own = self.of_r1(requests)
         self.join("r2")
         for request in requests:
             if request not in own:
-                self.assertTrue(request.wait(LIMIT), request.news)
+                self.assertTrue(request.wait(LONG), request.news)
         told = {it.news.goal.goals[0].strip("()").split()[1] for it in requests if it not in own}
         self.until(lambda: self.learned == told, "r1 knows what r2 has done")
         self.kill("r1")
         # Its Executor has lost the client that owns the goal, and stops it.
         self.until(lambda: self.ended["r1"] and not self.active["r1"], "r1 stops")
         for request in own:
-            self.assertTrue(request.wait(LIMIT), request.news)
+            self.assertTrue(request.wait(LONG), request.news)
         self.assertEqual({it.result.robot for it in requests}, {"r2"})
         self.assertLessEqual({it.result.outcome for it in requests}, set(ACHIEVED))
         self.until(lambda: self.ended["r2"].count("SUCCEEDED") == len(POINTS), "r2's results")
         self.assertEqual(set(self.ended["r1"]), {"CANCELLED"})
         # One that gets a signal leaves at once, not when its lease ends.
         self.processes["r2"].send_signal(signal.SIGINT)
-        self.assertEqual(self.processes["r2"].wait(LIMIT), 0)
-        self.assertTrue(
-            self.client.wait(lambda: not any(joined for _, joined in self.client.robots()), LIMIT)
-        )
+        self.assertEqual(self.processes["r2"].wait(LONG), 0)
+        self.assertTrue(self.client.wait(lambda: not any(joined for _, joined in self.client.robots()), LONG))
         asked = [fact("checked", point) for point in POINTS]
         found = {robot: knowledge_client(f"/{robot}/rosplan_knowledge_base").query(asked) for robot in ROBOTS}
         self.assertEqual(found, {"r1": [point in told for point in POINTS], "r2": [True] * 4})
@@ -248,15 +246,15 @@ class Fleet(unittest.TestCase):
         alone = "without the hub; it works for itself"
         self.until(lambda: self.health.get("r2/merlin_fleet: fleet") == alone, "r2 begins without the hub")
         local = MerlinExecutorClient("/r2/merlin/execute", "/r2/rosplan_knowledge_base")
-        self.assertTrue(local.wait_for_executor(LIMIT))
-        result = local.execute(f"(checked {POINTS[0]})", LIMIT)
+        self.assertTrue(local.wait_for_executor(LONG))
+        result = local.execute(f"(checked {POINTS[0]})", LONG)
         self.assertEqual(outcome_name(result.outcome), "SUCCEEDED", result.reason)
         self.etcd.start()
         self.until(lambda: self.health["r2/merlin_fleet: fleet"] == "joined", "r2 joins")
-        self.assertIn(self.client.execute(f"(checked {POINTS[1]})", LIMIT).outcome, ACHIEVED)
+        self.assertIn(self.client.execute(f"(checked {POINTS[1]})", LONG).outcome, ACHIEVED)
         # Goals from the fleet pass the checks of local ones, before the fleet has them.
         for text, unknown in (("(checked garage)", "garage"), ("(painted kitchen)", "painted")):
-            self.assertTrue(self.client.wait(lambda: self.refused(text), LIMIT), text)  # noqa: B023
+            self.assertTrue(self.client.wait(lambda: self.refused(text), LONG), text)  # noqa: B023
             with self.assertRaisesRegex(FleetError, f"^r2: .*{unknown}"):
                 self.client.send(text)
             with self.assertRaises(GoalError):

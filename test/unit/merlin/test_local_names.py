@@ -11,12 +11,12 @@ from typing import Any, Dict, List
 import pytest
 
 from merlin import local_names
+from merlin_test import LONG
 from merlin_test.ports import free_ports
 
 pytestmark = pytest.mark.processes
 
 TOOLS = Path(__file__).resolve().parents[3] / "tools"
-LIMIT = 120.0  # s for two nodes and a master
 RUN = "from merlin.launch_runner import main; raise SystemExit(main())"
 TOOL = "from merlin.local_names import *; import os; use_loopback(); tool = launch_tool('roslaunch'); "
 
@@ -57,7 +57,7 @@ def without(names: List[str], tmp_path: Path, *command: str) -> "subprocess.Comp
     ]
     space = ["unshare", "-m", "bash", "-c", " && ".join([*mounts, 'exec "$@"']), "bash"]
     try:
-        allowed = subprocess.run([*space, "true"], capture_output=True, text=True, timeout=LIMIT, check=False)
+        allowed = subprocess.run([*space, "true"], capture_output=True, text=True, timeout=LONG, check=False)
     except FileNotFoundError:
         pytest.skip("there is no unshare")
     if allowed.returncode:
@@ -66,7 +66,7 @@ def without(names: List[str], tmp_path: Path, *command: str) -> "subprocess.Comp
     for key in ("ROS_IP", "ROS_HOSTNAME", "ROS_MASTER_URI"):
         env.pop(key, None)
     return subprocess.run(
-        [*space, *command], env=env, capture_output=True, text=True, timeout=LIMIT, check=False
+        [*space, *command], env=env, capture_output=True, text=True, timeout=LONG, check=False
     )
 
 

@@ -7,10 +7,10 @@ from typing import Any, Dict
 import pytest
 
 from merlin.local_names import launch_tool
+from merlin_test import LONG
 
 pytestmark = pytest.mark.processes
 
-LIMIT = 60.0  # s for anything that a test waits for
 NODES = (
     "/merlin_executor", "/planning_system", "/merlin_bridges", "/merlin_fsm_host", "/merlin_guard", "/base",
     "/speech", "/witness",
@@ -70,7 +70,7 @@ def witness(master: Any, launch: Any) -> Any:
 
 def addresses(master: Any) -> Dict[str, str]:
     """Where the nodes are, when the master knows all of them."""
-    end = time.monotonic() + LIMIT
+    end = time.monotonic() + LONG
     while True:
         found = {node: master.address_of(node) for node in NODES}
         if all(found.values()):
@@ -81,7 +81,7 @@ def addresses(master: Any) -> Dict[str, str]:
 
 def begun_to_work(witness: Any) -> None:
     """Waits until a first goal is reached: rospy connects to a node that starts at growing intervals."""
-    end = time.monotonic() + LIMIT
+    end = time.monotonic() + LONG
     while True:
         witness.say("(checked bathroom)")
         answer = witness.expect("ENDED")

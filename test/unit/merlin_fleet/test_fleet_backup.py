@@ -25,13 +25,13 @@ from merlin_fleet.fleet_client import FleetClient
 from merlin_fleet.fleet_request import REMOVED
 from merlin_fleet.fleet_robot import FleetRobot
 from merlin_fleet.hub import EtcdHub
+from merlin_test import LONG
 from merlin_test.etcd_process import EtcdProcess
 from merlin_test.ports import free_ports
 
 pytestmark = pytest.mark.processes
 
 PAGE = (Path(__file__).resolve().parents[3] / "docs" / "fleet.md").read_text(encoding="utf-8")
-LIMIT = 60.0  # s for anything that has to happen
 #: A test machine may stand still for many seconds.
 RULES = Rules(LeaseTimes(ttl=60.0, renew_every=0.5, stop_time=1.0), AuctionTimes(0.1, 30.0))
 
@@ -75,13 +75,13 @@ def test_a_goal_that_the_hub_has_lost_is_not_awaited(etcd: EtcdProcess) -> None:
     try:
         for _ in range(5):
             request = client.send("(done a)")
-        assert client.wait(lambda: request.news, LIMIT)
+        assert client.wait(lambda: request.news, LONG)
         followed = client.request(request.id)
         etcd.kill()
         shutil.rmtree(Path(etcd._folder) / "data")
         etcd.start()
         for each in (request, followed):
-            assert each.wait(LIMIT)
+            assert each.wait(LONG)
             assert each.result is not None and each.result.outcome == REMOVED
         assert client.send("(done b)").result is None
     finally:
@@ -124,18 +124,18 @@ def test_a_backup_is_found_without_a_new_token_and_at_a_later_revision(
     robot = FleetRobot(agent, hub, RefusesLast(), said.append)
     try:
         robot.start()
-        assert client.execute("(done a)", LIMIT).outcome == "SUCCEEDED"
+        assert client.execute("(done a)", LONG).outcome == "SUCCEEDED"
         known = client.send("(done b)", needs=("wings",))
-        assert client.wait(lambda: known.news, LIMIT)
+        assert client.wait(lambda: known.news, LONG)
         etcd.save(tmp_path / "hub.snapshot")
         gone = client.send("(done c)")
         # A robot that has received nothing since the backup loses nothing by it, and has nothing to say.
-        assert client.wait(lambda: gone.news and gone.news.refusals.get("ann") == "not this one", LIMIT)
+        assert client.wait(lambda: gone.news and gone.news.refusals.get("ann") == "not this one", LONG)
         etcd.kill()
         put_back_with_the_same_token(etcd, tmp_path / "hub.snapshot", client.revision + 50, compacted)
-        assert gone.wait(LIMIT) and gone.result is not None and gone.result.outcome == REMOVED
-        assert client.wait(lambda: known.news and known.result is None, LIMIT)
-        assert client.execute("(done d)", LIMIT).outcome == "SUCCEEDED"
+        assert gone.wait(LONG) and gone.result is not None and gone.result.outcome == REMOVED
+        assert client.wait(lambda: known.news and known.result is None, LONG)
+        assert client.execute("(done d)", LONG).outcome == "SUCCEEDED"
         assert REPLACED in said or compacted
     finally:
         robot.close()
@@ -159,7 +159,7 @@ def test_the_lines_of_the_page_put_a_hub_back(etcd: EtcdProcess, tmp_path: Path)
         first = client.send("(done a)")
         run(save)
         robot.start()
-        assert first.wait(LIMIT) and client.execute("(done b)", LIMIT).outcome == "SUCCEEDED"
+        assert first.wait(LONG) and client.execute("(done b)", LONG).outcome == "SUCCEEDED"
         last = client.send("(done c)", needs=("wings",))
         etcd.kill()
         run(restore)
@@ -167,9 +167,9 @@ def test_the_lines_of_the_page_put_a_hub_back(etcd: EtcdProcess, tmp_path: Path)
         shutil.rmtree(Path(etcd._folder) / "data")
         shutil.move(str(folder), f"{etcd._folder}/data")
         etcd.start()
-        assert last.wait(LIMIT) and last.result is not None and last.result.outcome == REMOVED
-        assert client.wait(lambda: first.news and first.news.report, LIMIT)
-        assert client.execute("(done d)", LIMIT).outcome == "SUCCEEDED"
+        assert last.wait(LONG) and last.result is not None and last.result.outcome == REMOVED
+        assert client.wait(lambda: first.news and first.news.report, LONG)
+        assert client.execute("(done d)", LONG).outcome == "SUCCEEDED"
     finally:
         robot.close()
         client.close()

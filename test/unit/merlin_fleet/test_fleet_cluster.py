@@ -24,13 +24,13 @@ from merlin_fleet.core.robot_lease import LeaseTimes
 from merlin_fleet.fleet_client import FleetClient
 from merlin_fleet.fleet_robot import FleetRobot
 from merlin_fleet.hub import EtcdHub
+from merlin_test import LONG
 from merlin_test.ports import free_ports
 
 pytestmark = pytest.mark.processes
 
 ROOT = Path(__file__).resolve().parents[3]
 BLOCKS = re.findall(r"```ini\n(.*?)```", (ROOT / "docs" / "fleet.md").read_text(encoding="utf-8"), re.DOTALL)
-LIMIT = 60.0  # s for anything that has to happen
 #: A test machine may stand still for many seconds.
 RULES = Rules(LeaseTimes(ttl=120.0, renew_every=0.5, stop_time=1.0), AuctionTimes(0.1, 30.0))
 
@@ -78,7 +78,7 @@ def cluster(tmp_path: Path) -> Iterator[Cluster]:
     made = Cluster(tmp_path)
     client = FleetClient("lab", made.endpoints, made.certificates.tls("client.desk"))
     try:
-        assert client.wait_for_hub(LIMIT), client.missing
+        assert client.wait_for_hub(LONG), client.missing
         yield made
     finally:
         client.close()
@@ -92,14 +92,14 @@ def test_losing_one_of_three_hubs_costs_nothing(cluster: Cluster) -> None:
     hub = EtcdHub(agent.keys.root, cluster.endpoints, cluster.certificates.tls("robot.ann"), 20.0)
     robot = FleetRobot(agent, hub, body, said.append)
     try:
-        assert client.wait_for_hub(LIMIT), client.missing
+        assert client.wait_for_hub(LONG), client.missing
         robot.start()
         request = client.send("(done a)")
-        assert body.began.wait(LIMIT), said
+        assert body.began.wait(LONG), said
         connected = hub._turn % 3
         cluster.processes[connected].kill()
         body.ended(True, "SUCCEEDED", "")
-        assert request.wait(LIMIT), client.missing
+        assert request.wait(LONG), client.missing
         assert client.execute("(done b)", timeout=0.0).outcome in ("CANCELLED", "SUCCEEDED")
     finally:
         body.stop = lambda goal, reason: body.ended(False, "CANCELLED", reason)  # type: ignore[method-assign]
@@ -113,11 +113,11 @@ def test_a_robot_cannot_speak_as_a_hub(cluster: Cluster) -> None:
         FleetClient("lab", cluster.endpoints, cluster.certificates.tls("client.desk")),
     )
     try:
-        assert client.wait_for_hub(LIMIT), client.missing
+        assert client.wait_for_hub(LONG), client.missing
     finally:
         client.close()
-    assert certificate_problem(peer, cluster.certificates.tls("hub"), LIMIT) == ""
-    assert certificate_problem(peer, cluster.certificates.tls("robot.ann"), LIMIT) != ""
+    assert certificate_problem(peer, cluster.certificates.tls("hub"), LONG) == ""
+    assert certificate_problem(peer, cluster.certificates.tls("robot.ann"), LONG) != ""
 
 
 def test_the_unit_of_a_robot(tmp_path: Path) -> None:
@@ -149,7 +149,7 @@ def test_the_units_of_a_lab(number: int, what: str, cluster: Cluster, tmp_path: 
         begun = process.stdout.readline().decode()  # it ends after 10 s without a hub
         assert begun.endswith("(Ctrl-C ends it)\n"), (tmp_path / "out").read_text()
         process.send_signal(getattr(signal, signals[0]))
-        assert process.wait(LIMIT) in (0, int(re.findall(r"SuccessExitStatus=(.*)", BLOCKS[number])[0]))
+        assert process.wait(LONG) in (0, int(re.findall(r"SuccessExitStatus=(.*)", BLOCKS[number])[0]))
     finally:
         process.kill()
         process.wait()

@@ -24,13 +24,13 @@ from merlin_fleet.etcd_messages import DEACTIVATE, HubFull, message
 from merlin_fleet.fleet_client import FleetClient, FleetError
 from merlin_fleet.fleet_robot import FleetRobot, FleetStatus
 from merlin_fleet.hub import EtcdHub
+from merlin_test import LONG
 from merlin_test.etcd_process import EtcdProcess
 
 pytestmark = pytest.mark.processes
 
 PAGE = (Path(__file__).resolve().parents[3] / "docs" / "fleet.md").read_text(encoding="utf-8")
 KEYS = Keys("lab")
-LIMIT = 60.0  # s for anything that has to happen
 QUOTA = 8 << 20
 ACTIVATE, CORRUPT = 1, 2  # in etcd: an action with an alarm, and an alarm
 #: A test machine may stand still for many seconds.
@@ -55,7 +55,7 @@ def heard(said: "queue.Queue[str]", what: str) -> str:
     """Waits until a robot says what begins so."""
     text = ""
     while not text.startswith(what):  # a machine that stands still may lose the hub for a moment
-        text = said.get(timeout=LIMIT)
+        text = said.get(timeout=LONG)
     return text
 
 
@@ -82,13 +82,13 @@ def test_nothing_is_lost_while_the_hub_is_full(etcd: EtcdProcess, monkeypatch: p
     try:
         robot.start()
         request = client.send("(done a)")
-        assert body.began.wait(LIMIT)
+        assert body.began.wait(LONG)
         fill(hub)
         body.ended(True, "SUCCEEDED", "")
         words = heard(said, "the hub is full and takes no changes")
         for what in ("etcdctl compact", "etcdctl defrag", "etcdctl alarm disarm"):
             assert what in words
-        while statuses.get(timeout=LIMIT).refused != words:
+        while statuses.get(timeout=LONG).refused != words:
             continue
         assert [report.goal for report, _ in outbox.reports()] == [request.id]
         assert agent.robot_lease.holds(agent.now), "its lease is renewed"
@@ -97,10 +97,10 @@ def test_nothing_is_lost_while_the_hub_is_full(etcd: EtcdProcess, monkeypatch: p
             client.send("(done b)")
         assert request.result is None
         make_room(etcd)
-        assert request.wait(LIMIT)
+        assert request.wait(LONG)
         assert request.result is not None and request.result.outcome == "SUCCEEDED"
         heard(said, "the hub takes changes again")
-        while statuses.get(timeout=LIMIT).refused:
+        while statuses.get(timeout=LONG).refused:
             continue
     finally:
         robot.close()
@@ -128,7 +128,7 @@ def test_a_robot_that_finds_a_full_hub_says_so_and_joins_later(etcd: EtcdProcess
         robot.start()
         heard(said, "the hub is full and takes no changes")
         make_room(etcd)
-        assert joined.wait(LIMIT)
+        assert joined.wait(LONG)
     finally:
         robot.close()
         hub.close()
@@ -146,12 +146,12 @@ def test_a_hub_that_refuses_for_another_reason_is_reported_once(etcd: EtcdProces
     try:
         robot.start()
         request = client.send("(done a)")
-        assert body.began.wait(LIMIT)
+        assert body.began.wait(LONG)
         hub.ask("Maintenance/Alarm", message("AlarmRequest", action=ACTIVATE, **alarm))
         body.ended(True, "SUCCEEDED", "")
         assert heard(said, "etcd refuses") == "etcd refuses: etcdserver: corrupt cluster"
         hub.ask("Maintenance/Alarm", message("AlarmRequest", action=DEACTIVATE, **alarm))
-        assert request.wait(LIMIT)
+        assert request.wait(LONG)
     finally:
         robot.close()
         client.close()

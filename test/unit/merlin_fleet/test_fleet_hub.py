@@ -16,11 +16,11 @@ from merlin_fleet.core.store import Change, Compare, Put, Snapshot, Txn
 from merlin_fleet.etcd_messages import LeaseUnknown, behind, message
 from merlin_fleet.hub import EtcdHub
 from merlin_fleet.hub_watch import Listener, Watch
+from merlin_test import LONG
 from merlin_test.etcd_process import EtcdProcess
 
 pytestmark = pytest.mark.processes
 
-LIMIT = 60.0  # s for anything that has to happen
 ROOT = "/merlin/lab/"
 
 
@@ -45,12 +45,12 @@ class Heard(Listener):
 
     def connect(self) -> None:
         """Waits until it is connected; an attempt may fail where the hub's time-out is short."""
-        while self.events.get(timeout=LIMIT)[0] != "connected":
+        while self.events.get(timeout=LONG)[0] != "connected":
             continue
 
     def next(self, kind: str) -> Any:
         """The next event, which is of this kind."""
-        found, value = self.events.get(timeout=LIMIT)
+        found, value = self.events.get(timeout=LONG)
         assert found == kind, value
         return value
 
@@ -138,7 +138,7 @@ def test_a_key_that_is_not_a_text_does_not_end_the_changes(own: EtcdProcess, hub
     hub, writer, heard = hubs(own), hubs(own), Heard()
     writer.ask("KV/Put", message("PutRequest", key=ROOT.encode() + b"goals/\xff", value=b"\xff"))
     hub.follow(heard)
-    kind, snapshot = heard.events.get(timeout=LIMIT)
+    kind, snapshot = heard.events.get(timeout=LONG)
     assert kind == "connected", snapshot
     assert [item.key for item in snapshot.items] == [ROOT + "goals/\ufffd"]
     assert put(writer, ROOT + "a", "1") == heard.next("changed").modified
@@ -187,7 +187,7 @@ def test_nothing_is_lost_when_etcd_is_killed(own: EtcdProcess, hubs: Any) -> Non
 
 def put_until_it_is_there(hub: EtcdHub, key: str) -> int:
     """Puts a key; etcd has just begun."""
-    end = time.monotonic() + LIMIT
+    end = time.monotonic() + LONG
     while True:
         try:
             return hub.transact(Txn((Compare(key, 0),), (Put(key, "x"),))).revision
@@ -201,7 +201,7 @@ def test_a_hub_that_hangs_is_noticed_and_nothing_is_lost(own: EtcdProcess, hubs:
     heard.connect()
     # Changes follow a key that is known; of an empty hub everything is read again.
     revision = put_until_it_is_there(hubs(own), ROOT + "first")
-    while heard.events.get(timeout=LIMIT) != ("changed", Change(ROOT + "first", "x", revision)):
+    while heard.events.get(timeout=LONG) != ("changed", Change(ROOT + "first", "x", revision)):
         continue
     own.hang()
     with pytest.raises(HubError, match="in time"):
@@ -211,7 +211,7 @@ def test_a_hub_that_hangs_is_noticed_and_nothing_is_lost(own: EtcdProcess, hubs:
     revision = put_until_it_is_there(hubs(own), ROOT + "b")
     # The put whose answer did not come may have been done; a busy machine may need more than a second again.
     while True:
-        kind, value = heard.events.get(timeout=LIMIT)
+        kind, value = heard.events.get(timeout=LONG)
         assert kind != "connected", "all was read again"
         if kind == "changed" and value.modified == revision:
             break
@@ -228,7 +228,7 @@ def test_what_was_compacted_meanwhile_is_read_again(
     compacted, where = threading.Event(), hub._where
 
     def late() -> Tuple[int, int]:
-        assert compacted.wait(LIMIT)
+        assert compacted.wait(LONG)
         return where()
 
     monkeypatch.setattr(hub, "_where", late)
@@ -237,10 +237,10 @@ def test_what_was_compacted_meanwhile_is_read_again(
         last = put_until_it_is_there(writer, ROOT + f"b{number}")
     writer.ask("KV/Compact", message("CompactionRequest", revision=last))
     compacted.set()
-    kind, snapshot = heard.events.get(timeout=LIMIT)
+    kind, snapshot = heard.events.get(timeout=LONG)
     while kind != "connected":
         assert kind != "changed"
-        kind, snapshot = heard.events.get(timeout=LIMIT)
+        kind, snapshot = heard.events.get(timeout=LONG)
     assert [item.key for item in snapshot.items] == [ROOT + f"b{number}" for number in range(5)]
     revision = put(writer, ROOT + "c", "1")
     assert heard.next("changed").modified == revision
@@ -255,7 +255,7 @@ class Late(Heard):
 
     def on_disconnected(self, reason: str) -> None:
         super().on_disconnected(reason)
-        assert self.go.wait(LIMIT)
+        assert self.go.wait(LONG)
 
 
 def test_what_was_written_and_not_delivered_yet_is_missed_in_a_backup(
@@ -354,7 +354,7 @@ def test_that_it_is_another_hub_is_said_also_after_a_stream_that_did_not_begin(s
         watch.restart(1, Snapshot(5, ()), another=True)
         watch.restart(1, Snapshot(6, ()), another=False)
         with pytest.raises((grpc.RpcError, HubError)):
-            watch.run(channel, LIMIT)
+            watch.run(channel, LONG)
     assert heard.next("connected").another
 
 

@@ -23,11 +23,11 @@ from merlin_fleet.etcd_messages import message
 from merlin_fleet.fleet_robot import FleetRobot
 from merlin_fleet.hub import EtcdHub
 from merlin_fleet.hub_watch import Listener
+from merlin_test import LONG
 from merlin_test.etcd_process import EtcdProcess
 
 pytestmark = pytest.mark.processes
 
-LIMIT = 60.0  # s for anything that has to happen
 KEYS = Keys("lab")
 #: A test machine may stand still for many seconds.
 RULES = Rules(LeaseTimes(ttl=60.0, renew_every=0.5, stop_time=1.0), AuctionTimes(30.0, 30.0))
@@ -66,7 +66,7 @@ class TestBody:
 
     def end(self, goal: str, outcome: str, reason: str) -> None:
         with self.changed:
-            assert self.changed.wait_for(lambda: goal in self.running, LIMIT)
+            assert self.changed.wait_for(lambda: goal in self.running, LONG)
             ended = self.running.pop(goal)
         ended(outcome == "SUCCEEDED", outcome, reason)
 
@@ -90,7 +90,7 @@ class Watcher(Listener):
 
     def until(self, holds: Callable[[FleetView], Any]) -> Any:
         with self._changed:
-            assert self._changed.wait_for(lambda: holds(self.view), LIMIT), vars(self.view)
+            assert self._changed.wait_for(lambda: holds(self.view), LONG), vars(self.view)
             return holds(self.view)
 
 
@@ -164,10 +164,10 @@ def test_a_hub_that_hangs_stops_what_runs_and_nothing_is_lost(lab: Lab) -> None:
     body = lab.robot("r1", 1.0, SHORT, timeout=1.0)
     lab.send("a")
     with body.changed:
-        assert body.changed.wait_for(lambda: "a" in body.running, LIMIT)
+        assert body.changed.wait_for(lambda: "a" in body.running, LONG)
     lab.etcd.hang()
     with body.changed:
-        assert body.changed.wait_for(lambda: body.stopped, LIMIT)
+        assert body.changed.wait_for(lambda: body.stopped, LONG)
     assert "the lease of the fleet ends" in body.stopped
     lab.etcd.resume()
     body.succeed("a")
@@ -178,10 +178,10 @@ def test_a_robot_whose_lease_is_revoked_stops_at_once(lab: Lab) -> None:
     body = lab.robot("r1", 1.0)
     lab.send("a")
     with body.changed:
-        assert body.changed.wait_for(lambda: "a" in body.running, LIMIT)
+        assert body.changed.wait_for(lambda: "a" in body.running, LONG)
     assert lab.revoke("r1", "a")
     with body.changed:
-        assert body.changed.wait_for(lambda: body.stopped, LIMIT)
+        assert body.changed.wait_for(lambda: body.stopped, LONG)
     assert body.stopped[0] == "the fleet has taken it away"
     body.succeed("a")  # it knows that it stands, and has it again
     assert lab.watcher.until(lambda view: view.ends.get("a")).outcome == "SUCCEEDED"
@@ -191,7 +191,7 @@ def test_the_next_robot_waits_until_one_whose_lease_was_revoked_must_stand(lab: 
     first = lab.robot("r1", 1.0, SHORT)
     lab.send("a")
     with first.changed:
-        assert first.changed.wait_for(lambda: "a" in first.running, LIMIT)
+        assert first.changed.wait_for(lambda: "a" in first.running, LONG)
     second = lab.robot("r2", 5.0, SHORT)
     lab.watcher.until(lambda view: view.lives.get("r2") and view.claims.get("a"))
     first.price = None  # type: ignore[assignment]  # it does not take the goal again
@@ -217,26 +217,26 @@ def test_many_keys_that_are_read_anew_do_not_delay_a_stop(lab: Lab, monkeypatch:
     body = lab.robot("r1", 1.0, SHORT, timeout=1.0)
     lab.send("a")
     with body.changed:
-        assert body.changed.wait_for(lambda: "a" in body.running, LIMIT)
+        assert body.changed.wait_for(lambda: "a" in body.running, LONG)
     of, snapshot = FleetView.of, lab.hub.read()
     reads, has_stopped = threading.Event(), threading.Event()
 
     def slow(*given: Any) -> FleetView:
         reads.set()
-        has_stopped.wait(LIMIT)
+        has_stopped.wait(LONG)
         return of(*given)
 
     monkeypatch.setattr(FleetView, "of", slow)
     watch = threading.Thread(target=lab.robots["r1"].on_connected, args=(snapshot,))
     watch.start()
-    assert reads.wait(LIMIT)
+    assert reads.wait(LONG)
     lab.etcd.hang()
     try:
         with body.changed:
-            assert body.changed.wait_for(lambda: "the lease of the fleet ends" in body.stopped, LIMIT / 2)
+            assert body.changed.wait_for(lambda: "the lease of the fleet ends" in body.stopped, LONG / 2)
     finally:
         has_stopped.set()
-        watch.join(LIMIT)
+        watch.join(LONG)
         lab.etcd.resume()
 
 
@@ -244,7 +244,7 @@ def test_a_goal_to_finish_goes_on_without_the_hub_and_is_reported_afterwards(lab
     body = lab.robot("r1", 1.0)
     lab.send("a", finish=True)
     with body.changed:
-        assert body.changed.wait_for(lambda: "a" in body.running, LIMIT)
+        assert body.changed.wait_for(lambda: "a" in body.running, LONG)
     lab.etcd.kill()
     body.succeed("a")
     lab.etcd.start()
@@ -258,7 +258,7 @@ def test_a_robot_whose_deciding_thread_fails_stops_what_runs(
     body = lab.robot("r1", 1.0)
     lab.send("a")
     with body.changed:
-        assert body.changed.wait_for(lambda: "a" in body.running, LIMIT)
+        assert body.changed.wait_for(lambda: "a" in body.running, LONG)
     robot = lab.robots.pop("r1")
     failed: queue.Queue[str] = queue.Queue()
     monkeypatch.setattr(robot, "_on_failed", failed.put)
@@ -267,7 +267,7 @@ def test_a_robot_whose_deciding_thread_fails_stops_what_runs(
         raise KeyError("a mistake of the program")
 
     monkeypatch.setattr(robot._agent, "handle", fails)
-    assert "a mistake of the program" in failed.get(timeout=LIMIT)
+    assert "a mistake of the program" in failed.get(timeout=LONG)
     assert body.stopped == ["the robot's part in the fleet has failed"]
     assert not body.running
     robot.close(0.1)
@@ -288,7 +288,7 @@ def test_a_robot_whose_cost_cannot_be_told_says_why(lab: Lab) -> None:
 def test_a_robot_without_its_hub_begins_and_joins_later(lab: Lab) -> None:
     lab.etcd.kill()
     lab.robot("r1", 1.0)
-    assert lab.heard.wait(LIMIT)
+    assert lab.heard.wait(LONG)
     lab.etcd.start()
     lab.watcher.until(lambda view: view.lives.get("r1"))
     assert lab.said[0].startswith("without the hub: etcd cannot be reached")
@@ -300,10 +300,10 @@ def test_a_robot_that_leaves_gives_back_what_it_owns(lab: Lab) -> None:
     first = lab.robot("r1", 1.0)
     lab.send("a")
     with first.changed:
-        assert first.changed.wait_for(lambda: "a" in first.running, LIMIT)
+        assert first.changed.wait_for(lambda: "a" in first.running, LONG)
     second = lab.robot("r2", 5.0)
     lab.watcher.until(lambda view: view.lives.get("r2"))  # one that begins later has not heard of it
-    lab.robots.pop("r1").close(LIMIT)
+    lab.robots.pop("r1").close(LONG)
     assert first.stopped == ["the robot leaves the fleet"]
     second.succeed("a")
     assert lab.watcher.until(lambda view: view.ends.get("a")).robot == "r2"
@@ -313,7 +313,7 @@ def test_a_robot_that_leaves_tells_first_what_it_has_done(lab: Lab) -> None:
     body = lab.robot("r1", 1.0)
     lab.send("a")
     body.succeed("a")
-    lab.robots.pop("r1").close(LIMIT)
+    lab.robots.pop("r1").close(LONG)
     assert lab.watcher.until(lambda view: view.ends.get("a")).outcome == "SUCCEEDED"
     assert not lab.watcher.view.late
 
@@ -326,6 +326,6 @@ def test_another_fleet_of_the_same_name_is_not_joined(lab: Lab) -> None:
     hub = EtcdHub(KEYS.root, [lab.etcd.endpoint], timeout=20.0)
     robot = FleetRobot(agent, hub, TestBody(1.0), said.put)
     robot.start()
-    assert "the hub is not used" in said.get(timeout=LIMIT)
+    assert "the hub is not used" in said.get(timeout=LONG)
     robot.close()
     assert not [item.key for item in lab.hub.read().items if item.key.endswith("/r2")]

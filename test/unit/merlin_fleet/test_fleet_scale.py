@@ -20,13 +20,12 @@ from merlin_fleet.core.retention import Keeper, Retention
 from merlin_fleet.core.store import Change, Put, Snapshot, Txn
 from merlin_fleet.core.view import FleetGoalState, FleetView
 from merlin_fleet.event_inbox import EventInbox
+from merlin_test import LONG
 
 _SPEC = importlib.util.spec_from_file_location("fleet_crowd", Path(__file__).with_name("fleet_crowd.py"))
 crowds = importlib.util.module_from_spec(_SPEC)
 _SPEC.loader.exec_module(crowds)
 KEYS, joined = crowds.KEYS, crowds.joined
-
-LIMIT = 60.0  # s for anything that has to happen
 
 
 def test_in_a_crowd_the_cheapest_does_it_though_few_bid() -> None:
@@ -224,11 +223,11 @@ def test_changes_come_as_one_event_and_urgent_ones_at_once() -> None:
     assert inbox.next(0.0) is None, "it waits for others"
     inbox.put_changes((change("b"),), urgent=True)
     inbox.put_changes((change("c"),), urgent=False)
-    assert inbox.next(LIMIT) == ev.Changed((change("a"), change("b")))
+    assert inbox.next(LONG) == ev.Changed((change("a"), change("b")))
     assert inbox.next(0.0) is None
     patient = EventInbox(0.01)
     patient.put_changes((change("a"),), urgent=False)
-    assert patient.next(LIMIT) == ev.Changed((change("a"),))
+    assert patient.next(LONG) == ev.Changed((change("a"),))
 
 
 def test_the_slower_decisions_are_the_more_changes_come_together() -> None:
@@ -251,7 +250,7 @@ def test_changes_never_move_to_the_other_side_of_a_connection() -> None:
     connected = ev.Connected(Snapshot(5, ()))
     inbox.put(connected)
     inbox.put_changes((change("new"),), urgent=True)
-    assert [inbox.next(LIMIT) for _ in range(3)] == [
+    assert [inbox.next(LONG) for _ in range(3)] == [
         ev.Changed((change("old"),)),
         connected,
         ev.Changed((change("new"),)),
@@ -260,8 +259,8 @@ def test_changes_never_move_to_the_other_side_of_a_connection() -> None:
 
 def test_a_thread_that_waits_is_woken() -> None:
     inbox, heard = EventInbox(0.01), []  # type: EventInbox, List[Any]
-    thread = threading.Thread(target=lambda: heard.append(inbox.next(LIMIT)), name="waits", daemon=True)
+    thread = threading.Thread(target=lambda: heard.append(inbox.next(LONG)), name="waits", daemon=True)
     thread.start()
     inbox.put_changes((change("a"),), urgent=random.random() < 0.5)
-    thread.join(LIMIT)
+    thread.join(LONG)
     assert heard == [ev.Changed((change("a"),))]

@@ -7,9 +7,8 @@ import subprocess
 import sys
 from typing import Tuple
 
+from merlin_test import LONG
 from merlin_test.node_path import LEAN
-
-LIMIT = 60.0  # s for anything that has to happen
 
 
 class Command:
@@ -32,5 +31,5 @@ class Command:
     def end(self) -> Tuple[int, str]:
         """Ctrl-C; exit code and what it said."""
         self.process.send_signal(signal.SIGINT)
-        _, said = self.process.communicate(timeout=LIMIT)
+        _, said = self.process.communicate(timeout=LONG)
         return self.process.returncode, said

@@ -29,6 +29,7 @@ from merlin_monitor.panels.said import SaidSection
 from merlin_monitor.state.knowledge_section import Contents
 from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_monitor.state.plan_steps import sequential_steps
+from merlin_test import LONG
 from merlin_test.chromium import Visit, chromium  # noqa: F401  (for the tests)
 
 # To be put in by the browser's own means (bypass_csp), past the policy of the page.
@@ -47,7 +48,6 @@ CHECK = """async (rules) => {
 #: The rules of axe that judge colours: where nothing else has changed, the others would find the same again.
 COLOURS = ["color-contrast", "link-in-text-block"]
 
-LIMIT = 60.0  # s for the model to take it in
 NOW = 120.0  # s of ROS time
 PLACES = {
     "kitchen": {"x": 1.0, "y": 1.0},
@@ -133,7 +133,7 @@ def fill(served: Served, steps: int = 6) -> None:
     taken = threading.Event()
     state.inbox.put(take)
     state.inbox.put(taken.set)
-    assert taken.wait(LIMIT)  # what a test changes then is not changed back by this
+    assert taken.wait(LONG)  # what a test changes then is not changed back by this
 
 
 def signed_in(visit: Visit) -> None:

@@ -19,8 +19,8 @@ from merlin_reactive.navigation import navigation_node, velocity_publisher
 from merlin_reactive.navigation.navigation_node import SENSOR_AGE, NavigationNode
 from merlin_reactive.pose import Pose
 from merlin_reactive.ros_messages import transform
+from merlin_test import LONG
 
-LIMIT = 60.0  # s
 STEP = 0.05  # s of ROS time between two messages
 SENSORS = ("odom", "scan", "tf")
 
@@ -121,7 +121,7 @@ class Robot:
 
     def speed(self) -> float:
         """Of the next command."""
-        return float(self.velocities.get(timeout=LIMIT).linear.x)
+        return float(self.velocities.get(timeout=LONG).linear.x)
 
     def drives(self) -> None:
         """All sensors speak until it drives."""
@@ -156,7 +156,7 @@ def robot(clock: Any, monkeypatch: pytest.MonkeyPatch, goal: Goal) -> Iterator[R
     yield made
     goal.cancel_event.set()
     made.cancel(goal)
-    driving.join(LIMIT)
+    driving.join(LONG)
     assert not driving.is_alive()
 
 
@@ -182,7 +182,7 @@ def test_the_goal_fails_when_the_sensor_does_not_come_back(
     robot.drives()
     for _ in range(round(SENSOR_AGE / STEP) + 2):
         robot.tick(sensor)
-    robot.driving.join(LIMIT)  # type: ignore[attr-defined]
+    robot.driving.join(LONG)  # type: ignore[attr-defined]
     assert goal.text.startswith(navigation_node.NO_CONTROL_TEXT) and sensor in goal.text.replace(
         "transform", "tf"
     )

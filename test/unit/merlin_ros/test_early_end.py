@@ -12,6 +12,8 @@ from typing import Any
 
 import pytest
 
+from merlin_test import LONG
+
 pytestmark = pytest.mark.processes
 
 ROOT = Path(__file__).parents[3]
@@ -26,14 +28,13 @@ EXECUTABLES = [
 ]
 ENDED = {signal.SIGINT: 0, signal.SIGTERM: 128 + signal.SIGTERM}
 MOMENTS = 2.5  # s after the first import within which it gets the signal
-LIMIT = 120.0  # s for it to begin, or to end
 # A node ends itself by force after seconds, which a busy machine may need: here only one that hangs does.
 PATIENT = f"""
 import threading
 start = threading.Timer.start
 def patient(timer):
     if timer.name == "end limit":
-        timer.interval = {LIMIT}
+        timer.interval = {LONG}
     start(timer)
 threading.Timer.start = patient
 """
@@ -59,7 +60,7 @@ sys.meta_path.insert(0, Finder())
 
 def wait_until_signals_are_handled(process: Any) -> None:
     """Until SIGTERM is handled; before that nothing of ours has run."""
-    end = time.monotonic() + LIMIT
+    end = time.monotonic() + LONG
     while time.monotonic() < end:
         for line in Path(f"/proc/{process.pid}/status").read_text().splitlines():
             if line.startswith("SigCgt") and int(line.split()[1], 16) >> (signal.SIGTERM - 1) & 1:

@@ -13,13 +13,13 @@ from xmlrpc.server import SimpleXMLRPCServer
 
 import pytest
 
+from merlin_test import LONG
 from merlin_test.node_path import LEAN
 
 pytestmark = pytest.mark.processes
 
 CANNOT_BEGIN = 2
 NOT_YET = 1
-LIMIT = 120.0  # s for a process to end
 
 NODE = """
 import sys, rospy
@@ -99,7 +99,7 @@ def begin(master: str, *args: str) -> "subprocess.CompletedProcess[str]":
         env={**os.environ, "ROS_MASTER_URI": master},
         stderr=subprocess.PIPE,
         text=True,
-        timeout=LIMIT,
+        timeout=LONG,
     )
 
 
@@ -234,7 +234,7 @@ def test_a_node_that_answers_late_does_not_hang(master: Any) -> None:
         asked.append(caller)
         if len(asked) > 1:
             again.set()
-        assert again.wait(LIMIT)
+        assert again.wait(LONG)
         return 1, "", "/somebody"
 
     with Threaded(("127.0.0.1", 0), logRequests=False) as late:
@@ -316,7 +316,7 @@ def test_signals_that_interrupt_each_other_end_a_node(master: Any) -> None:
             env=dict(os.environ, ROS_MASTER_URI=master.uri),
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
-            timeout=LIMIT,
+            timeout=LONG,
         )
         assert ended.returncode in (0, -signal.SIGINT, -signal.SIGTERM)
         assert master.address_of("/somebody") == ""

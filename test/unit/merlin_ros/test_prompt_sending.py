@@ -15,15 +15,15 @@ from rospy.exceptions import TransportInitError, TransportTerminated
 
 from merlin_ros import prompt_sending
 from merlin_ros.prompt_sending import PromptConnection
+from merlin_test import LONG
 
-LIMIT = 60.0  # s
 # Its end waits for a subscriber as long as the test may take.
 SAYS = f"""
 import sys, rospy
 from merlin_ros import prompt_sending
 from merlin_ros.node import run_node
 from std_msgs.msg import String
-prompt_sending.READ_LIMIT = {LIMIT}
+prompt_sending.READ_LIMIT = {LONG}
 class Connected(rospy.SubscribeListener):
     def peer_subscribe(self, *_):
         print("connected", flush=True)
@@ -71,7 +71,7 @@ class Transport:
 @pytest.fixture
 def pair() -> Iterator[Tuple[Transport, socket.socket]]:
     ours, theirs = socket.socketpair()
-    theirs.settimeout(LIMIT)
+    theirs.settimeout(LONG)
     yield Transport(ours), theirs
     ours.close()
     theirs.close()
@@ -126,7 +126,7 @@ def test_a_full_queue_drops_the_oldest_message_and_none_in_part(
     write = transport.write_data
 
     def held_write(data: bytes) -> None:
-        held.wait(LIMIT)
+        held.wait(LONG)
         write(data)
 
     transport.write_data = held_write  # type: ignore[method-assign]
@@ -163,7 +163,7 @@ def test_after_a_slow_subscriber_has_caught_up_no_thread_is_left(
     workers = [thread for thread in threading.enumerate() if thread not in known]
     read(peer, LARGE)
     for worker in workers:
-        worker.join(LIMIT)
+        worker.join(LONG)
         assert not worker.is_alive()
     connection.write_data(b"next")
     assert read(peer, 4) == b"next"
@@ -193,7 +193,7 @@ def test_a_connection_that_breaks_while_messages_wait_is_reported_with_the_next_
     workers = [thread for thread in threading.enumerate() if thread not in known]
     peer.close()
     for worker in workers:
-        worker.join(LIMIT)
+        worker.join(LONG)
     with pytest.raises(OSError):
         connection.write_data(b"next")
 
@@ -203,14 +203,14 @@ def test_a_connection_ends_after_what_was_published_is_read(pair: Tuple[Transpor
     connection = PromptConnection(transport, 0)
     connection.write_data(b"a" * LARGE)
     connection.write_data(b"last")
-    ending = threading.Thread(target=prompt_sending.finish, args=([connection], LIMIT))
+    ending = threading.Thread(target=prompt_sending.finish, args=([connection], LONG))
     ending.start()
     assert read(peer, LARGE + 4) == b"a" * LARGE + b"last"
     assert peer.recv(1) == b""
     assert ending.is_alive()
     assert connection.write_data(b"more")  # is dropped, and not an error of the topic
     peer.close()
-    ending.join(LIMIT)
+    ending.join(LONG)
     assert not ending.is_alive()
 
 
@@ -237,7 +237,7 @@ def test_a_node_is_at_the_master_until_its_last_message_is_read(master: Any, que
     node.expect("announced")
     with xmlrpc.client.ServerProxy(master.address_of("/speaker")) as speaker:
         _, _, (_, *address) = speaker.requestTopic("/listener", "/words", [["TCPROS"]])
-    with socket.create_connection(address, LIMIT) as peer:
+    with socket.create_connection(address, LONG) as peer:
         fields = {"callerid": "/listener", "topic": "/words", "type": "*", "md5sum": "*"}
         write_ros_handshake_header(peer, fields)
         read_ros_handshake_header(peer, BytesIO(), 65536)

@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 from merlin_sm.merlin_sm import MerlinSM
 from merlin_sm.state_factory import MerlinStateFactory
 from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, SUCCEEDED, MerlinState
+from merlin_test import LONG
 from smach import CBState, InvalidStateError, InvalidTransitionError, UserData
 
 OUTCOMES = [SUCCEEDED, ABORTED, PREEMPTED]
-LIMIT = 60.0
 
 
 class Step(str, enum.Enum):
@@ -39,7 +39,7 @@ class Wait(MerlinState):
         woken = threading.Event()
         self.interruptible(woken.set)
         self.begun.set()
-        assert woken.wait(LIMIT)
+        assert woken.wait(LONG)
         self.interruptible(None)
         return PREEMPTED
 
@@ -98,9 +98,9 @@ def test_a_cancel_wakes_the_state_that_waits_however_deep_it_is(depth: int) -> N
     made.prepare()
     outcomes: List[str] = []
     thread = run_in_thread(made, outcomes)
-    assert waiting.begun.wait(LIMIT)
+    assert waiting.begun.wait(LONG)
     made.cancel()
-    thread.join(LIMIT)
+    thread.join(LONG)
     assert outcomes == [PREEMPTED]
     assert made.reason == "cancelled"
 
@@ -130,9 +130,9 @@ def test_a_preempt_ends_both() -> None:
     both = MerlinStateFactory.create("while", acting, watching)
     outcomes: List[str] = []
     thread = run_in_thread(both, outcomes)
-    assert acting.begun.wait(LIMIT) and watching.begun.wait(LIMIT)
+    assert acting.begun.wait(LONG) and watching.begun.wait(LONG)
     both.request_preempt()
-    thread.join(LIMIT)
+    thread.join(LONG)
     assert outcomes == [PREEMPTED]
 
 

@@ -24,12 +24,12 @@ from merlin_fleet.fleet_request import FleetRequest, GoalNews
 from merlin_fleet.fleet_robot import FleetRobot, FleetStatus
 from merlin_fleet.hub import EtcdHub
 from merlin_fleet.sqlite_outbox import SqliteOutbox
+from merlin_test import LONG
 from merlin_test.etcd_process import EtcdProcess
 from merlin_test.ports import free_ports
 
 pytestmark = pytest.mark.processes
 PAGE = (Path(__file__).resolve().parents[4] / "docs" / "fleet.md").read_text(encoding="utf-8")
-LIMIT = 60.0  # s for anything that has to happen
 #: A test machine may stand still for many seconds.
 RULES = Rules(LeaseTimes(ttl=60.0, renew_every=0.5, stop_time=1.0), AuctionTimes(0.1, 30.0))
 
@@ -106,12 +106,12 @@ def test_a_client_sends_and_gets_the_end(lab: Lab, tmp_path: object) -> None:
     done = threading.Event()
     reported: List[FleetRequest] = []
     request = lab.client.send("(done a)", on_done=lambda it: (reported.append(it), done.set())[0])
-    assert done.wait(LIMIT)
+    assert done.wait(LONG)
     assert reported == [request]
     assert request.wait(0.0)
     assert request.result is not None
     assert (request.result.robot, request.result.outcome) == ("r1", "SUCCEEDED")
-    assert lab.client.execute(["(done b)", "(done c)"], timeout=LIMIT).outcome == "SUCCEEDED"
+    assert lab.client.execute(["(done b)", "(done c)"], timeout=LONG).outcome == "SUCCEEDED"
     assert [robot.name for robot, _ in lab.client.robots()] == ["r1"]
     assert any(status.joined for status in lab.statuses)
 
@@ -126,14 +126,14 @@ def test_a_callback_that_raises_does_not_keep_the_client_from_hearing_more(
     lab.robot("r1")
     lab.client.send("(done a)", on_done=raises)
     second = lab.client.send("(done b)")
-    assert second.wait(LIMIT)
+    assert second.wait(LONG)
     assert not lab.client.missing
     assert "a mistake of the application" in capsys.readouterr().err
 
 
 def test_a_goal_whose_change_comes_while_its_end_is_looked_up_is_not_removed(lab: Lab) -> None:
     request = lab.client.send("(done a)")
-    assert lab.client.wait(lambda: request.news, LIMIT)
+    assert lab.client.wait(lambda: request.news, LONG)
     late = FleetRequest(LateNews(lab.client), request.id, request.written)
     assert late.result is None
     assert not late.done
@@ -165,9 +165,9 @@ def test_records_that_are_strange_are_listed(lab: Lab, capsys: pytest.CaptureFix
 def test_what_times_out_is_cancelled_at_its_robot(lab: Lab) -> None:
     lab.robot("r1")
     request = lab.client.send("(hold)")
-    assert lab.client.wait(lambda: request.news and request.news.owner == "r1", LIMIT)
+    assert lab.client.wait(lambda: request.news and request.news.owner == "r1", LONG)
     lab.client.cancel_all()
-    assert request.wait(LIMIT)
+    assert request.wait(LONG)
     assert request.result is not None
     assert request.result.outcome == "CANCELLED"
 
@@ -175,15 +175,15 @@ def test_what_times_out_is_cancelled_at_its_robot(lab: Lab) -> None:
 def test_a_goal_of_another_domain_is_refused_and_the_reason_is_shown(lab: Lab) -> None:
     lab.robot("r1", domain="home@12345678")
     other = lab.client.send("(done a)", domain="restaurant")
-    assert lab.client.wait(lambda: other.news and other.news.refusals, LIMIT)
+    assert lab.client.wait(lambda: other.news and other.news.refusals, LONG)
     assert other.news is not None
     assert other.news.refusals == {"r1": "it is of the domain restaurant, the robot has home@12345678"}
     (why,) = other.news.refusals.values()
     assert words(other.news) == f"open, no robot that is joined can do it (r1: {why})"
     for same in ("home", "home@12345678"):
-        assert lab.client.execute("(done a)", LIMIT, domain=same).outcome == "SUCCEEDED"
+        assert lab.client.execute("(done a)", LONG, domain=same).outcome == "SUCCEEDED"
     older = lab.client.send("(done a)", domain="home@87654321")
-    assert lab.client.wait(lambda: older.news and older.news.refusals, LIMIT)
+    assert lab.client.wait(lambda: older.news and older.news.refusals, LONG)
 
 
 def test_the_command_sends_lists_follows_and_cancels(lab: Lab, capsys: pytest.CaptureFixture) -> None:
@@ -192,7 +192,7 @@ def test_the_command_sends_lists_follows_and_cancels(lab: Lab, capsys: pytest.Ca
     options = ("--begin-by", "600", "--value", "2.5", "--robot", "r1", "--group", "a", "--needs", "arm")
     assert lab.run("send", "(done a)", *options) == 0
     goal_id = capsys.readouterr().out.strip()
-    assert lab.client.wait(lambda: lab.client.news(goal_id), LIMIT)
+    assert lab.client.wait(lambda: lab.client.news(goal_id), LONG)
     news = lab.client.news(goal_id)
     assert news is not None
     assert news.state is FleetGoalState.OPEN
@@ -215,7 +215,7 @@ def test_a_goal_that_no_robot_can_take_is_reported(
     assert lab.run("send", "(done a)", *wanted) == 0
     assert capsys.readouterr().err.endswith("it waits for one; the robots of this fleet: none\n")
     lab.robot("r1")
-    assert lab.client.wait(lambda: any(joined for _, joined in lab.client.robots()), LIMIT)
+    assert lab.client.wait(lambda: any(joined for _, joined in lab.client.robots()), LONG)
     assert lab.run("send", "(done a)", *wanted) == 0
     assert capsys.readouterr().err.endswith("it waits for one; the robots of this fleet: r1\n")
     assert lab.run("send", "(done a)") == 0
@@ -225,7 +225,7 @@ def test_a_goal_that_no_robot_can_take_is_reported(
 def test_a_goal_that_no_robot_knows_is_not_sent(lab: Lab, capsys: pytest.CaptureFixture) -> None:
     lab.robot("r1")
     lab.robots[0].tell(SCHEMAS, Schema("(define (domain d) (:predicates (done ?x)))", ("a object",)))
-    assert lab.client.wait(lambda: refused(lab.client, "(flies a)"), LIMIT)
+    assert lab.client.wait(lambda: refused(lab.client, "(flies a)"), LONG)
     assert lab.run("send", "(flies a)") == 2
     said = capsys.readouterr()
     assert said.err == "fleet send: r1: (flies a): unknown predicate 'flies'; there is done\n"
@@ -343,11 +343,11 @@ def test_an_open_goal_that_no_robot_can_do_says_so(lab: Lab) -> None:
         "open, no robot that is joined can do it (r1: it needs wings; r2: it needs wings)",
         "open, no robot is joined",
     )
-    assert lab.client.wait(lambda: said() == expected[0], LIMIT), said()
+    assert lab.client.wait(lambda: said() == expected[0], LONG), said()
     for robot in lab.robots:
         robot.close()
     lab.robots.clear()
-    assert lab.client.wait(lambda: said() == expected[1], LIMIT), said()
+    assert lab.client.wait(lambda: said() == expected[1], LONG), said()
 
 
 def test_a_hub_that_is_not_there(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture) -> None:
@@ -360,12 +360,12 @@ def test_shared_facts_are_listed_with_their_age(lab: Lab, capsys: pytest.Capture
     keys = Keys(lab.fleet)
     hub = EtcdHub(keys.root, [lab.etcd.endpoint], timeout=20.0)
     lab.robot("r1")
-    assert lab.client.wait(lambda: any(joined for _, joined in lab.client.robots()), LIMIT)
+    assert lab.client.wait(lambda: any(joined for _, joined in lab.client.robots()), LONG)
     lab.robots[0].know("door_open", ("ward", "lab main"), 7)
     absent = Facts("r2", "delivered", ("box_1",), 3, "gone")
     hub.transact(Txn(puts=(Put(keys.key("facts", "r2", "delivered"), encode(absent)),)))
     hub.close()
-    assert lab.client.wait(lambda: len(lab.client.facts()) == 2, LIMIT)
+    assert lab.client.wait(lambda: len(lab.client.facts()) == 2, LONG)
     assert lab.run("facts") == 0
     assert capsys.readouterr().out.splitlines() == [
         "door_open of r1, version 7  current",
@@ -382,7 +382,7 @@ def test_a_fleet_of_another_protocol_is_not_written_to(lab: Lab) -> None:
     hub.transact(Txn(puts=(Put(keys.key("about"), '{"protocol": 99, "id": "x"}'),)))
     client = FleetClient(keys.root.split("/")[2], [lab.etcd.endpoint])
     try:
-        assert not client.wait_for_hub(LIMIT)
+        assert not client.wait_for_hub(LONG)
         client.on_resumed()  # a connection that was cut and mended changes nothing of that
         with pytest.raises(FleetError, match="cannot be used: it is of protocol 99"):
             client.send("(done a)")
@@ -430,7 +430,7 @@ def test_the_hub_of_the_page(tmp_path: Path) -> None:
     process = subprocess.Popen(words_of_page, stdout=subprocess.DEVNULL, stderr=subprocess.STDOUT)
     client = FleetClient("lab", [f"127.0.0.1:{port}"])
     try:
-        assert client.wait_for_hub(LIMIT)
+        assert client.wait_for_hub(LONG)
         assert client.send("(done a)").result is None
     finally:
         client.close()

@@ -16,9 +16,9 @@ from merlin_fleet.node import robot_report
 from merlin_fleet.node.executor_body import NO_EXECUTOR
 from merlin_fleet.node.robot_report import RobotReport, own_page
 from merlin_ros.master.master_link import ERRORS
+from merlin_test import LONG
 
 HELD = "the base is held by Ana since 0.0 s"
-LIMIT = 60.0  # s for anything that has to happen
 
 
 class Robot:
@@ -61,7 +61,7 @@ class Robot:
     def until(self, holds: Callable[[Status], bool]) -> Status:
         """Waits until the last status is as wanted."""
         with self.changed:
-            assert self.changed.wait_for(lambda: self.said and holds(self.said[-1]), LIMIT), self.said[-1:]
+            assert self.changed.wait_for(lambda: self.said and holds(self.said[-1]), LONG), self.said[-1:]
             return self.said[-1]
 
     def say(self, topic: str, message: Any) -> None:
@@ -151,7 +151,7 @@ def stopped(robot: Robot) -> Tuple[List[str], threading.Event]:
 
 def test_a_stop_is_obeyed_when_the_status_says_how_the_guard_holds(robot: Robot) -> None:
     holds, done = stopped(robot)
-    assert done.wait(LIMIT)
+    assert done.wait(LONG)
     assert robot.order == ["stop by Ana", "cancel"]
     assert holds == [HELD]
     assert robot.said[-1].stop == 17

@@ -14,8 +14,7 @@ from merlin_fleet.node import shared_knowledge
 from merlin_fleet.node.shared_knowledge import OBJECTS, SharedKnowledge
 from merlin_planning.knowledge_client import ADD, KnowledgeError, Update, fact, instance
 from merlin_ros.service_proxy import ServiceError
-
-LIMIT = 60.0  # s for anything that has to happen
+from merlin_test import LONG
 
 
 class Lab:
@@ -51,7 +50,7 @@ class Lab:
 
     def until(self, holds: Any) -> None:
         with self.changed:
-            assert self.changed.wait_for(holds, LIMIT), vars(self)
+            assert self.changed.wait_for(holds, LONG), vars(self)
 
     def change(self, predicate: str, *facts: str, step: int = 1, reported: bool = True) -> None:
         """Something changes, and is published in `changes`."""

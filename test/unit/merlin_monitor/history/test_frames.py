@@ -21,8 +21,7 @@ from merlin_monitor.state import history_store
 from merlin_monitor.state.history_events import Event
 from merlin_monitor.state.history_store import HistoryStore
 from merlin_monitor.state.state_tree import StateTree, apply_changes
-
-LIMIT = 60.0  # s for an answer
+from merlin_test import LONG
 
 keys = st.sampled_from(["plan", "map", "a", "__proto__", "ü", "history"])
 values = st.recursive(
@@ -52,7 +51,7 @@ class Recorded:
         return self.tick
 
     def frame(self) -> None:
-        self.store.page(limit=1).result(LIMIT)  # what was added has the time of before
+        self.store.page(limit=1).result(LONG)  # what was added has the time of before
         before, self.store.now = self.store.now, self._clock  # type: ignore[assignment, misc]
         self.store.take()
         self.store.now = before  # type: ignore[misc]
@@ -71,7 +70,7 @@ def shown(tree: StateTree) -> Dict[str, Any]:
 
 def state_at(reader: HistoryReader, run: int, wall: float) -> Dict[str, Any]:
     """What the page makes of the answer."""
-    segment = json.loads(reader.segment(run, wall).result(LIMIT) or "null")
+    segment = json.loads(reader.segment(run, wall).result(LONG) or "null")
     assert segment["began"] <= wall and (segment["next"] is None or wall < segment["next"])
     state = segment["frames"][0][2]
     for at, _, changed, _ in segment["frames"][1:]:
@@ -114,8 +113,8 @@ def test_an_event_leads_to_what_it_is_about_although_that_was_recorded_before_it
         model.report(Event("action", f"doing {number}", 0.0))
         model.record()
     assert model.history is not None
-    for event in model.history.export().result(LIMIT):
-        frames = json.loads(model.history.segment(event["run"], 1e12).result(LIMIT) or "")["frames"]
+    for event in model.history.export().result(LONG):
+        frames = json.loads(model.history.segment(event["run"], 1e12).result(LONG) or "")["frames"]
         first = next(wall for wall, *_ in frames if wall >= event["wall"])
         assert f"doing {state_at(model.history, event['run'], first)['now']['doing']}" == event["text"]
     model.stop()
@@ -129,8 +128,8 @@ def test_an_event_has_never_the_time_of_a_frame_from_before_it(tmp_path: Path) -
         tree.set("plan", "number", number)
         store.add(Event("plan", str(number), 0.0))
         store.take()
-    for event in store.export().result(LIMIT):
-        frames = json.loads(store.segment(store.run, 1e12).result(LIMIT) or "")["frames"]
+    for event in store.export().result(LONG):
+        frames = json.loads(store.segment(store.run, 1e12).result(LONG) or "")["frames"]
         first = next(wall for wall, *_ in frames if wall >= event["wall"])
         assert state_at(store, store.run, first)["plan"]["number"] == int(event["text"])
     store.close()
@@ -164,13 +163,13 @@ def test_it_keeps_what_changes_by_itself_and_the_last_change_at_its_end(tmp_path
     for number in range(50):
         tree.set("plan", "number", number)
     store.follow(tree)
-    until = time.monotonic() + LIMIT
-    while not store.runs().result(LIMIT) and time.monotonic() < until:
+    until = time.monotonic() + LONG
+    while not store.runs().result(LONG) and time.monotonic() < until:
         time.sleep(0.01)
     tree.set("plan", "number", "last")
     store.close()
     reader = HistoryReader.of(tmp_path / "h")
-    (run,) = reader.runs().result(LIMIT)
+    (run,) = reader.runs().result(LONG)
     assert state_at(reader, run["run"], run["began"]) == {"plan": {"number": 49}}
     assert state_at(reader, run["run"], run["ended"]) == {"plan": {"number": "last"}}
     reader.close()
@@ -188,16 +187,16 @@ def test_the_file_stays_bounded_and_the_newest_is_kept(
         if number % 100 == 0:
             recorded.store.add_picture("seen", f"picture {number}", bytes(5_000))
         recorded.frame()
-    kept = recorded.store.runs().result(LIMIT)
+    kept = recorded.store.runs().result(LONG)
     assert kept[0]["ended"] == 600.0 and kept[0]["began"] > 100.0
     assert kept[0]["bytes"] < 80_000
-    assert recorded.store.picture("seen", "picture 0").result(LIMIT) is None
-    assert recorded.store.picture("seen", "picture 500").result(LIMIT) == bytes(5_000)
-    assert recorded.store.picture("map", "of all the time").result(LIMIT) == b"map"
+    assert recorded.store.picture("seen", "picture 0").result(LONG) is None
+    assert recorded.store.picture("seen", "picture 500").result(LONG) == bytes(5_000)
+    assert recorded.store.picture("map", "of all the time").result(LONG) == b"map"
     reader = recorded.reopened()
     wall, state = recorded.states[-1]
     assert state_at(reader, 1, wall) == state
-    first = json.loads(reader.segment(1, 3.0).result(LIMIT) or "")
+    first = json.loads(reader.segment(1, 3.0).result(LONG) or "")
     assert first["began"] > 100.0, "before what is kept comes the first moment that is"
     reader.close()
 
@@ -209,7 +208,7 @@ def test_a_lost_frame_makes_the_next_one_whole(tmp_path: Path) -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Recording, "add", full)
         recorded.frame()
-        recorded.store.page(limit=1).result(LIMIT)  # what came before is written
+        recorded.store.page(limit=1).result(LONG)  # what came before is written
     assert recorded.store.trouble == "the disk is full"
     recorded.tree.set("plan", "step", 2)
     recorded.frame()
@@ -227,7 +226,7 @@ def test_a_monitor_that_was_killed_leaves_all_until_then(tmp_path: Path) -> None
     for number in range(20):
         recorded.tree.set("plan", "step", number)
         recorded.frame()
-    recorded.store.page().result(LIMIT)  # what came before is written
+    recorded.store.page().result(LONG)  # what came before is written
     reader = HistoryReader.of(recorded.path)  # the other one is still open, as it is after a SIGKILL
     for wall, state in recorded.states:
         assert state_at(reader, 1, wall) == state
@@ -247,15 +246,15 @@ def test_what_was_kept_in_memory_moves_to_the_file(tmp_path: Path) -> None:
     recorded.tree.set("plan", "step", 1)
     recorded.frame()
     recorded.store.add_picture("map", "p", b"png")
-    recorded.store.page().result(LIMIT)
+    recorded.store.page().result(LONG)
     folder.mkdir()
     (tmp_path / "kept").rename(folder / "history.sqlite")
     recorded.tree.set("plan", "step", 2)
     recorded.frame()
     reader = recorded.reopened()
-    assert [run["run"] for run in reader.runs().result(LIMIT)] == [1, 2]
+    assert [run["run"] for run in reader.runs().result(LONG)] == [1, 2]
     assert [state_at(reader, 2, wall)["plan"]["step"] for wall in (1.0, 2.0)] == [1, 2]
-    assert reader.picture("map", "p").result(LIMIT) == b"png"
+    assert reader.picture("map", "p").result(LONG) == b"png"
     reader.close()
 
 
@@ -263,11 +262,11 @@ def test_events_are_found_from_each_other(tmp_path: Path) -> None:
     store = HistoryStore(tmp_path / "h", 1000)
     for number, mark in enumerate(["", "failure", "", "cancel", "failure"]):
         store.add(Event("plan" if number % 2 else "goal", str(number), 0.0, {}, mark))
-    events = store.export().result(LIMIT)
-    assert [mark for _, _, mark in store.marks(store.run).result(LIMIT)] == ["failure", "cancel", "failure"]
+    events = store.export().result(LONG)
+    assert [mark for _, _, mark in store.marks(store.run).result(LONG)] == ["failure", "cancel", "failure"]
 
     def found(**wanted: Any) -> Any:
-        event = store.neighbour(Neighbour(store.run, **{"wall": 0.0, **wanted})).result(LIMIT)
+        event = store.neighbour(Neighbour(store.run, **{"wall": 0.0, **wanted})).result(LONG)
         return event and event["text"]
 
     assert found() == "0" and found(marks=("failure",)) == "1"
@@ -275,7 +274,7 @@ def test_events_are_found_from_each_other(tmp_path: Path) -> None:
     assert found(identity=events[1]["id"], kinds=("goal",)) == "2"
     assert found(identity=events[1]["id"], forward=False) == "0"
     assert found(wall=1e12) is None and found(wall=1e12, forward=False, marks=("cancel",)) == "3"
-    assert store.neighbour(Neighbour(99, 0.0)).result(LIMIT) is None
+    assert store.neighbour(Neighbour(99, 0.0)).result(LONG) is None
     store.close()
 
 
@@ -322,11 +321,11 @@ def test_a_file_of_before_is_gone_on_with(tmp_path: Path) -> None:
     recorded.frame()
     recorded.store.add(Event("goal", "new", 2.0, {}, "cancel"))
     reader = recorded.reopened()
-    assert [(event["text"], event["mark"]) for event in reader.export().result(LIMIT)] == [
+    assert [(event["text"], event["mark"]) for event in reader.export().result(LONG)] == [
         ("old", ""),
         ("new", "cancel"),
     ]
-    assert [run["run"] for run in reader.runs().result(LIMIT)] == [2]
+    assert [run["run"] for run in reader.runs().result(LONG)] == [2]
     reader.close()
 
 
@@ -339,7 +338,7 @@ def test_a_damaged_segment_is_an_error_and_the_others_can_be_read(tmp_path: Path
         Recording(file).add(1, Frame(2, 0, 9.0, damage), 1e9)
     reader = HistoryReader.of(recorded.path)
     with pytest.raises(HistoryError, match="segment 2 of run 1 is damaged"):
-        reader.segment(1, 9.0).result(LIMIT)
+        reader.segment(1, 9.0).result(LONG)
     assert state_at(reader, 1, 1.0) == {"plan": {}, "map": {}}
     reader.close()
 
@@ -355,7 +354,7 @@ def test_damaged_frames_take_with_them_only_what_follows_in_their_segment(tmp_pa
         file.execute("UPDATE frames SET data = x'0099' WHERE number BETWEEN 8 AND 13")
     file.close()
     reader = HistoryReader.of(recorded.path)
-    segment = json.loads(reader.segment(1, 15.0).result(LIMIT) or "null")
+    segment = json.loads(reader.segment(1, 15.0).result(LONG) or "null")
     assert segment["damaged"] and len(segment["frames"]) == 8
     for wall, state in recorded.states[:8]:
         assert state_at(reader, 1, wall) == state

@@ -8,12 +8,13 @@ from pathlib import Path
 from typing import Any, Iterator, Tuple
 
 import pytest
-from fleet_page_command import LIMIT, Command
+from fleet_page_command import Command
 from served import TOKEN, ask
 
 from merlin_fleet.commands.fleet_command import main
 from merlin_fleet.fleet_client import FleetClient
 from merlin_monitor.access.operators import write_operators
+from merlin_test import LONG
 from merlin_test.etcd_process import DIRECT, EtcdProcess
 
 pytestmark = pytest.mark.processes
@@ -94,11 +95,11 @@ def test_it_serves_without_a_master_until_ctrl_c(etcd: EtcdProcess) -> None:
         port = other.getsockname()[1]
         command = Command(etcd.endpoint, "--operators", "none", "--port", str(port))
         assert command.address.startswith("http://127.0.0.1:")
-        with DIRECT.open(command.address + "state.json", timeout=LIMIT) as answer:
+        with DIRECT.open(command.address + "state.json", timeout=LONG) as answer:
             assert b'"fleet":"lab"' in answer.read()
         request = urllib.request.Request(command.address + "control/send", b"{}", method="POST")
         with pytest.raises(urllib.error.HTTPError, match="403"):
-            DIRECT.open(request, timeout=LIMIT)
+            DIRECT.open(request, timeout=LONG)
         code, said = command.end()
     assert code == 0
     assert f"port {port} is taken, using " in said
@@ -108,11 +109,11 @@ def test_a_hub_that_hangs_is_noticed() -> None:
     own = EtcdProcess()
     client = FleetClient("lab", [own.endpoint])
     try:
-        assert client.wait_for_hub(LIMIT)
+        assert client.wait_for_hub(LONG)
         own.hang()
-        assert client.wait(lambda: client.missing == "etcd does not answer in time", LIMIT), client.missing
+        assert client.wait(lambda: client.missing == "etcd does not answer in time", LONG), client.missing
         own.resume()
-        assert client.wait_for_hub(LIMIT)
+        assert client.wait_for_hub(LONG)
     finally:
         client.close()
         own.close()

@@ -13,10 +13,10 @@ from shown_page import Visit, fill
 
 from merlin_monitor.access.operators import write_operators
 from merlin_monitor.access.web_access import LOOK_COOKIE, NO_LOOK, NOBODY_LOOKS, TOKEN_HEADER
+from merlin_test import LONG
 
 pytestmark = pytest.mark.processes
 
-LIMIT = 60.0  # s for anything that a test waits for
 SHOWN = (
     *("state.json", "map.png", "pictures/seen.png", "history", "history.json", "past/runs"),
     *("past/marks?run=1", "past/event?run=1&wall=1", "past/segment?run=1&wall=1"),
@@ -46,7 +46,7 @@ async def first_messages(url: str, cookie: Optional[str], until: Any) -> List[Di
     session = aiohttp.ClientSession()
     async with session, session.ws_connect(f"{url}live", headers=headers) as socket:
         while not until(found):
-            message = await asyncio.wait_for(socket.receive(), LIMIT)
+            message = await asyncio.wait_for(socket.receive(), LONG)
             if message.type is not aiohttp.WSMsgType.TEXT:
                 found.append({"closed": True})
                 break

@@ -24,11 +24,11 @@ from merlin_fleet.node.fleet_panel import FleetPanel
 from merlin_monitor.listeners.ros_system import RosSystem
 from merlin_monitor.panel_board import OFFERED, foreign_panel, own_panels, script_of
 from merlin_ros.master.master_link import ERRORS
+from merlin_test import LONG
 from merlin_test.etcd_process import EtcdProcess
 
 pytestmark = pytest.mark.processes
 
-LIMIT = 60.0  # s for anything that has to happen
 SHOWN: Dict[str, Any] = {
     "fleet": "lab",
     "robots": {
@@ -137,7 +137,7 @@ def test_it_follows_the_hub_that_the_robot_was_told(served: Served, monkeypatch:
     def until(holds: Callable[[], bool]) -> None:
         panel.check(0.0, 0.0)
         while not holds():
-            assert panel._changed.wait(LIMIT)
+            assert panel._changed.wait(LONG)
             panel.check(0.0, 0.0)
 
     master(None)
@@ -178,7 +178,7 @@ def test_a_hub_that_is_not_one_is_named(served: Served, monkeypatch: pytest.Monk
     FleetPanel(served.state, RosSystem()).look({})
     taken = threading.Event()
     served.state.inbox.put(taken.set)
-    assert taken.wait(LIMIT)
+    assert taken.wait(LONG)
     assert "is not the address of a hub" in served.state.tree.get("fleet", "missing")
 
 

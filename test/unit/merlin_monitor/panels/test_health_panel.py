@@ -16,8 +16,8 @@ from merlin_monitor.state.freshness import Source
 from merlin_monitor.state.health_section import FIRST_PERIOD, PERIODS, SILENT_AFTER
 from merlin_monitor.state.inbox import DirectInbox, Inbox
 from merlin_monitor.state.monitor_model import MonitorModel
+from merlin_test import LONG
 
-LIMIT = 60.0  # s
 NODE = "/navigation"
 #: s after which a part that has reported once is silent.
 LATE = max(SILENT_AFTER, PERIODS * FIRST_PERIOD) + 0.1
@@ -78,7 +78,7 @@ class Robot:
         self.state.inbox.put(self.state.freshness.check, wall, {}, {"navigation": Source(True, NODE)})
         self.state.inbox.put(self.state.now.refresh)
         self.state.inbox.put(taken.set)
-        assert taken.wait(LIMIT)
+        assert taken.wait(LONG)
 
 
 @pytest.fixture

@@ -11,8 +11,7 @@ from merlin_monitor.listeners.ros_system import RosSystem, TopicGraph
 from merlin_monitor.panels.machines import STATUS, STRUCTURE, MachinesPanel
 from merlin_monitor.state.inbox import Inbox
 from merlin_monitor.state.monitor_model import MonitorModel
-
-LIMIT = 60.0  # s
+from merlin_test import LONG
 
 
 class System(RosSystem):
@@ -59,7 +58,7 @@ def shown(panel: MachinesPanel) -> Dict[str, List[str]]:
     """The active states of the machines, by their nodes."""
     taken = threading.Event()
     panel.state.inbox.put(taken.set)
-    assert taken.wait(LIMIT)
+    assert taken.wait(LONG)
     containers = panel.state.tree.get("machines", "containers")
     return {each["node"]: each.get("active", []) for each in containers.values()}
 

@@ -26,8 +26,8 @@ from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_monitor.terminal.terminal_view import lines
 from merlin_monitor.web.page_control import ControlError, RobotRequests
 from merlin_ros.robot_values import ROBOTS
+from merlin_test import LONG
 
-LIMIT = 60.0  # s
 #: As of a message with a zero byte, and of one that is not UTF-8.
 STRANGE = ("a\0b", "\udc80", "a b", "", "x" * 10_000)
 
@@ -100,7 +100,7 @@ def done(panel: MapPanel) -> None:
     """Waits until the model has taken what it was given."""
     taken = threading.Event()
     panel.state.inbox.put(taken.set)
-    assert taken.wait(LIMIT)
+    assert taken.wait(LONG)
 
 
 def drive(name: str, x: float, stamp: float, frame: str = "map") -> MoveBaseActionGoal:
@@ -319,7 +319,7 @@ def test_a_panel_that_fails_does_not_end_the_pulse(monkeypatch: pytest.MonkeyPat
     board = PanelBoard(MonitorModel(Inbox()), ros=System(), only=[Failing])
     board.start()
     try:
-        assert again.wait(LIMIT)
+        assert again.wait(LONG)
         assert said == ["monitor: ValueError: strange"]
     finally:
         board.stop()

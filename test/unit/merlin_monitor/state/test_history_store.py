@@ -13,8 +13,7 @@ from merlin_monitor.panels.control import path_of_node
 from merlin_monitor.state.history_events import Event
 from merlin_monitor.state.history_store import NEWEST, HistoryError, HistorySection, HistoryStore
 from merlin_monitor.state.state_tree import StateTree
-
-LIMIT = 60.0  # s for an answer
+from merlin_test import LONG
 
 
 def texts(events: List[Any]) -> List[str]:
@@ -28,7 +27,7 @@ def test_events_outlive_the_store(tmp_path: Path) -> None:
     store.add(Event("mission", "it's <b>over</b>\ud800", float("nan")))
     store.close()
     again = HistoryStore(path, 1000)
-    first, second = again.page().result(LIMIT)
+    first, second = again.page().result(LONG)
     assert (first["kind"], first["at"], first["detail"]) == ("goal", 12.5, {"began": 1.0, "ended": 12.5})
     assert second["text"] == "it's <b>over</b>?" and second["at"] == 0.0
     assert again.run == first["run"] + 1
@@ -42,17 +41,17 @@ def test_pages_go_back_to_the_first_event(tmp_path: Path) -> None:
     seen: List[str] = []
     before = None
     while True:
-        page = store.page(before, 10).result(LIMIT)
+        page = store.page(before, 10).result(LONG)
         if not page:
             break
         seen = texts(page) + seen
         before = page[0]["id"]
     assert seen == [str(number) for number in range(25)]
-    assert texts(store.page(None, 3, ("plan",)).result(LIMIT)) == ["19", "21", "23"]
-    assert len(store.export().result(LIMIT)) == 25
+    assert texts(store.page(None, 3, ("plan",)).result(LONG)) == ["19", "21", "23"]
+    assert len(store.export().result(LONG)) == 25
     store.close()
     with pytest.raises(HistoryError):
-        store.page().result(LIMIT)
+        store.page().result(LONG)
 
 
 def test_the_oldest_events_go_first(tmp_path: Path) -> None:
@@ -60,8 +59,8 @@ def test_the_oldest_events_go_first(tmp_path: Path) -> None:
     for number in range(2300):
         store.add(Event("plan", str(number), 0.0))
         if number % 500 == 0:
-            store.page(limit=1).result(LIMIT)  # waits until what came before is written
-    kept = store.export().result(LIMIT)
+            store.page(limit=1).result(LONG)  # waits until what came before is written
+    kept = store.export().result(LONG)
     assert 100 <= len(kept) < 1400 and kept[-1]["text"] == "2299"
     store.close()
 
@@ -73,7 +72,7 @@ def test_many_short_runs_are_bounded_too(tmp_path: Path) -> None:
             store.add(Event("plan", f"{run} {number}", 0.0))
         store.close()
     store = HistoryStore(tmp_path / "h", 100)
-    assert len(store.export().result(LIMIT)) <= 160
+    assert len(store.export().result(LONG)) <= 160
     store.close()
 
 
@@ -81,9 +80,9 @@ def test_many_short_runs_are_bounded_too(tmp_path: Path) -> None:
 def test_a_strange_question_does_not_end_it(tmp_path: Path, kinds: Any) -> None:
     store = HistoryStore(tmp_path / "h", 100)
     with contextlib.suppress(HistoryError):
-        assert store.page(kinds=kinds).result(LIMIT) == []
+        assert store.page(kinds=kinds).result(LONG) == []
     store.add(Event("plan", "later", 0.0))
-    assert texts(store.page().result(LIMIT)) == ["later"]
+    assert texts(store.page().result(LONG)) == ["later"]
     store.close()
 
 
@@ -100,15 +99,15 @@ def test_it_waits_for_a_folder_that_is_not_its_to_make(tmp_path: Path) -> None:
     path = tmp_path / "results" / "history.sqlite"
     store = HistoryStore(path, 1000, make_folder=False)
     store.add(Event("plan", "one", 0.0))
-    assert texts(store.page().result(LIMIT)) == ["one"]
+    assert texts(store.page().result(LONG)) == ["one"]
     assert not path.parent.exists()
     path.parent.mkdir()
     store.add(Event("plan", "two", 0.0))
-    before = store.page().result(LIMIT)
+    before = store.page().result(LONG)
     assert path.exists()
     store.close()
     again = HistoryStore(path, 1000, make_folder=False)
-    assert again.page().result(LIMIT) == before
+    assert again.page().result(LONG) == before
     assert texts(before) == ["one", "two"]
     again.close()
 
@@ -117,20 +116,20 @@ def test_a_folder_made_at_the_end_still_gets_the_history(tmp_path: Path) -> None
     path = tmp_path / "results" / "history.sqlite"
     store = HistoryStore(path, 1000, make_folder=False)
     store.add(Event("plan", "one", 0.0))
-    store.page().result(LIMIT)
+    store.page().result(LONG)
     path.parent.mkdir()
     store.close()
     again = HistoryStore(path, 1000)
-    assert texts(again.page().result(LIMIT)) == ["one"]
+    assert texts(again.page().result(LONG)) == ["one"]
     again.close()
 
 
 def test_two_monitors_may_share_a_file(tmp_path: Path) -> None:
     one, two = HistoryStore(tmp_path / "h", 100), HistoryStore(tmp_path / "h", 100)
     one.add(Event("plan", "one", 0.0))
-    one.page().result(LIMIT)
+    one.page().result(LONG)
     two.add(Event("plan", "two", 0.0))
-    assert texts(two.page().result(LIMIT)) == ["one", "two"]
+    assert texts(two.page().result(LONG)) == ["one", "two"]
     one.close()
     two.close()
     assert sqlite3.connect(str(tmp_path / "h")).execute("SELECT COUNT(*) FROM events").fetchone() == (2,)

@@ -22,10 +22,10 @@ from merlin_monitor.state.history_store import HistoryStore
 from merlin_monitor.state.inbox import DirectInbox
 from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_monitor.state.plan_steps import sequential_steps
+from merlin_test import LONG
 
 PLAN = CompletePlan([dispatch(number, "ask", ("p", place)) for number, place in enumerate("abcd")])
 REQUEST = "/mission-1-12.5"
-LIMIT = 60.0
 
 
 class Life:
@@ -103,7 +103,7 @@ def test_finished_steps_stay_finished_and_the_run_goes_on(tmp_path: Path, plan_f
     life.state.refresh_problems(2.0)
     assert [each["by"] for each in life.state.tree.get("now", "problems")] == ["Ana"]
     reader = life.state.history
-    (known,) = reader.runs().result(LIMIT)
+    (known,) = reader.runs().result(LONG)
     assert known["run"] == run and known["began"] == pytest.approx(1000.0, abs=0.001)
     life.state.stop()
 

@@ -14,10 +14,9 @@ import pytest
 from merlin_monitor.state.history_events import Event
 from merlin_monitor.state.history_store import HistoryStore
 from merlin_monitor.terminal import history_command
+from merlin_test import LONG
 
 pytestmark = pytest.mark.everywhere
-
-LIMIT = 60.0
 
 
 @pytest.fixture
@@ -62,7 +61,7 @@ def test_a_history_that_is_still_written_is_read(
 ) -> None:
     store = HistoryStore(file, 1000)
     store.add(Event("goal", "(checked hall) asked for", 1.0))
-    store.page().result(LIMIT)  # until it is written
+    store.page().result(LONG)  # until it is written
     assert "(checked hall) asked for" in said(monkeypatch, capsys, file)
     store.close()
 

@@ -9,7 +9,7 @@ from typing import Any, Callable, Iterator, List, Optional
 
 import pytest
 from fakes.simulated_store import SimulatedStore
-from fleet_page_command import LIMIT, Command
+from fleet_page_command import Command
 from served import TOKEN, ask
 from shown_page import Visit, chromium
 
@@ -30,6 +30,7 @@ from merlin_monitor.panel_scripts import script_file
 from merlin_monitor.text.phrase import in_english
 from merlin_monitor.web.page_control import ControlError
 from merlin_monitor.web.web_server import WebServer
+from merlin_test import LONG
 from merlin_test.etcd_process import EtcdProcess
 
 pytestmark = pytest.mark.processes
@@ -116,7 +117,7 @@ class Lab:
         feed = self.page.tree.subscribe(changed.set)
         try:
             while not holds(self.page.tree.get(*path)):
-                assert changed.wait(LIMIT), f"it never holds: {self.page.tree.get(*path)}"
+                assert changed.wait(LONG), f"it never holds: {self.page.tree.get(*path)}"
                 changed.clear()
                 feed.take()
         finally:
@@ -384,7 +385,7 @@ def test_a_goal_without_the_hub_is_refused_with_the_reason(lab: Lab, monkeypatch
 
 
 def text_is(page: Visit, selector: str, wanted: str) -> None:
-    page.wait_text(selector, wanted, LIMIT)
+    page.wait_text(selector, wanted, LONG)
 
 
 def test_the_page_in_a_browser(tmp_path: Path) -> None:

@@ -14,11 +14,11 @@ import pytest
 from served import TOKEN, Served
 from shown_page import Visit, fill
 
+from merlin_test import LONG
 from merlin_test.ports import free_ports
 
 pytestmark = pytest.mark.processes
 
-LIMIT = 60.0  # s
 DOCUMENT = Path(__file__).resolve().parents[4] / "docs" / "reverse-proxy.md"
 NGINX = shutil.which("nginx", path=f"{os.environ['PATH']}:/usr/sbin")  # not on the path of every user
 CONFIGURATION = """
@@ -63,10 +63,10 @@ class Proxy:
         file = folder / "nginx.conf"
         file.write_text(CONFIGURATION.format(folder=folder, server=server), encoding="utf-8")
         self._process = subprocess.Popen([NGINX, "-p", str(folder), "-c", str(file)])
-        end = time.monotonic() + LIMIT
+        end = time.monotonic() + LONG
         while True:
             try:
-                socket.create_connection(("127.0.0.1", port), timeout=LIMIT).close()
+                socket.create_connection(("127.0.0.1", port), timeout=LONG).close()
                 break
             except OSError:
                 assert self._process.poll() is None and time.monotonic() < end, "nginx does not serve"
@@ -77,7 +77,7 @@ class Proxy:
 
     def stop(self) -> None:
         self._process.kill()
-        self._process.wait(LIMIT)
+        self._process.wait(LONG)
 
 
 @pytest.fixture
@@ -101,7 +101,7 @@ def proxy(tmp_path: Path, open_stop: Served) -> Iterator[Proxy]:
 class Refused(Visit):
     """A page without a connection: it shows no panel."""
 
-    def wait(self, expression: str, argument: Any = None, limit: float = LIMIT) -> None:
+    def wait(self, expression: str, argument: Any = None, limit: float = LONG) -> None:
         if "dataset.panels" not in expression:
             super().wait(expression, argument, limit)
 

@@ -13,11 +13,11 @@ from served import TOKEN, WEB, Served
 from merlin_monitor.state.history_events import Event
 from merlin_monitor.state.state_tree import apply_changes
 from merlin_monitor.web.open_command import opened
+from merlin_test import LONG
 from merlin_test.chromium import Visit
 
 pytestmark = pytest.mark.processes
 
-LIMIT = 60.0
 PANELS = ("now", "control", "plan", "queue", "map", "machines", "health", "knowledge", "history")
 TITLED = PANELS[2:]
 
@@ -53,10 +53,10 @@ def recorded(served: Served, number: int) -> None:
     """Waits until this is in the history: the event, and what was shown at its time or later."""
     history = served.state.history
     assert history is not None
-    end = time.monotonic() + LIMIT
+    end = time.monotonic() + LONG
     while time.monotonic() < end:
-        events = history.page(limit=1).result(LIMIT)
-        segment = json.loads(history.segment(history.run, 1e12).result(LIMIT) or "null")
+        events = history.page(limit=1).result(LONG)
+        segment = json.loads(history.segment(history.run, 1e12).result(LONG) or "null")
         if segment is not None and events and events[0]["text"] == f"event {number}":
             (_, _, state, _), *later = segment["frames"]
             for _, _, changes, _ in later:
@@ -313,7 +313,7 @@ def test_nothing_of_the_past_can_be_acted_on_but_the_robot_can_be_stopped(
     visit.page.set_viewport_size({"width": 390, "height": 800})
     visit.page.click("#stop")  # the bar does not lie over it
     visit.wait("() => document.documentElement.scrollWidth <= window.innerWidth")
-    end = time.monotonic() + LIMIT
+    end = time.monotonic() + LONG
     while shown.robot.calls != [("stop", "Ana")] * 2 and time.monotonic() < end:
         time.sleep(0.02)
     assert shown.robot.calls == [("stop", "Ana")] * 2
@@ -405,7 +405,7 @@ def test_a_page_that_stays_open_when_its_run_ends_shows_the_recording(
     visit.wait_text("#now-doing", "doing 1")
     visit.wait_text("#connection", "live")
     shown.server.stop()
-    shown.server._thread.join(LIMIT)  # its port is free then
+    shown.server._thread.join(LONG)  # its port is free then
     shown.state.stop()
     with opened(tmp_path, "127.0.0.1", shown.server.port) as server:
         assert server.address == shown.url

@@ -14,9 +14,10 @@ from xmlrpc.server import SimpleXMLRPCServer
 import pytest
 from std_msgs.msg import String
 
+from merlin_test import LONG
+
 pytestmark = pytest.mark.processes
 
-LIMIT = 60.0  # s
 TOPIC = "/news"
 SUBSCRIBER = f"""
 import rospy
@@ -45,7 +46,7 @@ class Publisher:
         self._requests: queue.Queue[threading.Event] = queue.Queue()
         self.hold_requests = False
         self._door = socket.create_server(("127.0.0.1", 0))
-        self._door.settimeout(LIMIT)
+        self._door.settimeout(LONG)
         self._server = SimpleXMLRPCServer(("127.0.0.1", 0), logRequests=False, allow_none=True)
         self._server.register_function(self._request_topic, "requestTopic")
         self._server.register_function(self._publications, "getPublications")
@@ -71,23 +72,23 @@ class Publisher:
         answered = threading.Event()
         self._requests.put(answered)
         if self.hold_requests:
-            assert answered.wait(LIMIT)
+            assert answered.wait(LONG)
         return [1, "", ["TCPROS", "127.0.0.1", self._door.getsockname()[1]]]
 
     def _publications(self, caller: str) -> List[Any]:
         self._asked.put(self.publishes)
-        assert self.answers.wait(LIMIT)
+        assert self.answers.wait(LONG)
         return [1, "", [[TOPIC, String._type]] if self.publishes else []]
 
     def asked(self) -> bool:
         """Waits until it is asked what it publishes; whether it has named the topic."""
-        return self._asked.get(timeout=LIMIT)
+        return self._asked.get(timeout=LONG)
 
     def register(self) -> None:
         self._master.api.registerPublisher(self._name, TOPIC, String._type, self.uri)
 
     def requested(self) -> threading.Event:
-        return self._requests.get(timeout=LIMIT)
+        return self._requests.get(timeout=LONG)
 
     def requests_left(self) -> int:
         return self._requests.qsize()
@@ -95,7 +96,7 @@ class Publisher:
     def accept(self) -> socket.socket:
         """The next connection, whose greeting is read."""
         connection, _ = self._door.accept()
-        connection.settimeout(LIMIT)
+        connection.settimeout(LONG)
         (length,) = struct.unpack("<I", connection.recv(4, socket.MSG_WAITALL))
         assert TOPIC.encode() in connection.recv(length, socket.MSG_WAITALL)
         return connection

@@ -13,10 +13,10 @@ import rospy
 
 from merlin_ros.master import master_link
 from merlin_ros.master.master_link import bounded_master, bounded_proxy, get_param
+from merlin_test import LONG
 
 pytestmark = pytest.mark.everywhere
 
-LIMIT = 60.0  # s
 closed = threading.Event()
 connections: List[Any] = []
 
@@ -54,13 +54,13 @@ def uri(monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
 
 
 def ask_a_node(uri: str) -> Any:
-    client = bounded_proxy(uri, LIMIT)
+    client = bounded_proxy(uri, LONG)
     client.getPid("/test")
     return client
 
 
 def ask_the_master(uri: str) -> Any:
-    client = bounded_master(LIMIT)
+    client = bounded_master(LONG)
     client.getPid()
     return client
 
@@ -72,7 +72,7 @@ def test_a_dropped_client_closes_its_connection_at_once(uri: str, ask: Any) -> N
         client = ask(uri)
         assert not closed.is_set()
         del client
-        assert closed.wait(LIMIT)
+        assert closed.wait(LONG)
     finally:
         gc.enable()
 
@@ -80,7 +80,7 @@ def test_a_dropped_client_closes_its_connection_at_once(uri: str, ask: Any) -> N
 def test_parameters_are_asked_for_over_one_connection_whatever_thread_asks(
     uri: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(master_link, "bounded_master", lambda: bounded_master(LIMIT))
+    monkeypatch.setattr(master_link, "bounded_master", lambda: bounded_master(LONG))
     assert get_param("/a") == "/a"
     thread = threading.Thread(target=get_param, args=("/b",))
     thread.start()
@@ -98,7 +98,7 @@ def test_a_registration_is_noticed_when_it_is_noted_and_an_end_at_once(
     def run(manager: Any) -> None:
         with manager.cond:
             waits.set()
-            woken.append(manager.cond.wait(LIMIT))
+            woken.append(manager.cond.wait(LONG))
 
     monkeypatch.setattr(rospy.core, "_shutdown_hooks", [])
     monkeypatch.setattr(master_link, "REGISTRATION_LOOK", 60.0)
@@ -114,7 +114,7 @@ def test_a_registration_is_noticed_when_it_is_noted_and_an_end_at_once(
     running.start()
     waiting.join()
     assert found == [True]
-    assert waits.wait(LIMIT)
+    assert waits.wait(LONG)
     for hook in rospy.core._shutdown_hooks:
         hook("the test ends it")
     running.join()

@@ -9,8 +9,8 @@ from rospy.impl import registration
 from rospy.impl.registration import RegManager
 
 from merlin_ros.master import publisher_updates
+from merlin_test import LONG
 
-LIMIT = 60.0  # s
 TOPIC, FIRST, SECOND = "/status", "http://ann:1", "http://bob:2"
 
 
@@ -30,7 +30,7 @@ class Handler:
 
     def wait_for(self, count: int) -> List[Tuple[str, str]]:
         with self.changed:
-            assert self.changed.wait_for(lambda: len(self.connected) >= count, LIMIT), self.connected
+            assert self.changed.wait_for(lambda: len(self.connected) >= count, LONG), self.connected
         return sorted(self.connected)
 
 
@@ -70,5 +70,5 @@ def test_each_publisher_of_each_topic_is_connected_to_once(handler: Handler) -> 
     expected = [("/other", SECOND), (TOPIC, FIRST), (TOPIC, SECOND)]
     assert handler.wait_for(3) == expected
     handler.done = True
-    thread.join(LIMIT)
+    thread.join(LONG)
     assert sorted(handler.connected) == expected

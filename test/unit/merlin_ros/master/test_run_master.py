@@ -16,8 +16,8 @@ import pytest
 
 from merlin.local_names import master_uri
 from merlin.master import Master
+from merlin_test import LONG
 
-LIMIT = 60.0  # s
 TOPIC, KIND = "/news", "std_msgs/String"
 HUNG = 8
 
@@ -46,7 +46,7 @@ class Node:
 
     def close(self) -> None:
         self._server.shutdown()
-        self._thread.join(LIMIT)
+        self._thread.join(LONG)
         self._server.server_close()
 
 
@@ -76,7 +76,7 @@ def test_nodes_that_hang_keep_no_other_one_from_a_new_publisher(api: Any, node: 
             api.registerSubscriber(f"/hung_{number}", TOPIC, KIND, address_of(hung))
         api.registerSubscriber("/listener", TOPIC, KIND, node.uri)
         api.registerPublisher("/talker", TOPIC, KIND, "http://127.0.0.1:1/")
-        assert node.heard.get(timeout=LIMIT) == ["http://127.0.0.1:1/"]
+        assert node.heard.get(timeout=LONG) == ["http://127.0.0.1:1/"]
 
 
 def test_a_node_hears_of_all_publishers_in_order_and_after_one_that_has_ended(api: Any, node: Node) -> None:
@@ -87,16 +87,16 @@ def test_a_node_hears_of_all_publishers_in_order_and_after_one_that_has_ended(ap
     for number, talker in enumerate(talkers):
         api.registerPublisher(f"/talker_{number}", TOPIC, KIND, talker)
     for number in range(len(talkers)):
-        assert sorted(node.heard.get(timeout=LIMIT)) == sorted(talkers[: number + 1])
+        assert sorted(node.heard.get(timeout=LONG)) == sorted(talkers[: number + 1])
 
 
 def test_a_node_hears_of_a_parameter_and_of_its_successor(api: Any, node: Node) -> None:
     api.subscribeParam("/listener", node.uri, TOPIC)
     api.setParam("/talker", TOPIC, 7)
-    assert node.heard.get(timeout=LIMIT) == 7
+    assert node.heard.get(timeout=LONG) == 7
     api.registerSubscriber("/listener", TOPIC, KIND, node.uri)
     api.registerSubscriber("/listener", TOPIC, KIND, "http://127.0.0.1:1/")
-    assert "new node registered with same name" in node.heard.get(timeout=LIMIT)
+    assert "new node registered with same name" in node.heard.get(timeout=LONG)
 
 
 def serving() -> int:
@@ -112,7 +112,7 @@ def test_the_threads_of_masters_that_were_stopped_end() -> None:
     before = serving()
     for _ in range(30):
         Master().stop()
-    end = time.monotonic() + LIMIT
+    end = time.monotonic() + LONG
     while serving() > before:
         assert time.monotonic() < end, "a thread works on, or waits for ever"
         time.sleep(0.01)

@@ -14,15 +14,15 @@ from merlin_ros.ports.service_server import Unanswered
 from merlin_ros.service_proxy import ServiceUnavailable
 from merlin_rosplan.transport import direct_service
 from merlin_rosplan.transport.direct_service import DirectServiceProxy, offer
+from merlin_test import LONG
 
-LIMIT = 60.0  # s
 # Its end waits for a subscriber as long as the test may take.
 KNOWLEDGE = f"""
 import sys
 from merlin_ros import prompt_sending
 from merlin_rosplan.nodes.knowledge_base import KnowledgeBase
 from merlin_rosplan.transport.component import run_components
-prompt_sending.READ_LIMIT = {LIMIT}
+prompt_sending.READ_LIMIT = {LONG}
 sys.exit(run_components("kb", KnowledgeBase))
 """
 CLIENT = """
@@ -57,7 +57,7 @@ def test_a_change_that_comes_while_a_knowledge_base_ends_is_one_of_a_knowledge_b
     client.expect("added")
     with xmlrpc.client.ServerProxy(master.address_of("/kb")) as node:
         _, _, (_, *address) = node.requestTopic("/listener", "/kb/changes", [["TCPROS"]])
-    with socket.create_connection(address, LIMIT) as peer:
+    with socket.create_connection(address, LONG) as peer:
         fields = {"callerid": "/listener", "topic": "/kb/changes", "type": "*", "md5sum": "*"}
         write_ros_handshake_header(peer, fields)
         read_ros_handshake_header(peer, BytesIO(), 65536)

@@ -16,8 +16,7 @@ from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, SUCCEEDED, GivenUp
 from merlin_sm.trees import behaviour_tree
 from merlin_sm.trees.behaviour_tree import BehaviourTree
 from merlin_sm.trees.state_behaviour import StateBehaviour
-
-LIMIT = 60.0
+from merlin_test import LONG
 
 
 def test_states_run_one_after_the_other_and_share_userdata() -> None:
@@ -30,7 +29,7 @@ def test_states_run_one_after_the_other_and_share_userdata() -> None:
     )
     drive = Act()
     run = Run(sequence(ask, leaf("DRIVE", drive), note))
-    assert drive.begun.wait(LIMIT)
+    assert drive.begun.wait(LONG)
     assert heard == []
     drive.end(lambda: SUCCEEDED)
     assert run.ended() == (SUCCEEDED, "")
@@ -58,7 +57,7 @@ def test_a_preempt_interrupts_every_state_at_once_and_waits_for_each() -> None:
     drive, speak, watch = Act(), Act(), Watch("WATCH")
     speak.may_stop.clear()
     run = Run(both(leaf("DRIVE", drive), leaf("SPEAK", speak), watch))
-    assert drive.begun.wait(LIMIT) and speak.begun.wait(LIMIT)
+    assert drive.begun.wait(LONG) and speak.begun.wait(LONG)
     run.machine.cancel()
     assert drive.interrupted.is_set() and speak.interrupted.is_set()  # in the caller's thread
     assert run.outcome == ""
@@ -82,11 +81,11 @@ def test_a_preempt_reaches_a_nested_machine_that_has_not_begun() -> None:
     inner = MerlinSM([SUCCEEDED, ABORTED, PREEMPTED])
     drive = Act()
     held, go = threading.Event(), threading.Event()
-    inner.register_start_cb(lambda *_: (held.set(), go.wait(LIMIT)))
+    inner.register_start_cb(lambda *_: (held.set(), go.wait(LONG)))
     with inner:
         inner.add("DRIVE", drive)
     run = Run(sequence(leaf("INNER", inner)))
-    assert held.wait(LIMIT)
+    assert held.wait(LONG)
     run.machine.cancel()
     go.set()
     assert run.ended()[0] == PREEMPTED
@@ -96,7 +95,7 @@ def test_a_preempt_reaches_a_nested_machine_that_has_not_begun() -> None:
 def test_the_first_success_of_a_parallel_interrupts_the_others() -> None:
     drive, see = Act(), Act()
     run = Run(both(leaf("DRIVE", drive), leaf("SEE", see), policy=ParallelPolicy.SuccessOnOne()))
-    assert drive.begun.wait(LIMIT) and see.begun.wait(LIMIT)
+    assert drive.begun.wait(LONG) and see.begun.wait(LONG)
     see.end(lambda: SUCCEEDED)
     assert run.ended() == (SUCCEEDED, "")
     assert drive.interrupted.is_set()
@@ -108,13 +107,13 @@ def test_nothing_begins_while_what_was_interrupted_still_stops() -> None:
     drive.may_stop.clear()
     first = sequence(door, leaf("THROUGH", through), memory=False)
     run = Run(Selector("ANY", False, [first, leaf("DRIVE", drive)]))
-    assert drive.begun.wait(LIMIT)
+    assert drive.begun.wait(LONG)
     door.says = Status.SUCCESS
     run.tree.wake()
-    assert drive.interrupted.wait(LIMIT)
+    assert drive.interrupted.wait(LONG)
     assert not through.begun.is_set()
     drive.may_stop.set()
-    assert through.begun.wait(LIMIT)
+    assert through.begun.wait(LONG)
     through.end(lambda: SUCCEEDED)
     assert run.ended() == (SUCCEEDED, "")
 
@@ -128,7 +127,7 @@ def test_what_did_not_stop_ends_the_tree_with_its_name() -> None:
 
     see = Act()
     run = Run(both(leaf("DRIVE", drive), leaf("SEE", see), policy=ParallelPolicy.SuccessOnOne()))
-    assert drive.begun.wait(LIMIT) and see.begun.wait(LIMIT)
+    assert drive.begun.wait(LONG) and see.begun.wait(LONG)
     drive.how = late
     see.end(lambda: SUCCEEDED)
     assert run.ended() == (ABORTED, "/move_base did not stop within 2 s")
@@ -141,7 +140,7 @@ def test_an_exception_of_a_state_or_a_behaviour_ends_everything_and_is_raised() 
         raise RuntimeError("a mistake")
 
     run = Run(both(leaf("DRIVE", drive), leaf("SPEAK", speak)))
-    assert drive.begun.wait(LIMIT) and speak.begun.wait(LIMIT)
+    assert drive.begun.wait(LONG) and speak.begun.wait(LONG)
     speak.end(broken)
     with pytest.raises(Exception, match="a mistake"):
         run.ended()
@@ -180,7 +179,7 @@ def test_a_retry_begins_anew_at_once() -> None:
     drive = Act()
     run = Run(py_trees.decorators.Retry("RETRY", leaf("DRIVE", drive), 2))
     for _ in range(2):
-        assert drive.begun.wait(LIMIT)
+        assert drive.begun.wait(LONG)
         drive.begun.clear()
         drive.end(lambda: drive.fail("blocked"))
     assert run.ended() == (ABORTED, "blocked")
@@ -191,16 +190,16 @@ def test_a_tree_in_which_nothing_happens_is_not_ticked() -> None:
     drive, watch = Act(), Watch("WATCH")
     condition = function("STILL", lambda userdata: None)  # runs within the tick
     run = Run(both(sequence(condition, leaf("DRIVE", drive), memory=False), watch))
-    assert drive.begun.wait(LIMIT)
+    assert drive.begun.wait(LONG)
     rests = threading.Event()
     wait = run.tree._wait
     run.tree._wait = lambda: (rests.set(), wait())  # type: ignore[method-assign]
     run.tree.wake()
-    assert rests.wait(LIMIT)
+    assert rests.wait(LONG)
     before = watch.ticks
     run.tree.wake()
     with watch.ticked:
-        assert watch.ticked.wait_for(lambda: watch.ticks > before, LIMIT)  # the first wake may come late
+        assert watch.ticked.wait_for(lambda: watch.ticks > before, LONG)  # the first wake may come late
     watch.says = Status.SUCCESS
     drive.end(lambda: SUCCEEDED)
     assert run.ended() == (SUCCEEDED, "")
@@ -290,9 +289,9 @@ def test_what_changes_is_reported_to_viewers() -> None:
     tree["IN"].register_termination_cb(lambda userdata, states, outcome: seen.append((*states, outcome)))
     thread = threading.Thread(target=tree.execute)
     thread.start()
-    assert drive.begun.wait(LIMIT)
+    assert drive.begun.wait(LONG)
     drive.end(lambda: SUCCEEDED)
-    thread.join(LIMIT)
+    thread.join(LONG)
     assert seen == [("tree", "IN"), ("in", "DRIVE"), ("DRIVE", "success")]
 
 
@@ -304,4 +303,4 @@ def test_machines_without_trees_do_not_import_py_trees() -> None:
         "import sys, merlin_actions.nodes.fsm_host, merlin_executor.mission; "
         "from merlin_sm.state_factory import MerlinStateFactory; sys.exit('py_trees' in sys.modules)"
     )
-    assert subprocess.run([sys.executable, "-c", code], timeout=LIMIT, check=False).returncode == 0
+    assert subprocess.run([sys.executable, "-c", code], timeout=LONG, check=False).returncode == 0
