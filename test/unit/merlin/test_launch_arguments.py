@@ -199,6 +199,23 @@ def test_an_application_of_a_robot_needs_no_simulator(tmp_path: Path):
     assert "/world/points_of_interest/kitchen/x" in config.params
 
 
+@pytest.mark.parametrize("arguments", [{"reset_state": "true"}, {}], ids=["reset", "kept"])
+@pytest.mark.parametrize(
+    ("file", "needed"),
+    [
+        *FILES.items(),
+        ("include/application.launch", {"on": "robot", "world_file": ROBOT["points_of_interest"]}),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "",
+)
+def test_each_application_can_begin_with_its_problem_again(file: str, needed: dict, arguments: dict) -> None:
+    if file != "include/application.launch":  # which keeps what a robot knows without being told to
+        needed = {**needed, "state_file": "/tmp/knowledge.sqlite"}
+    config = load(file, **needed, **arguments)
+    (reset,) = (each.value for name, each in config.params.items() if name.endswith("/reset_state"))
+    assert reset is bool(arguments)
+
+
 def test_a_name_that_the_file_sets_to_nothing_is_no_argument(tmp_path: Path):
     """`others` of robots.launch is empty for one robot."""
     with pytest.raises(LaunchError) as error:
