@@ -222,7 +222,10 @@ def test_a_host_keeps_no_clients_of_machines_that_it_does_not_serve(
     assert Client.ended == ended
     if not robot:
         classes[1] = Lift
-        host.reload()
+        assert host.reload() == "reloaded ring; edited: nothing"
         assert sorted(Client.ended) == ["move_base", "move_base", "sound_play"]
+        del classes[1]
+        host.servers.clear()
+        assert host.reload() == "the robots have all actions; edited: nothing"
     del host
     action_state.end_unused_clients()  # they are none of the next test's

@@ -150,7 +150,8 @@ class MachineHost:
             self._modules.note()
             running = [server.operator for server in self.servers if server.renew(machines[server.operator])]
             end_unused_clients()  # of the classes before
-        said = f"reloaded {', '.join(sorted(machines))}; edited: {', '.join(edited) or 'nothing'}"
+        done = f"reloaded {', '.join(sorted(machines))}" if machines else "the robots have all actions"
+        said = f"{done}; edited: {', '.join(edited) or 'nothing'}"
         if running:
             said += f"; {', '.join(running)} runs, and is the edited one from its next run on"
         return said
