@@ -61,7 +61,9 @@ def test_a_goal_of_a_plan_that_is_over_is_no_goal_now(requests):
         "Steps 1, 2 and 3 bring “(in box_1 ward)” about."
     )
     carried_out = ask("(in box_1 ward)", doing=Doing(True, requests=requests))
-    assert carried_out.sentence.startswith("“(in box_1 ward)” is a goal of the knowledge base, and no request")
+    assert carried_out.sentence.startswith(
+        "“(in box_1 ward)” is a goal of the knowledge base, and no request"
+    )
 
 
 @pytest.mark.parametrize(
