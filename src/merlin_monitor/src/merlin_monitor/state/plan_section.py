@@ -343,7 +343,7 @@ class PlanSection:
         self._early.clear()
 
     def _take_up(self, status: Any) -> None:
-        """Begun in the middle of a dispatch or after it, the steps that ended are known from the earlier life.
+        """Begun in the middle of a dispatch or after it, the steps that ended are known from the life before.
 
         Else from the dispatcher: what had to end before a step that runs, and as many more as it counts.
         """

@@ -46,7 +46,7 @@ def shared_client(name: str, action_spec: type, state: Optional["ActionState"] =
 
 
 def end_unused_clients() -> None:
-    """Ends the clients whose states are all gone: what nothing uses is not to look as if it missed a server."""
+    """Ends the clients whose states are all gone: what nothing uses must not seem to miss its server."""
     gc.collect()  # a machine and its states refer to each other
     with _clients_lock:
         unused = [name for name, states in _states.items() if not states]
