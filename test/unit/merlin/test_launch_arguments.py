@@ -261,7 +261,11 @@ def test_a_launch_file_is_found_in_its_package() -> None:
 def test_arguments_of_a_file_that_takes_all_of_them_are_known(tmp_path: Path) -> None:
     for name, text in (
         ("top", '<arg name="on"/><include file="$(dirname)/middle.launch" pass_all_args="true"/>'),
-        ("middle", '<arg name="port" default="1"/><include file="$(dirname)/low.launch"/>'),
+        (
+            "middle",
+            '<arg name="port" default="1"/><arg name="rate" default="1"/>'
+            '<include file="$(dirname)/low.launch"/>',
+        ),
         ("low", '<arg name="deep" default="2"/>'),
     ):
         (tmp_path / f"{name}.launch").write_text(f"<launch>{text}</launch>")
@@ -272,6 +276,11 @@ def test_arguments_of_a_file_that_takes_all_of_them_are_known(tmp_path: Path) ->
         LaunchRequest.from_command_line([top, "on:=robot", "deep:=7"])
     with pytest.raises(LaunchError, match="needs on:="):
         LaunchRequest.from_command_line([top])
+    sets = '<arg name="rate" value="3"/>'
+    text = f'<arg name="on"/><include file="$(dirname)/middle.launch" pass_all_args="true">{sets}</include>'
+    (tmp_path / "top.launch").write_text(f"<launch>{text}</launch>")
+    with pytest.raises(LaunchError, match="has no argument 'rate'"):  # it would count for nothing
+        LaunchRequest.from_command_line([top, "on:=robot", "rate:=7"])
 
 
 def test_a_file_of_parameters_that_is_not_utf8_is_named(tmp_path: Path) -> None:
