@@ -240,7 +240,7 @@ def put_in_place(robot: FakeRobot, monkeypatch: pytest.MonkeyPatch) -> None:
             robot.on_way.append(callback)
         return Subscription()
 
-    def server(name: str, _: Any) -> FakeServer:
+    def server(name: str, *_: Any) -> FakeServer:
         return robot.servers.setdefault(name, FakeServer(name))
 
     assistant = MerlinROSPlanAssistant

@@ -8,7 +8,7 @@ import functools
 import re
 import shlex
 from pathlib import Path
-from typing import Iterator, List, Tuple
+from typing import Dict, Iterator, List, Optional, Tuple
 
 import pytest
 import roslaunch.rlutil
@@ -96,12 +96,14 @@ def check_benchmark(page: str, path: str, *arguments: str) -> None:
 
 
 @functools.lru_cache(maxsize=None)
-def arguments_of(file: str) -> List[str]:
-    """The arguments of a launch file, which several pages name."""
-    return list(known_arguments(Path(file)))
+def arguments_of(file: str) -> Dict[str, Optional[str]]:
+    """The arguments of a launch file, which several pages name, and their defaults; None: it is required."""
+    return known_arguments(Path(file))
 
 
 def check_launch(page: str, file: str, words: List[str]) -> None:
     declared = arguments_of(file)
     given = {word.partition(":=")[0] for word in words if ":=" in word} - {"port", "linger"}
     assert given <= set(declared), f"{page}: {Path(file).name} has no argument {given - set(declared)}"
+    missing = {name for name, default in declared.items() if default is None} - given
+    assert not missing, f"{page}: {Path(file).name} needs {missing}"

@@ -199,6 +199,23 @@ def test_an_application_of_a_robot_needs_no_simulator(tmp_path: Path):
     assert "/world/points_of_interest/kitchen/x" in config.params
 
 
+@pytest.mark.parametrize("arguments", [{"reset_state": "true"}, {}], ids=["reset", "kept"])
+@pytest.mark.parametrize(
+    ("file", "needed"),
+    [
+        *FILES.items(),
+        ("include/application.launch", {"on": "robot", "world_file": ROBOT["points_of_interest"]}),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "",
+)
+def test_each_application_can_begin_with_its_problem_again(file: str, needed: dict, arguments: dict) -> None:
+    if file != "include/application.launch":  # which keeps what a robot knows without being told to
+        needed = {**needed, "state_file": "/tmp/knowledge.sqlite"}
+    config = load(file, **needed, **arguments)
+    (reset,) = (each.value for name, each in config.params.items() if name.endswith("/reset_state"))
+    assert reset is bool(arguments)
+
+
 def test_a_name_that_the_file_sets_to_nothing_is_no_argument(tmp_path: Path):
     """`others` of robots.launch is empty for one robot."""
     with pytest.raises(LaunchError) as error:
@@ -244,7 +261,11 @@ def test_a_launch_file_is_found_in_its_package() -> None:
 def test_arguments_of_a_file_that_takes_all_of_them_are_known(tmp_path: Path) -> None:
     for name, text in (
         ("top", '<arg name="on"/><include file="$(dirname)/middle.launch" pass_all_args="true"/>'),
-        ("middle", '<arg name="port" default="1"/><include file="$(dirname)/low.launch"/>'),
+        (
+            "middle",
+            '<arg name="port" default="1"/><arg name="rate" default="1"/>'
+            '<include file="$(dirname)/low.launch"/>',
+        ),
         ("low", '<arg name="deep" default="2"/>'),
     ):
         (tmp_path / f"{name}.launch").write_text(f"<launch>{text}</launch>")
@@ -255,6 +276,11 @@ def test_arguments_of_a_file_that_takes_all_of_them_are_known(tmp_path: Path) ->
         LaunchRequest.from_command_line([top, "on:=robot", "deep:=7"])
     with pytest.raises(LaunchError, match="needs on:="):
         LaunchRequest.from_command_line([top])
+    sets = '<arg name="rate" value="3"/>'
+    text = f'<arg name="on"/><include file="$(dirname)/middle.launch" pass_all_args="true">{sets}</include>'
+    (tmp_path / "top.launch").write_text(f"<launch>{text}</launch>")
+    with pytest.raises(LaunchError, match="has no argument 'rate'"):  # it would count for nothing
+        LaunchRequest.from_command_line([top, "on:=robot", "rate:=7"])
 
 
 def test_a_file_of_parameters_that_is_not_utf8_is_named(tmp_path: Path) -> None:

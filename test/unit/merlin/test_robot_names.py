@@ -10,7 +10,7 @@ import rospkg
 from rosgraph.names import resolve_name
 
 from merlin.launch_config import LaunchConfig
-from merlin.launch_request import LaunchRequest
+from merlin.launch_request import LaunchError, LaunchRequest
 
 ROOT = Path(__file__).resolve().parents[3]
 FOLDER = Path(rospkg.RosPack().get_path("merlin")) / "launch" / "robots"
@@ -104,3 +104,37 @@ def test_fields_of_the_speech_arrive_as_they_are() -> None:
     }
     for robot, wanted in fields.items():
         assert config_of(robot, *OF_ROBOT).param("/speech_relay/fields") == wanted
+
+
+def guards_of(*words: str) -> Dict[str, Tuple[LaunchConfig, Any]]:
+    """The guard of each of two robots with its launch, by namespace."""
+    file = FOLDER.parent / "include" / "application.launch"
+    request = LaunchRequest.from_command_line(
+        [str(file), "on:=robot", "robots:=ria,tom", f"world_file:={POINTS}", *words]
+    )
+    config = LaunchConfig(request)
+    return {node.namespace: (config, node) for node in config.nodes if node.type == "guard"}
+
+
+def test_of_several_robots_the_names_reach_each_guard() -> None:
+    guards = guards_of(
+        "cmd_vel:=base/cmd_vel",
+        "cmd_vel_in:=nav_vel",
+        "motion_servers:=[move_base, 'dock']",
+        "stop_button:=4",
+    )
+    assert list(guards) == ["/ria/", "/tom/"]
+    for namespace, (config, guard) in guards.items():
+        assert resolved(guard, "cmd_vel") == f"{namespace}base/cmd_vel"
+        assert resolved(guard, "cmd_vel_in") == f"{namespace}nav_vel"
+        assert config.param(f"{namespace}merlin_guard/motion_servers") == ["move_base", "dock"]
+        assert config.param(f"{namespace}merlin_guard/stop_button") == 4
+
+
+@pytest.mark.parametrize(
+    "word",
+    ["cmd_vel:=/base/cmd_vel", "cmd_vel_in:=/nav_vel", "motion_servers:=[move_base, '/dock']"],
+)
+def test_several_robots_do_not_share_one_base(word: str) -> None:
+    with pytest.raises(LaunchError, match="several robots, and one base: .*give names without a slash"):
+        guards_of(word)

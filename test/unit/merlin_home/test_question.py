@@ -29,7 +29,7 @@ class Voice(FakeServer):
 
 def test_what_the_robot_asks_is_what_it_has_prepared(monkeypatch: pytest.MonkeyPatch) -> None:
     voice = Voice()
-    monkeypatch.setattr(action_state, "shared_client", lambda name, action_spec: voice)
+    monkeypatch.setattr(action_state, "shared_client", lambda *_: voice)
     assert Ask().run_once({"p": "kitchen"}) == "succeeded"
 
     config = ROSLaunchConfig()

@@ -26,7 +26,7 @@ from merlin_actions.machine_survey import fitted, survey
 from merlin_executor.mission.literal_goals import goal_faults
 from merlin_executor.mission.mission_host import load_mission
 from merlin_executor.mission.readiness import servers_of
-from merlin_monitor.panel_board import foreign_panel, script_of
+from merlin_monitor.panel_board import foreign_panel, panel_paths, script_of
 from merlin_monitor.panels.control import NONE, SENTENCES, GoalListError, read_goals
 from merlin_monitor.text.sentences import SentencesError, domain_faults, read_sentences
 from merlin_pddl.checks.literals import literal_fault
@@ -49,6 +49,7 @@ SIMULATOR_NODE = ("merlin_sim", "merlin_sim")
 PAGE_NODE = ("merlin_monitor", "monitor")
 #: Reads a world; the simulator is not on a robot's computer.
 LOAD_WORLD = "merlin_sim.world.world_file:load_world"
+PLACE_ROBOTS = "merlin_sim.node.robot_starts:place_robots"
 EXIT_MISTAKES = 2
 
 
@@ -273,28 +274,32 @@ def check_mission(found: Findings, config: LaunchConfig, node: Node) -> None:
 
 
 def check_world(found: Findings, config: LaunchConfig, node: Node) -> None:
-    """Reads the world of the simulator as it does itself.
+    """Reads the world of the simulator, and places the robots in it, as it does itself.
 
-    :raises ValueError: when it cannot be used; the text names the file.
+    :raises ValueError: when it cannot be used; the text names the file, or the robot without a place.
     """
+    own = full_name(node)
     try:
-        load_function(LOAD_WORLD)(config.file(f"{full_name(node)}/world"))
+        world = load_function(LOAD_WORLD)(config.file(f"{own}/world"))
     except Exception as error:  # WorldError, of a package that is loaded here
         found.points_read = True
         raise ValueError(str(error)) from error
+    try:
+        load_function(PLACE_ROBOTS)(config.param(f"{own}/robots", [""]), world)
+    except ParameterError as error:
+        raise ValueError(f"node {own}: {error}") from error
 
 
 def check_page(found: Findings, config: LaunchConfig, node: Node) -> None:
     """Judges the port of the page, loads its panels, and reads its sentences, and the goals that it offers.
 
-    :raises ParameterError: for a panel that cannot be used.
+    :raises LaunchError: for a list of goals that cannot be read.
     """
     own = full_name(node)
     port = config.param(f"{own}/port", 0)
     if port not in range(65536):
         found.wrong(f"parameter {own}/port is {port!r}, not a whole number from 0 to 65535")
-    for path in config.param(f"{own}/panels", []):
-        found.look(_check_panel, str(path))
+    found.look(_check_panels, config.param(f"{own}/panels", []))
     sentences = str(config.param(f"{node.namespace}{SENTENCES}", ""))
     if sentences not in ("", NONE):
         found.look(_check_sentences, Path(sentences).expanduser(), config, node)
@@ -334,6 +339,15 @@ def _check_sentences(found: Findings, file: Path, config: LaunchConfig, node: No
             found.fits[
                 f"{sentences.file}, objects.{name}: warning: the problem has no object '{name}'{hint}"
             ] = None
+
+
+def _check_panels(found: Findings, value: Any) -> None:
+    try:
+        paths = panel_paths(value)
+    except ParameterError as error:
+        raise LaunchError(f"{error}; correct the launch file's 'panels'") from error
+    for path in paths:
+        found.look(_check_panel, path)
 
 
 def _check_panel(_: Findings, path: str) -> None:

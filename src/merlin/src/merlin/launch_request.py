@@ -9,7 +9,7 @@ import re
 import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Dict, Iterable, List, Mapping, Optional
+from typing import Dict, FrozenSet, Iterable, List, Mapping, Optional, Tuple
 
 import roslaunch.arg_dump
 import roslib.packages
@@ -157,26 +157,31 @@ def declared_arguments(launch_file: Path) -> Dict[str, Optional[str]]:
 def known_arguments(launch_file: Path, given: Mapping[str, str] = {}) -> Dict[str, Optional[str]]:
     """Arguments that a launch file takes: its own, and those that it passes on without naming them.
 
-    roslaunch gives all arguments of the command line to a file that is included with ``pass_all_args``.
+    roslaunch gives all arguments of the command line to a file that is included with ``pass_all_args``, but
+    for those that the including file sets: of these a value on the command line would count for nothing.
 
     :param given: values of arguments, which may decide on the files that are included.
     :raises LaunchError: when the file cannot be read as a launch file.
     """
     known: Dict[str, Optional[str]] = {}
-    waiting, seen = [launch_file], set()
+    nothing: FrozenSet[str] = frozenset()
+    waiting, seen = [(launch_file, nothing)], set()
     while waiting:
-        file = waiting.pop()
+        file, fixed = waiting.pop()
         seen.add(file)
         for name, default in declared_arguments(file).items():
             # What an included file requires is given by the one that includes it; else roslaunch says so.
-            known.setdefault(name, default if file == launch_file else default or "")
+            if name not in fixed:
+                known.setdefault(name, default if file == launch_file else default or "")
         values = {name: value for name, value in {**known, **given}.items() if value is not None}
-        waiting += [included for included in _passed_on(file, values) if included not in seen]
+        for included, its in _passed_on(file, values):
+            if included not in seen:
+                waiting.append((included, fixed | its))
     return known
 
 
-def _passed_on(launch_file: Path, values: Mapping[str, str]) -> Iterable[Path]:
-    """The files that a launch file with these arguments includes with all of them."""
+def _passed_on(launch_file: Path, values: Mapping[str, str]) -> Iterable[Tuple[Path, FrozenSet[str]]]:
+    """The files that a launch file with these arguments includes with all of them but some that it sets."""
     context = {"arg": dict(values), "filename": str(launch_file)}
     for tag in ElementTree.parse(str(launch_file)).iter("include"):
         if tag.get("pass_all_args", "").lower() not in ("true", "1"):
@@ -186,7 +191,7 @@ def _passed_on(launch_file: Path, values: Mapping[str, str]) -> Iterable[Path]:
         except (SubstitutionException, ArgException, rospkg.ResourceNotFound):
             continue  # it is not included, or roslaunch says what is wrong
         if included.is_file():
-            yield included
+            yield included, frozenset(each.get("name", "") for each in tag.iterfind("arg"))
 
 
 def one_line(error: object) -> str:

@@ -228,6 +228,17 @@ def own_panels() -> List[Type[Panel]]:
     return found
 
 
+def panel_paths(value: Any) -> List[str]:
+    """The panels of other packages, as a launch file names them.
+
+    :param value: of the parameter ``~panels``.
+    :raises ParameterError: when it is not a list of texts.
+    """
+    if not isinstance(value, list) or not all(isinstance(path, str) for path in value):
+        raise ParameterError(f"parameter ~panels is {value!r}; give [package.module:Class, …]")
+    return value
+
+
 def foreign_panel(path: str) -> Type[Panel]:
     """A panel of another package, ``package.module:Class``.
 

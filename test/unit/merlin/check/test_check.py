@@ -166,6 +166,20 @@ def test_a_port_of_the_page_that_is_none_is_named(check: Any, tmp_path: Path) ->
         assert done.returncode == 2
 
 
+def test_panels_that_are_no_list_are_one_mistake(check: Any, tmp_path: Path) -> None:
+    done = check(tmp_path, "merlin", "application.launch", "panels:=my_robot.battery:Battery")
+    said = "~panels is 'my_robot.battery:Battery'; give [package.module:Class, …]"
+    assert done.returncode == 2 and len(done.stderr.splitlines()) == 1 and said in done.stderr
+
+
+def test_a_robot_for_which_the_world_has_no_start_is_named(check: Any, tmp_path: Path) -> None:
+    world = tmp_path / "world.yaml"
+    world.write_text(f"{WORLD}points_of_interest: {{}}\n")
+    for robots, said in (("ann", ""), ("ann,bob", "no start left for robot 'bob'; world square has 1")):
+        done = check(tmp_path, "merlin", "application.launch", f"robots:={robots}", f"world_file:={world}")
+        assert said in done.stderr and ("no start left" in done.stderr) == bool(said)
+
+
 def test_every_mistake_of_an_application_is_named(check: Any, tmp_path: Path) -> None:
     done = check(tmp_path, application(tmp_path, NAVIGATE, points="kitchen bathroom dorm_room"))
     assert done.returncode == 2

@@ -2,6 +2,8 @@
 """The host refuses machines that do not fit the domain before any of them serves."""
 
 from pathlib import Path
+from typing import List
+from unittest import mock
 
 import pytest
 from diagnostic_msgs.msg import KeyValue
@@ -12,6 +14,7 @@ from merlin_actions.merlin_action_sm import MerlinActionSM
 from merlin_actions.nodes import fsm_host
 from merlin_planning import knowledge_client
 from merlin_sm.state_factory import MerlinStateFactory
+from merlin_sm.states import action_state
 from merlin_sm.states.function_state import FunctionState
 
 
@@ -161,3 +164,68 @@ def test_a_reload_cannot_serve_other_operators(
     monkeypatch.setattr(fsm_host, "read_machines", lambda: [Look()])
     with pytest.raises(ValueError, match="the classes are for check-table, but check_table are served"):
         host.reload()
+
+
+class Client:
+    """Takes the place of an action client."""
+
+    ended: List[str] = []
+
+    def __init__(self, name: str, spec: type) -> None:
+        self.name = name
+
+    def shutdown(self) -> None:
+        self.ended.append(self.name)
+
+
+class Drive(MerlinActionSM):
+    parameters = ["p"]
+
+    def build(self) -> None:
+        self.add("DRIVE", self.state("navigation", "hall"), {"succeeded": "SAY"})
+        self.add("SAY", self.state("speak", "here"))
+
+
+class Ring(MerlinActionSM):
+    parameters = ["p"]
+    said = "speak"
+
+    def build(self) -> None:
+        self.add("SAY", self.state(self.said, "ring"))
+
+
+class Lift(Ring):
+    operator, said = "ring", "pick"
+
+
+@pytest.mark.parametrize(("robot", "ended"), [("", ["move_base"]), ("ann", [])])
+def test_a_host_keeps_no_clients_of_machines_that_it_does_not_serve(
+    monkeypatch: pytest.MonkeyPatch, robot: str, ended: List[str]
+) -> None:
+    classes = [Drive, Ring]
+    params = {"~robot": robot, "~robots": True}
+    world = ApplicationWorld(
+        {"drive": [("r", "robot"), ("p", "place")], "ring": [("p", "place")]}, lambda kind: [], []
+    )
+    monkeypatch.setattr(Client, "ended", [])
+    monkeypatch.setattr(action_state, "ActionClient", Client)
+    monkeypatch.setattr(action_state, "shared_guard_watch", lambda: None)
+    monkeypatch.setattr(action_state.rospy, "resolve_name", str)
+    monkeypatch.setattr(fsm_host.rospy, "get_param", lambda name, default: params.get(name, default))
+    monkeypatch.setattr(fsm_host, "flag", lambda name: bool(params.get(name)))
+    monkeypatch.setattr(fsm_host, "RobotPresence", mock.Mock())
+    monkeypatch.setattr(fsm_host, "read_machines", lambda: [each() for each in classes])
+    monkeypatch.setattr(fsm_host, "wait_for_knowledge_base", lambda name, timeout: None)
+    monkeypatch.setattr(fsm_host, "read_world", lambda name: world)
+    monkeypatch.setattr(fsm_host, "check_machines", lambda *_: {"drive": "r"})
+    host = fsm_host.MachineHost()
+    assert Client.ended == ended
+    if not robot:
+        classes[1] = Lift
+        assert host.reload() == "reloaded ring; edited: nothing"
+        assert sorted(Client.ended) == ["move_base", "move_base", "sound_play"]
+        del classes[1]
+        host.servers.clear()
+        assert host.reload() == "the robots have all actions; edited: nothing"
+    del host
+    action_state.end_unused_clients()  # they are none of the next test's

@@ -53,6 +53,19 @@ def test_a_goal_has_who_asked_and_what_brings_it_about():
     assert "held already when the plan was made" in held.sentence and "no request" in held.sentence
 
 
+@pytest.mark.parametrize("requests", [[], [Request("r-2", ["(at yard)"])]], ids=["idle", "another one waits"])
+def test_a_goal_of_a_plan_that_is_over_is_no_goal_now(requests):
+    over = ask("(in box_1 ward)", doing=Doing(requests=requests))
+    assert over.sentence == (
+        "The last plan was made for “(in box_1 ward)”, and no request of the Executor asks for it now. "
+        "Steps 1, 2 and 3 bring “(in box_1 ward)” about."
+    )
+    carried_out = ask("(in box_1 ward)", doing=Doing(True, requests=requests))
+    assert carried_out.sentence.startswith(
+        "“(in box_1 ward)” is a goal of the knowledge base, and no request"
+    )
+
+
 @pytest.mark.parametrize(
     "about, said",
     [

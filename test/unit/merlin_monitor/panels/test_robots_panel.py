@@ -65,6 +65,12 @@ def test_each_robot_does_its_own(section: RobotsSection, tree: StateTree) -> Non
     assert tree.get("robots", "parameters") == {"drive": "r"}
 
 
+def test_a_word_that_no_host_can_have_said_names_no_robot(section: RobotsSection, tree: StateTree) -> None:
+    section.host(RobotHost(), 1.0, 10.0)
+    section.host(RobotHost(robot="carl", node="no name"), 1.0, 10.0)
+    assert set(tree.get("robots", "robots")) == {"ann", "bob"}
+
+
 def test_why_a_robot_takes_no_actions_is_reported_once(
     section: RobotsSection, tree: StateTree, reported: Reported
 ) -> None:

@@ -116,6 +116,42 @@ def test_without_a_history_the_dispatcher_tells(tmp_path: Path) -> None:
     life.state.stop()
 
 
+def over(done: int = 4, **fields: Any) -> DispatchStatus:
+    return DispatchStatus(state=DispatchStatus.IDLE, plan_id=7, steps_done=done, steps_total=4, **fields)
+
+
+@pytest.mark.parametrize("plan_first", [True, False])
+def test_who_comes_after_the_end_sees_how_it_ended(tmp_path: Path, plan_first: bool) -> None:
+    for status, states in (
+        (over(), ["succeeded"] * 4),
+        (
+            over(1, failed_action="(ask a)", reason="(ask a) failed: no voice"),
+            ["failed", "succeeded", "dropped", "dropped"],
+        ),
+    ):
+        life = Life(tmp_path, 1020.0, kept=False)
+        if plan_first:
+            life.state.planned(*sequential_steps(PLAN), 34.0)
+        life.state.plan.dispatcher(status, 34.0)
+        if not plan_first:
+            life.state.planned(*sequential_steps(PLAN), 34.0)
+        assert life.states == states
+        life.state.plan.dispatched(dispatch(0, "ask", ("p", "a"), plan=7), 34.1)  # latched
+        assert life.states == states
+        life.state.plan.dispatched(dispatch(0, "ask", ("p", "a"), plan=8), 34.2)  # the same plan once more
+        assert life.states == ["dispatched", "waiting", "waiting", "waiting"]
+        life.state.stop()
+
+
+def test_the_end_of_a_dispatch_is_not_that_of_the_next_one(tmp_path: Path) -> None:
+    life = Life(tmp_path, 1020.0, kept=False)
+    life.state.plan.dispatched(dispatch(0, "ask", ("p", "a"), plan=8), 34.0)
+    life.state.plan.dispatcher(over(), 34.0)
+    life.state.planned(*sequential_steps(PLAN), 34.0)
+    assert life.states == ["dispatched", "waiting", "waiting", "waiting"]
+    life.state.stop()
+
+
 def test_another_plan_is_not_taken_for_the_one_of_before(tmp_path: Path) -> None:
     before(tmp_path).state.stop()
     life = Life(tmp_path, 1020.0)

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """When a client gives its server up: in virtual time, by the client's own ticks."""
 
+from pathlib import Path
 from typing import Dict, List
 
 import pytest
@@ -59,6 +60,12 @@ class Client:
 
     def why_lost(self, goal: ClientGoal, publishes: bool = True, connected: bool = True) -> str:
         return self.silence.why_lost(goal, publishes, connected)
+
+
+def test_the_page_for_robots_says_how_long_a_server_may_be_silent() -> None:
+    page = (Path(__file__).resolve().parents[4] / "docs" / "real-robot.md").read_text(encoding="utf-8")
+    said = f"silent for {SILENCE:g} s and whose connections are closed counts as dead"
+    assert said in " ".join(page.split()) and f"stays connected has {CONNECTED_SILENCE:g} s." in page
 
 
 @pytest.fixture

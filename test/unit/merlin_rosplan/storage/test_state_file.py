@@ -299,7 +299,7 @@ def test_damaged_rows_are_named(path, damage, reason):
     database.close()
     with pytest.raises(StateFileError, match=reason) as caught:
         open_store(path)
-    assert str(path) in str(caught.value) and "start once with reset_state" in str(caught.value)
+    assert str(path) in str(caught.value) and "start once with reset_state:=true" in str(caught.value)
     open_store(path, reset=True).close()
 
 

@@ -91,7 +91,7 @@ class Server:
 @pytest.fixture
 def server(monkeypatch: pytest.MonkeyPatch) -> Server:
     made = Server()
-    monkeypatch.setattr(action_state, "shared_client", lambda name, action_spec: made)
+    monkeypatch.setattr(action_state, "shared_client", lambda *_: made)
     followers: List[Any] = []
     follows = threading.Event()
 

@@ -35,6 +35,7 @@ from merlin_ros.node import keep_params, on_master_lost, run_node
 from merlin_ros.parameters import flag, graph_name, number
 from merlin_sm.holding.node_holds import node_holds, usual_level
 from merlin_sm.state_factory import MerlinStateFactory
+from merlin_sm.states.action_state import end_unused_clients
 from merlin_sm.states.navigation import POINTS_PARAM, point_faults
 
 
@@ -111,6 +112,7 @@ class MachineHost:
         self._modules.note()
         wait_for_knowledge_base(self._knowledge_base, number("~knowledge_base_wait", 30.0, 0.0))
         machines, variables = self._fit(machines)
+        end_unused_clients()  # of the machines that other hosts serve
         if self._robot:
             name = rospy.resolve_name(self._knowledge_base)
             self._presence = RobotPresence(self._robot, name, variables)
@@ -150,7 +152,9 @@ class MachineHost:
                     )
             self._modules.note()
             running = [server.operator for server in self.servers if server.renew(machines[server.operator])]
-        said = f"reloaded {', '.join(sorted(machines))}; edited: {', '.join(edited) or 'nothing'}"
+            end_unused_clients()  # of the classes before
+        done = f"reloaded {', '.join(sorted(machines))}" if machines else "the robots have all actions"
+        said = f"{done}; edited: {', '.join(edited) or 'nothing'}"
         if running:
             said += f"; {', '.join(running)} runs, and is the edited one from its next run on"
         return said

@@ -161,6 +161,8 @@ def _of_goals(goals: Sequence[Condition], causes: Causes, doing: Doing, words: W
     if not doing.requests or not claims or claims[0].kind != "request":
         names = and_list([_quoted(words, goal) for goal in goals])
         text = f"{names} is a goal of the knowledge base, and no request of the Executor names it."
+        if not doing.carried_out:
+            text = f"The last plan was made for {names}, and no request of the Executor asks for it now."
         sentences.insert(0, text)
     return Answer(" ".join(sentences), tuple(claims))
 

@@ -13,7 +13,7 @@ from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.text.fact_text import atom_text
 from merlin_monitor.text.phrase import Phrase, say, with_reason
 from merlin_monitor.text.wording import Wording
-from merlin_planning.robot_roster import RobotRoster
+from merlin_planning.robot_roster import RobotRoster, is_node
 from merlin_ros.actions.peers import sender_of
 from merlin_ros.work.liveness import Limits, Liveness, Presence, Word
 
@@ -42,6 +42,8 @@ class RobotsSection:
 
         :param wall: s of ``ros.silence_clock()``.
         """
+        if not is_node(word.node):  # the bridges do not take it either, and say so
+            return
         admission = self._roster.admit(word.robot, sender_of(word), wall)
         if admission.forgotten:
             self._forget(admission.forgotten)

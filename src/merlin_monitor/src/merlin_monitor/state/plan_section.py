@@ -62,6 +62,7 @@ class PlanSection:
         self._kept: Mapping[str, Any] = {}  # the section of an earlier life, until the first plan
         self._missed: List[Tuple[Any, float]] = []  # dispatches of no step that is known, or begun before
         self._begun: Dict[int, int] = {}  # step -> the dispatch that has begun it
+        self._over = 0  # dispatch that had ended before the plan was heard; 0: it is followed
         self._ended = ""  # the request that has ended last
         self._earlier: Set[int] = set()  # dispatches of the plan before
         self._skipped = 0  # plans just before this one of which nothing was heard
@@ -98,7 +99,7 @@ class PlanSection:
         skipped, self._skipped = self._skipped + (not self._begun) if at_once else 0, 0
         self._plans, self._planned_at = self._plans + 1, at
         self._earlier = set(self._begun.values())
-        self._dispatch, self._begun = 0, {}
+        self._dispatch, self._begun, self._over = 0, {}, 0
         missed = [(message, received) for message, received in self._missed if at - received < OVERTAKEN]
         self._missed = []
         if not late:
@@ -123,6 +124,8 @@ class PlanSection:
             self.dispatcher(overtaken, self._status_at)
         if self._plans > 1:
             self._kept = {}
+        elif self._status is not None:
+            self._take_up(self._status)
 
     def words_of(self, text: str) -> Phrase:
         """The words of a step; empty: the plan has none of this text."""
@@ -150,6 +153,8 @@ class PlanSection:
         step = self._steps.get(message.action_id)
         text = atom_text(message.name, [parameter.value for parameter in message.parameters])
         known = step is not None and step["text"] == text
+        if known and self._over and message.plan_id != self._over:
+            self._take_back()
         begun = self._begun.get(message.action_id, message.plan_id)
         skipped = self._skipped if at - self._planned_at < OVERTAKEN else 0
         earlier = bool({begun, message.plan_id} & self._earlier) and at - self._planned_at < OVERTAKEN
@@ -226,13 +231,13 @@ class PlanSection:
         return status.plan_id not in self._begun.values()
 
     def _take_back(self) -> None:
-        """Read in one go after a stall, what has begun was of a plan before this one, which waits."""
-        for identity in self._begun:
+        """What has begun, or ended before it was heard, was of a plan before this one, which waits."""
+        for identity in self._steps if self._over else self._begun:
             step = self._steps[identity]
             for field in ("began", "ended", "reason"):
                 step.pop(field, None)
             self._put(step, state=WAITING)
-        self._begun = {}
+        self._begun, self._over = {}, 0
 
     def _begin(self, step: Dict[str, Any], dispatch: int, at: float) -> None:
         self._begun[step["id"]] = dispatch
@@ -338,7 +343,7 @@ class PlanSection:
         self._early.clear()
 
     def _take_up(self, status: Any) -> None:
-        """Begun in the middle of a dispatch, the steps that have ended are known from the earlier life.
+        """Begun in the middle of a dispatch or after it, the steps that ended are known from the life before.
 
         Else from the dispatcher: what had to end before a step that runs, and as many more as it counts.
         """
@@ -346,6 +351,10 @@ class PlanSection:
         kept, self._kept = self._kept, {}
         if status.steps_total != len(self._steps) or not running.keys() <= self._steps.keys():
             return  # of another plan
+        if not status.state and set(self._begun.values()) - {status.plan_id}:
+            return  # the one that had ended is not the one that has begun
+        ended = "" if status.state else status.failed_action
+        failed = {identity for identity, step in self._steps.items() if step["text"] == ended}
         if kept.get("dispatch") == status.plan_id:
             for key, was in kept.get("steps", {}).items():
                 step = self._steps.get(int(key), {})
@@ -358,8 +367,16 @@ class PlanSection:
         for identity in [*sorted(before, key=list(self._steps).index), *rest]:
             done = [step for step in self._steps.values() if step["state"] == SUCCEEDED]
             step = self._steps[identity]
-            if len(done) < status.steps_done and identity not in running and step["state"] not in ENDED:
+            left = identity not in {*running, *failed} and step["state"] not in ENDED
+            if len(done) < status.steps_done and left:
                 self._put(step, state=SUCCEEDED)
+        if not status.state:
+            self._over = status.plan_id
+            for identity, step in self._steps.items():
+                if identity in failed:
+                    self._put(step, state=FAILED, reason=self.wording.reason(status.reason, step["text"]))
+                elif step["state"] not in ENDED:
+                    self._put(step, state=DROPPED)
 
     def _before(self, steps: Set[int]) -> Set[int]:
         """The steps that must precede any of these."""

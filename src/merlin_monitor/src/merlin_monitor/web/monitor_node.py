@@ -3,14 +3,14 @@
 
 import os
 import sys
-from typing import List, Optional
+from typing import Optional
 
 import rospy
 
 from merlin_monitor.access.tls import ServerTls, TlsError, read_tls
 from merlin_monitor.access.web_access import HostNameError, WebAccess, check_lookers
 from merlin_monitor.listeners.ros_system import ReplayedSystem, RosSystem
-from merlin_monitor.panel_board import PanelBoard
+from merlin_monitor.panel_board import PanelBoard, panel_paths
 from merlin_monitor.panels.control import operators_of_node, path_of_node, sentences_of_node
 from merlin_monitor.state.history_store import HistoryError, HistoryStore
 from merlin_monitor.state.inbox import Inbox
@@ -40,7 +40,7 @@ def _start() -> None:
     state = MonitorModel(Inbox(rospy.logwarn), history)
     state.wording.sentences = sentences_of_node(own)
     ros = ReplayedSystem() if flag("~replayed") else own
-    panels = PanelBoard(state, _class_paths("~panels"), offered=True, ros=ros)
+    panels = PanelBoard(state, panel_paths(rospy.get_param("~panels", [])), offered=True, ros=ros)
     operators = operators_of_node(own)
     open_look = flag("~open_look")
     check_lookers(host, operators is not None, open_look)
@@ -95,10 +95,3 @@ def _tls(ros: RosSystem) -> Optional[ServerTls]:
     if tls is not None and tls.warning:
         rospy.logwarn(tls.warning)
     return tls
-
-
-def _class_paths(name: str) -> List[str]:
-    value = rospy.get_param(name, [])
-    if not isinstance(value, list) or not all(isinstance(path, str) for path in value):
-        raise ParameterError(f"parameter {name} is {value!r}; give [package.module:Class, …]")
-    return value

@@ -43,7 +43,7 @@ _TABLES = {
 }
 #: what reading a row raises that something else has written
 _DAMAGE = (ValueError, KeyError, TypeError, AssertionError, AttributeError, RecursionError)
-_WHAT_TO_DO = "move it away, or start once with reset_state"
+_WHAT_TO_DO = "move it away, or start once with reset_state:=true"
 
 
 class StateFileError(Exception):

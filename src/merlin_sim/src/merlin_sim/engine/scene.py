@@ -17,7 +17,6 @@ from merlin_sim.world.world_places import ROBOT_RADIUS
 PUSHED = 0.002  # m and rad that a thing has to move before its new place is published
 ROBOT_HEIGHT = 1.42  # m, to the top of its camera
 LASER_HEIGHT = 0.33  # m
-ROBOT = "robot"  # what a robot without a namespace is called
 TRAY = Pose(0.08, 0.0)  # its middle, in the robot's frame
 TRAY_HEIGHT, TRAY_RADIUS = 0.40, 0.17  # m
 
@@ -44,7 +43,7 @@ class PlacedObject:
 class Scene:
     """The things of a world: their poses, and which thing carries which.
 
-    :param robots: by what they are called here; see :data:`ROBOT`.
+    :param robots: by what they are called here; see :data:`merlin_sim.world.world_places.ROBOT`.
     """
 
     def __init__(self, world: World, physics: Physics, robots: Dict[str, RobotBody]) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from merlin_reactive.pose import Pose
 from merlin_sim.engine.physics import Physics
-from merlin_sim.engine.scene import ROBOT, Scene
+from merlin_sim.engine.scene import Scene
 from merlin_sim.engine.world_control import WorldControl
 from merlin_sim.engine.world_events import WorldEvents
 from merlin_sim.rendering.shot import Shot
@@ -24,7 +24,7 @@ from merlin_sim.robot.diff_drive import (
 )
 from merlin_sim.robot.lidar import Lidar, LidarModel
 from merlin_sim.world.world_model import World
-from merlin_sim.world.world_places import ROBOT_RADIUS
+from merlin_sim.world.world_places import ROBOT, ROBOT_RADIUS
 
 if TYPE_CHECKING:
     from merlin_sim.rendering.picture_engine import PictureEngine

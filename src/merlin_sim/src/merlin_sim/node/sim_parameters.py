@@ -2,22 +2,19 @@
 """The simulator's parameters, checked."""
 
 import math
-import re
 from dataclasses import dataclass
-from typing import Any, List
+from typing import List
 
 import rospy
 
-from merlin_reactive.pose import Pose
 from merlin_ros.parameters import ParameterError, choice, number, whole
-from merlin_sim.engine.scene import ROBOT
 from merlin_sim.engine.simulation import RobotSpec
+from merlin_sim.node.robot_starts import place_robots
 from merlin_sim.robot.camera import CameraModel
 from merlin_sim.robot.diff_drive import DriveLimits, OdometryNoise
 from merlin_sim.robot.lidar import LidarModel
 from merlin_sim.robot.truth_localization import PoseNoise
 from merlin_sim.world.world_model import World
-from merlin_sim.world.world_places import ROBOT_RADIUS, why_no_place
 
 
 @dataclass(frozen=True)
@@ -58,15 +55,11 @@ def read_parameters() -> SimParameters:
 
 
 def read_robots(world: World) -> List[RobotSpec]:
-    """Reads ``~robots``: namespaces, or maps with namespace, x, y and yaw.
+    """Reads ``~robots``, see :func:`place_robots`, and what all of them have.
 
-    A robot without a pose takes the next of the world's starts.
-
-    :raises ParameterError: when a robot cannot be placed.
+    :raises ParameterError: when a robot cannot be placed, or another parameter is wrong.
     """
-    robots = rospy.get_param("~robots", [""])
-    if not isinstance(robots, list) or not robots:
-        raise ParameterError(f"parameter ~robots is {robots!r}, not a list of namespaces or of maps")
+    placed = place_robots(rospy.get_param("~robots", [""]), world)
     limits = DriveLimits(
         speed=number("~max_speed", DriveLimits.speed, 0.01),
         turn_speed=number("~max_turn_speed", DriveLimits.turn_speed, 0.01),
@@ -82,22 +75,7 @@ def read_robots(world: World) -> List[RobotSpec]:
     lidar = LidarModel(sigma=number("~scan_noise", LidarModel.sigma, 0.0))
     camera = _camera()
     timeout = number("~cmd_vel_timeout", RobotSpec.command_timeout, 0.05)
-    starts = iter(world.starts)
-    specs = []
-    for item in robots:
-        name, start = _placed(item, starts, world)
-        specs.append(RobotSpec(name, start, limits, noise, lidar, camera, timeout))
-    for index, spec in enumerate(specs):
-        reason = why_no_place(world, spec.start.point)
-        for other in specs[:index]:
-            if spec.start.distance(other.start) < 2 * ROBOT_RADIUS:
-                reason = f"({spec.start.x:g}, {spec.start.y:g}) is taken by robot {other.name!r}"
-        if reason:
-            raise ParameterError(f"parameter ~robots: robot {spec.name!r} cannot start there: {reason}")
-    names = [spec.name for spec in specs]
-    if len({name or ROBOT for name in names}) != len(names):
-        raise ParameterError(f"parameter ~robots names a namespace twice: {names}")
-    return specs
+    return [RobotSpec(name, start, limits, noise, lidar, camera, timeout) for name, start in placed]
 
 
 def _camera() -> CameraModel:
@@ -110,31 +88,3 @@ def _camera() -> CameraModel:
     if fov > 0.9 * math.pi:
         raise ParameterError(f"parameter ~camera_fov is {fov:g} rad, more than {0.9 * math.pi:.2f}")
     return CameraModel(int(width), int(height), fov, number("~camera_noise", CameraModel.noise, 0.0))
-
-
-def _placed(item: Any, starts: Any, world: World) -> Any:
-    fields = item if isinstance(item, dict) else {"namespace": item}
-    name = fields.get("namespace", "")
-    if not isinstance(name, str) or not re.match(r"^([A-Za-z][A-Za-z0-9_]*)?$", name.strip("/")):
-        raise ParameterError(f"parameter ~robots: {name!r} is not a namespace")
-    unknown = set(fields) - {"namespace", "x", "y", "yaw"}
-    if unknown:
-        raise ParameterError(f"parameter ~robots: unknown field {sorted(unknown)[0]} of robot {name!r}")
-    if "x" in fields or "y" in fields:
-        try:
-            pose = Pose(float(fields["x"]), float(fields["y"]), float(fields.get("yaw", 0.0)))
-            if not all(map(math.isfinite, (pose.x, pose.y, pose.yaw))):
-                raise ValueError(f"{pose} is not finite")
-            return name.strip("/"), pose
-        except (KeyError, TypeError, ValueError) as error:
-            raise ParameterError(
-                f"parameter ~robots: robot {name!r} needs numbers x and y (and yaw): {error}"
-            ) from error
-    if "yaw" in fields:
-        raise ParameterError(f"parameter ~robots: robot {name!r} has a yaw, but no x and y")
-    start = next(starts, None)
-    if start is None:
-        raise ParameterError(
-            f"parameter ~robots: no start left for robot {name!r}; world {world.name} has {len(world.starts)}"
-        )
-    return name.strip("/"), start

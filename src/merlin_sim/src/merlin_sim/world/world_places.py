@@ -6,6 +6,7 @@ from typing import Optional
 from merlin_reactive.pose import Point
 from merlin_sim.world.world_model import World
 
+ROBOT = "robot"  # what a robot without a namespace is called
 ROBOT_RADIUS = 0.25  # m, as in urdf/rb1.urdf
 CLEARANCE = 0.05  # m that a plan keeps from what the map shows
 OVERLAP = 0.01  # m that a robot may reach into something: physics pushes it out without a jump

@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """A state that runs a goal on an action server."""
 
+import gc
 import threading
+import weakref
 from typing import Any, Callable, Dict, Optional, Sequence
 
 import rospy
@@ -21,16 +23,38 @@ CANCEL_LIMIT = 2.0  # s of running time within which a server has to stop
 STUCK = "had an active goal and sent no velocity for as long as no_command_limit of the velocity guard allows"
 
 _clients: Dict[str, ActionClient] = {}
-_clients_lock = threading.Lock()  # guards _clients
+_states: Dict[str, "weakref.WeakSet[ActionState]"] = {}  # that use a client; it lasts when others use it, too
+_clients_lock = threading.Lock()  # guards _clients and _states
 
 
-def shared_client(name: str, action_spec: type) -> ActionClient:
-    """The process's client of an action; many states share it."""
+def shared_client(name: str, action_spec: type, state: Optional["ActionState"] = None) -> ActionClient:
+    """The process's client of an action; many states share it.
+
+    :param state: that uses it as long as it exists; None: it is used until the process ends.
+    """
     resolved = rospy.resolve_name(name)
     with _clients_lock:
         if resolved not in _clients:
             _clients[resolved] = ActionClient(name, action_spec)
+            if state is not None:
+                _states[resolved] = weakref.WeakSet()
+        if state is None:
+            _states.pop(resolved, None)
+        elif resolved in _states:
+            _states[resolved].add(state)
         return _clients[resolved]
+
+
+def end_unused_clients() -> None:
+    """Ends the clients whose states are all gone: what nothing uses must not seem to miss its server."""
+    gc.collect()  # a machine and its states refer to each other
+    with _clients_lock:
+        unused = [name for name, states in _states.items() if not states]
+        clients = [_clients.pop(name) for name in unused]
+        for name in unused:
+            del _states[name]
+    for client in clients:
+        client.shutdown()
 
 
 def give_up_goals(owner: str) -> None:
@@ -89,7 +113,7 @@ class ActionState(MerlinState):
         self._on_result = on_result
         self._server_wait = server_wait
         self._cancel_limit = cancel_limit
-        self._client = shared_client(name, action_spec)
+        self._client = shared_client(name, action_spec, self)
         self._guard = shared_guard_watch()
 
     def run(self, userdata: Any) -> str:
