@@ -4,7 +4,7 @@
 The next plan is made at the answer. It must not be given the robot once more.
 """
 
-from typing import Any, List, Optional
+from typing import Any, List, Optional, Type
 
 import pytest
 from fakes.dispatched import Dispatcher
@@ -41,10 +41,18 @@ class Drive(MerlinAction):
         return Ending(False, "/ann/actions/drive aborted", begun=False)
 
 
-def test_the_answer_waits_for_the_knowledge(monkeypatch: pytest.MonkeyPatch) -> None:
+class Staying(Servers):
+    """Those of robots, none of which leaves."""
+
+    def why_not(self, robot: str, *_: Any) -> str:
+        return ""
+
+
+def answers(monkeypatch: pytest.MonkeyPatch, servers: Type[Servers]) -> List[str]:
+    """What a failure of the robot ann is answered with, and what was waited for before."""
     log: List[str] = []
     dispatcher = Dispatcher(monkeypatch)
-    monkeypatch.setattr(merlin_action, "ActionServers", lambda *_: Servers(log))
+    monkeypatch.setattr(merlin_action, "ActionServers", lambda *_: servers(log))
 
     def note(topic: str, message: Any) -> None:
         if isinstance(message, ActionFeedback) and message.status == ActionFeedback.ACTION_FAILED:
@@ -57,4 +65,13 @@ def test_the_answer_waits_for_the_knowledge(monkeypatch: pytest.MonkeyPatch) -> 
     dispatcher.dispatch(2)
     dispatcher.end()
     drive.shutdown()
-    assert log == ["published ann", f"reason: {OUT}, robot: ann"]
+    return log
+
+
+def test_the_answer_waits_for_the_knowledge(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert answers(monkeypatch, Servers) == ["published ann", f"reason: {OUT}, robot: ann"]
+
+
+def test_the_answer_of_a_robot_that_stays_says_what_is_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    (said,) = answers(monkeypatch, Staying)
+    assert said == "reason: /ann/actions/drive aborted, of_robot: (navigate hall)"

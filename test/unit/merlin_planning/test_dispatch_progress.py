@@ -277,6 +277,15 @@ def test_the_result_says_that_another_try_cannot_help() -> None:
         assert progress.result(Reply(), "(prescribe ann)", "no").no_retry == no_retry
 
 
+def test_the_result_says_what_is_of_the_robot_that_failed() -> None:
+    progress = DispatchProgress()
+    progress.dispatched(Action(1, 1, "Pick", ("tom", "cup")))
+    said = {"reason": "the arm hangs", "of_robot": "(pick tom *)"}
+    progress.answered(1, 1, DispatchAnswer.FAILED, said)
+    assert progress.result(Reply(), "(pick tom cup)", "no").of_robot == "(pick tom *)"
+    assert progress.result(Reply(), "(pick ria cup)", "no").of_robot == ""
+
+
 def test_what_another_plan_drops_is_stopped_without_a_failure() -> None:
     progress = book(NAVIGATE, WAVE)
     progress.exchange({2, 3})

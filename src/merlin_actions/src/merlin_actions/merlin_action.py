@@ -9,7 +9,7 @@ from merlin_msgs.msg import RunActionGoal
 
 from merlin_actions.action_interface import ActionInterface
 from merlin_actions.action_servers import ActionServers
-from merlin_actions.core.ending import Ending, MachineEnd, ending_of
+from merlin_actions.core.ending import Ending, MachineEnd, ending_of, no_retry
 from merlin_actions.core.execution import Execution, Key
 from merlin_actions.core.robot_book import RobotChange
 from merlin_actions.robot_watch import RobotWatch
@@ -154,7 +154,12 @@ class MerlinAction(ActionInterface):
         if not robot or ending.succeeded or ending.robot:
             return ending
         why = execution.lost or self._servers.why_not(robot, execution, ending)
-        return ending._replace(reason=why, robot=robot) if why else ending
+        if why:
+            return ending._replace(reason=why, robot=robot, of_robot="")
+        if execution.cancelled.is_set():
+            return ending
+        arguments = [parameter.value for parameter in execution.parameters]
+        return ending._replace(of_robot=no_retry(execution.dispatch.name, arguments, robot))
 
     def _run_with_effects(self, execution: Execution) -> Ending:
         ending = self._of_robot(execution, super()._run_with_effects(execution))

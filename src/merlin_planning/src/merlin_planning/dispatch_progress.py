@@ -32,6 +32,8 @@ NO = "no"
 #: text with ``*`` for any argument, or :data:`YES`: this action.
 FINAL = "final"
 YES = "yes"
+#: Another key, of one robot among several: the same operator by this robot with any arguments, as PDDL text.
+OF_ROBOT = "of_robot"
 #: A key of an action that goes on; its value :data:`NO` says that a more urgent request has to wait for it.
 INTERRUPTIBLE = "interruptible"
 #: Actions whose early answers are kept at most; any node may answer anything.
@@ -66,6 +68,8 @@ class DispatchResult(NamedTuple):
     """Goals that did not hold when it ended, as PDDL text; empty also when the dispatcher does not say."""
     no_retry: str = ""
     """Which actions another try cannot help, as PDDL text with ``*`` for any argument; empty: it may help."""
+    of_robot: str = ""
+    """The same operator by the robot whose action failed, likewise; empty: no robot is named."""
 
 
 class Reply(NamedTuple):
@@ -140,6 +144,7 @@ class DispatchProgress:
         self._found: Set[int] = set()  # ids of actions that may still be seen to be dispatched
         self._unstopped: List[str] = []
         self._no_retry: Dict[str, str] = {}  # a failed action -> which actions cannot help
+        self._of_robot: Dict[str, str] = {}  # likewise -> the same operator by its robot
         self._counted: Optional[Container[int]] = None  # actions whose failure counts; None: all
 
     @property
@@ -247,6 +252,7 @@ class DispatchProgress:
         final = information.get(FINAL, "")
         if final:
             self._no_retry[ground_text(action.text)] = action.text if final.lower() == YES else final
+        self._of_robot[ground_text(action.text)] = information.get(OF_ROBOT, "")
         if not self.failed or self.failed_reason == _CANCELLED:
             self.failed, self.failed_reason = action.text, reason
         if not self._stopping and reason != _CANCELLED:
@@ -327,9 +333,9 @@ class DispatchProgress:
         if reply.refused or reply.gone:
             action, why = "", reply.refused or reply.gone
         named = action or ("" if reply.gone and not self.failed_by_itself else self.failed)
-        no_retry = self._no_retry.get(ground_text(named), "")
+        rest = [found.get(ground_text(named), "") for found in (self._no_retry, self._of_robot)]
         return DispatchResult(
-            False, cancelled, False, named, why, unstopped, bool(reply.gone), tuple(unmet), no_retry
+            False, cancelled, False, named, why, unstopped, bool(reply.gone), tuple(unmet), *rest
         )
 
     def hung(self, dispatcher: str, deadline: float) -> DispatchResult:

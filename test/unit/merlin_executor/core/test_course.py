@@ -246,6 +246,8 @@ def test_without_new_plans_the_reason_stands_alone() -> None:
             st.sampled_from(["(a)", "(b)", ""]),
             st.booleans(),
             st.sampled_from(["", "", "(a)", "(b)"]),
+            st.just(False),
+            st.sampled_from(["", "(a *)"]),
         )
     ),
 )
@@ -263,7 +265,7 @@ def test_every_run_ends(limit: int, failures: List[Failure]) -> None:
             assert len([other for other in seen if other.no_retry == failure.no_retry]) < 2
         else:
             same = [other for other in seen if other[:2] == failure[:2] and not other.no_retry]
-            assert failure.gone or len(same) < 2
+            assert failure.gone or len(same) < 2 + bool(failure.of_robot)
     assert len(failures) <= limit
 
 
@@ -323,6 +325,35 @@ def test_what_was_given_up_is_planned_around_a_bounded_number_of_times(limit: in
     give_up(course, "(prescribe ann)")
     assert not course.replan().again
     assert course.verdict()[:2] == (Outcome.ACTION_FAILED, "(prescribe ann): the pharmacist said no")
+
+
+def fail(course: Course, action: str, of_robot: str) -> None:
+    """An action of one of several robots fails, always for the same reason."""
+    course.action, course.of_robot = action, of_robot
+    run(course, ("DISPATCH_PLAN", "failed", f"{action}: the arm hangs"))
+
+
+def test_what_one_robot_fails_to_do_twice_is_left_to_the_others() -> None:
+    course = Course(3, replan_wait=0.0)
+    course.begin()
+    fail(course, "(pick tom cup)", "(pick tom *)")
+    assert course.replan().again and course.without == []
+    fail(course, "(pick tom cup)", "(pick tom *)")
+    assert course.replan() == (True, 0.0, "")
+    assert course.without == ["(pick tom *)"]
+    run(course, ("PLAN", "unsolvable", "the problem has no plan"))
+    verdict = course.verdict()
+    assert (verdict.outcome, verdict.action) == (Outcome.ACTION_FAILED, "(pick tom cup)")
+    assert verdict.reason == ("(pick tom cup): the arm hangs; no plan without it: the problem has no plan")
+
+
+def test_a_planner_that_leaves_it_to_the_same_robot_ends_the_request() -> None:
+    course = Course(9, replan_wait=0.0)
+    course.begin()
+    for again in (True, True, False):
+        fail(course, "(pick tom cup)", "(pick tom *)")
+        assert course.replan().again is again
+    assert course.without == ["(pick tom *)"]
 
 
 def test_a_planner_that_plans_it_all_the_same_ends_the_request() -> None:

@@ -24,6 +24,8 @@ class Ending(NamedTuple):
     """Which actions another try cannot help, as PDDL text with ``*`` for any argument; empty: it may help."""
     robot: str = ""
     """The robot that no longer takes actions; other robots continue theirs. Empty: that is not the cause."""
+    of_robot: str = ""
+    """All actions of this operator by this robot, like `no_retry`; empty: there is one robot, or it left."""
 
 
 def information_of(ending: Ending) -> Dict[str, str]:
@@ -35,6 +37,7 @@ def information_of(ending: Ending) -> Dict[str, str]:
         "final": ending.no_retry,
         "stopped": "no" if ending.unstopped else "",
         "robot": ending.robot,
+        "of_robot": ending.of_robot,
     }
     return {key: value for key, value in said.items() if value}
 

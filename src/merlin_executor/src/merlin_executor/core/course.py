@@ -71,6 +71,8 @@ class Course:
         """What did not stop, as PDDL text."""
         self.no_retry = ""
         """Which actions another try cannot help, see :class:`.replanning.Failure`."""
+        self.of_robot = ""
+        """The same operator by the robot whose action failed, likewise."""
         self.unmet: Tuple[str, ...] = ()
         """Goals that the last dispatch has not reached, as PDDL text."""
         self.timed_out = False
@@ -131,7 +133,7 @@ class Course:
         self._earlier_replans = self.replans
         self._replanning = self._new_policy(self._replanning.given_up)
         self.end = StageEnd()
-        self.stage = self.action = self.no_retry = ""
+        self.stage = self.action = self.no_retry = self.of_robot = ""
         self.unstopped = self.unmet = ()
         self.may_move = self.unreachable = self.timed_out = False
 
@@ -160,7 +162,8 @@ class Course:
             return ReplanDecision(False, reason=end.reason)
         outdated = OUTDATED in end.reason  # behind the action, where one is named
         gone = end.gone or INTERFACE_GONE in end.reason
-        decision = self._replanning.failed(Failure(end.reason, self.action, gone, self.no_retry, outdated))
+        failure = Failure(end.reason, self.action, gone, self.no_retry, outdated, self.of_robot)
+        decision = self._replanning.failed(failure)
         if not decision.again:
             self.end = end._replace(reason=decision.reason)
         return decision

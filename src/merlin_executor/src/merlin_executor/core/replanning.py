@@ -23,6 +23,8 @@ class Failure(NamedTuple):
     """Which actions another try cannot help, as PDDL text with ``*`` for any argument; empty: it may help."""
     outdated: bool = False
     """Nothing failed: the world has changed, and the rest of the plan does not fit it."""
+    of_robot: str = ""
+    """The same operator by the same robot, like `no_retry`; empty: no other robot could do it."""
 
 
 class ReplanDecision(NamedTuple):
@@ -38,6 +40,8 @@ class ReplanDecision(NamedTuple):
 
 class Replanning:
     """The policy for one run: a bounded number of new plans, and not the same way too often.
+
+    What one of several robots has not done the same way too often is left to the others.
 
     :param limit: how many new plans there may be.
     :param given_up: failures of earlier runs of the request that no other try can help.
@@ -81,6 +85,8 @@ class Replanning:
             return ReplanDecision(True)
         if same >= self._same_failures and not failure.gone:
             # The world has not changed enough for another end, or the planner would have found another way.
+            if failure.of_robot:  # another robot may do it
+                return self.failed(failure._replace(no_retry=failure.of_robot))
             if failure.action:  # a request of a joint run that can do without the action goes on
                 self.given_up.append(failure._replace(no_retry=failure.action))
             return ReplanDecision(False, reason=f"{failure.reason} ({same} times for the same reason)")

@@ -141,7 +141,7 @@ class ExecutorSM(MerlinSM, Stages[Request]):
         """Notes how a dispatch has ended."""
         course = self.course
         course.action, course.unstopped, course.timed_out = result.action, result.unstopped, result.timed_out
-        course.no_retry, course.unmet = result.no_retry, result.unmet
+        course.no_retry, course.of_robot, course.unmet = result.no_retry, result.of_robot, result.unmet
 
     def _enter(self, userdata: Any, states: List[str], *outcome: str) -> None:
         course = self.course
