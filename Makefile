@@ -113,7 +113,7 @@ TESTS ?= test
 TIMES ?= 20
 LOAD ?= 0
 repeat: build
-	@$(IN) python tools/repeat.py --times $(TIMES) --load $(LOAD) -- -n $(JOBS) --dist loadfile $(TESTS)
+	@$(IN) python tools/repeat.py --times $(TIMES) --load $(LOAD) -- -n $(JOBS) --dist loadfile --no-loadscope-reorder $(TESTS)
 
 bench: build
 	@$(IN) python bench/run.py
