@@ -5,11 +5,13 @@ import contextlib
 import os
 import queue
 import signal
+import socket
 import subprocess
 import sys
 import threading
 import time
 import xmlrpc.client
+from io import BytesIO
 from pathlib import Path
 from typing import Any, Dict, Iterator, List, Optional
 
@@ -146,6 +148,19 @@ class MasterProcess:
         """The address that the master has for a node; empty: it has none."""
         code, _, uri = self.api.lookupNode("/test", name)
         return str(uri) if code == 1 else ""
+
+    @contextlib.contextmanager
+    def subscribed(self, node: str, topic: str) -> Iterator[socket.socket]:
+        """A subscriber's connection to a publisher, without a node, past the greetings."""
+        from rosgraph import network  # which other tests put off
+
+        with xmlrpc.client.ServerProxy(self.address_of(node)) as publisher:
+            _, _, (_, *address) = publisher.requestTopic("/listener", topic, [["TCPROS"]])
+        with socket.create_connection(address, LONG) as peer:
+            fields = {"callerid": "/listener", "topic": topic, "type": "*", "md5sum": "*"}
+            network.write_ros_handshake_header(peer, fields)
+            network.read_ros_handshake_header(peer, BytesIO(), 65536)
+            yield peer
 
     def close(self) -> None:
         """Ends everything."""

@@ -4,13 +4,10 @@
 import os
 import socket
 import threading
-import xmlrpc.client
-from io import BytesIO
 from typing import Any, Iterator, List, Tuple
 
 import pytest
 import rospy
-from rosgraph.network import read_ros_handshake_header, write_ros_handshake_header
 from rospy.exceptions import TransportInitError, TransportTerminated
 
 from merlin_ros import prompt_sending
@@ -235,12 +232,7 @@ def test_a_subscriber_that_does_not_read_keeps_no_node_from_its_end(
 def test_a_node_is_at_the_master_until_its_last_message_is_read(master: Any, queue: str) -> None:
     node = master.node(SAYS, queue)
     node.expect("announced")
-    with xmlrpc.client.ServerProxy(master.address_of("/speaker")) as speaker:
-        _, _, (_, *address) = speaker.requestTopic("/listener", "/words", [["TCPROS"]])
-    with socket.create_connection(address, LONG) as peer:
-        fields = {"callerid": "/listener", "topic": "/words", "type": "*", "md5sum": "*"}
-        write_ros_handshake_header(peer, fields)
-        read_ros_handshake_header(peer, BytesIO(), 65536)
+    with master.subscribed("/speaker", "/words") as peer:
         node.expect("connected")
         node.say("")
         with peer.makefile("rb") as file:

@@ -1,14 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """A knowledge base that ends in order: what it can no longer keep it does not answer, as one that died."""
 
-import socket
-import xmlrpc.client
-from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import pytest
-from rosgraph.network import read_ros_handshake_header, write_ros_handshake_header
 
 from merlin_ros.ports.service_server import Unanswered
 from merlin_ros.service_proxy import ServiceUnavailable
@@ -55,12 +51,7 @@ def test_a_change_that_comes_while_a_knowledge_base_ends_is_one_of_a_knowledge_b
         master.api.setParam("/test", f"/kb/{name}", value)
     knowledge, client = master.node(KNOWLEDGE), master.node(CLIENT)
     client.expect("added")
-    with xmlrpc.client.ServerProxy(master.address_of("/kb")) as node:
-        _, _, (_, *address) = node.requestTopic("/listener", "/kb/changes", [["TCPROS"]])
-    with socket.create_connection(address, LONG) as peer:
-        fields = {"callerid": "/listener", "topic": "/kb/changes", "type": "*", "md5sum": "*"}
-        write_ros_handshake_header(peer, fields)
-        read_ros_handshake_header(peer, BytesIO(), 65536)
+    with master.subscribed("/kb", "/kb/changes") as peer:
         knowledge.send(2)
         assert peer.recv(1) == b""  # its store is closed, and its services are not
         client.say("")
