@@ -9,6 +9,7 @@ import threading
 from pathlib import Path
 from socketserver import ThreadingMixIn
 from typing import Any, Tuple
+from xmlrpc.client import ServerProxy
 from xmlrpc.server import SimpleXMLRPCServer
 
 import pytest
@@ -110,6 +111,18 @@ def test_an_address_that_is_none_is_named(master: str) -> None:
     assert run.returncode == CANNOT_BEGIN
     assert run.stderr.startswith(f"asker: ROS_MASTER_URI is '{master}'; it has to be like http://")
     assert "Traceback" not in run.stderr
+
+
+def test_a_node_is_ended_for_a_second_one_of_its_name_and_not_for_that_of_another(master: Any) -> None:
+    node = master.node(NODE)
+    node.expect("started")
+    reason = "[/killed_one] Reason: new node registered with same name"
+    with ServerProxy(master.address_of("/somebody")) as port:  # which was another node's, that was killed
+        assert port.shutdown("/master", reason) == [1, "that is another node", 0]
+    assert node.process.poll() is None
+    master.api.registerSubscriber("/somebody", "/topic", "std_msgs/String", "http://localhost:1")
+    assert node.ended() == 0
+    assert f"not for this node, which goes on: {reason}" in node.output
 
 
 def test_a_node_that_cannot_begin_says_so_with_its_exit_code(master: Any) -> None:

@@ -27,7 +27,7 @@ from merlin_ros.lean_start import end_lightly, log_configured
 from merlin_ros.master import master_link, publisher_updates
 from merlin_ros.master.announcing import announce_complete, announced_together
 from merlin_ros.master.master_keeper import MasterKeeper
-from merlin_ros.master.namesake import Namesake, living_namesake
+from merlin_ros.master.namesake import Namesake, ignore_strays, living_namesake
 from merlin_ros.parameters import ParameterError
 from merlin_ros.ports import service_server, tcpros_port, xmlrpc_port
 from merlin_ros.ports.self_check import Port, SelfCheck
@@ -187,6 +187,7 @@ def init_node(name: str, **options: Any) -> None:
     master_link.bound_calls(master_link.BEGIN_TIMEOUT)
     master_link.hasten_registration()
     publisher_updates.keep_all()
+    ignore_strays()
     announce_complete()
     tcpros_port.use_entrance()
     service_server.use_for_all()

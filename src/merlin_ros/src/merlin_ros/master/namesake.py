@@ -7,11 +7,15 @@ from typing import Any, NamedTuple, Optional
 from urllib.parse import urlparse
 
 import rosgraph
+import rospy
+from rospy.impl.masterslave import ROSHandler
 
 from merlin_ros.master import master_link
 
 #: Longest wait for a node's answer, s of wall time.
 TIMEOUT = 1.0
+#: In what a master says to the earlier of two nodes of one name.
+_SAME_NAME = "new node registered with same name"
 
 
 class Namesake(NamedTuple):
@@ -58,6 +62,31 @@ def living_namesake(name: str, master: rosgraph.Master) -> Optional[Namesake]:
         return Namesake(name, uri, 0)
     except (*master_link.ERRORS, ValueError, TypeError, IndexError):
         return None  # it died meanwhile, or what listens there is not a node
+
+
+def ignore_strays() -> None:
+    """From now on rospy ends the node for a second one of its name only; once, before `rospy.init_node`.
+
+    A master says that to the address of the earlier node. Where that one was killed, its port may be this
+    node's by now, which may have another name, or another master.
+    """
+    shutdown = ROSHandler.shutdown
+
+    def shutdown_if_replaced(handler: Any, caller_id: str, reason: str = "") -> Any:
+        if _SAME_NAME not in str(reason) or not _is_registered(handler.uri):
+            return shutdown(handler, caller_id, reason)
+        rospy.logwarn(f"{rospy.get_name()}: not for this node, which goes on: {reason}")
+        return 1, "that is another node", 0
+
+    ROSHandler.shutdown = shutdown_if_replaced
+
+
+def _is_registered(uri: str) -> bool:
+    """Whether the master has this node at its address; a second one of its name has replaced that."""
+    try:
+        return str(master_link.bounded_master(TIMEOUT).lookupNode(rospy.get_name())) == uri
+    except master_link.ERRORS:
+        return False
 
 
 def _takes_connections(uri: str) -> bool:
