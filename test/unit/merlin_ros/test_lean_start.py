@@ -283,6 +283,20 @@ with lean_start.log_configured():
     assert found.strip() == (str(tmp_path / "config" / f"python_logging.{extension}") if extension else "")
 
 
+def test_rospy_finds_the_folder_of_the_log(tmp_path):
+    folder = tmp_path / "home" / "log"
+    found = run(
+        f"""
+import os
+os.environ["ROS_LOG_DIR"] = {str(folder)!r}
+for _ in range(2):
+    with lean_start.log_configured():
+        print(os.path.isdir(os.environ["ROS_LOG_DIR"]))
+"""
+    )
+    assert found.split() == ["True", "True"]
+
+
 SCOPES = {
     "knowledge_base": "rosplan_knowledge_base",
     "problem_interface": "rosplan_problem_interface",

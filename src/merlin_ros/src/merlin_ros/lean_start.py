@@ -147,10 +147,14 @@ def prepare() -> None:
 def log_configured() -> Iterator[None]:
     """While rospy configures its log, it finds the file that it would find, without a look at every package.
 
-    It goes through all folders of ROS_PACKAGE_PATH, for a file that it takes only where no other is.
+    It goes through all folders of ROS_PACKAGE_PATH, for a file that it takes only where no other is. And it
+    finds the log's folder: of two nodes that make it at once, the second one would have no log.
     """
     import rospkg
+    from rosgraph.roslogging import makedirs_with_parent_perms
 
+    with contextlib.suppress(OSError):  # the other node has made it, or rospy says what is wrong
+        makedirs_with_parent_perms(rospkg.get_log_dir())
     folders = (os.path.join(rospkg.get_ros_home(), "config"), rospkg.get_etc_ros_dir())
     files = [os.path.join(folder, f"python_logging.{end}") for folder in folders for end in ("conf", "yaml")]
     found = next(filter(os.path.isfile, files), None)
