@@ -38,6 +38,8 @@ CANNOT_BEGIN = 2
 #: Exit code of a node that may work when it is started again: another node that it needs did not run in
 #: time, or it cannot be reached any more.
 NOT_YET = 1
+#: Between two looks of the main thread for signals and the end, s of wall time.
+SPIN_LOOK = 0.5
 #: Between two attempts to reach a master that does not run yet, s of wall time.
 MASTER_PERIOD = 0.3
 #: Longest end of a node that gets a signal while rospy starts it, s of wall time.
@@ -281,11 +283,13 @@ def run_node(
 
 
 def spin() -> None:
-    """Waits until ROS shuts down, as `rospy.spin`, which looks for it every 0.5 s."""
+    """Waits until ROS shuts down, as `rospy.spin`, which notices it up to 0.5 s later."""
     over = threading.Event()
     rospy.core.add_shutdown_hook(lambda _: over.set())
-    if not rospy.is_shutdown():  # else the hook may have come behind the last one
-        over.wait()
+    # Not one long wait: the hook may have come behind the last one, and a signal that comes just before the
+    # wait does not end it, so that Python would not handle it.
+    while not rospy.is_shutdown() and not over.wait(SPIN_LOOK):
+        pass
 
 
 def _tell_wrapper() -> None:
