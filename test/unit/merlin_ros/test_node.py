@@ -307,6 +307,27 @@ def test_the_last_line_of_a_node_does_not_end_the_next_of_its_name(master: Any) 
     assert "shutdown request" not in next_one.output
 
 
+# Its main thread waits, and is not the one that the signal interrupts.
+ELSEWHERE = """
+import signal, sys, threading
+from merlin_ros.node import run_node
+def start():
+    def interrupt():
+        sys.stdin.readline()
+        signal.pthread_kill(threading.get_ident(), signal.SIGINT)
+    threading.Thread(target=interrupt, daemon=True).start()
+    print("started", flush=True)
+sys.exit(run_node("somebody", start))
+"""
+
+
+def test_a_signal_that_interrupts_another_thread_ends_a_node(master: Any) -> None:
+    node = master.node(ELSEWHERE)
+    node.expect("started")
+    node.say("")
+    assert node.process.wait(LONG) == 0
+
+
 STORM = """
 import os, signal, sys, threading
 import rospy
