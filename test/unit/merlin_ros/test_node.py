@@ -117,7 +117,7 @@ def test_a_node_is_ended_for_a_second_one_of_its_name_and_not_for_that_of_anothe
     node = master.node(NODE)
     node.expect("started")
     reason = "[/killed_one] Reason: new node registered with same name"
-    with ServerProxy(master.address_of("/somebody")) as port:  # which was another node's, that was killed
+    with ServerProxy(master.address_of("/somebody")) as port:  # a node that was killed had it before
         assert port.shutdown("/master", reason) == [1, "that is another node", 0]
     assert node.process.poll() is None
     master.api.registerSubscriber("/somebody", "/topic", "std_msgs/String", "http://localhost:1")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The end of a node that runs several actions: all are told to stop before one of them is waited for."""
+"""The end of a node that runs several actions: it stops all of them before it waits for one."""
 
 from typing import Callable, Protocol, Sequence
 

@@ -228,4 +228,4 @@ def test_a_host_keeps_no_clients_of_machines_that_it_does_not_serve(
         host.servers.clear()
         assert host.reload() == "the robots have all actions; edited: nothing"
     del host
-    action_state.end_unused_clients()  # they are none of the next test's
+    action_state.end_unused_clients()  # the next test makes its own

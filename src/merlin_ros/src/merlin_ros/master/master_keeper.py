@@ -72,7 +72,7 @@ class _Question:
         """The answers of the calls, one after the other; to read one that is a fault raises it.
 
         :raises OSError: it cannot be asked, or `wait` gave up.
-        :raises http.client.HTTPException: what it says is no answer; as xmlrpc.client.Error and ExpatError.
+        :raises http.client.HTTPException: its answer cannot be read; as xmlrpc.client.Error, ExpatError.
         """
         kept = self._socket is not None
         try:
