@@ -16,6 +16,7 @@ import rostest
 from merlin_executor.executor_client import MerlinExecutorClient, outcome_name
 from merlin_experiment.mission.ground_truth import receive_one
 from merlin_planning.knowledge_client import fact, knowledge_client
+from merlin_test import LONG
 from merlin_test.topic_links import init_node
 
 START = 90.0
@@ -58,7 +59,7 @@ class TwoRobots(unittest.TestCase):
         requests["r1"].cancel()
         self.assertTrue(requests["r1"].wait(START))
         self.assertEqual(outcome_name(requests["r1"].result.outcome), "CANCELLED")
-        self.assertTrue(requests["r2"].wait(120.0))
+        self.assertTrue(requests["r2"].wait(LONG))
         result = requests["r2"].result
         self.assertEqual(outcome_name(result.outcome), "SUCCEEDED", result.reason)
         knowledge = {robot: knowledge_client(f"{robot}/rosplan_knowledge_base") for robot in ROBOTS}

@@ -12,6 +12,8 @@ import pytest
 from chaos.judging.events import Event
 from chaos.under_test.network import ADDRESSES, MIND, ROBOT, Network, why_impossible
 
+from merlin_test import LONG
+
 pytestmark = pytest.mark.skipif(bool(why_impossible()), reason=why_impossible() or "possible")
 
 ECHO = """
@@ -25,6 +27,7 @@ while True:
 """
 ASK = """
 import socket, sys
+from merlin_test import LONG
 client = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
 client.settimeout(float(sys.argv[2]))
 client.sendto(b'hello', (sys.argv[1], 5005))
@@ -41,7 +44,7 @@ class Shaped:
     def __init__(self, folder: Path) -> None:
         self._said = {"linked": threading.Event(), "shaped": threading.Event()}
         self.network = Network(f"test{os.getpid()}", dict(os.environ), folder, self._receive)
-        assert self._said["linked"].wait(60.0), (folder / "link.err").read_text()
+        assert self._said["linked"].wait(LONG), (folder / "link.err").read_text()
 
     def _receive(self, event: Event) -> None:
         if event.kind in self._said:
@@ -50,7 +53,7 @@ class Shaped:
     def shape(self, **how: float) -> None:
         self._said["shaped"].clear()
         self.network.shape(**how)
-        assert self._said["shaped"].wait(60.0)
+        assert self._said["shaped"].wait(LONG)
 
 
 @pytest.fixture
@@ -66,7 +69,7 @@ def run(shaped: Shaped, side: str, code: str, *words: str) -> List[str]:
 
 def ask(shaped: Shaped, limit: float) -> str:
     command = run(shaped, MIND, ASK, ADDRESSES[ROBOT], str(limit))
-    return subprocess.run(command, capture_output=True, text=True, timeout=60, check=True).stdout.strip()
+    return subprocess.run(command, capture_output=True, text=True, timeout=LONG, check=True).stdout.strip()
 
 
 @pytest.mark.everywhere

@@ -22,6 +22,7 @@ from merlin_monitor.state.history_events import Event
 from merlin_monitor.state.history_store import HistoryStore
 from merlin_monitor.state.inbox import Inbox
 from merlin_monitor.state.monitor_model import MonitorModel
+from merlin_test import LONG
 
 pytestmark = [pytest.mark.processes, pytest.mark.everywhere]
 
@@ -116,7 +117,7 @@ class Kept:
         """What the page shows."""
         address = next((word for word in self.line.split() if word.startswith("http")), "")
         assert address, self.line
-        with urllib.request.urlopen(f"{address}state.json", timeout=60) as answer:
+        with urllib.request.urlopen(f"{address}state.json", timeout=LONG) as answer:
             return json.load(answer)["state"]
 
     def press(self, key: bytes) -> None:
@@ -127,13 +128,14 @@ class Kept:
         os.write(self.user, key)
 
     def end(self) -> int:
-        code = self.process.wait(timeout=60)
+        code = self.process.wait(timeout=LONG)
         os.close(self.user)
         return code
 
 
 TERMINAL = """
 import fcntl, termios
+from merlin_test import LONG
 fcntl.ioctl(0, termios.TIOCSCTTY, 0)
 """
 

@@ -14,6 +14,7 @@ from merlin_msgs.msg import ExecuteFeedback, ExecutorStatus, GuardStatus, Queued
 
 from merlin import send
 from merlin.send_progress import SendProgress
+from merlin_test import LONG
 
 RUNNING, IDLE = ExecutorStatus.RUNNING, ExecutorStatus.IDLE
 OTHER = ExecutorStatus(state=RUNNING, request="other", goals=["(checked hall)"])
@@ -105,6 +106,7 @@ def test_a_breakpoint_is_named(progress: SendProgress, said: List[str]) -> None:
 # Runs a script until it imports what it does, and holds it there.
 HELD = """
 import runpy, sys
+from merlin_test import LONG
 class Hold:
     def find_spec(name, *_):
         if name == "merlin.send":
@@ -123,7 +125,7 @@ def test_ctrl_c_before_the_node_has_begun_gives_no_traceback() -> None:
     process = subprocess.Popen([sys.executable, "-c", HELD, script, "(checked hall)"], **pipes)
     assert process.stdout is not None and process.stdout.readline() == "imports\n"
     process.send_signal(signal.SIGINT)
-    _, errors = process.communicate(timeout=60.0)
+    _, errors = process.communicate(timeout=LONG)
     assert process.returncode == -signal.SIGINT and errors == ""
 
 

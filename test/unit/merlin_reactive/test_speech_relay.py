@@ -35,7 +35,7 @@ from merlin_ros.actions.action_client import ActionClient
 from sound_play.msg import SoundRequest, SoundRequestAction, SoundRequestGoal
 rospy.init_node("client")
 client = ActionClient("sound_play", SoundRequestAction)
-assert client.wait_for_server(120.0)
+assert client.wait_for_server(300.0)
 request = SoundRequest(sound=int(sys.argv[2]), command=1, arg=sys.argv[1], volume=1.0)
 goal = client.send(SoundRequestGoal(sound_request=request))
 if "later" in sys.argv[1]:

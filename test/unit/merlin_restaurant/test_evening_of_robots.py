@@ -17,6 +17,7 @@ from merlin_restaurant.evening import AT_ONCE, TRIES, Evening
 from merlin_restaurant.table_state import remember_state
 from merlin_ros.class_path import load_class
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
+from merlin_test import LONG
 
 FAILED = ExecuteResult(outcome=ExecuteResult.ACTION_FAILED, reason="the way is blocked")
 ROOT = Path(__file__).resolve().parents[3]
@@ -159,10 +160,10 @@ def test_a_round_in_which_nothing_can_be_looked_at_is_not_begun_anew_at_once(
     reported: List[str] = []
     mission = threading.Thread(target=Evening(closed.is_set, reported.append, robots=NAMES).run)
     mission.start()
-    assert looked.wait(60.0)
+    assert looked.wait(LONG)
     closed.set()
     evening.change(add="(checked table_2)")
-    mission.join(60.0)
+    mission.join(LONG)
     assert not mission.is_alive()
     assert reported == ["checks all tables", "closed: looks once more at what is not ready"]
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from merlin_test import LONG
 from merlin_test.node_path import node_path
 
 SOURCE = Path(__file__).resolve().parents[3] / "src"
@@ -40,7 +41,7 @@ def test_a_command_says_what_it_is(script: Path) -> None:
         stdin=subprocess.DEVNULL,
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=LONG,
         check=False,
     )
     assert done.returncode == 0, done.stderr

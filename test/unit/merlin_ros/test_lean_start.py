@@ -122,7 +122,7 @@ SOME_MODULE = """
 runs.append(1)
 first = 1
 entered.set()
-go.wait(60)
+go.wait(300.0)
 last = 2
 """
 
@@ -151,13 +151,13 @@ def use(name):
     seen.put((getattr(some_module, name), hasattr(some_module, "last")))
 threads = [threading.Thread(target=use, args=(name,)) for name in ("first", "last", "first")]
 threads[0].start()
-assert entered.wait(60)
+assert entered.wait(300.0)
 for thread in threads[1:]:
     thread.start()
 go.set()
 for thread in threads:
-    thread.join(60)
-assert sorted(seen.get(timeout=60) for _ in threads) == [(1, True), (1, True), (2, True)]
+    thread.join(300.0)
+assert sorted(seen.get(timeout=300.0) for _ in threads) == [(1, True), (1, True), (2, True)]
 assert len(runs) == 1 and type(some_module) is type(sys)
 """,
     )

@@ -13,6 +13,7 @@ from rosplan_knowledge_msgs.msg import StatusUpdate
 from rospy import core, topics
 
 from merlin_ros.publishing import OnSubscriber, publish
+from merlin_test import LONG
 
 
 class Closed:
@@ -115,7 +116,7 @@ def test_what_a_new_subscriber_gets_is_not_mixed_with_what_is_published_meanwhil
             published.wait(0.5)  # it comes only after this: no event says that it waits
 
     def publish_meanwhile():
-        begun.wait(60.0)
+        begun.wait(LONG)
         publish(topic, StatusUpdate(last_update_client="to all"))
         published.set()
 
@@ -128,5 +129,5 @@ def test_what_a_new_subscriber_gets_is_not_mixed_with_what_is_published_meanwhil
     with ours, theirs:
         subscriber.fileno = ours.fileno
         topic.impl.add_connection(subscriber)
-        other.join(60.0)
+        other.join(LONG)
     assert subscriber.sent == [wire("welcome"), wire("to all")]

@@ -6,6 +6,7 @@ import threading
 import pytest
 
 import smach
+from merlin_test import LONG
 
 
 @pytest.fixture
@@ -22,7 +23,7 @@ def in_thread(function):
     results = []
     thread = threading.Thread(target=lambda: results.append(function()), daemon=True)
     thread.start()
-    thread.join(60.0)
+    thread.join(LONG)
     assert results, "the other thread hangs or failed"
     return results[0]
 
@@ -155,7 +156,7 @@ def test_d6_concurrence_refuses_an_unregistered_outcome_of_a_child(kit):
 
 def test_d7_threads_build_at_the_same_time_without_mixing(kit):
     machines = {name: smach.StateMachine(["done"]) for name in ("A", "B")}
-    both_open, both_added = threading.Barrier(2, timeout=60.0), threading.Barrier(2, timeout=60.0)
+    both_open, both_added = threading.Barrier(2, timeout=LONG), threading.Barrier(2, timeout=LONG)
 
     def build(name):
         # With one lock for all this would hang; with one stack for all both would add to the same machine.
@@ -167,7 +168,7 @@ def test_d7_threads_build_at_the_same_time_without_mixing(kit):
     other = threading.Thread(target=build, args=("B",), daemon=True)
     other.start()
     build("A")
-    other.join(60.0)
+    other.join(LONG)
     assert {name: list(sm.get_children()) for name, sm in machines.items()} == {"A": ["A"], "B": ["B"]}
 
 

@@ -10,6 +10,8 @@ from typing import Callable, Iterator, List
 import pytest
 from chaos.under_test.tcpros import Service, Ticks, Unanswered, header
 
+from merlin_test import LONG
+
 LENGTH = struct.Struct("<I")
 
 
@@ -26,7 +28,7 @@ def server(answer: Callable[[socket.socket], None]) -> Iterator[Service]:
         thread = threading.Thread(target=serve, name="node", daemon=True)
         thread.start()
         yield Service("/stop", f"rosrpc://127.0.0.1:{door.getsockname()[1]}")
-        thread.join(60.0)
+        thread.join(LONG)
 
 
 def block(connection: socket.socket) -> bytes:
@@ -50,7 +52,7 @@ def test_what_a_service_answers_comes_back() -> None:
 
 def test_a_node_that_does_not_greet_is_reported_as_such() -> None:
     over = threading.Event()
-    with server(lambda connection: bool(over.wait(60.0)) and None) as service:
+    with server(lambda connection: bool(over.wait(LONG)) and None) as service:
         ticks = Ticks(0.2)
         with pytest.raises(Unanswered, match="no answer within 0.2 s"):
             service.ask(ticks)

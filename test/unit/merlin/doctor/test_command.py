@@ -12,6 +12,7 @@ from merlin.doctor.findings import Machine
 from merlin.launch_request import LaunchError
 from merlin.running import NothingRuns
 from merlin_ros.master.master_link import MasterSilent
+from merlin_test import LONG
 from merlin_test.node_path import node_path
 from merlin_test.ports import free_ports, release
 
@@ -92,7 +93,7 @@ DEAD = "import rospy; rospy.init_node('dead'); print('ready', flush=True); rospy
 
 def doctor(env: Dict[str, str]) -> "subprocess.CompletedProcess[str]":
     return subprocess.run(
-        [node_path("merlin", "doctor")], env=env, capture_output=True, text=True, check=False, timeout=120
+        [node_path("merlin", "doctor")], env=env, capture_output=True, text=True, check=False, timeout=LONG
     )
 
 

@@ -14,6 +14,7 @@ import pytest
 import roslaunch
 
 from merlin.launch_request import launch_folder
+from merlin_test import LONG
 
 pytestmark = pytest.mark.processes
 #: Stands for rosbag's: writes NAME.bag.active, renamed when it is interrupted; says then when that was.
@@ -22,6 +23,7 @@ import os
 import signal
 import sys
 import time
+from merlin_test import LONG
 target = sys.argv[sys.argv.index("--output-name") + 1]
 signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
 with open(target + ".active", "w") as file:
@@ -62,18 +64,18 @@ class Recorder:
     def end(self, number: int = signal.SIGTERM) -> str:
         """Ends the recording by a signal to the session; returns what was said on the screen."""
         os.killpg(self._process.pid, number)
-        self.ended, errors = self._process.communicate(timeout=60)
+        self.ended, errors = self._process.communicate(timeout=LONG)
         return errors
 
     def kill(self) -> None:
         """Ends it without its bag."""
         os.kill(self._recorder, signal.SIGKILL)
-        self._process.communicate(timeout=60)
+        self._process.communicate(timeout=LONG)
 
     def kill_script(self) -> None:
         """Kills what has started it."""
         self._process.kill()
-        self._process.communicate(timeout=60)
+        self._process.communicate(timeout=LONG)
 
 
 def found(folder: Path) -> dict:

@@ -28,6 +28,7 @@ from merlin_explain.node.recorded_run import ask_recording
 from merlin_explain.node.why_panel import WhyPanel
 from merlin_monitor.bag import BAG, KNOWLEDGE, PARAMETERS
 from merlin_rosplan.planning import planner_engines
+from merlin_test import LONG
 from merlin_test.node_path import node_path
 
 GOAL = "(tidy kitchen)"
@@ -77,7 +78,7 @@ def why(
 ) -> "subprocess.CompletedProcess[str]":
     environment = {**os.environ, "ROS_MASTER_URI": "http://127.0.0.1:1"}
     return subprocess.run(
-        [*command, *words], env=environment, capture_output=True, text=True, timeout=120, check=False
+        [*command, *words], env=environment, capture_output=True, text=True, timeout=LONG, check=False
     )
 
 
@@ -120,6 +121,7 @@ REFUSED = {
 REFUSE = """
 import json, sys
 from merlin.why.command import main
+from merlin_test import LONG
 for words in json.loads(sys.argv.pop()):
     sys.argv[1:] = words
     print("exit code", main(), file=sys.stderr, flush=True)

@@ -24,6 +24,7 @@ from merlin_monitor.state.machine_section import (
 )
 from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.text.phrase import in_english
+from merlin_test import LONG
 
 OUTER = structure(
     "/M",
@@ -106,7 +107,8 @@ def test_a_machine_that_cannot_be_drawn_does_not_end_the_pictures() -> None:
     layouts.ask("broken", broken)
     layouts.ask("whole", lambda: plan_graph({"0": "going"}, []))
     pictures = {
-        name: (picture, reason) for name, picture, reason in (drawn.get(timeout=60), drawn.get(timeout=60))
+        name: (picture, reason)
+        for name, picture, reason in (drawn.get(timeout=LONG), drawn.get(timeout=LONG))
     }
     layouts.stop()
     assert pictures["broken"] == (None, "KeyError: 'outcomes'")

@@ -9,6 +9,7 @@ from typing import Any, Dict, Tuple
 import pytest
 from shown_page import Visit, chromium
 
+from merlin_test import LONG
 from merlin_test.node_path import node_path
 
 pytestmark = pytest.mark.processes
@@ -31,6 +32,7 @@ REPORTS = """
 import sys, rospy
 from diagnostic_msgs.msg import DiagnosticArray
 from merlin_test.topic_links import init_node
+from merlin_test import LONG
 init_node("reports")
 def told(message):
     if any(status.name.startswith(sys.argv[1]) for status in message.status):
@@ -41,7 +43,7 @@ rospy.spin()
 
 
 def state(address: str) -> Dict[str, Any]:
-    with urllib.request.urlopen(f"{address}state.json", timeout=60) as answer:
+    with urllib.request.urlopen(f"{address}state.json", timeout=LONG) as answer:
         return json.load(answer)["state"]
 
 

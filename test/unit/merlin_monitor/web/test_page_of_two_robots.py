@@ -12,6 +12,7 @@ from merlin_msgs.msg import GuardStatus
 from shown_page import Visit, chromium
 
 from merlin_monitor.access.operators import write_operators
+from merlin_test import LONG
 from merlin_test.node_path import node_path
 
 pytestmark = pytest.mark.processes
@@ -23,6 +24,7 @@ WITNESS = """
 import sys, rospy
 from merlin_msgs.msg import GuardStatus
 from merlin_test.topic_links import init_node
+from merlin_test import LONG
 init_node("witness", anonymous=True)
 last = []
 def told(status):
@@ -82,7 +84,7 @@ def address(master: Any, tmp_path: Path) -> str:
 
 
 def state(address: str) -> Dict[str, Any]:
-    with urllib.request.urlopen(f"{address}state.json", timeout=60) as answer:
+    with urllib.request.urlopen(f"{address}state.json", timeout=LONG) as answer:
         return json.load(answer)["state"]
 
 

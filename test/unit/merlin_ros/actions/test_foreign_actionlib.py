@@ -37,10 +37,10 @@ if sys.argv[2:] == ["smach"]:
     run = lambda: state.execute(smach.UserData())
 else:
     client = ActionClient("listen", ListenAction)
-    assert client.wait_for_server(60.0)
+    assert client.wait_for_server(300.0)
     def run():
         goal = client.send(ListenGoal())
-        assert goal.wait(60.0)
+        assert goal.wait(300.0)
         return goal.status, goal.result.text
 print("END", run(), flush=True)
 back[0] += 86400.0
@@ -106,9 +106,9 @@ def execute(goal):
 server = actionlib.SimpleActionServer("listen", ListenAction, execute, auto_start=False)
 server.start()
 ours = ActionClient("listen", ListenAction)
-assert ours.wait_for_server(60.0)
+assert ours.wait_for_server(300.0)
 plain = actionlib.SimpleActionClient("listen", ListenAction)
-assert plain.wait_for_server(rospy.Duration(60.0))
+assert plain.wait_for_server(rospy.Duration(300.0))
 heard = []
 plain.send_goal(ListenGoal(), active_cb=lambda: heard.append(1))
 statuses = []
@@ -116,7 +116,7 @@ subscriber = rospy.Subscriber("listen/status", rospy.AnyMsg, statuses.append)
 while len(statuses) < 5:
     rospy.sleep(0.05)
 print("go on", flush=True)
-assert plain.wait_for_result(rospy.Duration(60.0))
+assert plain.wait_for_result(rospy.Duration(300.0))
 print("END", plain.get_state(), plain.get_result().text, flush=True)
 """
 

@@ -8,6 +8,7 @@ import pytest
 
 from merlin_ros.actions import hang_watch
 from merlin_ros.actions.hang_watch import HUNG, SETTLE, HangWatch
+from merlin_test import LONG
 
 
 class Clock:
@@ -98,7 +99,7 @@ def test_a_wait_ends_when_the_process_has_settled(clock):
     assert watch.unsettled() > 0.0 and not passed.is_set()
     clock.now += SETTLE
     watch.beat()
-    assert passed.wait(60.0)
+    assert passed.wait(LONG)
 
 
 def test_a_wait_ends_when_it_is_not_wanted_any_more(clock):
@@ -114,5 +115,5 @@ def test_a_wait_ends_when_the_beat_never_comes():
     missed[0] = 2 * HUNG
     waits = threading.Thread(target=watch.wait_settled, args=(lambda: False,), daemon=True)
     waits.start()
-    waits.join(60.0)
+    waits.join(LONG)
     assert not waits.is_alive() and watch.unsettled() > 0.0

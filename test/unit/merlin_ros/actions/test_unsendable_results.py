@@ -41,11 +41,11 @@ from merlin_ros.node import run_node
 
 def start():
     client = ActionClient("listen", ListenAction)
-    assert client.wait_for_server(100)
+    assert client.wait_for_server(300.0)
     def run():
         for wanted in ("raise", "text", "result", "number", "error", "good"):
             goal = client.send(ListenGoal(grammar=wanted))
-            assert goal.wait(100), wanted
+            assert goal.wait(300.0), wanted
             print("ANSWER", wanted, goal.status, goal.text, goal.result and goal.result.text, flush=True)
     return run
 sys.exit(run_node("client", start))

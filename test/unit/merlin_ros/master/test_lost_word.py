@@ -28,7 +28,7 @@ client = ActionClient("speech", ListenAction)
 while client.missing != "no node publishes its status":
     client.wait_for_server(2.0)
 print(client.absence(2.0), flush=True)
-print("there", client.wait_for_server(100.0), sorted(lost), flush=True)
+print("there", client.wait_for_server(300.0), sorted(lost), flush=True)
 """
 SERVER = """
 import rospy

@@ -61,11 +61,11 @@ from merlin_ros.node import on_master_back, on_master_lost, run_node
 from merlin_ros.service_proxy import ServiceProxy
 
 def round(ask, drive):
-    rospy.wait_for_message("count", Int32, 100)
+    rospy.wait_for_message("count", Int32, 300.0)
     assert ask().message == "told"
-    assert drive.wait_for_server(100)
+    assert drive.wait_for_server(300.0)
     goal = drive.send(MoveBaseGoal())
-    assert goal.wait(100), "no result"
+    assert goal.wait(300.0), "no result"
     assert goal.status == 3, goal.status
 
 def start():
@@ -331,7 +331,7 @@ def say(*words):
 def start():
     master_watch.HUNG = 6.0
     on_master_lost(lambda: say("LOST"))
-    state = TopicState("count", Int32, timeout=60.0)
+    state = TopicState("count", Int32, timeout=300.0)
     say("started")
     def run():
         sys.stdin.readline()
@@ -345,8 +345,8 @@ def start():
             say("ASK", time.monotonic() - begun < 50.0, error)
         sys.stdin.readline()
         came = threading.Event()
-        subscribe_by(Deadline(60.0), threading.Event(), "count", Int32, lambda _: came.set())
-        say("HEARD", came.wait(60.0))
+        subscribe_by(Deadline(300.0), threading.Event(), "count", Int32, lambda _: came.set())
+        say("HEARD", came.wait(300.0))
     return run
 sys.exit(run_node("late", start))
 """
