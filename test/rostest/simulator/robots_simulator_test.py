@@ -24,6 +24,10 @@ LONG = 600.0  # s of wall time
 ROBOTS = ("ann", "bob")
 
 
+def publishers():
+    return dict(rosgraph.Master("/test").getSystemState()[0])
+
+
 class RobotsSimulator(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
@@ -94,10 +98,10 @@ class RobotsSimulator(unittest.TestCase):
         buffer = tf2_ros.Buffer()
         listener = tf2_ros.TransformListener(buffer)
         self.assertTrue(self.until(lambda: set(self.poses) == set(self.scans) == set(ROBOTS)))
-        publishers = dict(rosgraph.Master("/test").getSystemState()[0])
         for robot in ROBOTS:
             self.assertEqual(self.scans[robot].header.frame_id, f"{robot}/base_laser")
-            self.assertEqual(publishers[f"/{robot}/cmd_vel"], [f"/{robot}/merlin_guard"])
+            topic, guard = f"/{robot}/cmd_vel", [f"/{robot}/merlin_guard"]
+            self.assertTrue(self.until(lambda t=topic, g=guard: publishers().get(t) == g), publishers())
             capture = patient_service(f"{robot}/camera/capture", CaptureImage)
             self.assertTrue(capture.wait(LONG))
             picture = capture()
