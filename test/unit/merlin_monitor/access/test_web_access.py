@@ -4,6 +4,8 @@
 import asyncio
 import json
 import socket
+import threading
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any, Dict, Optional
 
 import aiohttp
@@ -11,6 +13,7 @@ import pytest
 from served import TOKEN, Served, ask
 
 from merlin_monitor.access.web_access import HostNameError, RequestRefused, WebAccess
+from merlin_test import LONG
 
 
 @pytest.mark.everywhere
@@ -213,6 +216,26 @@ def test_the_stop_button(served: Served) -> None:
     assert served.robot.calls == [("stop", "Ana")]
     released = ask(served.url, "control/release", "POST", CONTROL)
     assert released.status == 409 and "no velocity guard" in released.said
+
+
+def test_a_stop_waits_for_no_other_request(served: Served, monkeypatch: pytest.MonkeyPatch) -> None:
+    begun, end, plan = threading.Semaphore(0), threading.Event(), served.robot.plan
+
+    def slow_plan(*asked: Any) -> Dict[str, Any]:
+        begun.release()
+        assert end.wait(LONG)
+        return plan(*asked)
+
+    monkeypatch.setattr(served.robot, "plan", slow_plan)
+    asking = (served.url, "control/plan", "POST", CONTROL, {"goal": "(a)"})
+    with ThreadPoolExecutor(40) as pages:
+        plans = [pages.submit(ask, *asking) for _ in range(40)]
+        try:
+            assert all(begun.acquire(timeout=LONG) for _ in plans)
+            assert ask(served.url, "control/stop", "POST", CONTROL).status == 200
+        finally:
+            end.set()
+    assert {each.result().status for each in plans} == {200}
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 """The web server: the page, its live feed, the map's picture, the history and the control of the robot."""
 
 import asyncio
+import concurrent.futures
 import json
 import logging
 import math
@@ -34,6 +35,7 @@ from merlin_monitor.text.phrase import say
 from merlin_monitor.web.connections import ServerError, SilentConnections, body_of, listen
 from merlin_monitor.web.live_feed import LiveFeed
 from merlin_monitor.web.page_control import ControlError, Controls
+from merlin_ros.work.threads import start_thread
 
 FILES = (".html", ".css", ".js", ".json", ".svg")
 GOODBYE = 0.5  # s for a page to answer when it is closed
@@ -330,10 +332,10 @@ class WebServer:
         if control is None:
             raise RequestRefused(READ_ONLY)
         try:
-            done = self._loop.run_in_executor(None, lambda: control.carry_out(what, fields, by))
+            done = _in_thread(f"page: {what}", lambda: control.carry_out(what, fields, by))
             if wrong:  # the robot stops at once; who tries tokens has to wait all the same
                 await self._wrong_tokens.slow_down(address)
-            said = await done
+            said = await asyncio.wrap_future(done)
         except ControlError as error:
             return web.json_response({"error": str(error), "confirm": error.confirm}, status=409)
         return web.json_response(said)
@@ -344,6 +346,21 @@ class WebServer:
         event = sentence("control", said, self._state.tree.get("meta", "time") or 0.0)
         logging.getLogger(__name__).warning("%s", event.text)
         self._state.report(event)
+
+
+def _in_thread(name: str, call: Callable[[], Dict[str, Any]]) -> "concurrent.futures.Future[Dict[str, Any]]":
+    """Makes a call in a thread of its own: a stop does not wait for requests that wait for an answer."""
+    done: concurrent.futures.Future[Dict[str, Any]] = concurrent.futures.Future()
+    done.set_running_or_notify_cancel()
+
+    def work() -> None:
+        try:
+            done.set_result(call())
+        except BaseException as error:
+            done.set_exception(error)
+
+    start_thread(name, work)
+    return done
 
 
 def _number(request: web.Request, name: str, default: str = "") -> int:
