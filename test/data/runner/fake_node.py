@@ -6,6 +6,7 @@ exit N      prints a line and ends with exit code N
 wait        says it is ready and runs until a signal ends it
 deaf        as wait, ignoring SIGINT and SIGTERM
 litter      leaves a child in a process group of its own behind and ends with 0
+talk        writes more to both outputs than a pipe takes, and ends with 0
 """
 
 import os
@@ -23,6 +24,11 @@ if what == "exit":
 if what == "litter":
     child = subprocess.Popen([sys.executable, __file__, "deaf"], start_new_session=True)
     print(f"mission: left {child.pid} behind", flush=True)
+    sys.exit(0)
+if what == "talk":
+    for _ in range(4000):
+        os.write(2, b"mission: a warning of some length, which is meant for a screen\n")
+    print("mission: last line")
     sys.exit(0)
 
 

@@ -71,6 +71,7 @@ sys.stdout.reconfigure(line_buffering=True)
 def start():
     rospy.loginfo("not taken")
     rospy.logerr("nor is this")
+    print("nor this", flush=True)
     open(sys.argv[1], "w").write("went on")
     return lambda: None
 sys.exit(run_node("somebody", start))

@@ -5,10 +5,12 @@ A node that is stopped while it still starts dies with a traceback that says not
 the middle of a run does. So the lines go to the screen while the run lasts, and to the log file always.
 """
 
+import contextlib
 import os
 import threading
 from pathlib import Path
 
+from merlin_ros.processes.screen import Screen
 from merlin_ros.work.threads import start_thread
 
 STDERR = 2
@@ -28,7 +30,8 @@ class ErrorRelay:
         self._muted = threading.Event()
 
     def __enter__(self) -> "ErrorRelay":
-        self._screen = os.dup(STDERR)
+        self._held = os.dup(STDERR)
+        self._screen = Screen(self._held)
         self._source, sink = os.pipe()
         os.dup2(sink, STDERR)
         os.close(sink)
@@ -36,13 +39,14 @@ class ErrorRelay:
         return self
 
     def __exit__(self, *_: object) -> None:
-        os.dup2(self._screen, STDERR)
+        os.dup2(self._held, STDERR)
         self._reader.join(timeout=5.0)
-        os.close(self._screen)
+        self._screen.close()
+        os.close(self._held)
 
     def say(self, text: str) -> None:
         """Puts one line of our own on the screen."""
-        os.write(self._screen, f"{text}\n".encode())
+        self._screen.write(f"{text}\n".encode())
 
     def mute(self) -> None:
         """Sends the nodes' lines to the log file only, from now on."""
@@ -51,6 +55,7 @@ class ErrorRelay:
     def _relay(self) -> None:
         with self._log_file.open("ab", buffering=0) as log, os.fdopen(self._source, "rb") as source:
             for line in source:
-                log.write(line)
+                with contextlib.suppress(OSError):  # without a reader of the pipe, nodes would die
+                    log.write(line)
                 if not self._muted.is_set():
-                    os.write(self._screen, line)
+                    self._screen.write(line)

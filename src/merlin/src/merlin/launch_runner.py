@@ -9,6 +9,7 @@ their warnings and errors (stderr) excepted.
 """
 
 import contextlib
+import io
 import os
 import queue
 import signal
@@ -35,6 +36,7 @@ from merlin.running import announced
 from merlin.supervision import WRAPPER_SPAN, Restarts, end_children
 from merlin_ros.lean_start import end_lightly
 from merlin_ros.processes.process_tree import adopt_orphans, end_with
+from merlin_ros.processes.screen import Screen
 
 MISSION_NODE = "mission"
 #: The script that starts a node again which has died, as a launch-prefix.
@@ -211,7 +213,9 @@ class LaunchRun:
         log_file = self.log_folder / "run.log"
         with contextlib.ExitStack() as stack:
             self._relay = stack.enter_context(ErrorRelay(log_file))
-            log = stack.enter_context(log_file.open("a", buffering=1))
+            file = stack.enter_context(log_file.open("ab", buffering=0))
+            lines: Any = Screen(file.fileno())
+            log = io.TextIOWrapper(lines, "utf-8", line_buffering=True)
             # Nodes inherit the descriptors, not these objects: only roslaunch's own lines go to the file.
             stack.enter_context(contextlib.redirect_stdout(log))
             stack.enter_context(contextlib.redirect_stderr(log))

@@ -17,6 +17,7 @@ from typing import Callable, List, Optional, Set, Tuple
 
 from merlin_ros.alarms import TICK, TickClock
 from merlin_ros.processes.process_tree import adopt_orphans, children, end_with
+from merlin_ros.processes.screen import print_without_failing
 from merlin_ros.work.threads import start_thread
 
 SI_KERNEL = 0x80
@@ -216,4 +217,5 @@ def main() -> int:
 
         return run_launch(again, ends)
 
+    print_without_failing()
     return supervise(run, "merlin run")

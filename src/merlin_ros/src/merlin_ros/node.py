@@ -3,7 +3,6 @@
 
 import contextlib
 import faulthandler
-import logging
 import os
 import signal
 import sys
@@ -16,7 +15,6 @@ import rosgraph
 import rospy
 from rosgraph.names import load_mappings, resolve_name
 from rosgraph.network import parse_http_host_and_port
-from rosgraph.roslogging import RosStreamHandler
 from rospy.core import is_shutdown_requested
 from rospy.impl import tcpros_base
 from rospy.impl.paramserver import get_param_server_cache
@@ -31,6 +29,7 @@ from merlin_ros.master.namesake import Namesake, ignore_strays, living_namesake
 from merlin_ros.parameters import ParameterError
 from merlin_ros.ports import service_server, tcpros_port, xmlrpc_port
 from merlin_ros.ports.self_check import Port, SelfCheck
+from merlin_ros.processes.screen import print_without_failing
 from merlin_ros.prompt_sending import send_promptly
 
 #: Exit code of a node that could not begin: starting it again as it is will not help.
@@ -197,7 +196,7 @@ def init_node(name: str, **options: Any) -> None:
     _wait_for_master(name)
     if not options.get("anonymous"):
         _refuse_second(name)
-    _log_without_failing()
+    print_without_failing()
     _ending.enter_rospy()
     try:
         with log_configured(), announced_together():
@@ -395,20 +394,6 @@ def _refuse_second(name: str) -> None:
         return  # gone again; rospy waits for it
     if namesake is not None:
         _refuse(own, namesake.refusal())
-
-
-def _log_without_failing() -> None:
-    """What a full disk or a closed pipe does not take of the log is lost there, and nothing fails of it.
-
-    rospy's handler lets the line of code that logs have the error.
-    """
-    emit = RosStreamHandler.emit
-
-    def emit_if_possible(handler: RosStreamHandler, record: logging.LogRecord) -> None:
-        with contextlib.suppress(OSError, ValueError):
-            emit(handler, record)
-
-    RosStreamHandler.emit = emit_if_possible
 
 
 def _settle_parameters() -> None:

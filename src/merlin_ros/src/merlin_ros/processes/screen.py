@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a process prints, where that may end or stand: a pipe, a full disk, a terminal after Ctrl-S.
+
+The work goes on: what cannot be written is lost. What is more than a screen's reader takes waits once.
+"""
+
+import contextlib
+import io
+import os
+import select
+import sys
+from typing import Any
+
+PATIENCE = 1.0  # s of wall time for which a screen that takes nothing is waited for, once
+
+
+class Screen(io.RawIOBase):
+    """A file that takes all that is written, and never fails.
+
+    :param descriptor: of the open file, pipe or terminal behind it, which stays open.
+    """
+
+    def __init__(self, descriptor: int) -> None:
+        self._descriptor = self._own = descriptor
+        with contextlib.suppress(OSError):
+            # Room of a terminal may be one character. The flags of the other descriptor are shared.
+            self._own = os.open(os.ttyname(descriptor), os.O_WRONLY | os.O_NONBLOCK | os.O_NOCTTY)
+        self._stands = False
+        self._room = select.poll()
+        self._room.register(self._own, select.POLLOUT)
+
+    def fileno(self) -> int:
+        """Its descriptor."""
+        return self._descriptor
+
+    def isatty(self) -> bool:
+        """Whether it is a terminal."""
+        return os.isatty(self._descriptor)
+
+    def writable(self) -> bool:
+        """It is."""
+        return True
+
+    def write(self, data: Any) -> int:
+        """Writes what there is room for; returns the length of all."""
+        left = whole = bytes(data)
+        with contextlib.suppress(OSError):
+            while left:
+                self._stands = not self._room.poll(0 if self._stands else 1000 * PATIENCE)
+                if self._stands:
+                    break
+                # A pipe that has room takes so much at once.
+                left = left[os.write(self._own, left[: select.PIPE_BUF]) :]
+        return len(whole)
+
+    def close(self) -> None:
+        """Takes nothing any more."""
+        if not self.closed and self._own != self._descriptor:
+            os.close(self._own)
+        super().close()
+
+
+def print_without_failing() -> None:
+    """What this process prints from now on goes to a :class:`Screen`, unless that was replaced before."""
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
+        if stream is not getattr(sys, f"__{name}__") or not isinstance(stream, io.TextIOWrapper):
+            continue  # a test reads it; or it is closed
+        with contextlib.suppress(OSError):
+            stream.flush()
+        file: Any = Screen(stream.fileno())
+        screen = io.TextIOWrapper(
+            file,
+            stream.encoding,
+            stream.errors,
+            line_buffering=stream.line_buffering,
+            write_through=stream.write_through,
+        )
+        setattr(sys, name, screen)
