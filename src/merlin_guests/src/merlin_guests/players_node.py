@@ -17,6 +17,7 @@ from merlin_guests.house import BAR, House
 from merlin_guests.places import ENTRANCE_DOOR, Places
 from merlin_guests.schedule import DISTURBANCES, TABLES, GuestPlan, ScheduleError, make_schedule
 from merlin_guests.stage import Closed, PlayError, Stage
+from merlin_ros.deadline import LONGEST_SLEEP
 from merlin_ros.node import init_node, spin
 from merlin_ros.parameters import ParameterError, number, whole
 from merlin_ros.service_proxy import ServiceError
@@ -88,14 +89,13 @@ class Players:
             return 1
         barman = self._start(self._barman, BARMAN)
         threads = [self._start(guest, guest.plan.name) for guest in self._guests]
-        for thread in threads:
-            thread.join()
+        _wait_for(*threads)
         if self._failure or rospy.is_shutdown():
             return 1 if self._failure else 0
         self._stage.publish(GuestEvent.CLOSED)
         spin()
         self._stage.close()
-        barman.join()
+        _wait_for(barman)
         return 0
 
     def _start(self, player: Union[Guest, Barman], name: str) -> threading.Thread:
@@ -121,6 +121,12 @@ class Players:
                 self._stage.remove(name)
         for thing in self._things:
             self._stage.remove(thing)
+
+
+def _wait_for(*threads: threading.Thread) -> None:
+    for thread in threads:
+        while thread.is_alive():  # not one long wait: a signal just before it would be handled behind it
+            thread.join(LONGEST_SLEEP)
 
 
 def make_players(

@@ -23,6 +23,7 @@ from merlin_executor.mission.goal_state import ACHIEVED, outcome_text
 from merlin_executor.mission.readiness import NotReady
 from merlin_executor.request_times import Written, read_time
 from merlin_planning.knowledge_text import parse_goal
+from merlin_ros.deadline import LONGEST_SLEEP
 from merlin_ros.ros_alarm import RosAlarm, call_after
 from merlin_ros.service_proxy import ServiceError
 
@@ -218,7 +219,10 @@ class Day(GoalDispatcher):
             for errand in self._errands:
                 self._begin(errand)
             while self._open:
-                event = self._events.get()
+                try:  # not one long wait: a signal that comes just before it would be handled behind it
+                    event = self._events.get(timeout=LONGEST_SLEEP)
+                except queue.Empty:
+                    continue
                 self._refuse_cancelled(["what is due next"])
                 event()
         finally:
