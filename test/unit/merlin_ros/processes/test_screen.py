@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is printed where nothing reads it is lost, keeps nothing waiting, and is shown again later."""
+"""What is printed or logged where that is not possible is lost, and keeps nothing waiting."""
 
 import os
+import subprocess
+import sys
 import termios
 import tty
 from typing import Iterator, Tuple
@@ -9,6 +11,7 @@ from typing import Iterator, Tuple
 import pytest
 
 from merlin_ros.processes.screen import Screen
+from merlin_test import LONG
 
 
 @pytest.fixture(params=["pipe", "terminal"])
@@ -54,3 +57,26 @@ def test_a_terminal_that_is_stopped_keeps_nothing_waiting() -> None:
     screen.write(b"to nobody")
     os.close(writing)
     assert screen.write(b"nor to a file that is closed") == 28
+
+
+LOGS = """
+import logging
+from merlin_ros.processes.screen import print_without_failing
+print_without_failing()
+log = logging.getLogger()
+log.addHandler(logging.FileHandler("/dev/full"))
+for number in range(100):
+    log.error("line %d", number)
+log.handlers[0].stream = open("/dev/null", "w")
+log.error("line %d", "wrong")
+"""
+
+
+def test_of_a_log_that_cannot_be_written_it_is_said_once_and_of_a_wrong_line_as_ever() -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", LOGS], capture_output=True, text=True, timeout=LONG, check=True
+    )
+    first, *rest = done.stderr.splitlines()
+    assert first == "/dev/full cannot be written: No space left on device; its lines are lost"
+    assert rest[0] == "--- Logging error ---" and rest.count("--- Logging error ---") == 1
+    assert "Arguments: ('wrong',)" in rest

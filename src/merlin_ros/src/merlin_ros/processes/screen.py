@@ -1,17 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a process prints, where that may end or stand: a pipe, a full disk, a terminal after Ctrl-S.
+"""What a process prints and logs, where that may end or stand: a pipe, a full disk, a terminal after Ctrl-S.
 
 The work goes on: what cannot be written is lost. What is more than a screen's reader takes waits once.
 """
 
 import contextlib
 import io
+import logging
+import math
 import os
 import select
 import sys
-from typing import Any
+import time
+from typing import Any, Callable
 
 PATIENCE = 1.0  # s of wall time for which a screen that takes nothing is waited for, once
+REMIND = 60.0  # s of wall time between two words about a log that cannot be written
 
 
 class Screen(io.RawIOBase):
@@ -61,7 +65,11 @@ class Screen(io.RawIOBase):
 
 
 def print_without_failing() -> None:
-    """What this process prints from now on goes to a :class:`Screen`, unless that was replaced before."""
+    """What this process prints from now on goes to a :class:`Screen`, unless that was replaced before.
+
+    Of a log that cannot be written it is said once; Python would print a traceback with each line.
+    """
+    logging.Handler.handleError = _lost_lines(logging.Handler.handleError)  # type: ignore[method-assign]
     for name in ("stdout", "stderr"):
         stream = getattr(sys, name)
         if stream is not getattr(sys, f"__{name}__") or not isinstance(stream, io.TextIOWrapper):
@@ -77,3 +85,19 @@ def print_without_failing() -> None:
             write_through=stream.write_through,
         )
         setattr(sys, name, screen)
+
+
+def _lost_lines(usual: Callable[..., None]) -> Callable[..., None]:
+    said = -math.inf  # s
+
+    def handle_error(handler: logging.Handler, record: logging.LogRecord) -> None:
+        nonlocal said
+        error = sys.exc_info()[1]
+        if not isinstance(error, OSError):
+            usual(handler, record)
+        elif time.monotonic() - said >= REMIND:
+            said = time.monotonic()
+            file = getattr(handler, "baseFilename", "the log")
+            print(f"{file} cannot be written: {error.strerror}; its lines are lost", file=sys.stderr)
+
+    return handle_error
