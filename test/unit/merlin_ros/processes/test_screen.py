@@ -63,6 +63,7 @@ LOGS = """
 import logging
 from merlin_ros.processes.screen import print_without_failing
 print_without_failing()
+print("“thé”")
 log = logging.getLogger()
 log.addHandler(logging.FileHandler("/dev/full"))
 for number in range(100):

@@ -80,7 +80,7 @@ def print_without_failing() -> None:
         screen = io.TextIOWrapper(
             file,
             stream.encoding,
-            stream.errors,
+            "backslashreplace" if stream.errors == "strict" else stream.errors,
             line_buffering=stream.line_buffering,
             write_through=stream.write_through,
         )
