@@ -45,6 +45,7 @@ LONGEST_REQUEST = 64 * 1024  # bytes
 NEXT_REQUEST = 15  # s between two requests of a connection
 COMPRESSED = 64 * 1024  # characters of an answer from when it is compressed, but for this machine
 LARGEST_NUMBER = 2**62
+AT_ONCE = 50  # requests, and as many stops, that are carried out; others wait
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 
@@ -115,6 +116,7 @@ class WebServer:
         self._started = threading.Event()
         self._failed = ""
         self._stop: Optional[asyncio.Event] = None
+        self._room: Dict[bool, asyncio.Semaphore] = {}  # of stops, and of all else
         self._thread = threading.Thread(target=self._work, name="web server", daemon=True)
 
     def start(self) -> None:
@@ -165,6 +167,7 @@ class WebServer:
 
     async def _serve(self) -> None:
         self._stop = asyncio.Event()
+        self._room = {stop: asyncio.Semaphore(AT_ONCE) for stop in (False, True)}
         runner = web.AppRunner(self.application(), access_log=None, keepalive_timeout=NEXT_REQUEST)
         await runner.setup()
         await web.SockSite(runner, self._socket, shutdown_timeout=1.0, ssl_context=self._tls).start()
@@ -332,10 +335,11 @@ class WebServer:
         if control is None:
             raise RequestRefused(READ_ONLY)
         try:
-            done = _in_thread(f"page: {what}", lambda: control.carry_out(what, fields, by))
-            if wrong:  # the robot stops at once; who tries tokens has to wait all the same
-                await self._wrong_tokens.slow_down(address)
-            said = await asyncio.wrap_future(done)
+            async with self._room[what == "stop"]:
+                done = _in_thread(f"page: {what}", lambda: control.carry_out(what, fields, by))
+                if wrong:  # the robot stops at once; who tries tokens has to wait all the same
+                    await self._wrong_tokens.slow_down(address)
+                said = await asyncio.wrap_future(done)
         except ControlError as error:
             return web.json_response({"error": str(error), "confirm": error.confirm}, status=409)
         return web.json_response(said)
