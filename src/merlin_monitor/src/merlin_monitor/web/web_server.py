@@ -3,6 +3,7 @@
 
 import asyncio
 import concurrent.futures
+import functools
 import json
 import logging
 import math
@@ -335,14 +336,21 @@ class WebServer:
         if control is None:
             raise RequestRefused(READ_ONLY)
         try:
-            async with self._room[what == "stop"]:
-                done = _in_thread(f"page: {what}", lambda: control.carry_out(what, fields, by))
-                if wrong:  # the robot stops at once; who tries tokens has to wait all the same
-                    await self._wrong_tokens.slow_down(address)
-                said = await asyncio.wrap_future(done)
+            done = asyncio.ensure_future(self._carry_out(control, what, fields, by))
+            if wrong:  # the robot stops at once; who tries tokens has to wait all the same
+                await self._wrong_tokens.slow_down(address)
+            said = await done
         except ControlError as error:
             return web.json_response({"error": str(error), "confirm": error.confirm}, status=409)
         return web.json_response(said)
+
+    async def _carry_out(
+        self, control: Controls, what: str, fields: Dict[str, Any], by: str
+    ) -> Dict[str, Any]:
+        """In a thread of its own: a stop does not wait for requests that wait for an answer."""
+        async with self._room[what == "stop"]:
+            call = functools.partial(control.carry_out, what, fields, by)
+            return await asyncio.wrap_future(_in_thread(f"page: {what}", call))
 
     def _report_wrong_tokens(self, address: str, count: int) -> None:
         wrong = say("wrong token from {address}", address=address)
@@ -353,7 +361,6 @@ class WebServer:
 
 
 def _in_thread(name: str, call: Callable[[], Dict[str, Any]]) -> "concurrent.futures.Future[Dict[str, Any]]":
-    """Makes a call in a thread of its own: a stop does not wait for requests that wait for an answer."""
     done: concurrent.futures.Future[Dict[str, Any]] = concurrent.futures.Future()
     done.set_running_or_notify_cancel()
 
