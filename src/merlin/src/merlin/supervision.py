@@ -17,7 +17,6 @@ from typing import Callable, List, Optional, Set, Tuple
 
 from merlin_ros.alarms import TICK, TickClock
 from merlin_ros.processes.process_tree import adopt_orphans, children, end_with
-from merlin_ros.processes.screen import print_without_failing
 from merlin_ros.work.threads import start_thread
 
 SI_KERNEL = 0x80
@@ -217,5 +216,4 @@ def main() -> int:
 
         return run_launch(again, ends)
 
-    print_without_failing()
     return supervise(run, "merlin run")

@@ -74,6 +74,7 @@ def run(module: str, function: str = "main", *args: Any, patient: bool = False) 
     importlib.import_module("merlin_ros.early_end")  # SIGINT ends the process while it imports the rest
     with importing():
         prepare()
+        _print_without_failing()
         if patient:
             _import_patiently(module)
         found = importlib.import_module(module)
@@ -87,6 +88,7 @@ def command(module: str, function: str = "main") -> None:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
     with importing():
         prepare()
+        _print_without_failing()
         found = importlib.import_module(module)
     try:
         signal.signal(signal.SIGINT, usual)
@@ -127,6 +129,12 @@ def _import_patiently(module: str) -> None:
     from merlin_ros.work.threads import start_thread  # with what is lazy
 
     start_thread("imports", work).join()
+
+
+def _print_without_failing() -> None:
+    from merlin_ros.processes.screen import print_without_failing  # with what is lazy
+
+    print_without_failing()
 
 
 def prepare() -> None:

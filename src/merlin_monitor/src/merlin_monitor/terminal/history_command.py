@@ -93,8 +93,6 @@ def main() -> int:
     except sqlite3.Error as error:
         print(f"merlin history: {given.file} cannot be read: {error}", file=sys.stderr)
         return EXIT_MISTAKES
-    except BrokenPipeError:  # of head, or of a pager that was left
-        sys.stderr.close()
     return 0
 
 

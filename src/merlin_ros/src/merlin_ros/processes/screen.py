@@ -12,7 +12,7 @@ import os
 import select
 import sys
 import time
-from typing import Any, Callable
+from typing import Any
 
 PATIENCE = 1.0  # s of wall time for which a screen that takes nothing is waited for, once
 REMIND = 60.0  # s of wall time between two words about a log that cannot be written
@@ -69,7 +69,7 @@ def print_without_failing() -> None:
 
     Of a log that cannot be written it is said once; Python would print a traceback with each line.
     """
-    logging.Handler.handleError = _lost_lines(logging.Handler.handleError)  # type: ignore[method-assign]
+    logging.Handler.handleError = _lose_line  # type: ignore[assignment]
     for name in ("stdout", "stderr"):
         stream = getattr(sys, name)
         if stream is not getattr(sys, f"__{name}__") or not isinstance(stream, io.TextIOWrapper):
@@ -87,17 +87,16 @@ def print_without_failing() -> None:
         setattr(sys, name, screen)
 
 
-def _lost_lines(usual: Callable[..., None]) -> Callable[..., None]:
-    said = -math.inf  # s
+_usual = logging.Handler.handleError
+_said = -math.inf  # s of wall time: when a log could not be written
 
-    def handle_error(handler: logging.Handler, record: logging.LogRecord) -> None:
-        nonlocal said
-        error = sys.exc_info()[1]
-        if not isinstance(error, OSError):
-            usual(handler, record)
-        elif time.monotonic() - said >= REMIND:
-            said = time.monotonic()
-            file = getattr(handler, "baseFilename", "the log")
-            print(f"{file} cannot be written: {error.strerror}; its lines are lost", file=sys.stderr)
 
-    return handle_error
+def _lose_line(handler: logging.Handler, record: logging.LogRecord) -> None:
+    global _said
+    error = sys.exc_info()[1]
+    if not isinstance(error, OSError):
+        _usual(handler, record)
+    elif time.monotonic() - _said >= REMIND:
+        _said = time.monotonic()
+        file = getattr(handler, "baseFilename", "the log")
+        print(f"{file} cannot be written: {error.strerror}; its lines are lost", file=sys.stderr)
