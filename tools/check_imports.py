@@ -156,7 +156,10 @@ WITHOUT_ROS: Dict[str, str] = {
     "merlin_rosplan": "knowledge planning dispatch storage supervision rest",
 }
 #: Likewise, package → those of its modules and sub-packages that such a one may import.
-MODULES_WITHOUT_ROS: Dict[str, str] = {"merlin_ros": "alarms robot_values work processes"}
+MODULES_WITHOUT_ROS: Dict[str, str] = {
+    "merlin_planning": "dispatch_progress",
+    "merlin_ros": "alarms robot_values work processes",
+}
 ROS = re.compile(r"(ros\w+|actionlib|smach\w*|tf2_ros|diagnostic_updater|bondpy|\w+_msgs|\w+_srvs)\Z")
 
 #: Imported name → what a manifest calls it.

@@ -11,6 +11,7 @@ from merlin_executor.core.course import Course, StageEnd
 from merlin_executor.core.outcome import Outcome
 from merlin_executor.core.replanning import REPLAN_WAIT, Failure, Replanning
 from merlin_pddl.plan_text import OUTDATED
+from merlin_planning.dispatch_progress import DispatchResult
 
 STAGES = ["SETTLE", "ADD_GOALS", "GENERATE_PROBLEM", "PLAN", "PARSE_PLAN", "DISPATCH_PLAN"]
 
@@ -20,6 +21,11 @@ def run(course: Course, *ends: Tuple[str, str, str], gone: bool = False) -> None
     for stage, outcome, reason in ends:
         course.enter(stage, 0.0)
         course.ended(StageEnd(stage, outcome, reason, gone))
+
+
+def failed(action: str, no_retry: str = "", of_robot: str = "") -> DispatchResult:
+    """An action of a dispatch has failed."""
+    return DispatchResult(False, action=action, no_retry=no_retry, of_robot=of_robot)
 
 
 @pytest.mark.parametrize(
@@ -75,7 +81,7 @@ def test_a_cancel_that_had_to_give_up_a_call_names_the_part() -> None:
 def test_unsolvable_after_a_failure_says_what_made_another_way_necessary() -> None:
     course = Course(3)
     course.begin()
-    course.action = "(navigate a b)"
+    course.dispatched = failed("(navigate a b)")
     run(course, ("DISPATCH_PLAN", "failed", "the way is blocked"))
     assert course.replan().again
     run(course, ("PLAN", "unsolvable", "no plan"))
@@ -125,7 +131,7 @@ def test_an_interface_that_is_gone_may_be_back_for_each_new_plan() -> None:
     course = Course(3, same_failures=2)
     course.begin()
     for expected in (True, True, True, False):
-        course.action = "(say hello)"
+        course.dispatched = failed("(say hello)")
         run(course, ("DISPATCH_PLAN", "failed", "the action interface of say is gone, silent for 5.3 s"))
         assert course.replan().again is expected
     assert course.verdict().outcome is Outcome.ACTION_FAILED
@@ -161,7 +167,7 @@ def test_an_interrupted_request_has_all_its_new_plans_again() -> None:
     run(course, ("DISPATCH_PLAN", "failed", "blocked"))
     assert course.replan().again
     course.begin()
-    assert not course.may_move and course.action == ""
+    assert not course.may_move and course.dispatched.action == ""
     run(course, ("DISPATCH_PLAN", "failed", "blocked"))
     assert course.replan().again
     assert course.replans == 2
@@ -169,7 +175,7 @@ def test_an_interrupted_request_has_all_its_new_plans_again() -> None:
 
 def test_a_request_that_has_not_begun_has_moved_nothing() -> None:
     course = Course(3)
-    assert not course.may_move and not course.unreachable and not course.timed_out
+    assert not course.may_move and not course.unreachable and not course.dispatched.timed_out
 
 
 def test_a_dispatched_plan_can_have_moved_the_base() -> None:
@@ -218,7 +224,7 @@ def test_an_action_that_fails_by_chance_is_tried_as_often_as_allowed_and_without
     course = Course(10, same_failures=4, replan_wait=0.0)
     course.begin()
     for expected in (True, True, True, False):
-        course.action = "(pick cup table)"
+        course.dispatched = failed("(pick cup table)")
         run(course, ("DISPATCH_PLAN", "failed", "the hand slipped"))
         decision = course.replan()
         assert (decision.again, decision.wait) == (expected, 0.0)
@@ -271,7 +277,7 @@ def test_every_run_ends(limit: int, failures: List[Failure]) -> None:
 
 def give_up(course: Course, action: str, no_retry: str = "") -> None:
     """A plan ends because an action was given up."""
-    course.action, course.no_retry = action, no_retry or action
+    course.dispatched = failed(action, no_retry=no_retry or action)
     run(course, ("DISPATCH_PLAN", "failed", f"{action}: the pharmacist said no"))
 
 
@@ -329,7 +335,7 @@ def test_what_was_given_up_is_planned_around_a_bounded_number_of_times(limit: in
 
 def fail(course: Course, action: str, of_robot: str) -> None:
     """An action of one of several robots fails, always for the same reason."""
-    course.action, course.of_robot = action, of_robot
+    course.dispatched = failed(action, of_robot=of_robot)
     run(course, ("DISPATCH_PLAN", "failed", f"{action}: the arm hangs"))
 
 
@@ -369,13 +375,13 @@ def test_newcomers_do_not_make_a_failing_action_be_tried_without_end() -> None:
     course, other = Course(3, replan_wait=0.0), Course(3)
     other.begin()
     run(other, ("DISPATCH_PLAN", "failed", "the door of the bath is locked"))
-    other.no_retry = "(drive * bath)"
+    other.dispatched = failed("", no_retry="(drive * bath)")
     other.replan()
     course.begin()
     again = []
     for number in range(5):
         course.take_in(other)
-        course.action = "(drive hall kitchen)"
+        course.dispatched = failed("(drive hall kitchen)")
         run(course, ("DISPATCH_PLAN", "failed", f"stuck {number}"))
         again.append(course.replan().again)
     assert again == [True, True, True, False, False]

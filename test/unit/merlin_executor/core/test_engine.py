@@ -13,7 +13,7 @@ from merlin_executor.core.agenda import Agenda
 from merlin_executor.core.engine import Engine, Job, Stages
 from merlin_executor.core.outcome import Outcome, Verdict
 from merlin_executor.goal_check import GoalError, check_atom
-from merlin_executor.goals.goal_ledger import GoalNotes, NotesError
+from merlin_executor.goals.goal_ledger import GoalNotes
 from merlin_test import LONG
 
 
@@ -290,7 +290,7 @@ def test_notes_survive_and_other_files_are_no_notes(tmp_path: object) -> None:
     GoalNotes(path).write(["(checked kitchen)"])
     assert GoalNotes(path).read() == ["(checked kitchen)"]
     GoalNotes(path).path.write_text('{"a": 1}')
-    with pytest.raises(NotesError, match="is not a list of goals"):
+    with pytest.raises(ValueError, match="is not a list of goals"):
         GoalNotes(path).read()
 
 

@@ -14,6 +14,7 @@ from rosplan_knowledge_msgs.msg import ExprBase, KnowledgeItem
 from merlin_executor.core.outcome import Outcome, Verdict, outcome_name
 from merlin_executor.node import executor as executor_module
 from merlin_ros.actions.lease import LeaseState
+from merlin_ros.health import OK, WARN
 from merlin_ros.service_proxy import ServiceUnavailable
 from merlin_test import LONG
 
@@ -70,6 +71,17 @@ def test_a_request_is_run_and_answered(bench: Bench) -> None:
     bench.machine.end(Verdict(Outcome.SUCCEEDED, "done"))
     assert goal.end() == (GoalStatus.SUCCEEDED, "SUCCEEDED", "done")
     assert bench.executor.health().message == "idle"
+
+
+@pytest.mark.parametrize("outcome", list(Outcome))
+def test_only_software_makes_it_ill(bench: Bench, outcome: Outcome) -> None:
+    assert bench.executor.health() == (OK, "idle", {"waiting requests": 0, "last request": ""})
+    goal = bench.run(Goal("(checked kitchen)"))
+    bench.machine.end(Verdict(outcome, "because"))
+    goal.end()
+    health = bench.executor.health()
+    assert (health.level == WARN) == ("because" in health.message) == outcome.of_software
+    assert health.values["last request"] == "(checked kitchen): because"
 
 
 @pytest.mark.parametrize(

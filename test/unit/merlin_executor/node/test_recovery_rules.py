@@ -12,7 +12,7 @@ from merlin_executor.core.outcome import Outcome, Verdict, crashed, outcome_name
 from merlin_executor.core.request_limits import MAX_GOALS, MAX_TEXT, MAX_TOKENS, RequestTooLarge, check_size
 from merlin_executor.core.standstill import Halt, still_moving, together, unstopped
 from merlin_executor.mission.mission_pause import PauseSwitch
-from merlin_executor.node.executor_node import must_yield, other_executors, publishers_by_topic
+from merlin_executor.node.executor_node import must_yield, other_executors
 from merlin_executor.node.recovery import ATTEMPTS, BRIDGE_GRACE, Leftovers
 
 
@@ -147,7 +147,7 @@ TYPES = {"/merlin/status": "merlin_msgs/ExecutorStatus", "/other/merlin/status":
 
 
 def test_only_an_executor_that_serves_on_the_same_dispatcher_is_a_rival() -> None:
-    publishers = publishers_by_topic(STATE)
+    publishers = dict(STATE[0])
     assert other_executors("/b", TOPIC, publishers, TYPES) == ["/a"]
     assert other_executors("/a", TOPIC, publishers, TYPES) == []  # itself; /b does not serve yet
     assert other_executors("/c", "/elsewhere", publishers, TYPES) == []

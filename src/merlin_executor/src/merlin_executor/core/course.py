@@ -2,12 +2,13 @@
 """The course of a run through the stages of planning, and the verdict on it. Pure."""
 
 from functools import partial
-from typing import Dict, List, NamedTuple, Sequence, Tuple
+from typing import Dict, List, NamedTuple, Sequence
 
 from merlin_executor.core.awaited import Absence
 from merlin_executor.core.outcome import Outcome, Verdict
 from merlin_executor.core.replanning import REPLAN_WAIT, SAME_FAILURES, Failure, ReplanDecision, Replanning
 from merlin_pddl.plan_text import INTERFACE_GONE, OUTDATED
+from merlin_planning.dispatch_progress import DispatchResult
 
 SETTLE = "SETTLE"
 PLAN = "PLAN"
@@ -15,6 +16,7 @@ REPLAN = "REPLAN"
 DISPATCH_PLAN = "DISPATCH_PLAN"
 PREEMPTED = "cancelled"  #: What a stage says that was preempted and has nothing to add.
 ACHIEVED_MEANWHILE = "the goal holds"
+NOT_DISPATCHED = DispatchResult(False)
 
 #: Outcome of a stage → outcome of the request; aborted depends on the stage.
 _VERDICTS = {
@@ -65,18 +67,8 @@ class Course:
         """s for each stage, of all runs; replaced as a whole: answers are composed in other threads."""
         self.end = StageEnd()
         """How the last stage has ended."""
-        self.action = ""
-        """The action that failed last, as PDDL text."""
-        self.unstopped: Tuple[str, ...] = ()
-        """What did not stop, as PDDL text."""
-        self.no_retry = ""
-        """Which actions another try cannot help, see :class:`.replanning.Failure`."""
-        self.of_robot = ""
-        """The same operator by the robot whose action failed, likewise."""
-        self.unmet: Tuple[str, ...] = ()
-        """Goals that the last dispatch has not reached, as PDDL text."""
-        self.timed_out = False
-        """Whether the dispatcher itself did not end the plan in time."""
+        self.dispatched = NOT_DISPATCHED
+        """How the last dispatch of this run has ended."""
         self.may_move = False
         """Whether something may have moved: a plan was dispatched, or an earlier one was not at rest."""
         self.absence = Absence()
@@ -133,9 +125,9 @@ class Course:
         self._earlier_replans = self.replans
         self._replanning = self._new_policy(self._replanning.given_up)
         self.end = StageEnd()
-        self.stage = self.action = self.no_retry = self.of_robot = ""
-        self.unstopped = self.unmet = ()
-        self.may_move = self.unreachable = self.timed_out = False
+        self.stage = ""
+        self.dispatched = NOT_DISPATCHED
+        self.may_move = self.unreachable = False
 
     def enter(self, stage: str, now: float) -> None:
         """A stage begins; the empty name ends the run.
@@ -162,7 +154,8 @@ class Course:
             return ReplanDecision(False, reason=end.reason)
         outdated = OUTDATED in end.reason  # behind the action, where one is named
         gone = end.gone or INTERFACE_GONE in end.reason
-        failure = Failure(end.reason, self.action, gone, self.no_retry, outdated, self.of_robot)
+        last = self.dispatched
+        failure = Failure(end.reason, last.action, gone, last.no_retry, outdated, last.of_robot)
         decision = self._replanning.failed(failure)
         if not decision.again:
             self.end = end._replace(reason=decision.reason)
@@ -182,11 +175,11 @@ class Course:
         given_up = self._replanning.given_up
         if end.stage == PLAN and end.outcome in _NO_PLAN and given_up and not end.gone:
             # What made the request fail is the action, not that there is no way round it.
-            return Verdict(Outcome.ACTION_FAILED, _without_plan(given_up, reason), self.action)
+            return Verdict(Outcome.ACTION_FAILED, _without_plan(given_up, reason), self.dispatched.action)
         if end.stage == PLAN and not outcome.achieved and last is not None:
             # "No other plan exists" is of little use without the failure that made another plan necessary.
             reason = f"{last.reason}; planned again: {reason}"
-        action = self.action if outcome not in (Outcome.SUCCEEDED, Outcome.ALREADY_TRUE) else ""
+        action = "" if outcome.achieved else self.dispatched.action
         trouble = reason if outcome is Outcome.CANCELLED and end.gone and reason != PREEMPTED else ""
         return Verdict(outcome, reason, action, trouble)
 

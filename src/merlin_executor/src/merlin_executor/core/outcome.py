@@ -2,9 +2,11 @@
 """How a request can end, and what made it stop. Pure: the numbers are those of merlin_msgs/Execute."""
 
 from enum import Enum, IntEnum
-from typing import NamedTuple
+from typing import NamedTuple, Sequence
 
 from merlin_ros.work.threads import failure_text
+
+LONGEST_REASON = 2000  # characters of the last reason
 
 
 class Outcome(IntEnum):
@@ -86,6 +88,11 @@ class Stop(NamedTuple):
     def is_final(self) -> bool:
         """Whether the request has to end; another one may run again."""
         return self.kind not in (StopKind.INTERRUPTED, StopKind.ANOTHER, StopKind.JOINED)
+
+
+def end_words(goals: Sequence[str], verdict: Verdict) -> str:
+    """Which request has ended, and how, as a sentence."""
+    return f"{', '.join(goals)}: {verdict.reason or 'done'}"[:LONGEST_REASON]
 
 
 def outcome_name(outcome: int) -> str:

@@ -97,10 +97,6 @@ class GoalLedger(Generic[Item]):
         return [item for item in items if self._text(item) not in known]
 
 
-class NotesError(ValueError):
-    """The file holds something else than a list of goals; the text shows its beginning."""
-
-
 class GoalNotes:
     """Goals as PDDL text in a file, which is replaced as a whole: a crash leaves the old list or the new one.
 
@@ -143,7 +139,7 @@ class GoalNotes:
         """The goals noted last; empty when no goal is noted.
 
         :raises OSError: when the file cannot be read.
-        :raises NotesError: when it holds something else.
+        :raises ValueError: when it holds something else; the text shows its beginning.
         """
         text = self.path.read_text(errors="replace")
         try:
@@ -151,5 +147,5 @@ class GoalNotes:
         except ValueError:
             noted = None
         if not isinstance(noted, list):
-            raise NotesError(f"{self.path} is not a list of goals: {text[:80]!r}")
+            raise ValueError(f"{self.path} is not a list of goals: {text[:80]!r}")
         return list(map(str, noted))

@@ -15,11 +15,10 @@ import rospy
 from actionlib_msgs.msg import GoalStatus
 from merlin_msgs.msg import ExecuteAction, ExecuteFeedback, ExecuteResult, ExecutorStatus, GoalQueue
 
-from merlin_executor.core.activity import LONGEST_REASON, Activity, end_words
 from merlin_executor.core.agenda import NOT_BEGUN, TOGETHER, Agenda, Decision
 from merlin_executor.core.course import Course
 from merlin_executor.core.engine import Engine
-from merlin_executor.core.outcome import Outcome, StopKind, Verdict, crashed
+from merlin_executor.core.outcome import LONGEST_REASON, Outcome, StopKind, Verdict, crashed, end_words
 from merlin_executor.core.replanning import REPLAN_WAIT, SAME_FAILURES
 from merlin_executor.core.request_limits import RequestTooLarge
 from merlin_executor.core.standstill import STAND_WAIT
@@ -143,14 +142,8 @@ class Executor:
             Agenda(rospy.get_time, overtake_limit, together),
             self._alarm.set,
         )
-        self._forecasts = (
-            Forecasts(
-                self._engine, planning, lambda: self._dispatcher.running, lambda: self._dispatcher.succeeded
-            )
-            if look_ahead
-            else None
-        )
-        self._activity = Activity()
+        self._forecasts = Forecasts(self._engine, planning, self._dispatcher) if look_ahead else None
+        self._last = "", False  # which request ended last, and how; whether that was for software
         self._lock = threading.Lock()  # guards the fields below down to _loading
         self._unread: Set[str] = set()  # goals that are not requests yet
         self._checks: Dict[str, CallScope] = {}  # goal -> the calls that check it
@@ -195,8 +188,10 @@ class Executor:
     def health(self) -> Health:
         """What it does; a warning when the last request failed because of software."""
         running = [text for request in self._engine.agenda.together for text in request.texts]
-        report = self._activity.report(running, len(self._engine.waiting))
-        return Health(WARN if report.ill else OK, report.text, report.values)
+        doing = f"running {', '.join(running)}" if running else "idle"
+        reason, ill = self._last
+        values = {"waiting requests": len(self._engine.waiting), "last request": reason}
+        return Health(WARN, f"{doing}; last: {reason}", values) if ill else Health(OK, doing, values)
 
     def _pause(self, paused: bool) -> None:
         self._engine.decide(lambda agenda: agenda.pause(paused))
@@ -354,7 +349,7 @@ class Executor:
     def _ended(self, request: Request, verdict: Verdict) -> None:
         if self._forecasts is not None:
             self._forecasts.forget(verdict.outcome.achieved)
-        self._activity.ended(request.texts, verdict)
+        self._last = end_words(request.texts, verdict), verdict.outcome.of_software
 
     def _log(self, requests: Sequence[Request], verdict: Verdict, error: Optional[BaseException]) -> None:
         """Behind the answers: a line of a log costs half a millisecond."""
@@ -369,7 +364,7 @@ class Executor:
             together = self._engine.agenda.together
             request = together[0] if together else None
             freed = False  # whether something more urgent may interrupt it now, or no longer
-            status = ExecutorStatus(state=ExecutorStatus.IDLE, reason=self._activity.reason)
+            status = ExecutorStatus(state=ExecutorStatus.IDLE, reason=self._last[0])
             status.paused = self._engine.agenda.paused
             status.waits = self._guard.hold
             hold = self._dispatcher.hold

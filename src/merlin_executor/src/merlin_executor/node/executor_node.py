@@ -2,7 +2,7 @@
 """Node: the Executor."""
 
 import math
-from typing import Any, Collection, Dict, List, Mapping
+from typing import Collection, List, Mapping
 
 import rospy
 
@@ -82,7 +82,7 @@ def living_executors(dispatcher: str) -> List[str]:
     me, topic = rospy.get_name(), f"{rospy.resolve_name(dispatcher)}/action_dispatch"
     master = bounded_master()
     try:
-        publishers = publishers_by_topic(master.getSystemState())
+        publishers = dict(master.getSystemState()[0])
         found = other_executors(me, topic, publishers, dict(master.getTopicTypes()))
         return [name for name in found if living_namesake(name, master) is not None]
     except ERRORS as error:
@@ -119,8 +119,3 @@ def other_executors(
 def must_yield(me: str, others: Collection[str]) -> bool:
     """Whether this node gives way after all: both have begun to serve in the same moment."""
     return any(other < me for other in others)
-
-
-def publishers_by_topic(system_state: Any) -> Dict[str, List[str]]:
-    """The first part of the master's system state as a mapping."""
-    return {topic: list(nodes) for topic, nodes in system_state[0]}

@@ -119,7 +119,7 @@ class ExecutorSM(MerlinSM, Stages[Request]):
             self.add(label, made, transitions={**ends, ABORTED: REPLAN, SUCCEEDED: follows, **transitions})
 
         system, planning, make = self._system, self._system.planning, MerlinStateFactory.create
-        stage("SETTLE", make("settle", system.recovery, system.dispatcher), "ADD_GOALS")
+        stage("SETTLE", make("settle", system), "ADD_GOALS")
         stage("ADD_GOALS", make("add_goals", system, self._own, self), "GENERATE_PROBLEM")
         stage("GENERATE_PROBLEM", make("generate_problem", planning), "PLAN")
         stage(
@@ -139,9 +139,7 @@ class ExecutorSM(MerlinSM, Stages[Request]):
 
     def take_result(self, result: DispatchResult) -> None:
         """Notes how a dispatch has ended."""
-        course = self.course
-        course.action, course.unstopped, course.timed_out = result.action, result.unstopped, result.timed_out
-        course.no_retry, course.of_robot, course.unmet = result.no_retry, result.of_robot, result.unmet
+        self.course.dispatched = result
 
     def _enter(self, userdata: Any, states: List[str], *outcome: str) -> None:
         course = self.course
@@ -155,13 +153,13 @@ class ExecutorSM(MerlinSM, Stages[Request]):
     def _finish(self) -> str:
         """The end of every run: the truth about what has stopped, then the goals are removed."""
         course, guard = self.course, self._system.guard
-        verdict = course.verdict()
+        verdict, dispatched = course.verdict(), course.dispatched
         if verdict.outcome is Outcome.CANCEL_TIMEOUT:
-            reason = verdict.reason if course.timed_out or not self.run.stopped else ""
-            verdict = unstopped(course.unstopped, guard.halt(), reason)
+            reason = verdict.reason if dispatched.timed_out or not self.run.stopped else ""
+            verdict = unstopped(dispatched.unstopped, guard.halt(), reason)
         elif course.may_move and self._stopped_early(verdict) and not guard.wait_standing():
             verdict = still_moving(verdict, guard.halt())
-        if not course.unreachable and not course.timed_out:
+        if not course.unreachable and not dispatched.timed_out:
             trouble = self._remove_goals(REMOVE_LIMIT_STOPPED if self.run.stopped else REMOVE_LIMIT)
             verdict = verdict._replace(trouble=verdict.trouble or trouble)
         # Otherwise they are removed later: the answer does not wait for what does not answer.

@@ -6,20 +6,18 @@ They carry out; what their ends mean is decided in :mod:`merlin_executor.core.co
 """
 
 import threading
-from typing import Any, Callable, Protocol, Sequence
+from typing import TYPE_CHECKING, Any, Callable, Sequence
 
 import rospy
 
 import smach
-from merlin_executor.core.course import ACHIEVED_MEANWHILE, Course
+from merlin_executor.core.course import ACHIEVED_MEANWHILE
 from merlin_executor.core.outcome import Outcome, Verdict
-from merlin_executor.node.joint_run import LOOK_LIMIT, JointRun, PlanningSystem
+from merlin_executor.node.joint_run import LOOK_LIMIT, PlanningSystem
 from merlin_executor.node.own_goals import OwnGoals
-from merlin_executor.node.recovery import Recovery
 from merlin_executor.node.request import ends_by
 from merlin_planning.dispatch_client import PART as DISPATCHER
-from merlin_planning.dispatch_client import DispatchClient
-from merlin_planning.dispatch_progress import DispatchResult, unmet_reason
+from merlin_planning.dispatch_progress import unmet_reason
 from merlin_planning.knowledge_client import KnowledgeError
 from merlin_planning.knowledge_text import to_pddl
 from merlin_planning.planning_client import Planned, PlanningClient, StageError
@@ -30,27 +28,15 @@ from merlin_sm.state_factory import MerlinStateFactory
 from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, SUCCEEDED
 from merlin_sm.states.planning import FAILED, DispatchPlanState, PlanningState, PlanState
 
+if TYPE_CHECKING:
+    from merlin_executor.node.executor_sm import ExecutorSM
+
 ALREADY_TRUE = "already_true"
 HOLDS_ALREADY = "the goal holds already"
 EXHAUSTED = "exhausted"
 LATE = "late"
 KNOWLEDGE_BASE = "the planning system's knowledge base"
 GOALS_GONE = "its goals were removed from the knowledge base: this executor was silent, or another client did"
-
-
-class Running(Protocol):
-    """What runs, as its stages see it."""
-
-    @property
-    def run(self) -> JointRun:
-        """The requests, with their goals."""
-
-    @property
-    def course(self) -> Course:
-        """Its stages, failures and verdict."""
-
-    def take_result(self, result: DispatchResult) -> None:
-        """Notes how a dispatch has ended."""
 
 
 def _of_knowledge_base(error: ServiceError) -> StageError:
@@ -60,22 +46,21 @@ def _of_knowledge_base(error: ServiceError) -> StageError:
 class Settle(PlanningState):
     """Waits until the planning system is idle: no plan is made on knowledge that still changes."""
 
-    def __init__(self, recovery: Recovery, dispatcher: DispatchClient) -> None:
+    def __init__(self, system: PlanningSystem) -> None:
         super().__init__()
-        self._recovery = recovery
-        self._dispatcher = dispatcher
+        self._system = system
 
     def run(self, userdata: Any) -> str:
         """Looks, and waits where something is left."""
         try:
-            trouble = self._recovery.rest(self.interruptible)
+            trouble = self._system.recovery.rest(self.interruptible)
         except ServiceError as error:
             return self.fail_stage(_of_knowledge_base(error))
         if self.preempt_requested():
             return PREEMPTED
         if not trouble:
             return SUCCEEDED
-        self.gone = not self._dispatcher.available()  # then its return is waited for
+        self.gone = not self._system.dispatcher.available()  # then its return is waited for
         return self.fail(trouble)
 
 
@@ -85,7 +70,7 @@ class AddGoals(PlanningState):
     Of several requests those end here whose goals hold.
     """
 
-    def __init__(self, system: PlanningSystem, own: OwnGoals, run: Running) -> None:
+    def __init__(self, system: PlanningSystem, own: OwnGoals, run: "ExecutorSM") -> None:
         super().__init__([ALREADY_TRUE])
         self._planning = system.planning
         self._knowledge = system.knowledge
@@ -122,7 +107,7 @@ class PlanInTime(PlanState):
     """
 
     def __init__(
-        self, planning: PlanningClient, without: Callable[[], Sequence[str]], run: Running, proves: bool
+        self, planning: PlanningClient, without: Callable[[], Sequence[str]], run: "ExecutorSM", proves: bool
     ) -> None:
         super().__init__(planning, without)
         self.register_outcomes([LATE])
@@ -156,7 +141,7 @@ class PlanInTime(PlanState):
 class Dispatch(DispatchPlanState):
     """Dispatches the plan. A goal that was removed from the knowledge base would count as achieved."""
 
-    def __init__(self, system: PlanningSystem, run: Running) -> None:
+    def __init__(self, system: PlanningSystem, run: "ExecutorSM") -> None:
         # Of several requests the first one owns the dispatch: while its client is silent, nothing moves.
         super().__init__(
             system.dispatcher, run.take_result, lambda: run.run.request.plan, lambda: run.run.request.goal.id
@@ -166,13 +151,14 @@ class Dispatch(DispatchPlanState):
 
     def run(self, userdata: Any) -> str:
         """Dispatches. The goals of the requests count: not those of a newcomer, nor of another client."""
-        revision, course = self._run.run.revision, self._run.course
+        revision = self._run.run.revision
         revision.open()
         try:
             outcome = super().run(userdata)
         finally:
             revision.close()
-        unmet = outcome == FAILED and course.unmet and not course.action
+        dispatched = self._run.course.dispatched
+        unmet = outcome == FAILED and dispatched.unmet and not dispatched.action
         if outcome != SUCCEEDED and not unmet:
             return outcome
         try:
@@ -186,7 +172,7 @@ class Dispatch(DispatchPlanState):
             self.reason = ""  # that of the dispatcher names goals of a newcomer
             return SUCCEEDED
         if unmet:
-            if self.reason == unmet_reason(course.unmet):
+            if self.reason == unmet_reason(dispatched.unmet):
                 self.reason = unmet_reason(missing)
             return outcome
         self.reason = GOALS_GONE
@@ -196,7 +182,7 @@ class Dispatch(DispatchPlanState):
 class Replan(PlanningState):
     """Plans the goal again where that may help; waits for a planning system that was ended."""
 
-    def __init__(self, system: PlanningSystem, run: Running) -> None:
+    def __init__(self, system: PlanningSystem, run: "ExecutorSM") -> None:
         super().__init__([EXHAUSTED])
         self._system = system
         self._run = run

@@ -8,10 +8,10 @@ those before it end. Only what waits with or before a deadline is.
 
 import math
 import threading
-from typing import Callable, Dict, FrozenSet, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Dict, List, NamedTuple, Optional, Sequence, Tuple
 
 import rospy
-from merlin_msgs.msg import GoalDeadline, PlannerStatus, RunningAction
+from merlin_msgs.msg import GoalDeadline, PlannerStatus
 from merlin_msgs.srv import PreviewPlanResponse
 
 from merlin_executor.core.agenda import Agenda, Decision
@@ -20,6 +20,7 @@ from merlin_executor.core.engine import Engine
 from merlin_executor.core.time_window import Forecast
 from merlin_executor.errands.selection import Answer, Errand, select
 from merlin_executor.node.request import Request
+from merlin_planning.dispatch_client import DispatchClient
 from merlin_planning.knowledge_text import action_text
 from merlin_planning.planning_client import PlanningClient
 from merlin_ros.service_proxy import ServiceError
@@ -49,21 +50,13 @@ class Forecasts:
 
     :param engine: has the requests.
     :param planning: the planning system.
-    :param actions: gives the actions under way.
-    :param succeeded: gives the ids of those of the plan that have ended.
+    :param dispatcher: carries out the plan of those that run.
     """
 
-    def __init__(
-        self,
-        engine: Engine[Request],
-        planning: PlanningClient,
-        actions: Callable[[], Sequence[RunningAction]],
-        succeeded: Callable[[], FrozenSet[int]],
-    ) -> None:
+    def __init__(self, engine: Engine[Request], planning: PlanningClient, dispatcher: DispatchClient) -> None:
         self._engine = engine
         self._planning = planning
-        self._actions = actions
-        self._succeeded = succeeded
+        self._dispatcher = dispatcher
         self._calls = CallQueue("forecasts")
         self._lock = threading.Lock()  # guards the two fields below
         self._asked = False
@@ -123,7 +116,7 @@ class Forecasts:
             if forecast is None or not forecast.fits(ahead):
                 return request
             if forecast.seconds < 0.0 and not forecast.late:  # what begins behind it cannot be known
-                return request if forecast.ended != len(self._succeeded()) else None
+                return request if forecast.ended != len(self._dispatcher.succeeded) else None
         return None
 
     def _plan(self, request: Request) -> None:
@@ -132,7 +125,7 @@ class Forecasts:
             return
         with self._lock:
             forgotten = self._forgotten
-        ended = len(self._succeeded())
+        ended = len(self._dispatcher.succeeded)
         start = self._start(request, ahead)
         within = request.window.deadline - start.begin
         answer = self._ask(request, start.running, start.coming, within)
@@ -180,8 +173,8 @@ class Forecasts:
             free = free if other.forecast is not None and other.forecast.late else outlook.end
         begin = max(rospy.get_time(), request.window.not_before, free or 0.0)
         running = self._engine.agenda.running
-        actions = self._actions() if running is not None else []
-        begun = self._succeeded() | {action.action_id for action in actions}
+        actions = self._dispatcher.running if running is not None else []
+        begun = self._dispatcher.succeeded | {action.action_id for action in actions}
         plan = running.plan if running is not None else []
         coming = [action_text(s.name, s.parameters) for s in plan if s.action_id not in begun]
         for other in self._engine.waiting:

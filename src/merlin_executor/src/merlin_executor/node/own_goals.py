@@ -8,7 +8,7 @@ from typing import Deque, List, Optional, Sequence, Union
 import rospy
 from rosplan_knowledge_msgs.msg import KnowledgeItem
 
-from merlin_executor.goals.goal_ledger import GoalLedger, GoalNotes, NotesError
+from merlin_executor.goals.goal_ledger import GoalLedger, GoalNotes
 from merlin_planning.knowledge_client import ADD_GOAL, REMOVE_GOAL, KnowledgeClient, KnowledgeError, Update
 from merlin_planning.knowledge_text import PDDLSyntaxError, parse_goal, to_pddl
 from merlin_ros.actions.lease_holder import LIFE, LeaseHolder
@@ -187,6 +187,6 @@ def noted(notes: Notes) -> List[str]:
     """What an earlier Executor has noted; what makes no sense, or cannot be read, is ignored."""
     try:
         return notes.read()
-    except (NotesError, OSError) as error:
+    except (ValueError, OSError) as error:
         rospy.logerr(f"the notes of an earlier executor are ignored: {error}")
         return []

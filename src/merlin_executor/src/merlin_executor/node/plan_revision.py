@@ -15,9 +15,9 @@ import rospy
 from diagnostic_msgs.msg import KeyValue
 from merlin_msgs.msg import PlannerStatus, RunningAction
 
-from merlin_executor.core.activity import LONGEST_REASON
 from merlin_executor.core.agenda import Refusal
 from merlin_executor.core.engine import Engine
+from merlin_executor.core.outcome import LONGEST_REASON
 from merlin_executor.core.standstill import MOVES
 from merlin_executor.node.own_goals import OwnGoals
 from merlin_executor.node.request import Request, goals_of
