@@ -2,7 +2,7 @@
 """The body of a robot in a fleet: its own Executor does the goals, its own planner estimates their cost."""
 
 import threading
-from typing import Callable, Dict, Optional, Protocol, Tuple
+from typing import TYPE_CHECKING, Callable, Dict, Optional, Tuple
 
 import rospy
 
@@ -13,17 +13,13 @@ from merlin_fleet.core.records import Goal
 from merlin_fleet.fleet_client import ACHIEVED
 from merlin_fleet.fleet_robot import Stopped
 
+if TYPE_CHECKING:
+    from merlin_fleet.node.planned_cost import PlannedCost
+
 #: s before the end of the stop time at which the base is halted: what is left for the guard.
 HALT_TIME = 0.5
 PATIENCE = 10.0  # s for an Executor to answer, before a robot says that it does not
 NO_EXECUTOR = "its Executor does not answer"
-
-
-class Costs(Protocol):
-    """Estimates the cost of goals."""
-
-    def cost(self, goal: Goal, behind: Tuple[Goal, ...]) -> Tuple[Optional[float], str]:
-        """As :meth:`merlin_fleet.fleet_robot.Body.cost`."""
 
 
 class _Execution:
@@ -51,7 +47,7 @@ class ExecutorBody:
     def __init__(
         self,
         client: MerlinExecutorClient,
-        costs: Costs,
+        costs: "PlannedCost",
         halt: Callable[[], Halt],
         stop_time: float,
         priority: int = 0,

@@ -3,7 +3,7 @@
 
 import hashlib
 import re
-from typing import Callable, List, Optional, Protocol, Tuple
+from typing import Callable, List, Optional, Tuple
 
 from merlin_fleet.core.records import Goal
 from merlin_pddl.domain import Domain
@@ -11,19 +11,12 @@ from merlin_pddl.domain_reader import open_definition
 from merlin_pddl.plan_text import NO_DURATION, PlanTextError, parse_plan
 from merlin_pddl.problem import Problem
 from merlin_pddl.text_reader import read_expression
-from merlin_rosplan.messages.knowledge_snapshot import KnowledgeBaseError
+from merlin_rosplan.messages.knowledge_snapshot import KnowledgeBaseError, KnowledgeSnapshots
 from merlin_rosplan.planning.planner import PlannerSettings
 from merlin_rosplan.planning.planning_outcome import PlannerState
 from merlin_rosplan.supervision.plan_preview import PREVIEW_LIMIT, Previews, Wanted
 
 VOCABULARY = (":types", ":constants", ":predicates", ":functions")
-
-
-class SnapshotSource(Protocol):
-    """Reads a knowledge base, as :class:`merlin_rosplan.messages.knowledge_snapshot.KnowledgeSnapshots`."""
-
-    def snapshot(self) -> Tuple[Domain, Problem]:
-        """Domain, without its operators, and all that is stored."""
 
 
 class CannotPlan(Exception):
@@ -50,7 +43,7 @@ class PlannedCost:
 
     def __init__(
         self,
-        knowledge: SnapshotSource,
+        knowledge: KnowledgeSnapshots,
         domain_path: str,
         settings: PlannerSettings,
         action_duration: float,

@@ -4,13 +4,12 @@
 import contextlib
 import threading
 import time
-from typing import Any, Callable, Dict, List, Optional, Protocol, Sequence, Set, Tuple
+from typing import Any, Callable, Dict, List, Optional, Sequence, Set, Tuple
 
 import rospy
 from merlin_msgs.msg import KnowledgeChanges
-from rosplan_knowledge_msgs.msg import KnowledgeItem
 
-from merlin_planning.knowledge_client import ADD, REMOVE, KnowledgeError, Update, fact
+from merlin_planning.knowledge_client import ADD, REMOVE, KnowledgeClient, KnowledgeError, Update, fact
 from merlin_ros.service_proxy import ServiceError
 
 OBJECTS = ""  # stands for a predicate: each object with its type
@@ -18,21 +17,6 @@ LOOK = 2.0  # s between two looks whether the knowledge base is still the same, 
 
 #: Predicate, its facts (None: they cannot be read), version of the knowledge base.
 Know = Callable[[str, Optional[Tuple[str, ...]], int], None]
-
-
-class KnowledgeSource(Protocol):
-    """A knowledge base, as :class:`merlin_planning.knowledge_client.KnowledgeClient`."""
-
-    name: str
-
-    def objects(self) -> Dict[str, str]:
-        """The type of each object."""
-
-    def propositions(self, predicate: str = "") -> List[KnowledgeItem]:
-        """Facts of a predicate."""
-
-    def update(self, updates: Sequence[Update]) -> None:
-        """Applies updates to the knowledge base in one transaction."""
 
 
 class SharedKnowledge:
@@ -47,7 +31,7 @@ class SharedKnowledge:
     """
 
     def __init__(
-        self, knowledge: KnowledgeSource, own: Sequence[str], know: Know, say: Callable[[str], None]
+        self, knowledge: KnowledgeClient, own: Sequence[str], know: Know, say: Callable[[str], None]
     ) -> None:
         self._knowledge = knowledge
         self._own = frozenset((*own, OBJECTS))

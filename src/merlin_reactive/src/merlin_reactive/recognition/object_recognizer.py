@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Recognition without ROS: from a picture and where it was taken to what stands where."""
 
-from typing import Callable, List, Optional, Protocol, Sequence
+from typing import Callable, List, Optional, Sequence, Union
 
 import cv2
 import numpy as np
@@ -22,16 +22,6 @@ class UnknownClass(ValueError):
     """A class that cannot be recognised; the text names the known ones."""
 
 
-class Detector(Protocol):
-    """Finds things of some classes in a picture."""
-
-    def detect(self, picture: np.ndarray, view: CameraView) -> List[Sighting]:
-        """The things in a picture.
-
-        :param picture: height x width x 3, RGB, 0..255.
-        """
-
-
 class ObjectRecognizer:
     """Runs the detectors on one picture.
 
@@ -47,7 +37,11 @@ class ObjectRecognizer:
         tag_edge: float = TAG_EDGE,
     ) -> None:
         self._least = least_score
-        self._detectors: List[Detector] = [ObjectDetector(supports), PersonDetector(), TagDetector(tag_edge)]
+        self._detectors: List[Union[ObjectDetector, PersonDetector, TagDetector]] = [
+            ObjectDetector(supports),
+            PersonDetector(),
+            TagDetector(tag_edge),
+        ]
 
     def recognize(
         self,
