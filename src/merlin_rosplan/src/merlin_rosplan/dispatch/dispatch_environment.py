@@ -52,7 +52,7 @@ class DispatchError(Exception):
     """Something outside does not work (the knowledge base does not answer, …); ends the dispatch."""
 
 
-class PlanKnowledgeError(Exception):
+class PlanKnowledgeError(DispatchError):
     """The knowledge base does not answer, or does not know; the text says what."""
 
 
@@ -286,7 +286,7 @@ class DispatchEnvironment(abc.ABC):
 
     @abc.abstractmethod
     def changed(self, report: DispatchReport) -> None:
-        """Takes a sentence for the log."""
+        """Takes how the dispatch stands now."""
 
 
 class Feedback(NamedTuple):

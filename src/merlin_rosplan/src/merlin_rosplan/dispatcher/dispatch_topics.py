@@ -16,7 +16,6 @@ from typing import (
     Sequence,
     Set,
     Tuple,
-    TypeVar,
 )
 
 import rospy
@@ -54,7 +53,6 @@ if TYPE_CHECKING:  # imported when there is a plan
     from merlin_rosplan.dispatcher.plan_knowledge import PlanKnowledge
     from merlin_rosplan.knowledge.transaction import StateChange
 
-_Answer = TypeVar("_Answer")
 SHUTDOWN_DEADLINE = 1.0  # s that running interfaces get to answer when the node ends
 _WIRE_STATES = {
     DispatchState.RUNNING: DispatchStatus.RUNNING,
@@ -223,19 +221,19 @@ class DispatchTopics(DispatchEnvironment):
 
     def held(self) -> "Optional[Mapping[int, FrozenSet[PlanTerm]]]":
         """Asks a knowledge base of ours for its open executions."""
-        return _known(lambda: self._knowledge().held(self.plan_id))
+        return self._knowledge().held(self.plan_id)
 
     def goals(self) -> Optional[PlanGoals]:
         """Asks the knowledge base."""
-        return _known(self._knowledge().goals)
+        return self._knowledge().goals()
 
     def goals_hold(self) -> bool:
         """Asks the knowledge base."""
-        return _known(self._knowledge().goals_hold)
+        return self._knowledge().goals_hold()
 
     def objects(self) -> Optional[FrozenSet[str]]:
         """Asks the knowledge base."""
-        return _known(self._knowledge().objects)
+        return self._knowledge().objects()
 
     def robot_left(self, action: PlannedAction, unmet: "Conditions") -> str:
         """The robot of the action whose ``(available ?robot)`` does not hold; the bridges keep that fact."""
@@ -334,13 +332,6 @@ class DispatchTopics(DispatchEnvironment):
                 dispatched=self._dispatched.get(action.id, rospy.Time()),
             )
         return shown
-
-
-def _known(answer: Callable[[], _Answer]) -> _Answer:
-    try:
-        return answer()
-    except PlanKnowledgeError as error:
-        raise DispatchError(str(error)) from error
 
 
 def _is_available(atom: "PlanTerm") -> bool:
