@@ -19,13 +19,9 @@ class QuietRoom:
 
     def __init__(self) -> None:
         self._last_sound = 0.0
-        self._robot_speaks = False
-        self._answer_due = 0.0
-
-    @property
-    def robot_speaks(self) -> bool:
+        self.robot_speaks = False
         """Whether the robot has begun to speak and has not ended."""
-        return self._robot_speaks
+        self._answer_due = 0.0
 
     def sound(self, now: float) -> None:
         """A person in the room speaks: an answer that was due has begun."""
@@ -33,7 +29,7 @@ class QuietRoom:
 
     def robot(self, now: float, speaking: bool) -> None:
         """The robot begins or ends to speak; while it does it is not quiet, however long that takes."""
-        self._robot_speaks, self._last_sound = speaking, now
+        self.robot_speaks, self._last_sound = speaking, now
 
     def asked(self, now: float) -> None:
         """The robot has asked a person that will answer; no other person speaks first."""
@@ -41,7 +37,7 @@ class QuietRoom:
 
     def quiet(self, now: float) -> bool:
         """Whether a guest may call."""
-        return not self._robot_speaks and now - self._last_sound > QUIET and now > self._answer_due
+        return not self.robot_speaks and now - self._last_sound > QUIET and now > self._answer_due
 
 
 class SeenRobot:

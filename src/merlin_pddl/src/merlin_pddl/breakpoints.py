@@ -51,18 +51,14 @@ class Breakpoints:
         self._texts: Tuple[str, ...] = ()
         self._patterns: Tuple[Pattern, ...] = ()
         self._stepping = False
-        self._held = ""
+        self.held = ""
+        """What is held now, as PDDL text; empty: nothing."""
         self._released = ""  # was held, and has not begun yet
 
     @property
     def texts(self) -> List[str]:
         """The breakpoints as they were given."""
         return list(self._texts)
-
-    @property
-    def held(self) -> str:
-        """What is held now, as PDDL text; empty: nothing."""
-        return self._held
 
     def set(self, texts: Sequence[str]) -> None:
         """Replaces the breakpoints; what is held stays so.
@@ -91,9 +87,9 @@ class Breakpoints:
         :return: indices, in the order in which they are to begin.
         """
         with self._lock:
-            if self._held and self._held in asked:
+            if self.held and self.held in asked:
                 return []
-            self._held = ""
+            self.held = ""
             admitted = [index for index, text in enumerate(asked) if text and text == self._released][:1]
             if admitted and self._stepping:
                 return admitted
@@ -101,7 +97,7 @@ class Breakpoints:
                 if index in admitted:
                     continue
                 if self._stepping or self._matches(text):
-                    self._held = text
+                    self.held = text
                     break
                 admitted.append(index)
             self._arm()
@@ -120,14 +116,14 @@ class Breakpoints:
         :param stepping: whether a step continues with what comes next.
         """
         with self._lock:
-            self._held = self._released = ""
+            self.held = self._released = ""
             self._stepping = self._stepping and stepping
             self._arm()
 
     def _release(self, stepping: bool) -> None:
         with self._lock:
-            if self._held:
-                self._released, self._held = self._held, ""
+            if self.held:
+                self._released, self.held = self.held, ""
             self._stepping = stepping
             self._arm()
 
@@ -136,7 +132,7 @@ class Breakpoints:
         return any(_fits(pattern, words) for pattern in self._patterns for words in formulas)
 
     def _arm(self) -> None:
-        self.armed = bool(self._patterns or self._stepping or self._held or self._released)
+        self.armed = bool(self._patterns or self._stepping or self.held or self._released)
 
 
 def _fits(pattern: Pattern, words: Sequence[str]) -> bool:

@@ -47,12 +47,8 @@ class Offers:
         self._of: Dict[str, Bids] = {}
         self._ranked: Dict[str, List[Tuple[float, int, str]]] = {}
         self._answers: Dict[str, int] = {}
-        self._closed = 0
-
-    @property
-    def closed(self) -> int:
+        self.closed = 0
         """Number of robots that bid for no goal at present."""
-        return self._closed
 
     def of(self, robot: str) -> Optional[Bids]:
         """The bids of a robot."""
@@ -68,7 +64,7 @@ class Offers:
             self._answers[goal] = self._answers.get(goal, 0) + 1
             if bid.cost is not None:
                 bisect.insort(self._ranked.setdefault(goal, []), _offer(goal, robot, bid.cost))
-        self._closed += bool(bids.reason) - bool(before.reason)
+        self.closed += bool(bids.reason) - bool(before.reason)
         self._of[robot] = bids
 
     def remove(self, robot: str) -> None:
@@ -86,7 +82,7 @@ class Offers:
 
     def answers(self, goal: str) -> int:
         """How many robots have answered: with a bid, with a refusal, or that they bid for no goal."""
-        return self._answers.get(goal, 0) + self._closed
+        return self._answers.get(goal, 0) + self.closed
 
     def _withdraw(self, goal: str, robot: str, bid: Bid) -> None:
         self._answers[goal] -= 1

@@ -20,7 +20,8 @@ class Lag:
     def __init__(self) -> None:
         self._unseen: Deque[Tuple[int, float]] = deque()
         self._last = 0.0
-        self._until = 0.0
+        self.until = 0.0
+        """Until then the robot writes nothing that all robots have to read."""
 
     def wrote(self, revision: int, seen: int, now: float) -> None:
         """A transaction was answered.
@@ -35,7 +36,7 @@ class Lag:
         """All changes up to a revision were seen."""
         while self._unseen and self._unseen[0][0] <= revision:
             self._last = now - self._unseen.popleft()[1]
-            self._until = now + min(LONGEST, PATIENCE * (self._last - TOLERATED))
+            self.until = now + min(LONGEST, PATIENCE * (self._last - TOLERATED))
 
     def forget(self) -> None:
         """Everything was read anew."""
@@ -50,13 +51,8 @@ class Lag:
             self._unseen.popleft()
         return bool(self._unseen)
 
-    @property
-    def until(self) -> float:
-        """Until then the robot writes nothing that all robots have to read."""
-        return self._until
-
     def seconds(self, now: float) -> float:
         """Its lag, now or a moment ago, s; 0: too small to matter."""
-        last = self._last if now < self._until else 0.0
+        last = self._last if now < self.until else 0.0
         first = now - self._unseen[0][1] if self._unseen else 0.0
         return max(last, first if first > TOLERATED else 0.0)

@@ -17,18 +17,14 @@ class Pacer:
 
     def __init__(self, factor: float) -> None:
         self._changed = threading.Condition()  # guards the fields below
-        self._factor = factor
+        self.factor = factor
+        """The factor asked for."""
         self._paused = False  # whether a pause was asked for
         self._stepping = False  # whether a step that was due is under way
         self._stopped = False
         self._due: Optional[float] = None  # monotonic time at which the next step is due
         self._measured_from = (time.monotonic(), 0.0)
         self._simulated = 0.0
-
-    @property
-    def factor(self) -> float:
-        """The factor asked for."""
-        return self._factor
 
     @property
     def paused(self) -> bool:
@@ -38,7 +34,7 @@ class Pacer:
     def set_factor(self, factor: float) -> None:
         """Changes the factor from the next step on."""
         with self._changed:
-            self._factor = factor
+            self.factor = factor
             self._due = None
             self._changed.notify_all()
 
@@ -69,7 +65,7 @@ class Pacer:
                     self._changed.wait()
                     continue
                 now = time.monotonic()
-                pace = min(self._factor or math.inf, limit)
+                pace = min(self.factor or math.inf, limit)
                 if self._due is None or pace == math.inf or now - self._due > MAX_LAG:
                     self._due = now
                 left = self._due - now

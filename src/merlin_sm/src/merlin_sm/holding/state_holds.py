@@ -77,7 +77,8 @@ class StateHolds:
         """Called with a sentence when what is held continues because there is no console."""
         self._clock = clock
         self._changed = threading.Condition()  # guards the fields below, and changes of those above
-        self._level = self._usual = FULL
+        self.level = self._usual = FULL
+        """The place of the autonomy level in :data:`~merlin_sm.autonomy.LEVELS`."""
         self._paths: Dict[str, List[Pattern]] = {}  # of the states of each machine
         self._patterns: Dict[Pattern, str] = {}
         self._held: List[_Held] = []
@@ -101,11 +102,6 @@ class StateHolds:
         """The states that wait for a confirmation, each with its outcome, in the order of their coming."""
         with self._changed:
             return [(held.path, held.outcome) for held in self._held if held.outcome]
-
-    @property
-    def level(self) -> int:
-        """The place of the autonomy level in :data:`~merlin_sm.autonomy.LEVELS`."""
-        return self._level
 
     @property
     def held(self) -> str:
@@ -140,7 +136,7 @@ class StateHolds:
         :param usual: it is the one to which the level goes back when there is no console.
         """
         with self._changed:
-            self._level = level
+            self.level = level
             if usual:
                 self._usual = level
             self._held = [held for held in self._held if not held.outcome or held.required > level]
@@ -191,7 +187,7 @@ class StateHolds:
         :return: False: it may be left because there is no console.
         """
         with self._changed:
-            if required <= self._level:
+            if required <= self.level:
                 return True
             held = self._hold(_Held(None, state, path, self._clock(), outcome, required))
         self._wait(held, over)
@@ -237,7 +233,7 @@ class StateHolds:
             paths = ", ".join(each.path for each in self._held)
             for each in self._held:
                 each.lost = True
-            self._patterns, self._held, self._level = {}, [], self._usual
+            self._patterns, self._held, self.level = {}, [], self._usual
             self._stepping.clear()
             self._arm()
             self._changed.notify_all()
@@ -261,7 +257,7 @@ class StateHolds:
 
     def _arm(self) -> None:
         self.armed = bool(self._patterns or self._stepping or self._held)
-        self.limited = self._level < FULL
+        self.limited = self.level < FULL
 
 
 def _fits(pattern: Pattern, labels: Pattern) -> bool:

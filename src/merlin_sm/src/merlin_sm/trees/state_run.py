@@ -25,13 +25,9 @@ class StateRun:
         self.ended = threading.Event()
         self._on_end = on_end
         self._lock = threading.Lock()  # guards the field below
-        self._interrupted = False
-        machine.prepare()
-
-    @property
-    def interrupted(self) -> bool:
+        self.interrupted = False
         """Whether its stop was requested."""
-        return self._interrupted
+        machine.prepare()
 
     def start(self, after: Callable[[], None]) -> None:
         """Begins, in a thread of its own.
@@ -58,9 +54,9 @@ class StateRun:
     def interrupt(self) -> None:
         """Preempts it, once; its end is reported as any other."""
         with self._lock:
-            if self._interrupted:
+            if self.interrupted:
                 return
-            self._interrupted = True
+            self.interrupted = True
         try:
             self.machine.cancel()
         except BaseException:  # users' code; what else runs in the tree still has to be interrupted
