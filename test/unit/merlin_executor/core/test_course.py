@@ -207,6 +207,14 @@ def test_the_same_failure_is_not_tried_a_third_time() -> None:
     assert decision.reason == "the way is blocked (2 times for the same reason)"
 
 
+def test_a_measured_time_does_not_make_it_another_failure() -> None:
+    policy = Replanning(10)
+    assert policy.failed(Failure("/arm has been silent for 7.0 s", "(pick cup)")).again
+    assert not policy.failed(Failure("/arm has been silent for 7.2 s", "(pick cup)")).again
+    assert policy.failed(Failure("table_4.2 is blocked", "(pick cup)")).again
+    assert policy.failed(Failure("table_4.3 is blocked", "(pick cup)")).again
+
+
 def test_a_plan_that_no_longer_fits_is_replaced_at_once_and_a_bounded_number_of_times() -> None:
     course = Course(max_replans=3)
     course.begin()

@@ -118,6 +118,19 @@ def test_both_get_the_result(topics: Topics, twice: List[ClientGoal], ended: Lis
     assert sorted(map(twice.index, ended)) == [0, 1]
 
 
+@pytest.mark.parametrize(
+    "state", [GoalStatus.PENDING, GoalStatus.ACTIVE, GoalStatus.PREEMPTING, GoalStatus.RECALLING, 77]
+)
+def test_a_result_whose_status_is_not_an_end_has_the_goal_stopped(
+    client: ActionClient, topics: Topics, state: int
+) -> None:
+    goal = client.send(ListenGoal())
+    topics.send("/owned/result", ListenActionResult(status=status(goal, state, "lid open")))
+    assert goal.done and goal.status == GoalStatus.LOST
+    assert f"status {state}, which is not an end: lid open" in goal.text
+    assert topics.published("/owned/cancel").get_nowait().id == goal.id and leased(topics) == []
+
+
 def test_both_get_the_feedback(topics: Topics, twice: List[ClientGoal], reported: List[ClientGoal]) -> None:
     topics.send("/owned/feedback", ListenActionFeedback(status=status(twice[1], GoalStatus.ACTIVE)))
     assert sorted(map(twice.index, reported)) == [0, 1]

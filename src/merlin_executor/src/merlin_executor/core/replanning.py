@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Whether a plan that failed is replaced by another one. Pure."""
 
+import re
 from typing import Dict, List, NamedTuple, Optional, Sequence, Tuple
 
 #: s of running time before the second new plan; twice as long before each further one. What makes a plan fail
@@ -8,6 +9,8 @@ from typing import Dict, List, NamedTuple, Optional, Sequence, Tuple
 REPLAN_WAIT = 1.0
 #: How often the same action may fail for the same reason, where its failures are no matter of chance.
 SAME_FAILURES = 2
+#: A measured time: the next failure for the same reason has another one.
+_MEASURED = re.compile(r"\d+\.\d+ s\b")
 
 
 class Failure(NamedTuple):
@@ -75,7 +78,7 @@ class Replanning:
                 return ReplanDecision(False, reason=failure.reason)
             self.count += 1
             return ReplanDecision(True)
-        key = (failure.action.lower(), failure.reason)
+        key = (failure.action.lower(), _MEASURED.sub("s", failure.reason))
         same = self._failures[key] = self._failures.get(key, 0) + 1
         if self.count >= self._limit:
             times = f" (planned again {_times(self.count)})" if self._limit else ""

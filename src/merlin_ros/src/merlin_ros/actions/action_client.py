@@ -319,7 +319,13 @@ class ActionClient:
             goal = self._goals.pop(status.goal_id.id, None)
             if goal is not None:
                 self._silence.settle(goal)
-        if goal is not None:
+        if goal is None:
+            return
+        if status.status not in TERMINAL:  # the server may go on with it
+            said = f": {status.text}" if status.text else ""
+            why = f"sent a result with status {status.status}, which is not an end{said}"
+            self._lose(goal, f"the action server {self.name} {why}")
+        else:
             at = message.header.stamp.to_sec() or math.nan
             try:
                 goal.finish(status.status, status.text, message.result, at)
