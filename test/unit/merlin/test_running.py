@@ -66,6 +66,16 @@ def test_the_master_of_the_environment_is_asked_too(masters: dict) -> None:
         assert running.choose(find, "hosts")[0] == "http://env:1"
 
 
+def test_where_a_robot_has_no_executor_of_its_own_is_said(
+    masters: dict, capsys: pytest.CaptureFixture
+) -> None:
+    masters["http://env:1"] = Graph("/merlin_fsm_host/reload_actions")
+    assert running.at_robot("merlin send", "ria", lambda _: 0) == 2
+    assert "no running system has an Executor in the namespace ria (robots of one plan share one" in (
+        capsys.readouterr().err
+    )
+
+
 def test_of_two_runs_none_is_guessed_and_the_one_that_the_environment_names_is_meant(
     masters: dict, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -77,6 +77,21 @@ def test_a_request_that_may_not_begin_yet_says_until_when(
     assert said == ["waits until 160.0 s", "waits: (checked hall) runs"]
 
 
+def test_a_failure_is_said_once_and_a_second_one_again(progress: SendProgress, said: List[str]) -> None:
+    runs = [RunningAction(name="drive")]
+    for stage, running, reason in (
+        ("DISPATCH_PLAN", runs, ""),
+        ("REPLAN", [], "(drive) failed: blocked"),
+        ("PLAN", [], "(drive) failed: blocked"),
+        ("DISPATCH_PLAN", [], "(drive) failed: blocked"),
+        ("DISPATCH_PLAN", runs, "(drive) failed: blocked"),
+        ("DISPATCH_PLAN", [], "(drive) failed: blocked"),
+        ("REPLAN", [], "(drive) failed: lost"),
+    ):
+        progress.feedback(ExecuteFeedback(stage=stage, running=running, reason=reason))
+    assert said == ["(drive)", "(drive) failed: blocked", "(drive)", "(drive) failed: lost"]
+
+
 def test_a_paused_executor_is_named(progress: SendProgress, said: List[str]) -> None:
     progress.executor(ExecutorStatus(state=IDLE, paused=True))
     assert len(said) == 1 and "the Executor is paused" in said[0] and "merlin/resume" in said[0]
@@ -127,6 +142,17 @@ def test_ctrl_c_before_the_node_has_begun_gives_no_traceback() -> None:
     process.send_signal(signal.SIGINT)
     _, errors = process.communicate(timeout=LONG)
     assert process.returncode == -signal.SIGINT and errors == ""
+
+
+@pytest.mark.parametrize("timeout", ["nan", "0", "-3"])
+def test_a_timeout_that_is_not_a_time_is_refused(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture, timeout: str
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["send", "(checked hall)", f"--timeout={timeout}"])
+    with pytest.raises(SystemExit) as caught:
+        send.main()
+    assert caught.value.code == 2
+    assert f"--timeout: {timeout} is not a number of seconds above 0" in capsys.readouterr().err
 
 
 def test_a_request_is_followed_or_cancelled(

@@ -35,9 +35,10 @@ def test_the_travel_times_are_those_of_the_world(problem: Path, capsys: pytest.C
     assert [line.rstrip(")") for line in stated] == [line.rstrip(")") for line in measured]
 
 
-def test_the_command_refuses_turning_without_a_speed() -> None:
+@pytest.mark.parametrize("words", ["--turning 3", "--speed nan", "--speed inf", "--speed 1 --turning nan"])
+def test_the_command_refuses_times_that_are_none(words: str) -> None:
     with pytest.raises(SystemExit):
-        poi_distances([str(find_world("apartment")), "--turning", "3"])
+        poi_distances([str(find_world("apartment")), *words.split()])
 
 
 def test_two_robots_share_two_points() -> None:

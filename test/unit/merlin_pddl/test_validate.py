@@ -52,10 +52,22 @@ def test_errors_name_file_line_and_column(capsys, tmp_path):
     assert code == 1 and "missing.pddl: cannot be read: No such file" in output
 
 
-def test_wrong_usage(capsys):
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        [],
+        *[
+            [DOMAIN, option, number]
+            for option in ("--time-limit", "--max-size")
+            for number in ("nan", "-1", "0")
+        ],
+        [DOMAIN, "--time-limit", "inf"],
+    ],
+)
+def test_wrong_usage(capsys, arguments):
     with pytest.raises(SystemExit) as caught:
-        validate([])
-    assert caught.value.code == 2
+        validate(arguments)
+    assert caught.value.code == 2 and capsys.readouterr().out == ""
 
 
 QUANTIFIED = """(define (domain web) (:requirements :adl) (:predicates (next ?a ?b) (never))

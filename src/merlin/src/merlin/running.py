@@ -166,7 +166,8 @@ def at_robot(
             raise LaunchError(f"there are several robots; choose one, --robot: {', '.join(robots)}")
         return do(f"{robots[0]}/")
 
-    return beside(command, executors, "an Executor", at, *refusals)
+    below = f" in the namespace {robot} (robots of one plan share one: leave --robot out)" if robot else ""
+    return beside(command, executors, f"an Executor{below}", at, *refusals)
 
 
 def _place(uri: str) -> Tuple[str, int]:

@@ -30,7 +30,7 @@ def main() -> int:
     )
     parser.add_argument("goal", nargs="*", help='PDDL, one or many: "(checked kitchen)"')
     parser.add_argument("--priority", type=int, default=0, help="a higher one interrupts what runs")
-    parser.add_argument("--timeout", type=float, metavar="S", help="cancel them after this time")
+    parser.add_argument("--timeout", type=_seconds, metavar="S", help="cancel them after this time")
     parser.add_argument(
         "--not-before", type=_time, metavar="TIME", help="begin then: 10min from now, or 14:30"
     )
@@ -111,6 +111,13 @@ def _time(text: str) -> Written:
         return read_time(text)
     except ValueError as error:
         raise argparse.ArgumentTypeError(str(error)) from error
+
+
+def _seconds(text: str) -> float:
+    seconds = float(text)
+    if not seconds > 0.0:
+        raise argparse.ArgumentTypeError(f"{text} is not a number of seconds above 0")
+    return seconds
 
 
 def _leave(request: ExecutorRequest) -> None:

@@ -23,6 +23,7 @@ class SendProgress:
         self._request: Optional[ExecutorRequest] = None
         self._not_before: Optional[rospy.Time] = None
         self._said = ""
+        self._reason = ""  # said last; while the next plan is carried out it is that of the plan before
         self._company = ""  # as it was said last
         self._feedback: Optional[ExecuteFeedback] = None
         self._status: Optional[ExecutorStatus] = None
@@ -107,4 +108,9 @@ class SendProgress:
             f"({' '.join([action.name, *(parameter.value for parameter in action.parameters)])})"
             for action in feedback.running
         ]
-        return ", ".join(running) or feedback.reason or ("planning" if feedback.stage == "PLAN" else "")
+        if running:
+            return ", ".join(running)
+        if feedback.reason and not (feedback.stage == "DISPATCH_PLAN" and feedback.reason == self._reason):
+            self._reason = feedback.reason
+            return feedback.reason
+        return "planning" if feedback.stage == "PLAN" else ""

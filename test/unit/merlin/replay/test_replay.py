@@ -219,6 +219,16 @@ def test_a_bag_that_cannot_be_shown_is_one_line(
     assert re.search(text, line)
 
 
+@pytest.mark.parametrize("option", ["--start=nan", "--start=-1", "--rate=nan"])
+def test_a_number_that_is_not_a_time_is_refused(option: str, monkeypatch: Any, capsys: Any) -> None:
+    monkeypatch.setattr("sys.argv", ["replay", "run.bag", option])
+    with pytest.raises(SystemExit):
+        command.main()
+    assert (
+        f"argument {option.partition('=')[0]}: {option.partition('=')[2]} is not" in capsys.readouterr().err
+    )
+
+
 def test_a_recording_of_other_messages_is_refused(tmp_path: Path, monkeypatch: Any) -> None:
     path = recorded(tmp_path / "run.bag")
     monkeypatch.setattr(MissionStatus, "_md5sum", "0" * 32)

@@ -2,6 +2,7 @@
 """The command `rosrun merlin replay`: shows the page as it was while a bag was recorded."""
 
 import argparse
+import math
 import sys
 import tempfile
 from pathlib import Path
@@ -81,7 +82,7 @@ def _arguments(words: List[str]) -> argparse.Namespace:
         help=f"the bag, or the results folder with run.bag ({last})",
     )
     parser.add_argument("--rate", type=_rate, default=1.0, help="s of the recording per s; 1 by default")
-    parser.add_argument("--start", type=float, default=0.0, metavar="S", help="begin after S seconds")
+    parser.add_argument("--start", type=_begin, default=0.0, metavar="S", help="begin after S seconds")
     parser.add_argument("--pause", action="store_true", help="begin paused; space goes on")
     parser.add_argument("--keep", action="store_true", help="stay at the end, until Ctrl-C")
     parser.add_argument("--port", type=int, default=8080, help="of the page, or the next free one")
@@ -93,6 +94,13 @@ def _rate(text: str) -> float:
     if not 0.0 < rate <= 1000.0:
         raise argparse.ArgumentTypeError(f"{text} is not a number above 0, up to 1000")
     return rate
+
+
+def _begin(text: str) -> float:
+    begin = float(text)
+    if not 0.0 <= begin < math.inf:
+        raise argparse.ArgumentTypeError(f"{text} is not a number of seconds from 0 on")
+    return begin
 
 
 def _request(recording: BagRecording, folder: Path, given: argparse.Namespace) -> LaunchRequest:

@@ -32,6 +32,7 @@ VALID, INVALID, USAGE = 0, 1, 2
 #: MB that a file may have; reading one MB takes about a second.
 MAX_SIZE = 8.0
 TIME_LIMIT = 10.0
+LONGEST = 1e6  # s
 
 
 class Validation:
@@ -210,6 +211,8 @@ def validate(arguments: List[str]) -> int:
     parser.add_argument("--time-limit", type=float, default=TIME_LIMIT, help="s for everything")
     parser.add_argument("--max-size", type=float, default=MAX_SIZE, help="MB that a file may have")
     given = parser.parse_args(arguments)
+    if not (0.0 < given.time_limit <= LONGEST and given.max_size > 0.0):
+        parser.error(f"--time-limit and --max-size are numbers above 0, --time-limit up to {LONGEST:g}")
     valid, messages = run_limited((given.domain, given.problem, given.goal), given.time_limit, given.max_size)
     for message in messages:
         print(message)

@@ -66,7 +66,8 @@ def main(arguments: Optional[List[str]] = None) -> int:
     parser.add_argument("--speed", type=float, default=0.0, help="m/s: prints times in s, not distances in m")
     parser.add_argument("--turning", type=float, default=0.0, help="s for the turns of each drive")
     options = parser.parse_args(arguments)
-    if options.speed < 0 or options.turning < 0 or (options.turning and not options.speed):
+    numbers = all(0.0 <= number < math.inf for number in (options.speed, options.turning))
+    if not numbers or (options.turning and not options.speed):
         parser.error("--speed and --turning are positive, and --turning needs --speed")
     try:
         world = load_world(find_world(options.world))
