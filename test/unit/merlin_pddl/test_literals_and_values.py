@@ -133,6 +133,27 @@ def test_a_number_that_is_missing_is_named_with_its_operator() -> None:
     ]
 
 
+@pytest.mark.parametrize(
+    ("duration", "said"),
+    [
+        ("(= ?duration -6)", ["operator wash has a negative duration: (wash "]),
+        ("(= ?duration (- (long ?r) 5))", ["operator wash has a negative duration: (wash hall) lasts -2 s"]),
+        ("(and (>= ?duration -3) (<= ?duration -1))", ["operator wash has a negative duration"]),
+        ("(>= ?duration -3)", []),
+        ("(= ?duration 0)", []),
+    ],
+)
+def test_a_negative_duration_is_named_with_an_action(duration: str, said: List[str]) -> None:
+    domain = parse_domain(
+        f"""(define (domain d) (:types room) (:predicates (clean ?r - room)) (:functions (long ?r - room))
+        (:durative-action wash :parameters (?r - room) :duration {duration} :effect (at end (clean ?r))))"""
+    )
+    text = """(define (problem p) (:domain d) (:objects hall attic - room)
+        (:init (= (long hall) 3) (= (long attic) 8)) (:goal (clean attic)))"""
+    found = missing_values(domain, parse_problem(text, domain))
+    assert len(found) == len(said) and all(line.startswith(begin) for line, begin in zip(found, said))
+
+
 def test_what_an_action_assigns_is_not_missing() -> None:
     ways = "(= (way hall attic) 1) (= (way attic hall) 1)"
     assert missing_values(DOMAIN, problem(f"(clean hall) {ways}")) == []

@@ -153,6 +153,21 @@ def test_a_planner_that_needs_too_much_memory_is_ended_and_the_outcome_says_so(p
     assert "memory" in outcome.reason and "400 MB" in outcome.reason
 
 
+@pytest.mark.parametrize("duration", ["(= ?duration -6)", "(and (>= ?duration 5) (<= ?duration 1))"])
+def test_an_action_that_can_never_last_as_its_domain_says_is_why_there_is_no_plan(tmp_path, duration):
+    domain, problem = tmp_path / "domain.pddl", tmp_path / "problem.pddl"
+    domain.write_text(
+        f"""(define (domain d) (:requirements :durative-actions :duration-inequalities) (:predicates (spun))
+        (:durative-action spin :parameters () :duration {duration} :effect (at end (spun))))"""
+    )
+    problem.write_text("(define (problem p) (:domain d) (:init) (:goal (spun)))")
+    outcome = Planning(PlannerSettings(time_limit=LONG), str(domain), str(problem)).run()
+    assert outcome.state == PlannerState.UNSOLVABLE
+    assert (
+        outcome.reason.startswith("(spun) cannot be reached, it needs (>= ") and "for spin" in outcome.reason
+    )
+
+
 def test_processes_that_need_too_much_memory_together_are_ended(planner, tmp_path):
     hungry = "import time; b = bytearray(180000000); time.sleep(600)"
     outcome = planning(planner(f'for i in 1 2 3; do python3 -c "{hungry}" & done; wait'), memory_limit=400.0)

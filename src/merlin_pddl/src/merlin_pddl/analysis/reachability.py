@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which facts and numbers the actions of a task can reach when nothing is ever lost."""
 
+import itertools
 import math
 from typing import Dict, List, Sequence, Set, Tuple
 
 from merlin_pddl.analysis.ranges import Range, arithmetic
 from merlin_pddl.analysis.relaxed_state import Bindings, RelaxedState
 from merlin_pddl.domain import Domain, Operator
-from merlin_pddl.formula import Comparison, Condition, Effect
+from merlin_pddl.formula import Comparison, Condition, Effect, Number
 from merlin_pddl.knowledge import ASSIGN, DECREASE, INCREASE, SCALE_UP, Key, conjuncts
 from merlin_pddl.problem import Problem
 
@@ -16,10 +17,16 @@ GROWTHS = 20
 
 
 def conditions_of(operator: Operator) -> List[Condition]:
-    """What an action needs, in single conditions: a duration without a value keeps it from running too."""
+    """What an action needs, in single conditions, some of them of its duration.
+
+    That has a value, is not negative, and its bounds leave something between them.
+    """
     needed = [part for timed in operator.conditions for part in conjuncts(timed.condition)]
+    lowest = [duration.value for duration in operator.durations if duration.op == ">="]
+    highest = [duration.value for duration in operator.durations if duration.op != ">="]
     # A comparison of a value with itself holds when there is a value.
-    return needed + [Comparison(">=", duration.value, duration.value) for duration in operator.durations]
+    bounds = [(low, low) for low in lowest] + list(itertools.product(highest, [Number(0.0), *lowest]))
+    return needed + [Comparison(">=", high, low) for high, low in bounds]
 
 
 class Reachability:

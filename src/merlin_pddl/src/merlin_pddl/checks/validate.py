@@ -119,8 +119,9 @@ class Validation:
             return
         reasons = "; ".join(diagnostic.message for diagnostic in result.diagnostics)
         found, why = shortfall(domain_text, problem_text)
-        reasons = "; ".join(filter(None, (why if found else "", reasons)))
-        status = result.status.name.lower().replace("_", " ")
+        failed = result.status == self._kairos.Status.INTERNAL_ERROR
+        reasons = "; ".join(filter(None, (why if found else "", "" if found and failed else reasons)))
+        status = "unsolvable" if found and failed else result.status.name.lower().replace("_", " ")
         self._invalid(f"no plan for {goals}: {status}" + (f": {reasons}" if reasons else ""))
 
     def _invalid(self, message: str) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which numbers the actions of a problem need that have no value, so that they never run."""
+"""Which numbers keep actions of a problem from running: those without a value, and negative durations."""
 
 import time
 from typing import Any, Dict, Iterator, List, Set, Tuple
@@ -21,19 +21,28 @@ CUT_OFF = "values of functions were not looked at: the problem is too large for 
 def missing_values(domain: Domain, problem: Problem, limit: float = LIMIT) -> List[str]:
     """One sentence for each operator and function; values that an action may set before are not missing.
 
+    Likewise one for each operator whose duration is negative.
+
     :param limit: s of processor time of this thread.
     """
     reach = Reachability(domain, problem, time.thread_time() + limit)
     found: Dict[Tuple[str, str], Dict[str, None]] = {}
+    negative: Dict[str, str] = {}  # of an operator: its first action with such a duration
     try:
         reach.run()
         for operator in domain.operators.values():
             needed = conditions_of(operator)
             plain = [condition for condition in needed if not isinstance(condition, Comparison)]
             fluents = list(dict.fromkeys(_read(operator)))
-            if not fluents:
-                continue
+            longest = [duration.value for duration in operator.durations if duration.op != ">="]
             for bindings in reach.state.matches(operator.parameters, plain):
+                for value in longest:
+                    seconds = reach.state.range(value, bindings)
+                    if seconds is not None and seconds.high < 0.0:
+                        names = " ".join(
+                            [operator.name, *(bindings[each.name] for each in operator.parameters)]
+                        )
+                        negative.setdefault(operator.name, f"({names}) lasts {seconds.high:g} s")
                 for fluent in fluents:
                     key = reach.state.key(fluent, bindings)
                     # From a place to itself is nothing to drive.
@@ -41,7 +50,11 @@ def missing_values(domain: Domain, problem: Problem, limit: float = LIMIT) -> Li
                         found.setdefault((operator.name, fluent.name), {})[f"({' '.join(key)})"] = None
     except CutOffError:
         return [CUT_OFF]
-    said = []
+    said = [
+        f"operator {name} has a negative duration: {text}, so no plan can use it there; correct its "
+        ":duration in the domain, or the value in :init of the problem"
+        for name, text in negative.items()
+    ]
     for (name, _), texts in found.items():
         named = sorted(texts)[:NAMED]
         more = f" and {len(texts) - NAMED} more" if len(texts) > NAMED else ""

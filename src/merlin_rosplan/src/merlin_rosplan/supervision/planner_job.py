@@ -118,7 +118,7 @@ def _plan(job: PlannerJob, folder: Path) -> Dict[str, Any]:
         return _outcome(PlannerState.INVALID, str(error), job.name)
     entry, task = _solve(job, (domain, problem), files, folder)
     if entry.attempt.state != PlannerState.SOLVED:
-        return _outcome(entry.attempt.state, _why(entry.attempt, task), entry.attempt.planner)
+        return _outcome(*_why(entry.attempt, task), entry.attempt.planner)
     return _solved(job, entry.attempt.planner, entry.plan)
 
 
@@ -150,13 +150,13 @@ def _plan_in_time(job: PlannerJob, domain: str, problem: str, folder: Path) -> D
         if proven or endless or attempt.state != PlannerState.UNSOLVABLE or left < 0.0:
             break
         job, proven = job._replace(settings=dataclasses.replace(job.settings, time_limit=left)), True
-    reason = _why(attempt, dataclasses.replace(task, domain=domain, problem=timed.plain))
+    state, reason = _why(attempt, dataclasses.replace(task, domain=domain, problem=timed.plain))
     if proven and attempt.state != PlannerState.UNSOLVABLE:
         # The first search has proved it; how late they are is what the second one has not found.
         reason = f"{_late(dues)}; without deadlines: {reason}"
         outcome = _outcome(PlannerState.UNSOLVABLE, reason, attempt.planner)
         return {**outcome, "reached": [NOT_KNOWN] * len(dues)}
-    return _outcome(attempt.state, reason, attempt.planner)
+    return _outcome(state, reason, attempt.planner)
 
 
 def _late(dues: Sequence[Due], reached: Sequence[float] = ()) -> str:
@@ -212,14 +212,18 @@ def _read(path: str) -> str:
     return Path(path).read_text(errors="replace")
 
 
-def _why(attempt: Attempt, task: Task) -> str:
-    """Why an engine found no plan: which condition no action can reach, else its own words."""
-    if attempt.state not in (PlannerState.UNSOLVABLE, PlannerState.NO_PLAN, PlannerState.TIMEOUT):
-        return attempt.reason
+def _why(attempt: Attempt, task: Task) -> Tuple[PlannerState, str]:
+    """Why an engine found no plan: which condition no action can reach, else its own words.
+
+    Such a condition is a proof also where the engine failed, as kairos does over a negative duration.
+    """
+    state, gave_up = attempt.state, attempt.state in (PlannerState.UNSOLVABLE, PlannerState.NO_PLAN)
+    if not gave_up and state not in (PlannerState.TIMEOUT, PlannerState.CRASHED):
+        return state, attempt.reason
     found, why = shortfall(task.domain, task.problem)
-    if not why or (attempt.state is PlannerState.TIMEOUT and not found):
-        return attempt.reason
-    return why if found else f"{attempt.reason}; {why}"
+    if found:
+        return PlannerState.UNSOLVABLE if state is PlannerState.CRASHED else state, why
+    return state, f"{attempt.reason}; {why}" if why and gave_up else attempt.reason
 
 
 def _solved(job: PlannerJob, planner: str, plan: Sequence[PlanStep]) -> Dict[str, Any]:
