@@ -213,6 +213,7 @@ def check_host(found: Findings, config: LaunchConfig, namespace: str, host: Node
         _signatures({**domain.functions, **domain.predicates}),
         lambda text, operator: declared_fault(text, operator, domain, problem.objects),
         task.fault,
+        config.strangers,
         config.judges(namespace),
     )
     everything = [survey(fitted(machine, world)) for machine in machines]
@@ -262,10 +263,12 @@ def check_mission(found: Findings, config: LaunchConfig, node: Node) -> None:
     ]
     wanted = servers_of(mission.servers, robots)
     missing = [name for name in wanted if name not in served] if config.has_robot else []
-    if missing:
+    waits = f"node {own}: {path} waits for the action servers {', '.join(missing)}, which"
+    if missing and config.strangers:
+        found.fits[f"not looked at: {waits} {' or '.join(config.strangers)} has to serve"] = None
+    elif missing:
         found.wrong(
-            f"node {own}: {path} waits for the action servers {', '.join(missing)}, which the launch "
-            f"file does not start; it starts: {', '.join(sorted(served)) or 'none'}"
+            f"{waits} the launch file does not start; it starts: {', '.join(sorted(served)) or 'none'}"
         )
     fault = found.task(config, config.knowledge_base(node)).fault
     found.wrong(

@@ -40,6 +40,9 @@ SCRIPTED = {("merlin_actions", "simulated_action_server"), ("merlin_sim", "perso
 KNOWLEDGE_BASE = "rosplan_knowledge_base"
 #: Ends of the names of parameters that name a file which has to be there when a node starts.
 FILE_PARAMETERS = ("/domain_path", "knowledge_base/problem_path", "/world_file", "/world_path")
+#: Begins of the names of MERLIN's packages, and further packages whose nodes serve no actions.
+OURS = ("merlin", "rosplan_")
+WITHOUT_ACTIONS = {"robot_state_publisher", "rosbag", "rviz", "tf", "tf2_ros", "topic_tools"}
 HOSTS = {("merlin_actions", "fsm_host"), ("merlin_actions", "naive_actions")}
 
 
@@ -137,6 +140,15 @@ class LaunchConfig:
                 actions = self.param(f"{namespace}{node.name}/action", "")
             for action in actions if isinstance(actions, list) else [str(actions)] * bool(actions):
                 yield dict(node.remap_args).get(action, action), node
+
+    @property
+    def strangers(self) -> List[str]:
+        """Nodes that are not MERLIN's: which actions they serve is not known."""
+        return [
+            full_name(node)
+            for node in self.nodes
+            if not node.package.startswith(OURS) and node.package not in WITHOUT_ACTIONS
+        ]
 
     @property
     def has_robot(self) -> bool:

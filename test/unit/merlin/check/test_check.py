@@ -151,12 +151,43 @@ def test_what_does_not_fit_on_one_robot_has_its_name_and_what_robots_hear_is_che
         assert done.returncode == 2 and said in done.stderr and len(done.stderr.splitlines()) == 1
 
 
+def test_a_server_that_a_node_of_another_package_may_be_is_no_mistake(check: Any, tmp_path: Path) -> None:
+    domain = "(define (domain d) (:types cup) (:predicates (had ?t - cup)) "
+    domain += "(:action take_order :parameters (?t - cup) :effect (had ?t)))"
+    (tmp_path / "domain.pddl").write_text(domain)
+    (tmp_path / "problem.pddl").write_text("(define (problem p) (:domain d) (:objects mug - cup) (:init))")
+    (tmp_path / "fetches.py").write_text(FETCHES)
+    file = Path(application(tmp_path, "'fetches:TakeOrder'"))
+    text = file.read_text().replace("$(find merlin)/pddl/home", str(tmp_path))
+    own = """<node name="gripper" pkg="actionlib_tutorials" type="arm.py"/>
+      <node name="mission" pkg="merlin_executor" type="mission" args="mission:=waits:Waits"/></launch>"""
+    (tmp_path / "waits.py").write_text(
+        "from merlin_executor.mission import GoalDispatcher\n\n\nclass Waits(GoalDispatcher):\n"
+        "    servers = ('pick',)\n\n    def run(self):\n        self.achieve('(had mug)')\n"
+    )
+    file.write_text(text.replace("</launch>", own))
+    done = check(tmp_path, str(file))
+    assert done.returncode == 0, done.stderr
+    for use in ("state PICK of TakeOrder uses the action server 'pick'", "waits:Waits waits for the action"):
+        assert f"not looked at: {use}" in done.stdout.replace("node /mission: ", "")
+    assert done.stdout.count("/gripper has to serve") == 2
+    file.write_text(text.replace("</launch>", own.partition("\n")[2]))
+    done = check(tmp_path, str(file))
+    assert done.returncode == 2
+    assert done.stderr.count("which the launch file does not start") == 2, done.stderr
+
+
 def test_an_expression_that_fails_is_one_line(tmp_path: Path) -> None:
     file = tmp_path / "my.launch"
     file.write_text("""<launch><arg name="n" default="5"/><group if="$(eval arg('n').strip())"/></launch>""")
     done = command(tmp_path, str(file))
     assert done.returncode == 2
     assert done.stderr == "merlin check: 'int' object has no attribute 'strip'\n"
+
+
+def test_what_servers_see_is_a_list(check: Any, tmp_path: Path) -> None:
+    done = check(tmp_path, "merlin", "application.launch", "on:=servers", "sees:=7")
+    assert done.returncode == 2 and len(done.stderr.splitlines()) == 1 and "sees has to be" in done.stderr
 
 
 def test_a_port_of_the_page_that_is_none_is_named(check: Any, tmp_path: Path) -> None:

@@ -64,6 +64,8 @@ class ApplicationWorld(NamedTuple):
     """What is wrong with a declared effect of an operator; empty: nothing, or the domain is not known."""
     literal_fault: Callable[[str, str, bool], str] = lambda text, operator, adds_objects: ""
     """What is wrong with facts or goals of a class; likewise. See `merlin_pddl.checks.literals`."""
+    strangers: Collection[str] = ()
+    """Nodes that may serve further actions, as they are not MERLIN's."""
     known: Mapping[str, Callable[[Sequence[str]], str]] = MappingProxyType({})
     """Action -> what its server says of words or classes that it does not know; empty: it knows them."""
 
@@ -95,7 +97,7 @@ def check_application(classes: Sequence[Needs], world: ApplicationWorld, complet
         found += [f"{needs.name}: {text}" for text in needs.unset]
         found += _declared(needs, world)
         found += _points(needs, world)
-        found += _servers(needs, world)
+        found += [] if world.strangers else _servers(needs, world)
         found += _literals(needs, world)
         found += _asked(needs, world)
     if complete:
@@ -159,13 +161,15 @@ def _points(needs: Needs, world: ApplicationWorld) -> Iterator[str]:
 
 
 def _servers(needs: Needs, world: ApplicationWorld) -> Iterator[str]:
+    """What the launch file does not start, a sentence for each state that uses it."""
     for path, server in needs.servers:
         if world.servers is not None and server not in world.servers:
             there = ", ".join(sorted(world.servers)) or "none"
-            yield (
-                f"state {path} of {needs.name} uses the action server {server!r}, which the launch file "
-                f"does not start; start it, or remap it. It starts: {there}"
-            )
+            use = f"state {path} of {needs.name} uses the action server {server!r}, which"
+            if world.strangers:
+                yield f"{use} {' or '.join(world.strangers)} has to serve; of MERLIN's nodes none does"
+            else:
+                yield f"{use} the launch file does not start; start it, or remap it. It starts: {there}"
 
 
 def _literals(needs: Needs, world: ApplicationWorld) -> Iterator[str]:
@@ -187,6 +191,7 @@ def not_looked_at(classes: Sequence[Needs], world: ApplicationWorld) -> List[str
     found: List[str] = []
     unknown: Dict[str, Dict[str, None]] = {}
     for needs in classes:
+        found += _servers(needs, world) if world.strangers else []
         found += [
             f"service {name!r} of state {path} of {needs.name}: a node has to offer it"
             for path, name in needs.services
