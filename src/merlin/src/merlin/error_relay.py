@@ -30,8 +30,8 @@ class ErrorRelay:
         self._muted = threading.Event()
 
     def __enter__(self) -> "ErrorRelay":
-        self._held = os.dup(STDERR)
-        self._screen = Screen(self._held)
+        self._given = os.dup(STDERR)
+        self._screen = Screen(self._given)
         self._source, sink = os.pipe()
         os.dup2(sink, STDERR)
         os.close(sink)
@@ -39,10 +39,10 @@ class ErrorRelay:
         return self
 
     def __exit__(self, *_: object) -> None:
-        os.dup2(self._held, STDERR)
+        os.dup2(self._given, STDERR)
         self._reader.join(timeout=5.0)
         self._screen.close()
-        os.close(self._held)
+        os.close(self._given)
 
     def say(self, text: str) -> None:
         """Puts one line of our own on the screen."""

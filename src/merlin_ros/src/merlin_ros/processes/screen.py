@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a process prints and logs, where that may end or stand: a pipe, a full disk, a terminal after Ctrl-S.
 
-The work goes on: what cannot be written is lost. What is more than a screen's reader takes waits once.
+The work goes on: what cannot be written is lost, and a screen that takes nothing is waited for once.
 """
 
 import contextlib
@@ -42,7 +42,7 @@ class Screen(io.RawIOBase):
         return os.isatty(self._descriptor)
 
     def writable(self) -> bool:
-        """It is."""
+        """True: it takes all."""
         return True
 
     def write(self, data: Any) -> int:
