@@ -6,6 +6,7 @@ import subprocess
 import sys
 import termios
 import tty
+from concurrent.futures import ThreadPoolExecutor
 from typing import Iterator, Tuple
 
 import pytest
@@ -81,3 +82,13 @@ def test_of_a_log_that_cannot_be_written_it_is_said_once_and_of_a_wrong_line_as_
     assert first == "/dev/full cannot be written: No space left on device; its lines are lost"
     assert rest[0] == "--- Logging error ---" and rest.count("--- Logging error ---") == 1
     assert "Arguments: ('wrong',)" in rest
+
+
+def test_several_threads_may_write_to_a_screen_that_is_not_read() -> None:
+    reading, writing = os.pipe()
+    screen = Screen(writing)
+    with ThreadPoolExecutor(8) as threads:
+        written = list(threads.map(screen.write, [b"." * 100_000] * 40))
+    os.close(reading)
+    os.close(writing)
+    assert written == [100_000] * 40

@@ -30,8 +30,6 @@ class Screen(io.RawIOBase):
             # Room of a terminal may be one character. The flags of the other descriptor are shared.
             self._own = os.open(os.ttyname(descriptor), os.O_WRONLY | os.O_NONBLOCK | os.O_NOCTTY)
         self._stands = False
-        self._room = select.poll()
-        self._room.register(self._own, select.POLLOUT)
 
     def fileno(self) -> int:
         """Its descriptor."""
@@ -48,9 +46,11 @@ class Screen(io.RawIOBase):
     def write(self, data: Any) -> int:
         """Writes what there is room for; returns the length of all."""
         left = whole = bytes(data)
+        room = select.poll()  # not one for all: it is for one thread at a time
+        room.register(self._own, select.POLLOUT)
         with contextlib.suppress(OSError):
             while left:
-                self._stands = not self._room.poll(0 if self._stands else 1000 * PATIENCE)
+                self._stands = not room.poll(0 if self._stands else 1000 * PATIENCE)
                 if self._stands:
                     break
                 # A pipe that has room takes so much at once.
@@ -70,10 +70,11 @@ def print_without_failing() -> None:
     Of a log that cannot be written it is said once; Python would print a traceback with each line.
     """
     logging.Handler.handleError = _lose_line  # type: ignore[assignment]
+    _open_closed()
     for name in ("stdout", "stderr"):
         stream = getattr(sys, name)
         if stream is not getattr(sys, f"__{name}__") or not isinstance(stream, io.TextIOWrapper):
-            continue  # a test reads it; or it is closed
+            continue  # a test reads it
         with contextlib.suppress(OSError):
             stream.flush()
         file: Any = Screen(stream.fileno())
@@ -85,6 +86,18 @@ def print_without_failing() -> None:
             write_through=stream.write_through,
         )
         setattr(sys, name, screen)
+
+
+def _open_closed() -> None:
+    """Input and outputs that are closed, as a daemon may close them, are /dev/null, for children, too."""
+    for descriptor, name in enumerate(("stdin", "stdout", "stderr")):
+        if getattr(sys, name) is None:  # what has the descriptor now was opened by chance, and was read
+            null = os.open(os.devnull, os.O_RDWR)
+            os.dup2(null, descriptor)
+            os.set_inheritable(descriptor, True)
+            if null != descriptor:
+                os.close(null)
+            setattr(sys, name, os.fdopen(descriptor, "w" if descriptor else "r", closefd=False))
 
 
 _usual = logging.Handler.handleError
