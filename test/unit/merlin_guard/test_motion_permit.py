@@ -4,6 +4,7 @@
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from merlin_msgs.msg import GuardStatus
 from motion_world import BASE, DOCK, DRIVING, World, driving
 
 from merlin_guard.motion_permit import GuardState, MotionPermit, Send
@@ -407,3 +408,7 @@ def test_which_servers_are_heard_and_which_drive():
     assert world.permit.view.heard == (BASE, DOCK) and world.permit.drivers == (DOCK,)
     world.after(1.5, [])
     assert world.permit.view.heard == (BASE,) and world.permit.drivers == (), "what is held does not drive"
+
+
+def test_what_it_does_is_named_by_the_number_of_the_message():
+    assert all(getattr(GuardStatus, state.name) == state for state in GuardState)

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from merlin_msgs.msg import DispatchStatus
+from rosplan_dispatch_msgs.msg import ActionFeedback
 
 from merlin_planning.dispatch_progress import Action, DispatchAnswer, DispatchProgress, Reply
 from merlin_planning.dispatcher_kind import ReportingDispatcher
@@ -84,3 +85,9 @@ def test_only_a_status_of_this_dispatch_says_that_it_is_over_and_why(events: Lis
     reported = any(event != "begin" for event in events) and bool(since_begin)
     result = dispatcher.result(progress(), Reply())
     assert (result.reason == "the door is shut") == reported
+
+
+def test_answers_have_the_numbers_of_the_message() -> None:
+    feedback = ActionFeedback
+    numbers = feedback.ACTION_ENABLED, feedback.ACTION_SUCCEEDED_TO_GOAL_STATE, feedback.ACTION_FAILED
+    assert tuple(DispatchAnswer) == numbers

@@ -38,13 +38,6 @@ REMEMBER = 0.5  # s to wait for the master to keep a stop; one that hangs must n
 STOPPED_PARAM, SINCE_PARAM = "~stopped", "~stopped_since"  # keep a stop over a restart of the node
 LONGEST_TEXT = 100  # characters of the name of an operator, or of a reason
 
-_STATES = {
-    GuardState.IDLE: GuardStatus.IDLE,
-    GuardState.PASSING: GuardStatus.PASSING,
-    GuardState.HOLDING: GuardStatus.HOLDING,
-    GuardState.STOPPED: GuardStatus.STOPPED,
-}
-
 
 class GuardNode:
     """The guard of one base.
@@ -274,7 +267,7 @@ class GuardNode:
             return
         self._published, self._published_at = said, now
         status = GuardStatus(
-            state=_STATES[view.state],
+            state=int(view.state),
             reason=view.reason,
             since=self._since,
             moving=view.moving,

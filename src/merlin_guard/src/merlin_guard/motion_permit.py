@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Whether the base may move: events in, decisions out. Knows nothing of ROS and starts no thread."""
 
-from enum import Enum
+from enum import Enum, IntEnum
 from typing import Collection, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 from merlin_guard.attention_clock import AttentionClock
@@ -24,13 +24,13 @@ class Send(Enum):
     ZERO = "zero"
 
 
-class GuardState(Enum):
-    """What the guard does; named like the constants of merlin_msgs/GuardStatus."""
+class GuardState(IntEnum):
+    """What the guard does; the numbers are those of merlin_msgs/GuardStatus."""
 
-    IDLE = "IDLE"
-    PASSING = "PASSING"
-    HOLDING = "HOLDING"
-    STOPPED = "STOPPED"
+    IDLE = 0
+    PASSING = 1
+    HOLDING = 2
+    STOPPED = 3
 
 
 class PermitVerdict(NamedTuple):

@@ -22,11 +22,6 @@ from merlin_ros.actions.client_goal import ClientGoal
 from merlin_ros.service_proxy import ServiceError, ServiceUnavailable
 
 OWN_MARK = "dispatcher"  # key in the information of feedback that a dispatcher published itself
-_ANSWERS = {
-    ActionFeedback.ACTION_ENABLED: DispatchAnswer.TAKEN,
-    ActionFeedback.ACTION_SUCCEEDED_TO_GOAL_STATE: DispatchAnswer.SUCCEEDED,
-    ActionFeedback.ACTION_FAILED: DispatchAnswer.FAILED,
-}
 
 
 def ground_action(dispatch: ActionDispatch) -> Ground:
@@ -58,9 +53,10 @@ def cancel_of(action: Action) -> ActionDispatch:
 
 def answer_in(feedback: ActionFeedback) -> Optional[Tuple[DispatchAnswer, Dict[str, str]]]:
     """What an action interface says, and its information; None: it says nothing, or a dispatcher spoke."""
-    answer = _ANSWERS.get(feedback.status)
     information = {entry.key: entry.value for entry in feedback.information}
-    return None if answer is None or OWN_MARK in information else (answer, information)
+    if feedback.status not in tuple(DispatchAnswer) or OWN_MARK in information:
+        return None
+    return DispatchAnswer(feedback.status), information
 
 
 def reply_of(answer: object, dispatcher: str, begun: bool) -> Reply:

@@ -4,7 +4,7 @@
 Pure: messages go in as plain values. :mod:`merlin_planning.dispatch_client` is the ROS side of it.
 """
 
-from enum import Enum
+from enum import IntEnum
 from typing import (
     Any,
     Callable,
@@ -19,6 +19,8 @@ from typing import (
     Set,
     Tuple,
 )
+
+from merlin_pddl.formula import call_text
 
 PART = "the planning system's plan dispatcher"
 #: Name of a dispatched action that cancels another one, or all of them.
@@ -42,12 +44,12 @@ _CANCELLED = "cancelled"
 _UNANSWERED = "no answer to the cancel from "
 
 
-class DispatchAnswer(Enum):
-    """What an action interface says of an action."""
+class DispatchAnswer(IntEnum):
+    """What an action interface says of an action, by its number in rosplan_dispatch_msgs/ActionFeedback."""
 
-    TAKEN = "taken"
-    SUCCEEDED = "succeeded"
-    FAILED = "failed"
+    TAKEN = 1
+    SUCCEEDED = 2
+    FAILED = 10
 
 
 class DispatchResult(NamedTuple):
@@ -103,7 +105,7 @@ class Action(NamedTuple):
     @property
     def text(self) -> str:
         """The action as PDDL text: ``(navigate hall kitchen)``."""
-        return f"({' '.join([self.name, *self.arguments])})"
+        return call_text(self.name, self.arguments)
 
 
 class EarlyAnswer(NamedTuple):

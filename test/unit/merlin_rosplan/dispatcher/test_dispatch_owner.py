@@ -359,3 +359,8 @@ def test_a_client_gets_its_answer_whatever_fails(bench: Bench, part: str) -> Non
         first.cancel("test")
         assert other.answer() == "success: False"
     assert bench.dispatch("/next").success  # the next client is not concerned
+
+
+def test_a_dispatch_that_goes_on_has_the_number_of_the_message() -> None:
+    goes_on = DispatchState.IDLE, DispatchState.RUNNING, DispatchState.CANCELLING
+    assert all(getattr(DispatchStatus, state.name) == state for state in goes_on)

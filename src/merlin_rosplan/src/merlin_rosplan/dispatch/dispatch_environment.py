@@ -38,7 +38,7 @@ class FeedbackStatus(IntEnum):
 
 
 class DispatchState(IntEnum):
-    """State of a dispatch."""
+    """State of a dispatch; the first ones have the numbers of merlin_msgs/DispatchStatus."""
 
     IDLE = 0
     RUNNING = 1

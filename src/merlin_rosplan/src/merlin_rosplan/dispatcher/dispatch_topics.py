@@ -54,10 +54,7 @@ if TYPE_CHECKING:  # imported when there is a plan
     from merlin_rosplan.knowledge.transaction import StateChange
 
 SHUTDOWN_DEADLINE = 1.0  # s that running interfaces get to answer when the node ends
-_WIRE_STATES = {
-    DispatchState.RUNNING: DispatchStatus.RUNNING,
-    DispatchState.CANCELLING: DispatchStatus.CANCELLING,
-}
+_GOES_ON = (DispatchState.RUNNING, DispatchState.CANCELLING)
 
 
 class DispatchTopics(DispatchEnvironment):
@@ -238,7 +235,11 @@ class DispatchTopics(DispatchEnvironment):
     def robot_left(self, action: PlannedAction, unmet: "Conditions") -> str:
         """The robot of the action whose ``(available ?robot)`` does not hold; the bridges keep that fact."""
         named = {value.lower() for _, value in action.parameters if value.lower() in self._robots}
-        lacking = [atom.arguments[0] for atom in unmet.positive if _is_available(atom)]
+        lacking = [
+            atom.arguments[0]
+            for atom in unmet.positive
+            if atom.name.lower() == AVAILABLE and len(atom.arguments) == 1
+        ]
         return next((robot for robot in lacking if robot.lower() in named), "")
 
     def _meet(self, word: RobotHost) -> None:
@@ -267,12 +268,12 @@ class DispatchTopics(DispatchEnvironment):
         Leases what runs, and lets go of what runs no more: an interface that did not answer stops by itself.
         """
         running = {self._goal(action) for action in report.running}
-        if report.state in (DispatchState.RUNNING, DispatchState.CANCELLING):
+        if report.state in _GOES_ON:
             running.add(f"{self.plan_id}/plan")  # between two actions the client must see its life, too
         if running != self._leased:
             self._lease.exchange(running - self._leased, self._leased - running, self._owner)
             self._leased = running
-        if report.state in (DispatchState.RUNNING, DispatchState.CANCELLING):
+        if report.state in _GOES_ON:
             self.report_status(report)
         self._on_change()
 
@@ -304,7 +305,7 @@ class DispatchTopics(DispatchEnvironment):
 
     def _publish_status(self, report: DispatchReport) -> None:
         status = DispatchStatus(
-            state=_WIRE_STATES.get(report.state, DispatchStatus.IDLE),
+            state=int(report.state) if report.state in _GOES_ON else DispatchStatus.IDLE,
             plan_id=self.plan_id,
             running=[self._running(action) for action in report.running],
             steps_done=report.steps_done,
@@ -332,10 +333,6 @@ class DispatchTopics(DispatchEnvironment):
                 dispatched=self._dispatched.get(action.id, rospy.Time()),
             )
         return shown
-
-
-def _is_available(atom: "PlanTerm") -> bool:
-    return atom.name.lower() == AVAILABLE and len(atom.arguments) == 1
 
 
 class KnowledgeEvents:
