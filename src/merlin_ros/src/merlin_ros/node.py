@@ -313,7 +313,7 @@ def on_master_lost(callback: Callable[[], None]) -> None:
     :param callback: must not call the master.
     """
     if _keeper is not None:
-        _keeper.on_lost(callback)
+        _keeper.on_lost.append(callback)
 
 
 def on_master_back(callback: Callable[[], None]) -> None:
@@ -322,7 +322,7 @@ def on_master_back(callback: Callable[[], None]) -> None:
     :param callback: called in the thread of :func:`on_master_lost`.
     """
     if _keeper is not None:
-        _keeper.on_back(callback)
+        _keeper.on_back.append(callback)
 
 
 def on_master_replaced(callback: Callable[[], None]) -> None:
@@ -333,7 +333,7 @@ def on_master_replaced(callback: Callable[[], None]) -> None:
     :param callback: called in the thread of :func:`on_master_lost`.
     """
     if _keeper is not None:
-        _keeper.on_replaced(callback)
+        _keeper.on_replaced.append(callback)
 
 
 def master_is_lost() -> bool:

@@ -82,15 +82,14 @@ class ServerGoal:
         """Whether it has ended."""
         return self.ended_at is not None
 
-    def accept(self, text: str = "") -> bool:
+    def accept(self) -> bool:
         """Begins it: PENDING becomes ACTIVE, RECALLING becomes PREEMPTING."""
         with self._server.lock:
             if self.done or self.status not in _PENDING:
                 return False
-            self._status.status = (
-                GoalStatus.ACTIVE if self.status == GoalStatus.PENDING else GoalStatus.PREEMPTING
-            )
-            self._status.text = str(text)
+            pending = self.status == GoalStatus.PENDING
+            self._status.status = GoalStatus.ACTIVE if pending else GoalStatus.PREEMPTING
+            self._status.text = ""
             self._server.publish_status()
             return True
 

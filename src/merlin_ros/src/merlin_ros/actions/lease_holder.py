@@ -31,9 +31,10 @@ class LeaseHolder:
     def __init__(self, topic: str) -> None:
         self.topic = rospy.resolve_name(topic)
         with self._lock:
-            self._lease = self._shared.setdefault(self.topic, _Lease(self.topic))
+            if self.topic not in self._shared:
+                self._shared[self.topic] = _Lease(self.topic)
+            self._lease = self._shared[self.topic]
             self._lease.users += 1
-            self._lease.advertise()
 
     def hold(self, goal: str, owner: Optional[str] = None) -> None:
         """Leases a goal from now on.
@@ -68,21 +69,21 @@ class LeaseHolder:
 
 
 class _Lease:
-    """The lease of this process for one server."""
+    """The lease of this process for one server, whose topic is there before the first goal."""
 
     def __init__(self, topic: str) -> None:
-        self.topic = topic
         self.users = 0
-        self._publisher: Optional[rospy.Publisher] = None
+        self._publisher = rospy.Publisher(topic, Lease, queue_size=10)
         self._lock = threading.Lock()  # guards the fields below and the order of messages
         # goal -> its holder, and the goal on whose behalf it was sent
         self._held: Dict[str, Tuple[LeaseHolder, Optional[str]]] = {}
         self._stopped = False
         self._beat: Optional[Alarm] = None
+        ownership.listen(self._renew)
 
     @property
     def watched(self) -> bool:
-        return self._publisher is not None and self._publisher.get_num_connections() > 0
+        return bool(self._publisher.get_num_connections() > 0)
 
     def release_all(self, holder: LeaseHolder) -> None:
         with self._lock:
@@ -109,14 +110,7 @@ class _Lease:
         ownership.ignore(self._renew)
         with self._lock:
             self._stopped = True
-        if self._publisher is not None:
-            unregister(self._publisher)
-
-    def advertise(self) -> None:
-        """Registers with the master before the first goal, so that servers connect meanwhile."""
-        if self._publisher is None:
-            self._publisher = rospy.Publisher(self.topic, Lease, queue_size=10)
-            ownership.listen(self._renew)
+        unregister(self._publisher)
 
     def _renew(self) -> None:
         with self._lock:
@@ -135,5 +129,4 @@ class _Lease:
             suspended=[goal for goal, (_, owner) in self._held.items() if ownership.suspended(owner)],
         )
         message.header.stamp = rospy.Time.now()
-        if self._publisher is not None:
-            publish(self._publisher, message)
+        publish(self._publisher, message)

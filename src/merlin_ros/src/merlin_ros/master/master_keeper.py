@@ -134,22 +134,13 @@ class MasterKeeper:
         self._foreign_due: Optional[float] = None  # monotonic time from which they are registered
         self._foreign_tries = 0
         self._news = CallQueue("master news")
-        # Lists of callbacks, without a lock: each use is one step of Python's.
-        self._on_lost: List[Callback] = []
-        self._on_back: List[Callback] = []
-        self._on_replaced: List[Callback] = []
-
-    def on_lost(self, callback: Callback) -> None:
-        """Calls this, in a thread of its own, each time the master is lost."""
-        self._on_lost.append(callback)
-
-    def on_back(self, callback: Callback) -> None:
-        """Calls this, in the same thread, each time the node is registered again after that."""
-        self._on_back.append(callback)
-
-    def on_replaced(self, callback: Callback) -> None:
-        """Calls this, in the same thread, each time the node is registered with another master process."""
-        self._on_replaced.append(callback)
+        # Without a lock: each use is one step of Python's.
+        self.on_lost: List[Callback] = []
+        """Called, in a thread of its own, each time the master is lost."""
+        self.on_back: List[Callback] = []
+        """Called, in the same thread, each time the node is registered again after that."""
+        self.on_replaced: List[Callback] = []
+        """Called, in the same thread, each time the node is registered with another master process."""
 
     def keep_params(self, name: str) -> Optional[Mapping[str, Any]]:
         """Restores the parameters below a name too, at a master that has lost them; looks at its own too.
@@ -261,7 +252,7 @@ class MasterKeeper:
         if decision is WatchDecision.LOST:
             master_link.lost.set()
             rospy.logerr(f"{master} does not answer; waiting for its return")
-            self._call_back(self._on_lost)
+            self._call_back(self.on_lost)
         elif decision is WatchDecision.PAUSE:
             master_link.silent.set()
             rospy.logwarn(
@@ -296,9 +287,9 @@ class MasterKeeper:
         what = "is back" if decision is WatchDecision.BACK_SAME else "was started anew"
         rospy.logwarn(f"{self._name}: the master at {self._master_uri} {what}; this node is registered again")
         if was_lost:
-            self._call_back(self._on_back)
+            self._call_back(self.on_back)
         if decision is WatchDecision.BACK_NEW:
-            self._call_back(self._on_replaced)
+            self._call_back(self.on_replaced)
 
     def _register_foreign(self) -> None:
         assert self._foreign is not None
