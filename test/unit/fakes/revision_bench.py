@@ -39,7 +39,7 @@ CHECK = SimpleNamespace(at_start_del_effects=[], at_start_add_effects=[])
 
 
 def text(action: Any) -> str:
-    return action_text(action.name, action.parameters)
+    return action_text(action)
 
 
 class Robot:

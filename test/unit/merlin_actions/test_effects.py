@@ -7,6 +7,7 @@ import pytest
 from diagnostic_msgs.msg import KeyValue
 from hypothesis import given
 from hypothesis import strategies as st
+from merlin_msgs.srv import ApplyEffectsRequest
 from rosplan_knowledge_msgs.msg import DomainAssignment, DomainFormula, DomainOperator, KnowledgeItem
 
 from merlin_actions import effects
@@ -61,12 +62,16 @@ def opening(token: str = "1", interrupted: str = "", running: str = "") -> Openi
     )
 
 
+def test_what_closes_an_execution_is_named_by_the_number_of_the_message() -> None:
+    assert all(getattr(ApplyEffectsRequest, closing.name) == closing for closing in Closing)
+
+
 def test_a_plain_operator_changes_nothing_before_it_succeeded() -> None:
     knowledge = Knowledge("(at hall)")
     driving = UpdateEffects(drive(durative=False), knowledge)
     driving.open(opening())
     assert knowledge.facts == {"(at hall)"}
-    driving.close(opening(), Closing.END)
+    driving.close(opening(), Closing.END, lambda: None)
     assert knowledge.facts == {"(at kitchen)"}
 
 
@@ -75,7 +80,7 @@ def test_a_durative_operator_leaves_at_its_start_and_arrives_at_its_end() -> Non
     driving = UpdateEffects(drive(durative=True), knowledge)
     driving.open(opening(running="busy"))
     assert knowledge.facts == {"(busy)"}
-    driving.close(opening(running="busy"), Closing.END)
+    driving.close(opening(running="busy"), Closing.END, lambda: None)
     assert knowledge.facts == {"(at kitchen)"}
     assert knowledge.transactions == 2, "each of them is one transaction"
 
@@ -94,7 +99,7 @@ def test_an_interrupted_drive_leaves_what_it_declares_and_an_unbegun_one_nothing
     knowledge = Knowledge("(at hall)")
     driving = UpdateEffects(drive(durative=True), knowledge)
     driving.open(opening(interrupted=interrupted, running="busy"))
-    driving.close(opening(interrupted=interrupted, running="busy"), closing)
+    driving.close(opening(interrupted=interrupted, running="busy"), closing, lambda: None)
     assert knowledge.facts == left
 
 
@@ -106,7 +111,7 @@ def test_a_rollback_restores_exactly_what_was_there(before: Set[str], durative: 
     knowledge = Knowledge(*before)
     driving = UpdateEffects(drive(durative), knowledge)
     driving.open(opening(running="busy"))
-    driving.close(opening(running="busy"), Closing.ROLLBACK)
+    driving.close(opening(running="busy"), Closing.ROLLBACK, lambda: None)
     assert knowledge.facts == before
 
 
@@ -117,7 +122,7 @@ def test_executions_at_the_same_time_are_undone_each_by_itself(order: List[str])
     for token in ("1", "2", "3"):
         driving.open(opening(token))
     for token in order:
-        driving.close(opening(token), Closing.ROLLBACK)
+        driving.close(opening(token), Closing.ROLLBACK, lambda: None)
     assert knowledge.facts == {"(at hall)"}
 
 

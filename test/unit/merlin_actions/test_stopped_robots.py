@@ -79,7 +79,7 @@ class Home:
         return opening
 
     def end(self, drive: Opening, closing: Closing = Closing.INTERRUPT) -> None:
-        self._effects.close(drive, closing)
+        self._effects.close(drive, closing, lambda: None)
 
 
 @pytest.fixture()

@@ -19,49 +19,49 @@ from merlin_executor.core.agenda import Agenda, AgendaAnswer
 from merlin_executor.core.outcome import Outcome, StopKind, Verdict
 from merlin_executor.core.ticket import Ticket
 from merlin_executor.executor_request import GOES_ON, ExecutorRequest
-from merlin_executor.resending import END, RESEND, RESENDS, Next, Resending
+from merlin_executor.resending import END, RESEND, RESENDS, Resending
 from merlin_ros import late_topics
 from merlin_ros.actions.lease import LEASED, LOSE_AFTER, LeaseBook
 from merlin_test import LONG
 
 
 def test_by_default_a_lost_goal_ends() -> None:
-    assert Resending().ended(lost=True) == (Next.FINISH, "")
+    assert Resending().ended(lost=True) == ""
 
 
 def test_a_goal_that_ended_by_itself_is_not_sent_again() -> None:
-    assert Resending(RESEND).ended(lost=False) == (Next.FINISH, "")
+    assert Resending(RESEND).ended(lost=False) == ""
 
 
 def test_a_lost_goal_is_sent_again_when_the_executor_is_back() -> None:
     resending = Resending(RESEND)
-    assert resending.ended(lost=True).next is Next.AWAIT
-    assert resending.executor(True).next is Next.SEND
+    assert resending.ended(lost=True) is None
+    assert resending.executor(True) is None
     assert resending.sent_again == 1
 
 
 def test_a_goal_that_no_executor_took_is_sent_again_whatever_its_client_wants() -> None:
     resending = Resending(END)
-    assert resending.ended(lost=True, untaken=True).next is Next.AWAIT
-    assert resending.executor(True).next is Next.SEND
-    assert resending.ended(lost=True).next is Next.FINISH
+    assert resending.ended(lost=True, untaken=True) is None
+    assert resending.executor(True) is None
+    assert resending.ended(lost=True) is not None
 
 
 def test_an_executor_that_stays_away_is_named() -> None:
     resending = Resending(RESEND)
     resending.ended(lost=True)
     decision = resending.executor(False)
-    assert decision == (Next.FINISH, "the executor is gone and did not return within 30 s")
+    assert decision == "the executor is gone and did not return within 30 s"
 
 
 def test_all_returns_of_an_executor_that_dies_again_and_again_have_one_deadline() -> None:
     now = [0.0]
     resending = Resending(RESEND, lambda: now[0])
     patience = []
-    while resending.ended(lost=True).next is Next.AWAIT:
+    while resending.ended(lost=True) is None:
         patience.append(resending.patience)
         now[0] += 10.0
-        assert resending.executor(True).next is Next.SEND
+        assert resending.executor(True) is None
         now[0] += 5.0
     assert patience == [30.0, 15.0]
 
@@ -69,11 +69,11 @@ def test_all_returns_of_an_executor_that_dies_again_and_again_have_one_deadline(
 def test_a_cancelled_goal_is_never_sent_again() -> None:
     resending = Resending(RESEND)
     resending.cancel()
-    assert resending.ended(lost=True).next is Next.FINISH
+    assert resending.ended(lost=True) is not None
     resending = Resending(RESEND)
     resending.ended(lost=True)
     resending.cancel()
-    assert resending.executor(True) == (Next.FINISH, "cancelled while the executor was gone")
+    assert resending.executor(True) == "cancelled while the executor was gone"
 
 
 def test_what_to_do_has_to_be_a_known_word() -> None:
@@ -87,10 +87,10 @@ def test_every_goal_is_sent_a_bounded_number_of_times(on_lost: str, events: List
     for lost, there, cancelled in events:
         if cancelled:
             resending.cancel()
-        if resending.ended(lost).next is Next.FINISH:
+        if resending.ended(lost) is not None:
             break
         assert on_lost == RESEND and lost and not resending.cancelled
-        if resending.executor(there).next is Next.FINISH:
+        if resending.executor(there) is not None:
             break
     assert resending.sent_again <= (RESENDS if on_lost == RESEND else 0)
 

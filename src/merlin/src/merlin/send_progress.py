@@ -9,6 +9,7 @@ from merlin_msgs.msg import ExecuteFeedback, ExecutorStatus, GuardStatus
 
 from merlin_executor.core.base_hold import clock_text, hold_words
 from merlin_executor.executor_request import ExecutorRequest
+from merlin_planning.knowledge_text import action_text
 
 
 class SendProgress:
@@ -104,12 +105,8 @@ class SendProgress:
         feedback = self._feedback
         if feedback is None:
             return ""
-        running = [
-            f"({' '.join([action.name, *(parameter.value for parameter in action.parameters)])})"
-            for action in feedback.running
-        ]
-        if running:
-            return ", ".join(running)
+        if feedback.running:
+            return ", ".join(map(action_text, feedback.running))
         if feedback.reason and not (feedback.stage == "DISPATCH_PLAN" and feedback.reason == self._reason):
             self._reason = feedback.reason
             return feedback.reason

@@ -8,7 +8,7 @@ always exactly one final answer.
 
 import threading
 from functools import partial
-from typing import Any, Dict, List, NamedTuple, Optional, Union
+from typing import Any, Dict, List, Optional, Tuple, Union
 
 import rospy
 from diagnostic_msgs.msg import KeyValue
@@ -19,19 +19,19 @@ from rosplan_knowledge_msgs.msg import DomainFormula
 from merlin_actions.core.declared import bound, numeric_apart
 from merlin_actions.core.ending import Ending, after_closing, closing_of, information_of
 from merlin_actions.core.execution import Execution, Key, Token, at_once
-from merlin_actions.core.latched import LATCH_GRACE, Latched, PutAside
+from merlin_actions.core.latched import LATCH_GRACE, Latched
 from merlin_actions.core.names import CONCURRENT, IF_INTERRUPTED, IF_STOPPED_AT, WHILE_RUNNING, action_param
 from merlin_actions.effects import APPLY_LIMIT, Opening, effects_of
 from merlin_actions.shutdown_order import shut_down
 from merlin_planning.dispatch_progress import CANCEL_ACTION
-from merlin_planning.execution_journal import ExecutionJournal
+from merlin_planning.execution_journal import ExecutionJournal, execution_text
 from merlin_planning.knowledge_client import (
     DEFAULT_KNOWLEDGE_BASE,
     KnowledgeClient,
     KnowledgeError,
     knowledge_client,
 )
-from merlin_planning.knowledge_text import action_text, parse_literals
+from merlin_planning.knowledge_text import parse_literals
 from merlin_ros.actions.hang_watch import hangs
 from merlin_ros.actions.lease import LeaseChange, LeaseState
 from merlin_ros.actions.lease_holder import LIFE
@@ -70,18 +70,12 @@ def answer_of(key: Key, ending: Optional[Ending] = None, **information: str) -> 
     return feedback
 
 
-class LeftExecution(NamedTuple):
-    """An execution that was settled."""
-
-    key: Key
-    text: str
-
-
-def settle_left(knowledge: KnowledgeClient, operator: str) -> List[LeftExecution]:
+def settle_left(knowledge: KnowledgeClient, operator: str) -> List[Tuple[Key, str]]:
     """Closes the open executions of an operator that an earlier process of this node has left.
 
     Nothing of them continues: their state machines have lost their owner.
 
+    :return: those that were settled, each with its PDDL text.
     :raises KnowledgeError: when the knowledge base refuses.
     :raises merlin_ros.service_proxy.ServiceError: when it does not answer.
     """
@@ -94,11 +88,11 @@ def settle_left(knowledge: KnowledgeClient, operator: str) -> List[LeftExecution
         if execution.operator_name.lower() != operator.lower() or not token.left_by_earlier(LIFE):
             continue
         refused = journal.interrupt(execution)
-        text = action_text(execution.operator_name, execution.parameters)
+        text = execution_text(execution)
         if refused:
             raise KnowledgeError(f"{text} of an earlier process cannot be settled: {refused}")
         if token.key is not None:
-            settled.append(LeftExecution(token.key, text))
+            settled.append((token.key, text))
     return settled
 
 
@@ -135,9 +129,8 @@ class ActionInterface:
             raise KnowledgeError(f"no operator {operator!r} in {self.knowledge.name}: {error}") from error
         self.formula: DomainFormula = details.formula
         self._effects = effects_of(details, self.knowledge)
-        self._changed = threading.Condition()  # guards the four fields below
+        self._changed = threading.Condition()  # guards the three fields below
         self._latched = Latched()
-        self._put_aside = PutAside()
         self._executions: Dict[Key, Execution] = {}
         self._book: WorkBook[Key] = WorkBook(Policy.IN_TURN, at_once(self.concurrent))
         self._stopped = threading.Event()
@@ -219,31 +212,25 @@ class ActionInterface:
         raise NotImplementedError(f"{type(self).__name__} has to implement run()")
 
     def _receive(self, dispatch: ActionDispatch) -> None:
+        cancels = dispatch.name == CANCEL_ACTION
+        begins = not cancels and dispatch.name.lower() == self.operator.lower()
         with self._changed:
             old = self._latched.may_be_old(dispatch, running_time())
-        if dispatch.name == CANCEL_ACTION:
-            with self._changed:
-                self._put_aside.drop(dispatch)
-            for execution in self.executions():
-                if execution.matches(dispatch):
-                    self._cancel(execution, "cancelled")
-        elif dispatch.name.lower() == self.operator.lower():
-            with self._changed:
-                stale = old and not self._put_aside.awaited(dispatch)  # an old one must not run again
-                if stale:
-                    self._put_aside.put(dispatch)
-                else:
-                    self._put_aside.keep(dispatch.plan_id)
-            if stale:
-                rospy.loginfo(f"{self.operator}: put a dispatch aside that may be older than this interface")
-                return
+            if cancels:
+                self._latched.drop(dispatch)
+            aside = begins and not self._latched.begins(dispatch, old)
+        if aside:
+            rospy.loginfo(f"{self.operator}: put a dispatch aside that may be older than this interface")
+        elif begins:
             self._begin(dispatch)
+        for execution in self.executions() if cancels else ():
+            if execution.matches(dispatch):
+                self._cancel(execution, "cancelled")
 
     def _note_dispatcher(self, status: DispatchStatus) -> None:
         """Begins what was put aside if the dispatcher waits for it. ROSPlan's own tells no status."""
         with self._changed:
-            self._latched.names_waiting = True
-            awaited = self._put_aside.take([(action.plan_id, action.action_id) for action in status.running])
+            awaited = self._latched.take([(action.plan_id, action.action_id) for action in status.running])
         for dispatch in awaited:
             self._begin(dispatch)
 
@@ -398,7 +385,7 @@ class ActionInterface:
             self._effects.close(opening, closing_of(ending), lambda: self._unsettled(execution, ending))
         except _KNOWLEDGE_ERRORS as error:
             rospy.logerr(f"{execution.text}: {error}")
-            return after_closing(ending, [str(error)])
+            return after_closing(ending, str(error))
         return ending
 
     def _unsettled(self, execution: Execution, ending: Ending) -> None:
@@ -468,7 +455,7 @@ class ActionInterface:
             rospy.logerr(f"{self.operator}: {error}")
 
     def _settle(self) -> None:
-        for left in settle_left(self.knowledge, self.operator):
-            rospy.logwarn(f"{left.text} was running when this node ended; its knowledge is put right")
+        for key, text in settle_left(self.knowledge, self.operator):
+            rospy.logwarn(f"{text} was running when this node ended; its knowledge is put right")
             reason = f"the action interface of {self.operator} was restarted while it ran"
-            self._answer(left.key, Ending(False, reason))
+            self._answer(key, Ending(False, reason))

@@ -8,7 +8,6 @@ import rospy
 from merlin_msgs.msg import RunActionAction
 from rosplan_knowledge_msgs.msg import DomainFormula
 
-from merlin_actions.core.ending import Ending
 from merlin_actions.core.execution import Execution
 from merlin_actions.core.names import action_param
 from merlin_actions.core.robot_parameter import robot_parameter
@@ -82,29 +81,23 @@ class ActionServers:
 
         :param seconds: at most; a cancel ends it too.
         """
-        assert self._robots is not None
-        execution.interruptible(self._robots.wake)
+        execution.interruptible(self.robots.wake)
         try:
-            return self._robots.wait(robot, seconds, execution.cancelled.is_set)
+            return self.robots.wait(robot, seconds, execution.cancelled.is_set)
         finally:
             execution.interruptible(None)
 
-    def why_not(self, robot: str, execution: Execution, ending: Ending) -> str:
+    def why_not(self, robot: str, execution: Execution) -> str:
         """Why a robot takes no actions after one that failed there; empty when that has other reasons."""
-        assert self._robots is not None
-        why = self._robots.why_not(robot)
+        why = self.robots.why_not(robot)
         stopped = execution.cancelled.is_set() and execution.cancel_reason != why
         return "" if stopped else why
 
-    def wait_published(self, robot: str) -> None:
-        """Waits until the knowledge says that a robot takes no actions."""
+    @property
+    def robots(self) -> RobotWatch:
+        """The robots that run; there are some where a robot runs an execution."""
         assert self._robots is not None
-        self._robots.wait_published(robot)
-
-    def suspect(self, robot: str, reason: str) -> None:
-        """An action was lost with the host of a robot."""
-        assert self._robots is not None
-        self._robots.suspect(robot, reason)
+        return self._robots
 
     def health(self) -> Health:
         """Whether the servers answer."""

@@ -16,16 +16,6 @@ from merlin_ros.service_proxy import ServiceProxy, when_back
 
 APPLY_LIMIT = 10.0  # s of wall time for one transaction
 
-_PHASES = {
-    Closing.END: ApplyEffectsRequest.END,
-    Closing.INTERRUPT: ApplyEffectsRequest.INTERRUPT,
-    Closing.ROLLBACK: ApplyEffectsRequest.ROLLBACK,
-}
-
-
-def _nothing() -> None:
-    pass
-
 
 class Opening(NamedTuple):
     """An execution as the knowledge base opens it."""
@@ -46,6 +36,11 @@ class Opening(NamedTuple):
     if_stopped_at: Sequence[str] = ()
     """Literals for a robot that was stopped at a point of interest, which is ``?here`` in them."""
 
+    @property
+    def binding(self) -> Dict[str, str]:
+        """Variable without ``?`` → object."""
+        return {parameter.key: parameter.value for parameter in self.parameters}
+
 
 class Effects:
     """What an operator does to the knowledge base; one instance per operator.
@@ -61,7 +56,7 @@ class Effects:
         """
         raise NotImplementedError
 
-    def close(self, opening: Opening, closing: Closing, on_gone: Callable[[], None] = _nothing) -> None:
+    def close(self, opening: Opening, closing: Closing, on_gone: Callable[[], None]) -> None:
         """Applies what is true after it.
 
         :param on_gone: called once when the knowledge base does not answer and is waited for.
@@ -90,10 +85,10 @@ class ServiceEffects(Effects):
             if_interrupted=[*(to_pddl(item) for item in opening.if_interrupted), *opening.counts],
         )
 
-    def close(self, opening: Opening, closing: Closing, on_gone: Callable[[], None] = _nothing) -> None:
+    def close(self, opening: Opening, closing: Closing, on_gone: Callable[[], None]) -> None:
         """See :meth:`Effects.close`; one whose end the knowledge base refuses is closed as interrupted."""
         try:
-            when_back(lambda: self._call(opening, _PHASES[closing]), on_gone=on_gone)
+            when_back(lambda: self._call(opening, int(closing)), on_gone=on_gone)
         except KnowledgeError:
             if closing is Closing.END:  # its effects did not come true
                 self.close(opening, Closing.INTERRUPT, on_gone)
@@ -153,13 +148,13 @@ class UpdateEffects(Effects):
             )
         while_running = _literals(opening.while_running)
         with self._lock:
-            self._update(self._changes.open(opening.token, _binding(opening), while_running, self._true_now))
+            self._update(self._changes.open(opening.token, opening.binding, while_running, self._true_now))
 
-    def close(self, opening: Opening, closing: Closing, on_gone: Callable[[], None] = _nothing) -> None:
+    def close(self, opening: Opening, closing: Closing, on_gone: Callable[[], None]) -> None:
         """See :meth:`Effects.close`; it does not wait."""
         if_interrupted = _literals(opening.if_interrupted)
         with self._lock:
-            self._update(self._changes.close(opening.token, _binding(opening), closing, if_interrupted))
+            self._update(self._changes.close(opening.token, opening.binding, closing, if_interrupted))
 
     def _update(self, changes: Sequence[FactChange]) -> None:
         self._knowledge.update(
@@ -185,10 +180,6 @@ def _literals(items: Sequence[KnowledgeItem]) -> List[FactChange]:
         FactChange(not item.is_negative, item.attribute_name, tuple(pair.value for pair in item.values))
         for item in items
     ]
-
-
-def _binding(opening: Opening) -> Dict[str, str]:
-    return {parameter.key: parameter.value for parameter in opening.parameters}
 
 
 def effects_of(operator: DomainOperator, knowledge: KnowledgeClient) -> Effects:

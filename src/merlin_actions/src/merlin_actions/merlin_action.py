@@ -128,7 +128,7 @@ class MerlinAction(ActionInterface):
             reason = f"{execution.text} did not end within {self._run_limit:g} s and was stopped"
             return Ending(False, reason, unstopped=_result_of(sent).unstopped)
         if sent.status == GoalEnd.LOST and execution.lane and not execution.lost:
-            self._servers.suspect(execution.lane, sent.text)
+            self._servers.robots.suspect(execution.lane, sent.text)
         return ending_of(GoalEnd(sent.status), _result_of(sent), execution, sent.text)
 
     def _wait(self, ended: threading.Event) -> bool:
@@ -153,7 +153,7 @@ class MerlinAction(ActionInterface):
         robot = execution.lane
         if not robot or ending.succeeded or ending.robot:
             return ending
-        why = execution.lost or self._servers.why_not(robot, execution, ending)
+        why = execution.lost or self._servers.why_not(robot, execution)
         if why:
             return ending._replace(reason=why, robot=robot, of_robot="")
         if execution.cancelled.is_set():
@@ -164,13 +164,13 @@ class MerlinAction(ActionInterface):
     def _run_with_effects(self, execution: Execution) -> Ending:
         ending = self._of_robot(execution, super()._run_with_effects(execution))
         if ending.robot:  # the next plan is made as soon as the dispatcher knows
-            self._servers.wait_published(ending.robot)
+            self._servers.robots.wait_published(ending.robot)
         return ending
 
     def _answer_end(self, execution: Execution, ending: Ending) -> None:
         ending = self._of_robot(execution, ending)
         if ending.robot:  # the robot may have left since
-            self._servers.wait_published(ending.robot)
+            self._servers.robots.wait_published(ending.robot)
         super()._answer_end(execution, ending)
 
     def robot_changed(self, change: RobotChange) -> None:

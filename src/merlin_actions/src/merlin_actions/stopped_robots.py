@@ -6,7 +6,7 @@ so near to one that no other robot can come there. The planner has to know, to m
 """
 
 import threading
-from typing import Callable, Dict, Mapping, NamedTuple, Sequence
+from typing import Callable, Dict, Sequence
 
 import rospy
 
@@ -14,15 +14,6 @@ from merlin_actions.core.ending import Closing
 from merlin_actions.effects import Effects, Opening
 from merlin_planning.knowledge_client import ADD, REMOVE, KnowledgeClient, Update
 from merlin_planning.knowledge_text import parse_literals
-
-
-class StopEffects(NamedTuple):
-    """What an action declares for a robot that was stopped at a point of interest."""
-
-    literals: Sequence[str]
-    """PDDL, with the variables of the action and ``?here``."""
-    binding: Mapping[str, str]
-    """Variable without ``?`` → object."""
 
 
 class StoppedRobots:
@@ -38,7 +29,7 @@ class StoppedRobots:
         self._knowledge = knowledge
         self._points_at = points_at
         self._lock = threading.Lock()  # guards the field below, and keeps a query and its update together
-        self._between: Dict[str, StopEffects] = {}  # robot → what may hold of it
+        self._between: Dict[str, Opening] = {}  # robot → the drive that was stopped
 
     def set_off(self, robot: str) -> None:
         """A robot begins a drive."""
@@ -46,10 +37,10 @@ class StoppedRobots:
             self._between.pop(robot, None)
             self._settle()
 
-    def stopped(self, robot: str, stop: StopEffects) -> None:
+    def stopped(self, drive: Opening) -> None:
         """A drive of a robot was stopped."""
         with self._lock:
-            self._between[robot] = stop
+            self._between[drive.robot] = drive
             self._settle()
 
     def settle(self) -> None:
@@ -58,22 +49,22 @@ class StoppedRobots:
             self._settle()
 
     def _settle(self) -> None:
-        for robot, stop in list(self._between.items()):
+        for robot, drive in list(self._between.items()):
             try:
-                if self._stands(robot, stop):
+                if self._stands(robot, drive):
                     del self._between[robot]
             except Exception as error:  # points of interest and literals are the user's
                 # It is between two points for the plan, as without this; the action has its end all the same.
                 rospy.logwarn(f"where robot {robot} was stopped is not known: {error}")
 
-    def _stands(self, robot: str, stop: StopEffects) -> bool:
+    def _stands(self, robot: str, drive: Opening) -> bool:
         """Notes where a robot stands; False: at no point of the problem, or another robot holds it."""
         points = self._points_at(robot)
         known = {name.lower() for name in self._knowledge.instances()} if points else set()
         for point in points:
             if point.lower() not in known:
                 continue
-            literals = parse_literals(stop.literals, {**stop.binding, "here": point})
+            literals = parse_literals(drive.if_stopped_at, {**drive.binding, "here": point})
             if any(self._knowledge.query(literals)):
                 continue  # a literal that holds already: the place is not this robot's
             updates = [Update(REMOVE if item.is_negative else ADD, item) for item in literals]
@@ -101,13 +92,12 @@ class EffectsOfDrives(Effects):
         if opening.if_stopped_at:
             self._robots.set_off(opening.robot)
 
-    def close(self, opening: Opening, closing: Closing, on_gone: Callable[[], None] = lambda: None) -> None:
+    def close(self, opening: Opening, closing: Closing, on_gone: Callable[[], None]) -> None:
         """See :meth:`Effects.close`."""
         self._effects.close(opening, closing, on_gone)
         if not opening.if_stopped_at:
             return
         if closing is Closing.INTERRUPT:
-            binding = {parameter.key: parameter.value for parameter in opening.parameters}
-            self._robots.stopped(opening.robot, StopEffects(opening.if_stopped_at, binding))
+            self._robots.stopped(opening)
         else:
             self._robots.settle()

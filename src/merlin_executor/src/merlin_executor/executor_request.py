@@ -9,7 +9,7 @@ from actionlib_msgs.msg import GoalStatus, GoalStatusArray
 from merlin_msgs.msg import ExecuteFeedback, ExecuteGoal, ExecuteResult
 
 from merlin_executor.core.agenda import client_was_lost
-from merlin_executor.resending import END, RESEND, Next, ResendDecision, Resending, was_begun, was_lost
+from merlin_executor.resending import END, RESEND, Resending, was_begun, was_lost
 from merlin_ros.actions.action_client import ActionClient
 from merlin_ros.actions.client_goal import TERMINAL, ClientGoal
 from merlin_ros.deadline import Deadline, running_time
@@ -49,7 +49,8 @@ class ExecutorRequest:
             RESEND if goal.survives else on_lost, running_time, survives=bool(goal.survives)
         )
         self._ended = threading.Event()
-        self._begun = False
+        self.begun = False
+        """Whether it had begun when it ended, or was lost before it was sent again."""
         self._reason = ""
         self._wake = threading.Event()  # ends the wait for the Executor: it is back, or the client cancels
         self._lock = threading.Lock()  # guards _resending, _sent, _begun and _wake
@@ -73,11 +74,6 @@ class ExecutorRequest:
     def done(self) -> bool:
         """Whether it has ended."""
         return self._ended.is_set()
-
-    @property
-    def begun(self) -> bool:
-        """Whether it had begun when it ended, or was lost before it was sent again."""
-        return self._begun
 
     @property
     def taken_back(self) -> bool:
@@ -159,10 +155,10 @@ class ExecutorRequest:
         with self._lock:
             reason = getattr(sent.result, "reason", "")
             lost = was_lost(sent.status, sent.text, reason)
-            self._begun = self._begun or was_begun(sent.active, sent.status, lost)
-            decision = self._resending.ended(lost, untaken=self._client.heard and not sent.seen)
-        if decision.next is not Next.AWAIT:
-            self._finish(decision.reason)
+            self.begun = self.begun or was_begun(sent.active, sent.status, lost)
+            ends = self._resending.ended(lost, untaken=self._client.heard and not sent.seen)
+        if ends is not None:
+            self._finish(ends)
             return
         try:
             start_thread(f"resend {sent.id}", self._await)
@@ -177,13 +173,13 @@ class ExecutorRequest:
                 self._wake = threading.Event()  # that of an earlier loss is set
         is_there = self._returned()
         with self._lock:
-            decision: ResendDecision = self._resending.executor(is_there)
+            ends = self._resending.executor(is_there)
             cancels = self._resending.cancelled
-            if decision.next is Next.SEND:
+            if ends is None:
                 self._sent = self._send()
-        if decision.next is Next.FINISH:
-            ends = rospy.is_shutdown() and not is_there
-            self._finish("the executor is gone, and this node shuts down" if ends else decision.reason)
+        if ends is not None:
+            goes_down = rospy.is_shutdown() and not is_there
+            self._finish("the executor is gone, and this node shuts down" if goes_down else ends)
         elif cancels:
             self._sent.cancel()
 

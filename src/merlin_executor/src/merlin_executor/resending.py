@@ -7,8 +7,7 @@ Executor never took, because it died in that moment, is sent to the next one in 
 """
 
 import time
-from enum import Enum
-from typing import Callable, NamedTuple, Optional
+from typing import Callable, Optional
 
 from merlin_executor.core.agenda import client_was_lost
 from merlin_executor.core.awaited import Absence
@@ -65,27 +64,8 @@ def was_begun(active: bool, status: int, lost: bool) -> bool:
     return active or status in ran or (status == GoalEnd.ABORTED and not lost)
 
 
-class Next(Enum):
-    """What to do now."""
-
-    FINISH = "finish"
-    """The goal has ended."""
-    AWAIT = "await"
-    """Wait for the Executor."""
-    SEND = "send"
-    """Send the goal again."""
-
-
-class ResendDecision(NamedTuple):
-    """What to do, and why."""
-
-    next: Next
-    reason: str = ""
-    """Why the goal ends, as a sentence; empty: the Executor's own reason stands."""
-
-
 class Resending:
-    """One goal of a client. Not thread-safe; nothing is decided after FINISH.
+    """One goal of a client. Not thread-safe; nothing is decided after its end.
 
     :param on_lost: :data:`END` or :data:`RESEND`.
     :param clock: s, never set back.
@@ -101,7 +81,8 @@ class Resending:
         self._survives = survives
         self._absence = Absence()
         self._resend = checked(on_lost) == RESEND
-        self._cancelled = False
+        self.cancelled = False
+        """Whether it was cancelled."""
         self.sent_again = 0
         """How often it was sent again."""
         self.patience = 0.0
@@ -109,53 +90,51 @@ class Resending:
 
     def cancel(self) -> None:
         """The client no longer wants the goal."""
-        self._cancelled = True
+        self.cancelled = True
 
     def leave(self) -> None:
         """The client no longer waits for it, and what survives goes on."""
         self._survives = False
-        self._cancelled = True
+        self.cancelled = True
 
     @property
     def given_up(self) -> bool:
         """Whether nothing is left to do for it while the Executor is gone."""
-        return self._cancelled and not self._survives
-
-    @property
-    def cancelled(self) -> bool:
-        """Whether it was cancelled."""
-        return self._cancelled
+        return self.cancelled and not self._survives
 
     @property
     def _limit(self) -> float:
         return RETURN_WAIT if self._resend else UNTAKEN_WAIT
 
-    def ended(self, lost: bool, untaken: bool = False) -> ResendDecision:
+    def ended(self, lost: bool, untaken: bool = False) -> Optional[str]:
         """The goal has ended at the Executor.
 
         :param lost: as of :func:`was_lost`.
         :param untaken: an Executor ran, and never acknowledged the goal.
+        :return: why it ends, as a sentence; empty: the Executor's own reason stands. None: the return of the
+            Executor is waited for.
         """
         if not lost or not (self._resend or untaken) or self.given_up:
-            return ResendDecision(Next.FINISH)
+            return ""
         left = self._absence.lost(self._clock(), self._limit)
         if self.sent_again >= RESENDS or left is None:
-            return ResendDecision(Next.FINISH, f"the goal was lost {self.sent_again + 1} times")
+            return f"the goal was lost {self.sent_again + 1} times"
         self.patience = left
-        return ResendDecision(Next.AWAIT)
+        return None
 
-    def executor(self, is_there: bool) -> ResendDecision:
-        """The wait for the Executor is over."""
+    def executor(self, is_there: bool) -> Optional[str]:
+        """The wait for the Executor is over.
+
+        :return: why the goal ends, as a sentence; None: it is to be sent again.
+        """
         self._absence.back(self._clock())
         if self.given_up:
-            return ResendDecision(Next.FINISH, "cancelled while the executor was gone")
+            return "cancelled while the executor was gone"
         if not is_there:
             goes_on = "; it may go on when the executor returns" if self._survives else ""
-            return ResendDecision(
-                Next.FINISH, f"the executor is gone and did not return within {self._limit:g} s{goes_on}"
-            )
+            return f"the executor is gone and did not return within {self._limit:g} s{goes_on}"
         self.sent_again += 1
-        return ResendDecision(Next.SEND)
+        return None
 
     def verdict(self, status: int, text: str, reason: str, said: str) -> Optional[Verdict]:
         """What the client of a goal that has ended is answered; None: the Executor's own result.

@@ -173,7 +173,7 @@ def numeric_text(value: float) -> str:
     return f"{Decimal(text):f}" + (".0" if abs(value) >= 1 else "")  # no exponent: few planners read one
 
 
-def call_text(name: str, args: Tuple[str, ...]) -> str:
+def call_text(name: str, args: Sequence[str]) -> str:
     """A name applied to arguments: an atom, a function term, a ground action."""
     return f"({' '.join((name, *args))})"
 

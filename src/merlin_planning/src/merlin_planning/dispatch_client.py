@@ -150,26 +150,22 @@ class DispatchClient:
         with self._changed:
             return self._busy()
 
-    def free(self, interruptible: Interruptible, longest: Optional[float] = None) -> str:
+    def free(
+        self,
+        interruptible: Interruptible,
+        longest: Optional[float] = None,
+        deadline: Optional[Deadline] = None,
+    ) -> str:
         """Waits for the end of a dispatch that another client, or an earlier process of this one, has left.
 
         It is cancelled, unless its owner lives. The interruption ends the wait. Without a cancel deadline, an
         owner that lives still has an end to be waited for; only a dispatcher that took the cancel has none.
 
         :param longest: s of running time for that one to stop; None: no limit.
+        :param deadline: of the wait; None: a little more than the cancel deadline.
         :return: why the dispatcher is still busy, as a sentence, or INTERRUPTED; empty when it is free.
         """
-        return self._free(interruptible, self._foreign_wait(), longest)
-
-    def _foreign_wait(self) -> Deadline:
-        patience = limit(self.cancel_deadline)
-        return Deadline(FOREIGN_WAIT if patience is None else patience + SLACK)
-
-    def _free(self, interruptible: Interruptible, deadline: Deadline, longest: Optional[float] = None) -> str:
-        """See :meth:`free`.
-
-        :param deadline: of the wait.
-        """
+        deadline = deadline or self._foreign_wait()
         if not self.busy:
             return ""
         if not self.available():
@@ -216,10 +212,10 @@ class DispatchClient:
         :param owner: id of the goal of this process's own server on whose behalf it is dispatched.
         """
         foreign = self._foreign_wait()  # for all plans of others together
-        busy = self._free(interruptible, foreign)
+        busy = self.free(interruptible, deadline=foreign)
         result = self._refused(busy) if busy else self._dispatch_once(interruptible, plan, owner)
         if _BUSY in result.reason:  # another client was faster
-            busy = self._free(interruptible, foreign)
+            busy = self.free(interruptible, deadline=foreign)
             result = self._refused(busy) if busy else self._dispatch_once(interruptible, plan, owner)
         if self._stale(result):
             rospy.logwarn(f"{self.name} did not have the new plan yet; dispatching again")
@@ -291,6 +287,10 @@ class DispatchClient:
                 self._requested = self._cancelling = True
                 self._progress.stop()
                 self._changed.notify_all()
+
+    def _foreign_wait(self) -> Deadline:
+        patience = limit(self.cancel_deadline)
+        return Deadline(FOREIGN_WAIT if patience is None else patience + SLACK)
 
     def _refused(self, reason: str) -> DispatchResult:
         cancelled = reason == INTERRUPTED

@@ -6,7 +6,13 @@ from typing import List
 from merlin_msgs.msg import OpenExecution
 from merlin_msgs.srv import ApplyEffects, ApplyEffectsRequest, ListExecutions
 
+from merlin_pddl.formula import call_text
 from merlin_ros.service_proxy import ServiceProxy
+
+
+def execution_text(execution: OpenExecution) -> str:
+    """The ground action as PDDL text."""
+    return call_text(execution.operator_name, [parameter.value for parameter in execution.parameters])
 
 
 class ExecutionJournal:

@@ -147,7 +147,6 @@ def test_effects_count_only_when_they_came_true(ending: Ending) -> None:
     closing = closing_of(ending)
     assert (closing is Closing.END) == ending.succeeded
     assert (closing is Closing.ROLLBACK) == (not ending.succeeded and not ending.begun)
-    assert after_closing(ending, []) == ending
-    failed = after_closing(ending, ["the disk is full"])
+    failed = after_closing(ending, "the disk is full")
     assert not failed.succeeded and "the disk is full" in failed.reason
     assert failed.unstopped == ending.unstopped

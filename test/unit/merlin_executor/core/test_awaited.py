@@ -24,7 +24,7 @@ class Over:
 
 def test_those_that_stay_away_are_named_in_the_given_order() -> None:
     awaited = Awaited(["talk", "drive", "see", "drive"])
-    assert awaited.wait(Over(lambda: awaited.heard("drive"))) == ["talk", "see"]
+    assert awaited.wait(Over(lambda: awaited.heard("drive")).wait) == ["talk", "see"]
 
 
 def test_it_is_over_when_all_are_there() -> None:
@@ -33,11 +33,11 @@ def test_it_is_over_when_all_are_there() -> None:
     over = Over(
         lambda: awaited.heard("talk"), lambda: awaited.heard("drive"), lambda: late.append("waited on")
     )
-    assert awaited.wait(over) == [] and not late
+    assert awaited.wait(over.wait) == [] and not late
 
 
 def test_nothing_is_waited_for_without_names() -> None:
-    assert Awaited([]).wait(Over(lambda: 1 / 0)) == []
+    assert Awaited([]).wait(Over(lambda: 1 / 0).wait) == []
 
 
 def test_others_do_not_count() -> None:
@@ -45,7 +45,7 @@ def test_others_do_not_count() -> None:
     awaited.heard("fly")
     awaited.heard("drive")
     awaited.heard("drive")
-    assert awaited.wait(Over()) == []
+    assert awaited.wait(Over().wait) == []
 
 
 class Condition:
@@ -59,5 +59,5 @@ def test_a_name_from_another_thread_ends_the_wait() -> None:
     awaited = Awaited(["drive"])
     sender = threading.Thread(target=awaited.heard, args=("drive",), daemon=True)
     sender.start()
-    assert awaited.wait(Condition()) == []
+    assert awaited.wait(Condition().wait) == []
     sender.join(LONG)

@@ -10,14 +10,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from merlin_executor.core.agenda import Agenda
-from merlin_executor.core.engine import Engine, Job, Stages
+from merlin_executor.core.engine import Engine, Stages
 from merlin_executor.core.outcome import Outcome, Verdict
+from merlin_executor.core.ticket import Ticket
 from merlin_executor.goal_check import GoalError, check_atom
 from merlin_executor.goals.goal_ledger import GoalNotes
 from merlin_test import LONG
 
 
-class Wish(Job):
+class Wish(Ticket):
     """A request of the test's."""
 
     def __init__(self, order: int, priority: int = 0, resumes: bool = True) -> None:

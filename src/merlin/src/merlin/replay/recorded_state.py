@@ -10,7 +10,6 @@ from typing import Any, Callable, Dict, Optional
 import rospy
 import yaml
 from merlin_msgs.msg import KnowledgeChanges
-from rosplan_knowledge_msgs.msg import KnowledgeItem
 from std_msgs.msg import String
 
 from merlin_monitor.bag import KNOWLEDGE, PARAMETERS
@@ -18,7 +17,7 @@ from merlin_monitor.listeners.ros_system import RosSystem
 from merlin_monitor.panel_board import OFFERED
 from merlin_monitor.panels.control import SENTENCES, path_of_node
 from merlin_monitor.text.sentences import read_sentences
-from merlin_planning.knowledge_client import KnowledgeClient
+from merlin_planning.knowledge_client import KnowledgeClient, instance
 from merlin_ros.node import run_node, spin
 from merlin_ros.robot_values import ROBOTS
 from merlin_ros.service_proxy import ServiceError
@@ -60,14 +59,10 @@ def everything(client: KnowledgeClient) -> KnowledgeChanges:
     """
     change = KnowledgeChanges(client=BEGIN, cleared=True)
     change.header.stamp = rospy.Time.now()
-    change.added += [_instance(kind, name) for name, kind in client.objects().items()]
+    change.added += [instance(kind, name) for name, kind in client.objects().items()]
     change.added += [*client.propositions(), *client.functions()]
     change.goals_added += client.goals()
     return change
-
-
-def _instance(kind: str, name: str) -> KnowledgeItem:
-    return KnowledgeItem(knowledge_type=KnowledgeItem.INSTANCE, instance_type=kind, instance_name=name)
 
 
 def recorded_parameters() -> Dict[str, Any]:

@@ -10,7 +10,9 @@ class Availability:
     def __init__(self) -> None:
         self._wanted: Dict[str, bool] = {}
         self._written: Dict[str, bool] = {}
-        self._settles = self._unsettled = False
+        self._settles = False
+        self.unsettled = False
+        """Whether the robots that the knowledge base lists have to be compared."""
 
     def put(self, robot: str, available: bool) -> None:
         """Notes whether a robot is available."""
@@ -18,12 +20,12 @@ class Availability:
 
     def settle(self) -> None:
         """Robots without a message so far are not available, whatever the problem says."""
-        self._settles = self._unsettled = True
+        self._settles = self.unsettled = True
 
     def forget(self, robots: Optional[Iterable[str]] = None) -> None:
         """What the knowledge base holds of some robots is not known any more; None: of any robot."""
         if robots is None:
-            self._unsettled = self._settles
+            self.unsettled = self._settles
         for robot in list(self._written) if robots is None else robots:
             self._written.pop(robot, None)
 
@@ -33,14 +35,9 @@ class Availability:
         return {*self._wanted, *self._written}
 
     @property
-    def unsettled(self) -> bool:
-        """Whether the robots that the knowledge base lists have to be compared."""
-        return self._unsettled
-
-    @property
     def pending(self) -> bool:
         """Whether something has to be written."""
-        return self._unsettled or self._written != self._wanted
+        return self.unsettled or self._written != self._wanted
 
     def is_written(self, robot: str) -> bool:
         """Whether the knowledge base holds what is known of a robot."""
@@ -52,7 +49,7 @@ class Availability:
 
     def compare(self, listed: Iterable[str]) -> None:
         """Settles the robots that the knowledge base lists as available: without a message they are not."""
-        self._unsettled = False
+        self.unsettled = False
         for robot in listed:
             self._wanted.setdefault(robot, False)
 

@@ -4,10 +4,11 @@
 And what the end of its machine's goal says: at the host, which runs it, and at the bridge, which has sent it.
 """
 
-from enum import Enum
-from typing import Dict, NamedTuple, Optional, Sequence
+from enum import IntEnum
+from typing import Dict, NamedTuple, Optional, Sequence, Tuple
 
 from merlin_actions.core.execution import Execution
+from merlin_pddl.formula import call_text
 from merlin_ros.work.goal_end import GoalEnd
 
 
@@ -50,18 +51,18 @@ def no_retry(operator: str, arguments: Sequence[str], about: str) -> str:
     """
     found = about.lower() in map(str.lower, arguments)
     kept = [argument if not found or argument.lower() == about.lower() else "*" for argument in arguments]
-    return f"({' '.join([operator, *kept])})"
+    return call_text(operator, kept)
 
 
-class Closing(Enum):
-    """How the knowledge of an execution is closed."""
+class Closing(IntEnum):
+    """How the knowledge of an execution is closed, by its number in merlin_msgs/ApplyEffects."""
 
-    END = "end"
+    END = 1
     """The effects came true."""
-    INTERRUPT = "interrupt"
-    """Stopped while it ran: the facts that the action declares for this case hold, else the earlier ones."""
-    ROLLBACK = "rollback"
+    ROLLBACK = 2
     """Never began: the earlier facts hold."""
+    INTERRUPT = 3
+    """Stopped while it ran: the facts that the action declares for this case hold, else the earlier ones."""
 
 
 def closing_of(ending: Ending) -> Closing:
@@ -71,15 +72,12 @@ def closing_of(ending: Ending) -> Closing:
     return Closing.INTERRUPT if ending.begun else Closing.ROLLBACK
 
 
-def after_closing(ending: Ending, faults: Sequence[str]) -> Ending:
-    """What is answered once the knowledge was closed.
+def after_closing(ending: Ending, fault: str) -> Ending:
+    """What is answered when the knowledge could not be closed.
 
-    :param faults: why that did not work, empty when it did. Effects that are not in the knowledge did not
-        come true for the rest of the plan.
+    :param fault: why. Effects that are not in the knowledge did not come true for the rest of the plan.
     """
-    if not faults:
-        return ending
-    why = f"{ending.reason or 'it ran'}, and the knowledge could not be updated: {'; '.join(faults)}"
+    why = f"{ending.reason or 'it ran'}, and the knowledge could not be updated: {fault}"
     return ending._replace(succeeded=False, reason=why)
 
 
@@ -105,28 +103,20 @@ class MachineEnd(NamedTuple):
     """The object on account of which a state gave up."""
 
 
-class GoalAnswer(NamedTuple):
-    """What a host answers to a goal."""
-
-    how: GoalEnd
-    end: MachineEnd
-
-
-def answer_of(end: MachineEnd, operator: str, cancel_reason: Optional[str]) -> GoalAnswer:
-    """What a host answers for a run.
+def answer_of(end: MachineEnd, operator: str, cancel_reason: Optional[str]) -> Tuple[GoalEnd, MachineEnd]:
+    """How the goal of a run ends, and with which result.
 
     :param end: how the machine ended.
     :param cancel_reason: why the goal was cancelled; None: it was not.
     """
     if end.outcome == SUCCEEDED:
-        return GoalAnswer(GoalEnd.SUCCEEDED, MachineEnd(SUCCEEDED))
+        return GoalEnd.SUCCEEDED, MachineEnd(SUCCEEDED)
     if end.unstopped:
         reason = f"{end.unstopped} did not stop when {operator} was cancelled"
-        return GoalAnswer(GoalEnd.ABORTED, end._replace(reason=reason))
+        return GoalEnd.ABORTED, end._replace(reason=reason)
     if cancel_reason is not None and end.outcome == PREEMPTED:
-        return GoalAnswer(GoalEnd.PREEMPTED, end._replace(reason=end.reason or cancel_reason))
-    reason = end.reason or f"the machine ended with {end.outcome}"
-    return GoalAnswer(GoalEnd.ABORTED, end._replace(reason=reason))
+        return GoalEnd.PREEMPTED, end._replace(reason=end.reason or cancel_reason)
+    return GoalEnd.ABORTED, end._replace(reason=end.reason or f"the machine ended with {end.outcome}")
 
 
 def ending_of(how: GoalEnd, end: MachineEnd, execution: Execution, text: str = "") -> Ending:

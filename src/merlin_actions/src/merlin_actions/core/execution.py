@@ -3,7 +3,7 @@
 
 import itertools
 import threading
-from typing import Callable, Dict, NamedTuple, Optional, Protocol, Sequence, Tuple, Union
+from typing import Any, Callable, Dict, NamedTuple, Optional, Sequence, Tuple, Union
 
 from merlin_pddl.formula import call_text
 from merlin_ros.work.threads import log_failure
@@ -51,23 +51,6 @@ class Token(NamedTuple):
         return Token(key, life, number)
 
 
-class ParameterMessage(Protocol):
-    """The fields of diagnostic_msgs/KeyValue."""
-
-    key: str
-    value: str
-
-
-class ActionMessage(Protocol):
-    """The fields of rosplan_dispatch_msgs/ActionDispatch that an execution has."""
-
-    name: str
-    plan_id: int
-    action_id: int
-    duration: float
-    parameters: Sequence[ParameterMessage]
-
-
 class Execution:
     """A ground action that was dispatched to an interface.
 
@@ -76,9 +59,7 @@ class Execution:
     :param life: names this process.
     """
 
-    def __init__(
-        self, dispatch: ActionMessage, parameters: Sequence[ParameterMessage], life: str = ""
-    ) -> None:
+    def __init__(self, dispatch: Any, parameters: Sequence[Any], life: str = "") -> None:
         self.dispatch = dispatch
         self.parameters = list(parameters)
         self.cancelled = threading.Event()
@@ -118,7 +99,7 @@ class Execution:
         """The ground action as PDDL."""
         return call_text(self.dispatch.name, tuple(parameter.value for parameter in self.parameters))
 
-    def matches(self, cancel: ActionMessage) -> bool:
+    def matches(self, cancel: Any) -> bool:
         """Whether a ``cancel_action`` means this execution: ids and parameters have to be the same."""
         return (cancel.plan_id, cancel.action_id) == self.key and [
             (parameter.key, parameter.value) for parameter in cancel.parameters

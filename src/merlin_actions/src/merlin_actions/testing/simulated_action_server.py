@@ -56,7 +56,8 @@ class SimulatedActionServer:
         self._over = threading.Event()
         self._hold = threading.Lock()  # guards the two fields below
         self._hold_next = False
-        self._held = False
+        self.held = False
+        """Whether the goal that runs lasts until it is cancelled or :meth:`hold` ends it."""
         self._server = SerialActionServer(name, action_spec, self._execute, self._cancel)
 
     def follow(self, behaviour: Behaviour, script: Optional[Mapping[str, Any]] = None) -> None:
@@ -68,11 +69,6 @@ class SimulatedActionServer:
         self._behaviour = behaviour
         self._succeeded = self.goals = 0
 
-    @property
-    def held(self) -> bool:
-        """Whether the goal that runs lasts until it is cancelled or :meth:`hold` ends it."""
-        return self._held
-
     def hold(self, held: bool) -> None:
         """Makes the next goal last until it is cancelled; False: none. Ends a goal that is held now.
 
@@ -80,7 +76,7 @@ class SimulatedActionServer:
         """
         with self._hold:
             self._hold_next = held
-            if self._held:
+            if self.held:
                 self._over.set()
 
     def start(self) -> None:
@@ -96,7 +92,7 @@ class SimulatedActionServer:
         self._over.set()
 
     def _last(self, duration: float) -> None:
-        if self._held:
+        if self.held:
             self._over.wait()
             return
         alarm = call_after(duration, self._over.set, "simulated goal")
@@ -127,7 +123,7 @@ class SimulatedActionServer:
         self.goals += 1
         with self._hold:
             self._over.clear()
-            self._held, self._hold_next = self._hold_next, False
+            self.held, self._hold_next = self._hold_next, False
         if not goal.cancel_requested:
             self._on_start()
             self._last(duration)

@@ -94,19 +94,17 @@ class Agenda(Generic[T]):
         self._waiting: WaitingLine[T] = WaitingLine(clock, overtake_limit)
         self._running: Tuple[T, ...] = ()  # replaced as a whole: other threads read it
         self._gathers_until = -math.inf  # of the time as it passes
-        self._stopping = False  # all of the run
+        self.stopping = False
+        """Whether all of what runs stops; it may be planned again then."""
         self._refused: Dict[int, Refusal] = {}  # newcomers that wait for the next plan
         self._surplus = False  # the plan is for one, too, that was taken back meanwhile
-        self._closing = False
-        self._paused = False
+        self.closing = False
+        """Whether no further request begins."""
+        self.paused = False
+        """Whether no further request begins until it is resumed."""
         self._hold = False
         self.breakpoints = Breakpoints()
         """Goals before whose request it is held."""
-
-    @property
-    def paused(self) -> bool:
-        """Whether no further request begins until it is resumed."""
-        return self._paused
 
     @property
     def running(self) -> Optional[T]:
@@ -123,16 +121,6 @@ class Agenda(Generic[T]):
     def waiting(self) -> List[T]:
         """The requests that wait, in the order in which they would run."""
         return list(self._waiting)
-
-    @property
-    def closing(self) -> bool:
-        """Whether no further request begins."""
-        return self._closing
-
-    @property
-    def stopping(self) -> bool:
-        """Whether all of what runs stops; it may be planned again then."""
-        return self._stopping
 
     @property
     def next_change(self) -> Optional[float]:
@@ -170,7 +158,7 @@ class Agenda(Generic[T]):
         :param cancelled: its client has taken it back already.
         :param again: an earlier life of the Executor has taken it: it may be late, and is not refused.
         """
-        if self._closing:
+        if self.closing:
             return [AgendaAnswer(ticket, Verdict(Outcome.REFUSED, StopKind.SHUTDOWN.value))]
         if cancelled:
             return [AgendaAnswer(ticket, Verdict(Outcome.CANCELLED, NOT_BEGUN))]
@@ -234,7 +222,7 @@ class Agenda(Generic[T]):
 
     def pause(self, paused: bool) -> List[Decision]:
         """Sets or ends the pause, in which no further request begins. The running request continues."""
-        self._paused = paused
+        self.paused = paused
         return self._interrupt()
 
     def hold(self, hold: bool) -> List[Decision]:
@@ -245,7 +233,7 @@ class Agenda(Generic[T]):
     def begin(self) -> Optional[T]:
         """The next request, which runs from now on with those of :attr:`together`; None: none may run now."""
         group = self._group()
-        if self._running or self._closing or self._hold or not group:
+        if self._running or self.closing or self._hold or not group:
             if self.breakpoints.held:
                 self.breakpoints.admit([])  # it was taken back
             return None
@@ -258,7 +246,7 @@ class Agenda(Generic[T]):
             self._gathers_until = self._waiting.time.line + GATHER
         self._take_up(group)
         self._running = tuple(group)
-        self._stopping = self._surplus = False
+        self.stopping = self._surplus = False
         self._refused.clear()
         return first
 
@@ -271,14 +259,14 @@ class Agenda(Generic[T]):
     @property
     def revision(self) -> List[T]:
         """The requests for which the plan that is carried out should be; none: it is, or it is to end."""
-        if self._stopping or not self._under_way:
+        if self.stopping or not self._under_way:
             return []
         left = [ticket for ticket in self._running if ticket.stop is None]
         return left if self._surplus or len(left) < len(self._running) else self._joined(behind=True)
 
     def revised(self, wanted: Sequence[T]) -> List[Decision]:
         """The plan that is carried out is for these from now on: newcomers join, and others have left."""
-        if self._stopping:
+        if self.stopping:
             return []
         joined = [ticket for ticket in wanted if ticket in self._waiting]
         parted = [ticket for ticket in self._running if ticket.stop and ticket not in wanted]
@@ -292,14 +280,14 @@ class Agenda(Generic[T]):
 
     def not_revised(self, wanted: Sequence[T], refusal: Refusal = NOT_SAID) -> List[Decision]:
         """No plan for these can take the place: newcomers wait, and one that leaves them stops the run."""
-        if self._stopping:
+        if self.stopping:
             return []
         self._refused.update({ticket.order: refusal for ticket in wanted if ticket in self._waiting})
         stopped = [ticket for ticket in self._running if ticket.stop]
         if self._surplus and not stopped:
             return self._stop(self._running, Stop(StopKind.JOINED, StopKind.ANOTHER.value))
         parting = [ticket for ticket in stopped if ticket not in wanted]
-        self._stopping = bool(parting)
+        self.stopping = bool(parting)
         return [StopRun(ticket) for ticket in parting]
 
     def achieved(self, tickets: Sequence[T], verdict: Verdict) -> List[Decision]:
@@ -345,7 +333,7 @@ class Agenda(Generic[T]):
 
     def close(self) -> List[Decision]:
         """The Executor ends: no further request begins, and the running one stops."""
-        self._closing = True
+        self.closing = True
         reason = StopKind.SHUTDOWN.value
         decisions: List[Decision] = [
             AgendaAnswer(ticket, Verdict(Outcome.CANCELLED, reason)) for ticket in self._waiting.clear()
@@ -357,16 +345,16 @@ class Agenda(Generic[T]):
     @property
     def _kept(self) -> str:
         """Until when a more urgent request waits for what runs; empty: that is interrupted, or stops."""
-        staying = [] if self._stopping else [ticket for ticket in self._running if ticket.stop is None]
+        staying = [] if self.stopping else [ticket for ticket in self._running if ticket.stop is None]
         return next((ticket.keeps for ticket in staying if ticket.keeps), "")
 
     @property
     def _resting(self) -> bool:
-        return self._paused or self._hold
+        return self.paused or self._hold
 
     def _ready(self) -> List[T]:
         self._waiting.look()
-        return self._waiting.ready(begun_only=self._paused)
+        return self._waiting.ready(begun_only=self.paused)
 
     @property
     def _under_way(self) -> bool:
@@ -441,12 +429,12 @@ class Agenda(Generic[T]):
 
     def _part(self, ticket: T, stop: Stop) -> List[Decision]:
         """Takes one out of a run: the others go on where their plan can be exchanged."""
-        stopping = self._stopping
+        stopping = self.stopping
         decisions = self._stop([ticket], stop)
         goes_on = any(each.stop is None for each in self._running)
         if not decisions or stopping or not goes_on or not self._under_way:
             return decisions
-        self._stopping, ticket.parts = False, True
+        self.stopping, ticket.parts = False, True
         return [ReviseRun(ticket)]
 
     def _divide(self, members: Sequence[T]) -> None:
@@ -469,7 +457,7 @@ class Agenda(Generic[T]):
             if not ticket.resumes:
                 return [AgendaAnswer(ticket, Verdict(Outcome.DROPPED, reason))]
             ticket.interrupted, ticket.begun = True, False
-        if self._closing:
+        if self.closing:
             return [AgendaAnswer(ticket, Verdict(Outcome.CANCELLED, StopKind.SHUTDOWN.value))]
         self._waiting.put(ticket)
         return []
@@ -481,7 +469,7 @@ class Agenda(Generic[T]):
             if before is None or before.kind is StopKind.JOINED or (stop.is_final and not before.is_final):
                 ticket.stop = stop
                 decisions.append(StopRun(ticket))
-        self._stopping = self._stopping or bool(decisions)
+        self.stopping = self.stopping or bool(decisions)
         return decisions
 
 

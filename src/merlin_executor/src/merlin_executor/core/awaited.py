@@ -2,14 +2,7 @@
 """What is waited for: names that are to be announced before something begins, a part that is gone."""
 
 import threading
-from typing import Callable, Iterable, List, Optional, Protocol
-
-
-class Waiting(Protocol):
-    """A wait that has an end, as of :class:`merlin_ros.deadline.Deadline`."""
-
-    def wait(self, condition: threading.Condition, predicate: Callable[[], bool]) -> bool:
-        """Waits, with the condition held, until the predicate is true or the wait is over."""
+from typing import Callable, Iterable, List, Optional
 
 
 class Awaited:
@@ -29,13 +22,15 @@ class Awaited:
                 self._missing.remove(name)
                 self._changed.notify_all()
 
-    def wait(self, waiting: Waiting) -> List[str]:
+    def wait(self, wait_for: Callable[[threading.Condition, Callable[[], bool]], object]) -> List[str]:
         """Waits for all names.
 
+        :param wait_for: waits, with the condition held, until the predicate is true or the wait is over, as
+            :meth:`merlin_ros.deadline.Deadline.wait`.
         :return: those that are missing in the end, in the given order.
         """
         with self._changed:
-            waiting.wait(self._changed, lambda: not self._missing)
+            wait_for(self._changed, lambda: not self._missing)
             return list(self._missing)
 
 

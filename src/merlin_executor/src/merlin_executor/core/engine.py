@@ -8,11 +8,11 @@ its answer, and the worker continues.
 
 import threading
 from functools import partial
-from typing import Any, Callable, Dict, Generic, List, Optional, Sequence, Tuple, TypeVar, cast
+from typing import Callable, Dict, Generic, List, Optional, Sequence, Tuple, cast
 
 from merlin_executor.core.agenda import Agenda, AgendaAnswer, Decision, Refusal, ReviseRun, StopRun
 from merlin_executor.core.outcome import Outcome, Stop, StopKind, Verdict, crashed
-from merlin_executor.core.ticket import Ticket
+from merlin_executor.core.ticket import T
 from merlin_executor.core.time_window import Outlook
 from merlin_ros.alarms import wait_ticks
 from merlin_ros.work.threads import log_failure, start_thread
@@ -21,33 +21,7 @@ TIDY_PERIOD = 1.0  # s between two attempts to remove what a run has left
 _AGAIN = Stop(StopKind.ANOTHER)
 
 
-class Job(Ticket):
-    """A request as the engine wants it."""
-
-    def begin(self, run: Sequence[Any]) -> None:
-        """A run begins: the first, or after another one was stopped.
-
-        :param run: all requests of that run, in the same order for each of them.
-        """
-
-    def join(self, first: Any) -> None:
-        """Becomes part of a run whose plan is carried out.
-
-        :param first: the first request of that run.
-        """
-
-    def accept(self) -> None:
-        """Called when the request runs for the first time."""
-
-    def end(self, verdict: Verdict) -> bool:
-        """Answers the client; False when that was done before."""
-        raise NotImplementedError
-
-
-J = TypeVar("J", bound=Job)
-
-
-class Stages(Generic[J]):
+class Stages(Generic[T]):
     """The stages that execute requests."""
 
     def prepare(self) -> None:
@@ -65,7 +39,7 @@ class Stages(Generic[J]):
         """
         return False
 
-    def run_requests(self, requests: Sequence[J]) -> Verdict:
+    def run_requests(self, requests: Sequence[T]) -> Verdict:
         """Runs requests in one plan to its end, in the calling thread; the verdict says how it ended."""
         raise NotImplementedError
 
@@ -79,7 +53,7 @@ class Stages(Generic[J]):
         return False
 
 
-class Engine(Generic[J]):
+class Engine(Generic[T]):
     """Runs requests in one worker, as their agenda decides, and answers each once.
 
     :param stages: carry them out.
@@ -96,12 +70,12 @@ class Engine(Generic[J]):
 
     def __init__(
         self,
-        stages: Stages[J],
+        stages: Stages[T],
         on_status: Callable[[], None],
         on_queue: Callable[[], None],
-        on_end: Callable[[J, Verdict], None],
-        on_answered: Callable[[Sequence[J], Verdict, Optional[BaseException]], None],
-        agenda: Optional[Agenda[J]] = None,
+        on_end: Callable[[T, Verdict], None],
+        on_answered: Callable[[Sequence[T], Verdict, Optional[BaseException]], None],
+        agenda: Optional[Agenda[T]] = None,
         wake_at: Callable[[Optional[float]], None] = lambda when: None,
     ) -> None:
         self._stages = stages
@@ -110,7 +84,7 @@ class Engine(Generic[J]):
         self._on_end = on_end
         self._on_answered = on_answered
         self._changed = threading.Condition()  # held for each event, and to ask what waits
-        self.agenda: Agenda[J] = agenda or Agenda()
+        self.agenda: Agenda[T] = agenda or Agenda()
         self._wake_at = wake_at
         self._over = threading.Event()  # the worker has ended
 
@@ -127,17 +101,17 @@ class Engine(Generic[J]):
         wait_ticks(self._over.wait, timeout)
 
     @property
-    def waiting(self) -> List[J]:
+    def waiting(self) -> List[T]:
         """The requests that wait, in the order in which they would run."""
         with self._changed:
             return self.agenda.waiting
 
-    def outlooks(self) -> List[Tuple[J, Outlook]]:
+    def outlooks(self) -> List[Tuple[T, Outlook]]:
         """The requests that wait, as :attr:`waiting`, and what can be expected of each."""
         with self._changed:
             return self.agenda.outlooks()
 
-    def lines(self) -> List[Tuple[J, Tuple[int, ...]]]:
+    def lines(self) -> List[Tuple[T, Tuple[int, ...]]]:
         """The requests that wait, and what is before each, see :meth:`.Agenda.lines`."""
         with self._changed:
             return self.agenda.lines()
@@ -146,7 +120,7 @@ class Engine(Generic[J]):
         """Time has passed: decides what that changes."""
         self.decide(lambda agenda: [])
 
-    def decide(self, event: Callable[[Agenda[J]], List[Decision]]) -> None:
+    def decide(self, event: Callable[[Agenda[T]], List[Decision]]) -> None:
         """Puts an event on the agenda and carries out what that decides; from any thread."""
         with self._changed:
             stopped = self.agenda.stopping
@@ -159,23 +133,23 @@ class Engine(Generic[J]):
         for request, verdict in answers.items():
             self._answer(request, verdict)
 
-    def decide_on(self, wanted: Callable[[J], bool], event: Callable[[Agenda[J], J], List[Decision]]) -> None:
+    def decide_on(self, wanted: Callable[[T], bool], event: Callable[[Agenda[T], T], List[Decision]]) -> None:
         """Likewise, for an event on one request; without effect when no such request waits or runs."""
 
-        def decide(agenda: Agenda[J]) -> List[Decision]:
+        def decide(agenda: Agenda[T]) -> List[Decision]:
             both = [*agenda.waiting, *agenda.together]
             found = next((request for request in both if wanted(request)), None)
             return event(agenda, found) if found is not None else []
 
         self.decide(decide)
 
-    def achieved(self, requests: Sequence[J], verdict: Verdict) -> None:
+    def achieved(self, requests: Sequence[T], verdict: Verdict) -> None:
         """The goals of some of the requests that run together hold: each but the last one ends now."""
         with self._changed:
             answers = self._carry_out(self.agenda.achieved(requests, verdict))
         self._conclude(answers, {}, None)
 
-    def planned_again(self) -> List[J]:
+    def planned_again(self) -> List[T]:
         """The run is to be planned again, with requests that have come meanwhile; called by its stages.
 
         :return: all that run now.
@@ -184,12 +158,12 @@ class Engine(Generic[J]):
             wanted = self.agenda.planned_again()
         return self.revised(wanted)
 
-    def revision(self) -> List[J]:
+    def revision(self) -> List[T]:
         """The requests for which the plan that is carried out should be, see :attr:`.Agenda.revision`."""
         with self._changed:
             return self.agenda.revision
 
-    def revised(self, wanted: Sequence[J], refusal: Optional[Refusal] = None) -> List[J]:
+    def revised(self, wanted: Sequence[T], refusal: Optional[Refusal] = None) -> List[T]:
         """The plan that is carried out is for these requests from now on, or cannot be.
 
         :param refusal: why it cannot be; None: it is.
@@ -208,7 +182,7 @@ class Engine(Generic[J]):
         self._conclude(answers, {}, None)
         return members
 
-    def _carry_out(self, decisions: Sequence[Decision]) -> Dict[J, Verdict]:
+    def _carry_out(self, decisions: Sequence[Decision]) -> Dict[T, Verdict]:
         """Stops or revises the run, with the lock held; returns the answers, to be given without it."""
         stops = any(isinstance(decision, StopRun) for decision in decisions)
         if not stops and any(isinstance(decision, ReviseRun) for decision in decisions):
@@ -217,7 +191,7 @@ class Engine(Generic[J]):
             self._tell(self._stages.cancel)
         self._set_alarm()
         answers = [decision for decision in decisions if isinstance(decision, AgendaAnswer)]
-        return {cast(J, answer.ticket): answer.verdict for answer in answers}
+        return {cast(T, answer.ticket): answer.verdict for answer in answers}
 
     def _work(self) -> None:
         reported = ""  # the hold that was reported last
@@ -250,7 +224,7 @@ class Engine(Generic[J]):
         """Called with the lock held, whenever the agenda has changed."""
         self._tell(lambda: self._wake_at(self.agenda.next_change))
 
-    def _prepare(self, requests: Sequence[J]) -> Optional[BaseException]:
+    def _prepare(self, requests: Sequence[T]) -> Optional[BaseException]:
         """Prepares a run, before a cancel can reach it; called with the lock held.
 
         Returns what that raised.
@@ -269,7 +243,7 @@ class Engine(Generic[J]):
         except Exception:  # the worker continues, and tries again
             log_failure("what a request has left could not be removed")
 
-    def _run(self, requests: Sequence[J]) -> Tuple[Verdict, Optional[BaseException]]:
+    def _run(self, requests: Sequence[T]) -> Tuple[Verdict, Optional[BaseException]]:
         try:
             for request in requests:
                 request.accept()
@@ -296,7 +270,7 @@ class Engine(Generic[J]):
         self._conclude(final, again, error)
 
     def _conclude(
-        self, final: Dict[J, Verdict], again: Dict[J, Verdict], error: Optional[BaseException]
+        self, final: Dict[T, Verdict], again: Dict[T, Verdict], error: Optional[BaseException]
     ) -> None:
         """Publishes the end of requests, answers them, and logs it.
 
@@ -311,13 +285,13 @@ class Engine(Generic[J]):
         self._tell(self._on_queue)
         for request, verdict in final.items():
             self._answer(request, verdict)
-        alike: Dict[Verdict, List[J]] = {}
+        alike: Dict[Verdict, List[T]] = {}
         for request, verdict in shown.items():
             alike.setdefault(verdict, []).append(request)
         for number, (verdict, requests) in enumerate(alike.items()):
             self._tell(partial(self._on_answered, requests, verdict, None if number else error))
 
-    def _answer(self, request: J, verdict: Verdict) -> None:
+    def _answer(self, request: T, verdict: Verdict) -> None:
         try:
             request.end(verdict)
         except BaseException as error:  # its client waits for an answer, whatever keeps this one from it

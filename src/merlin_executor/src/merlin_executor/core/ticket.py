@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """A request as the agenda sees it, the line in which requests wait, and what can be expected of these."""
 
+from dataclasses import dataclass, field
 from enum import Enum
-from typing import Callable, Generic, Iterator, List, Mapping, Optional, Sequence, Tuple, TypeVar
+from typing import Any, Callable, Generic, Iterator, List, Mapping, Optional, Sequence, Tuple, TypeVar
 
-from merlin_executor.core.outcome import Stop
+from merlin_executor.core.outcome import Stop, Verdict
 from merlin_executor.core.time_window import (
     ALWAYS,
     Forecast,
@@ -27,8 +28,9 @@ class Client(Enum):
     GONE = "gone"
 
 
+@dataclass(eq=False)
 class Ticket:
-    """What the agenda knows of a request.
+    """A request as the agenda and the engine see it.
 
     :param order: number of arrival; equal priorities with equal deadlines run in this order.
     :param priority: higher is more urgent.
@@ -48,36 +50,25 @@ class Ticket:
     :ivar ready_since: when it could first begin, in the agenda's own time; None: it could not yet.
     """
 
-    def __init__(
-        self,
-        order: int,
-        priority: int = 0,
-        resumes: bool = True,
-        goes_on: bool = True,
-        sender: str = "",
-        window: TimeWindow = ALWAYS,
-        alone: bool = False,
-        interruptible: bool = True,
-        value: float = 1.0,
-    ) -> None:
-        self.order = order
-        self.priority = priority
-        self.resumes = resumes
-        self.goes_on = goes_on
-        self.sender = sender
-        self.window = window
-        self.alone = alone
-        self.interruptible = interruptible
-        self.value = value
-        self.party = 0
-        self.forecast: Optional[Forecast] = None
-        self.rank = 0
-        self.left_out = ""
-        self.ready_since: Optional[float] = None
-        self.begun = self.parts = False
-        self.interrupted = False
-        self.client = Client.ALIVE
-        self.stop: Optional[Stop] = None
+    order: int
+    priority: int = 0
+    resumes: bool = True
+    goes_on: bool = True
+    sender: str = ""
+    window: TimeWindow = ALWAYS
+    alone: bool = False
+    interruptible: bool = True
+    value: float = 1.0
+    party: int = field(default=0, init=False)
+    forecast: Optional[Forecast] = field(default=None, init=False)
+    rank: int = field(default=0, init=False)
+    left_out: str = field(default="", init=False)
+    ready_since: Optional[float] = field(default=None, init=False)
+    begun: bool = field(default=False, init=False)
+    parts: bool = field(default=False, init=False)
+    interrupted: bool = field(default=False, init=False)
+    client: Client = field(default=Client.ALIVE, init=False)
+    stop: Optional[Stop] = field(default=None, init=False)
 
     @property
     def text(self) -> str:
@@ -103,6 +94,25 @@ class Ticket:
     def under_way(self) -> bool:
         """Whether its plan is carried out: another one would stop its actions, or be exchanged for it."""
         return False
+
+    def begin(self, run: Sequence[Any]) -> None:
+        """A run begins: the first, or after another one was stopped.
+
+        :param run: all requests of that run, in the same order for each of them.
+        """
+
+    def join(self, first: Any) -> None:
+        """Becomes part of a run whose plan is carried out.
+
+        :param first: the first request of that run.
+        """
+
+    def accept(self) -> None:
+        """Called when the request runs for the first time."""
+
+    def end(self, verdict: Verdict) -> bool:
+        """Answers the client; False when that was done before."""
+        raise NotImplementedError
 
 
 T = TypeVar("T", bound=Ticket)

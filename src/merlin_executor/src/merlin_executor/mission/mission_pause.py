@@ -7,7 +7,7 @@ from typing import Callable, List, NamedTuple, Optional, Set
 
 import rospy
 from merlin_msgs.msg import ExecutorStatus
-from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
+from std_srvs.srv import Trigger, TriggerResponse
 
 from merlin_executor.executor_request import ExecutorRequest
 from merlin_executor.resending import END
@@ -144,8 +144,8 @@ class MissionPause:
             self._switch.begin()
         self._holds = HoldWatch(self._changed)
         self._services = [
-            rospy.Service("merlin/mission/pause", Trigger, self._pause),
-            rospy.Service("merlin/mission/resume", Trigger, self._resume),
+            rospy.Service("merlin/mission/pause", Trigger, lambda _: self._set(True)),
+            rospy.Service("merlin/mission/resume", Trigger, lambda _: self._set(False)),
         ]
         return self
 
@@ -203,12 +203,6 @@ class MissionPause:
         """Wakes waiters so that they re-check `stopped`."""
         with self._changed:
             self._changed.notify_all()
-
-    def _pause(self, request: TriggerRequest) -> TriggerResponse:
-        return self._set(True)
-
-    def _resume(self, request: TriggerRequest) -> TriggerResponse:
-        return self._set(False)
 
     def _set(self, paused: bool) -> TriggerResponse:
         with self._changed:

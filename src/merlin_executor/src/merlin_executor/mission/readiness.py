@@ -142,10 +142,10 @@ def _wait(
 ) -> List[str]:
     deadline, never = Deadline(timeout), threading.Event()
     subscribers = [subscribe_by(deadline, never, *topic) for topic in topics]
-    missing = awaited.wait(Deadline(min(PATIENCE, timeout)))
+    missing = awaited.wait(Deadline(min(PATIENCE, timeout)).wait)
     if missing and not deadline.expired:
         rospy.logwarn(f"the mission waits for {what} {', '.join(missing)}, for {timeout:g} s in all")
-        missing = awaited.wait(deadline)
+        missing = awaited.wait(deadline.wait)
     for subscriber in subscribers:
         if subscriber is not None:
             subscriber.unregister()

@@ -58,8 +58,8 @@ class RobotLog:
 
     def _dispatched(self, action: ActionDispatch) -> None:
         if action.name.lower() != CANCEL_ACTION:
-            text = action_text(action.name, action.parameters)
-            self._lines.begin((action.plan_id, action.action_id), text, rospy.get_time())
+            key = action.plan_id, action.action_id
+            self._lines.begin(key, action_text(action), rospy.get_time())
 
     def _answered(self, feedback: ActionFeedback) -> None:
         done = feedback.status == ActionFeedback.ACTION_SUCCEEDED_TO_GOAL_STATE

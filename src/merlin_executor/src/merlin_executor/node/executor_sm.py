@@ -122,11 +122,7 @@ class ExecutorSM(MerlinSM, Stages[Request]):
         stage("SETTLE", make("settle", system), "ADD_GOALS")
         stage("ADD_GOALS", make("add_goals", system, self._own, self), "GENERATE_PROBLEM")
         stage("GENERATE_PROBLEM", make("generate_problem", planning), "PLAN")
-        stage(
-            "PLAN",
-            make("plan_in_time", planning, lambda: self.course.without, self, system.proves),
-            "PARSE_PLAN",
-        )
+        stage("PLAN", make("plan_in_time", system, self), "PARSE_PLAN")
         stage("PARSE_PLAN", make("parse_plan", planning, self._take_plan), "DISPATCH_PLAN")
         dispatch = make("dispatch_goals", system, self)
         stage("DISPATCH_PLAN", dispatch, REMOVE_GOALS, **{FAILED: REPLAN})

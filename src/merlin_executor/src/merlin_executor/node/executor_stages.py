@@ -20,7 +20,7 @@ from merlin_planning.dispatch_client import PART as DISPATCHER
 from merlin_planning.dispatch_progress import unmet_reason
 from merlin_planning.knowledge_client import KnowledgeError
 from merlin_planning.knowledge_text import to_pddl
-from merlin_planning.planning_client import Planned, PlanningClient, StageError
+from merlin_planning.planning_client import Planned, StageError
 from merlin_ros.call_scope import CallScope
 from merlin_ros.deadline import Deadline, running_time
 from merlin_ros.service_proxy import ServiceError, ServiceUnavailable
@@ -72,15 +72,14 @@ class AddGoals(PlanningState):
 
     def __init__(self, system: PlanningSystem, own: OwnGoals, run: "ExecutorSM") -> None:
         super().__init__([ALREADY_TRUE])
-        self._planning = system.planning
-        self._knowledge = system.knowledge
+        self._system = system
         self._own = own
         self._run = run
 
     def run(self, userdata: Any) -> str:
         """Adds the goals that the knowledge base does not have."""
         run, again = self._run.run, self._run.course.is_replan
-        self._planning.read_ahead()
+        self._system.planning.read_ahead()
         try:
             # What an earlier request, or one that has ended meanwhile, could not remove.
             self._own.keep(run.items if again else [])
@@ -90,7 +89,7 @@ class AddGoals(PlanningState):
                 return ALREADY_TRUE
             achieved = Verdict(Outcome.SUCCEEDED, ACHIEVED_MEANWHILE)
             run.end(holding, achieved if again else Verdict(Outcome.ALREADY_TRUE, HOLDS_ALREADY))
-            present = {to_pddl(goal).lower() for goal in self._knowledge.goals()}
+            present = {to_pddl(goal).lower() for goal in self._system.knowledge.goals()}
             self._own.add([item for item in run.items if to_pddl(item).lower() not in present])
         except ServiceError as error:
             return self.fail_stage(_of_knowledge_base(error))
@@ -102,33 +101,27 @@ class AddGoals(PlanningState):
 class PlanInTime(PlanState):
     """Plans. Where that plan ends after a deadline, the planner has to find one in time, or proves that
     there is none: late.
-
-    :param proves: whether it is asked for a proof; otherwise the first plan is taken.
     """
 
-    def __init__(
-        self, planning: PlanningClient, without: Callable[[], Sequence[str]], run: "ExecutorSM", proves: bool
-    ) -> None:
-        super().__init__(planning, without)
+    def __init__(self, system: PlanningSystem, run: "ExecutorSM") -> None:
+        super().__init__(system.planning, lambda: run.course.without)
         self.register_outcomes([LATE])
-        self._planning = planning
-        self._left_out = without
+        self._system = system
         self._run = run
-        self._proves = proves
 
     def run(self, userdata: Any) -> str:
         """Plans, once or twice."""
-        run = self._run.run
+        run, planning = self._run.run, self._system.planning
         run.reached = {}
         outcome = super().run(userdata)
-        limited = [request for request in run.requests if request.window.is_limited and self._proves]
+        limited = [request for request in run.requests if request.window.is_limited and self._system.proves]
         if outcome != SUCCEEDED or not limited:
             return outcome
-        if ends_by(self._planning.plan_text, min(request.window.deadline for request in limited)):
+        if ends_by(planning.plan_text, min(request.window.deadline for request in limited)):
             return outcome
         now = rospy.get_time()
         deadlines = [request.due(now) for request in limited]
-        second = self._planning.plan(self.interruptible, self._left_out(), deadlines=deadlines)
+        second = planning.plan(self.interruptible, run.course.without, deadlines=deadlines)
         if self.preempt_requested():
             return PREEMPTED
         if second.verdict is Planned.LATE:

@@ -176,11 +176,11 @@ class Forecasts:
         actions = self._dispatcher.running if running is not None else []
         begun = self._dispatcher.succeeded | {action.action_id for action in actions}
         plan = running.plan if running is not None else []
-        coming = [action_text(s.name, s.parameters) for s in plan if s.action_id not in begun]
+        coming = [action_text(s) for s in plan if s.action_id not in begun]
         for other in self._engine.waiting:
             if other.order in ahead and other.forecast is not None:
                 coming += other.forecast.steps
-        return Start(begin, [action_text(each.name, each.parameters) for each in actions], coming)
+        return Start(begin, list(map(action_text, actions)), coming)
 
     # --- which ones, where not all can be in time --------------------------------------------------------
 

@@ -45,7 +45,8 @@ class GuardClient:
         self._changed = threading.Condition()  # guards the fields below, and what the guards say
         self._guards: Dict[str, _Guard] = {}
         self._coming: Set[str] = set()  # namespaces whose guard is being made
-        self._hold = ""
+        self.hold = ""
+        """Who holds which bases until a release, as a sentence; empty: no base is held."""
         self._on_hold: Callable[[], None] = lambda: None
         self._add("")
         self._robots = rospy.Subscriber(f"{knowledge_base}/robots", RobotHost, self._meet, tcp_nodelay=True)
@@ -125,11 +126,6 @@ class GuardClient:
             thread.join()
         return together(halts)
 
-    @property
-    def hold(self) -> str:
-        """Who holds which bases until a release, as a sentence; empty: no base is held."""
-        return self._hold
-
     def follow(self, on_hold: Callable[[], None]) -> None:
         """Calls a function from now on when :attr:`hold` has changed, without a lock."""
         self._on_hold = on_hold
@@ -141,9 +137,9 @@ class GuardClient:
         :param stopped: ends the wait; call :meth:`wake` when it becomes true.
         """
         with self._changed:
-            if self._hold and not stopped():
-                rospy.logwarn(f"{self._hold}; the next plan waits for the release")
-            Deadline(None).wait(self._changed, lambda: not self._hold or stopped())
+            if self.hold and not stopped():
+                rospy.logwarn(f"{self.hold}; the next plan waits for the release")
+            Deadline(None).wait(self._changed, lambda: not self.hold or stopped())
 
     def wake(self) -> None:
         """Wakes those that wait, so that they look again whether they are stopped."""
@@ -155,9 +151,9 @@ class GuardClient:
         with self._changed:
             hold = " and ".join(filter(None, (guard.hold() for guard in self._guards.values())))
             self._changed.notify_all()
-            if hold == self._hold:
+            if hold == self.hold:
                 return
-            self._hold = hold
+            self.hold = hold
         self._on_hold()
 
     def _all(self) -> List["_Guard"]:

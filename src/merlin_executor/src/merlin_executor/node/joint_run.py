@@ -61,9 +61,7 @@ class JointRun:
         self.requests = list(requests)
         """Those that have not ended; replaced as a whole."""
         self.course = requests[0].course
-        self._knowledge = system.knowledge
-        self._dispatcher = system.dispatcher
-        self._recovery = system.recovery
+        self._system = system
         self._own = own
         self._engine = engine
         self.revision = PlanRevision(self, system, own, engine)
@@ -97,7 +95,7 @@ class JointRun:
         :raises ServiceError: when the knowledge base does not answer.
         """
         requests, items = self.requests, self.items
-        holds: Dict[str, bool] = dict(zip(map(_key, items), self._knowledge.query(items)))
+        holds: Dict[str, bool] = dict(zip(map(_key, items), self._system.knowledge.query(items)))
         return [request for request in requests if all(holds.get(_key(item)) for item in request.items)]
 
     def end(self, requests: Sequence[Request], verdict: Verdict) -> None:
@@ -111,7 +109,7 @@ class JointRun:
             self.requests = left
             self._keep_goals()
             if ended[0] is first:
-                self._dispatcher.hand_over(left[0].goal.id)
+                self._system.dispatcher.hand_over(left[0].goal.id)
             self._engine.achieved(ended, verdict)
 
     def expect(self, newcomers: Sequence[Request]) -> None:
@@ -140,7 +138,7 @@ class JointRun:
 
     def dispatch_changed(self) -> None:
         """Looks which goals hold when an action has ended; called by a subscriber, never blocks."""
-        done = self._dispatcher.steps_done
+        done = self._system.dispatcher.steps_done
         if len(self.requests) > 1 and done != self._steps_done:
             self._looks.put(self.look)
         self._steps_done = done
@@ -192,9 +190,9 @@ class JointRun:
 
     def _meanwhile(self) -> Optional[FrozenSet[str]]:
         """Atoms that are as they are only while an action runs; None: not known, as over the original."""
-        literals = self._recovery.meanwhile()
+        literals = self._system.recovery.meanwhile()
         if literals is None:
-            return None if self._dispatcher.running else frozenset()
+            return None if self._system.dispatcher.running else frozenset()
         return frozenset(map(_atom, literals))
 
 

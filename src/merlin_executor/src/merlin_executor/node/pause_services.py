@@ -5,10 +5,11 @@ import threading
 from typing import Callable
 
 import rospy
-from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
+from std_srvs.srv import Trigger, TriggerResponse
 
 from merlin_ros.master.master_link import ERRORS, bounded_master
 
+PAUSED = "Paused: no further request begins; the running one continues."
 PAUSED_PARAM = "~paused"
 
 
@@ -25,15 +26,11 @@ class PauseServices:
             switch(True)
             rospy.logwarn("the executor is paused, as it was before; call merlin/resume")
         self._services = [
-            rospy.Service("merlin/pause", Trigger, self._pause),
-            rospy.Service("merlin/resume", Trigger, self._resume),
+            rospy.Service("merlin/pause", Trigger, lambda _: self._set(True, PAUSED)),
+            rospy.Service(
+                "merlin/resume", Trigger, lambda _: self._set(False, "The next request may begin.")
+            ),
         ]
-
-    def _pause(self, _: TriggerRequest) -> TriggerResponse:
-        return self._set(True, "Paused: no further request begins; the running one continues.")
-
-    def _resume(self, _: TriggerRequest) -> TriggerResponse:
-        return self._set(False, "The next request may begin.")
 
     def _set(self, paused: bool, words: str) -> TriggerResponse:
         with self._lock:

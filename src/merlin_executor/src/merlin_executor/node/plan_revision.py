@@ -12,7 +12,6 @@ from time import monotonic
 from typing import TYPE_CHECKING, Any, Callable, Dict, List, Sequence
 
 import rospy
-from diagnostic_msgs.msg import KeyValue
 from merlin_msgs.msg import PlannerStatus, RunningAction
 
 from merlin_executor.core.agenda import Refusal
@@ -21,6 +20,7 @@ from merlin_executor.core.outcome import LONGEST_REASON
 from merlin_executor.core.standstill import MOVES
 from merlin_executor.node.own_goals import OwnGoals
 from merlin_executor.node.request import Request, goals_of
+from merlin_pddl.formula import call_text
 from merlin_pddl.text_reader import shortened
 from merlin_planning.knowledge_text import action_text, to_pddl
 from merlin_planning.planning_client import MASTER, Planned, StageError
@@ -180,7 +180,7 @@ class PlanRevision(PlanningState):
         self._wait_for(lambda: not ids & {each.action_id for each in self._dispatcher.running})
         if dropped and self._closed:
             return self.fail("the dispatch has ended")
-        hangs = [text for text in map(_text, dropped) if text in self._dispatcher.unstopped]
+        hangs = [text for text in map(action_text, dropped) if text in self._dispatcher.unstopped]
         if hangs or (dropped and not self._system.guard.wait_left()):
             self.given_up = True
             return self.fail(f"{', '.join(hangs)} did not stop" if hangs else MOVES)
@@ -233,7 +233,7 @@ class PlanRevision(PlanningState):
             self.given_up = self._comes_late = True
             raise StageError(TOO_LATE)  # a plan that begins behind its deadline knows only the time to zero
         deadlines = [request.due(begin) for request in limited]
-        after = list(map(_text, kept))
+        after = list(map(action_text, kept))
         found = self._planning.plan(self.interruptible, run.course.without, after, deadlines)
         if found.verdict is not Planned.SOLVED:
             self.given_up = self._comes_late = found.verdict is Planned.LATE
@@ -242,9 +242,9 @@ class PlanRevision(PlanningState):
         if self._requests.revision() != wanted:
             raise StageError("other requests are wanted meanwhile")
         begun = self._dispatcher.running
-        new = {_text(each).lower(): each.action_id for each in begun if each.action_id not in known}
+        new = {action_text(each).lower(): each.action_id for each in begun if each.action_id not in known}
         for step in plan:  # the dispatcher has these go on as its first steps
-            step.action_id = new.pop(action_text(step.name, step.parameters).lower(), step.action_id)
+            step.action_id = new.pop(action_text(step).lower(), step.action_id)
         refused = self._dispatcher.exchange(plan, kept, known)
         if refused:
             raise StageError(refused)
@@ -274,7 +274,7 @@ class PlanRevision(PlanningState):
         if answer.status.state not in (PlannerStatus.SOLVED, PlannerStatus.UNSOLVABLE):
             raise StageError(answer.status.reason or "no plan of the others was found")
         steps = {step.lower() for step in answer.actions}
-        return [action for action in running if _text(action).lower() in steps]
+        return [action for action in running if action_text(action).lower() in steps]
 
     def _undone(self, action: RunningAction) -> List[str]:
         """What its start effects have changed, as it was before."""
@@ -282,15 +282,9 @@ class PlanRevision(PlanningState):
         objects = {parameter.key: parameter.value for parameter in action.parameters}
 
         def ground(formula: Any) -> str:
-            return action_text(
-                formula.name, [KeyValue(value=objects.get(p.key, p.key)) for p in formula.typed_parameters]
-            )
+            return call_text(formula.name, [objects.get(p.key, p.key) for p in formula.typed_parameters])
 
         return [
             *map(ground, operator.at_start_del_effects),
             *(f"(not {ground(formula)})" for formula in operator.at_start_add_effects),
         ]
-
-
-def _text(action: RunningAction) -> str:
-    return action_text(action.name, action.parameters)

@@ -8,9 +8,8 @@ import rospy
 from merlin_msgs.msg import KnowledgeChanges, OpenExecution
 
 from merlin_planning.dispatch_client import DispatchClient
-from merlin_planning.execution_journal import ExecutionJournal
+from merlin_planning.execution_journal import ExecutionJournal, execution_text
 from merlin_planning.knowledge_client import KnowledgeClient
-from merlin_planning.knowledge_text import action_text
 from merlin_planning.planning_client import Interruptible
 from merlin_ros.deadline import running_time
 from merlin_ros.late_topics import subscribe
@@ -93,7 +92,7 @@ class Recovery:
             for token in look.settle:
                 why = self._interrupt(found[token])
             if look.done:
-                names = ", ".join(_text(found[token]) for token in look.stuck)
+                names = ", ".join(execution_text(found[token]) for token in look.stuck)
                 return f"{names} was begun and cannot be settled: {why}" if names else ""
             if not look.settle:
                 woken.wait(min(look.wait, LOOK))
@@ -101,7 +100,9 @@ class Recovery:
 
     def _interrupt(self, execution: OpenExecution) -> str:
         """Settles one execution; returns why that failed."""
-        rospy.logwarn(f"{_text(execution)} of {execution.owner} was left open; it is settled as interrupted")
+        rospy.logwarn(
+            f"{execution_text(execution)} of {execution.owner} was left open; it is settled as interrupted"
+        )
         try:
             return self._journal.interrupt(execution)
         except ServiceError as error:
@@ -114,10 +115,6 @@ class Recovery:
                 self._has = there
             return there
         return self._has
-
-
-def _text(execution: OpenExecution) -> str:
-    return action_text(execution.operator_name, execution.parameters)
 
 
 class Look(NamedTuple):

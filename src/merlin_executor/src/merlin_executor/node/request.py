@@ -20,16 +20,16 @@ from rosplan_dispatch_msgs.msg import ActionDispatch
 from rosplan_knowledge_msgs.msg import KnowledgeItem
 
 from merlin_executor.core.course import DISPATCH_PLAN, Course
-from merlin_executor.core.engine import Job
 from merlin_executor.core.outcome import StopKind, Verdict
 from merlin_executor.core.request_limits import check_size, check_value
+from merlin_executor.core.ticket import Ticket
 from merlin_executor.core.time_window import Outlook, PlanTimes, TimeWindow, outlook_running
 from merlin_pddl.plan_text import PlanTextError, parse_plan
 from merlin_planning.knowledge_text import action_text, parse_goal, to_pddl
 from merlin_ros.actions.action_server import ServerGoal
 
 
-class Request(Job):
+class Request(Ticket):
     """One goal of ``merlin/execute``.
 
     :param goal: as received.
@@ -154,7 +154,7 @@ class Request(Job):
         if self.plan:
             self._times.dispatched((action.action_id, action.dispatched.to_sec()) for action in actions)
         before = self._kept
-        kept = [action_text(each.name, each.parameters) for each in actions if each.uninterruptible]
+        kept = [action_text(each) for each in actions if each.uninterruptible]
         self._kept = ", ".join(kept)
         return self._kept != before
 

@@ -89,7 +89,7 @@ class RobotSystem:
         asked += queue.requests if queue is not None else []
         return Doing(
             status is not None and status.state != DispatchStatus.IDLE,
-            [action_text(each.name, each.parameters) for each in (status.running if status else ())],
+            [action_text(each) for each in (status.running if status else ())],
             [
                 Request(each.request, each.goals, each.by or sender_of(each.request), each.priority)
                 for each in asked

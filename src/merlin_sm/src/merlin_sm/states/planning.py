@@ -135,7 +135,7 @@ class ParsePlanState(PlanningState):
             actions = self._client.parse_plan()
         except StageError as error:
             return self.fail_stage(error)
-        userdata.plan = [_text(action) for action in actions]
+        userdata.plan = list(map(action_text, actions))
         self._on_plan(actions)
         return SUCCEEDED
 
@@ -182,7 +182,3 @@ class DispatchPlanState(PlanningState):
         if result.cancelled and self.preempt_requested():
             return PREEMPTED
         return FAILED
-
-
-def _text(action: ActionDispatch) -> str:
-    return action_text(action.name, action.parameters)
