@@ -99,7 +99,7 @@ class DispatcherWorld:
         if not changed:
             return SimpleNamespace(owners=self.owners)
         (self.changed,) = changed
-        return SimpleNamespace(owner=lambda goal: "/planning_system", goals_of=lambda owner: self.held)
+        return SimpleNamespace(beside=lambda goal: self.held)
 
     def lost(self, **fields: Any) -> None:
         """The lease of the plan changes: by default the dispatcher has been silent for long."""

@@ -129,13 +129,14 @@ class Breakpoints:
 
     def _matches(self, text: str) -> bool:
         formulas = [found.lower().split() for found in _FORMULA.findall(text)]
-        return any(_fits(pattern, words) for pattern in self._patterns for words in formulas)
+        return any(fits(pattern, words) for pattern in self._patterns for words in formulas)
 
     def _arm(self) -> None:
         self.armed = bool(self._patterns or self._stepping or self.held or self._released)
 
 
-def _fits(pattern: Pattern, words: Sequence[str]) -> bool:
+def fits(pattern: Pattern, words: Sequence[str]) -> bool:
+    """Whether a pattern is for these words; one of a single word is for any behind it."""
     if len(pattern) == 1:
         return list(pattern) == words[:1]
     return len(pattern) == len(words) and all(wanted in (ANY, word) for wanted, word in zip(pattern, words))

@@ -490,7 +490,7 @@ class DispatchClient:
         if change.state is not LeaseState.LOST or change.released:
             return
         # A restarted dispatcher may lose what it held before while it carries out this plan.
-        if not self._watch.goals_of(self._watch.owner(change.goal)):
+        if not self._watch.beside(change.goal):
             with self._changed:
                 self._cancelling = self._cancelling or self._active
                 self._changed.notify_all()

@@ -83,7 +83,7 @@ def test_a_watch_that_is_only_asked_starts_no_thread(
     watch = LeaseWatch("dispatch/lease")
     watched.receive(Lease(owner="/a", life="1", held=["goal"], suspended=[]))
     watched.receive(Lease(owner="/a", life="2", held=[], suspended=[]))  # another life: the goal is lost
-    assert not watch.goals_of("/a")
+    assert not watch.beside("goal")
     assert not started
     watch.shutdown()
 

@@ -133,15 +133,19 @@ class Engine(Generic[T]):
         for request, verdict in answers.items():
             self._answer(request, verdict)
 
-    def decide_on(self, wanted: Callable[[T], bool], event: Callable[[Agenda[T], T], List[Decision]]) -> None:
-        """Likewise, for an event on one request; without effect when no such request waits or runs."""
+    def decide_on(
+        self, wanted: Callable[[T], bool], event: Callable[[Agenda[T], T], List[Decision]]
+    ) -> Optional[T]:
+        """Likewise, for an event on one request; returns it. None: no such request waits or runs."""
+        found: List[T] = []
 
         def decide(agenda: Agenda[T]) -> List[Decision]:
             both = [*agenda.waiting, *agenda.together]
-            found = next((request for request in both if wanted(request)), None)
-            return event(agenda, found) if found is not None else []
+            found[:] = [request for request in both if wanted(request)]
+            return event(agenda, found[0]) if found else []
 
         self.decide(decide)
+        return found[0] if found else None
 
     def achieved(self, requests: Sequence[T], verdict: Verdict) -> None:
         """The goals of some of the requests that run together hold: each but the last one ends now."""

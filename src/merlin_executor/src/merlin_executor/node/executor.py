@@ -9,13 +9,13 @@ import threading
 import traceback
 from contextlib import contextmanager
 from functools import partial
-from typing import Dict, Iterator, List, Optional, Sequence, Set, Tuple
+from typing import Dict, Iterator, Optional, Sequence, Set, Tuple
 
 import rospy
 from actionlib_msgs.msg import GoalStatus
 from merlin_msgs.msg import ExecuteAction, ExecuteFeedback, ExecuteResult, ExecutorStatus, GoalQueue
 
-from merlin_executor.core.agenda import NOT_BEGUN, TOGETHER, Agenda, Decision
+from merlin_executor.core.agenda import NOT_BEGUN, TOGETHER, Agenda
 from merlin_executor.core.course import Course
 from merlin_executor.core.engine import Engine
 from merlin_executor.core.outcome import LONGEST_REASON, Outcome, StopKind, Verdict, crashed, end_words
@@ -318,15 +318,11 @@ class Executor:
             if goal.id in self._unread:
                 return False  # what it says of its client is not read yet; the server asks again then
         client = _CLIENTS.get(state, Client.ALIVE)
-        goes_on = False
-
-        def decide(agenda: Agenda[Request], request: Request) -> List[Decision]:
-            nonlocal goes_on
-            goes_on = request.goes_on
-            return agenda.client(request, client, reason)
-
-        self._engine.decide_on(lambda request: request.goal is goal, decide)
-        return not goes_on
+        found = self._engine.decide_on(
+            lambda request: request.goal is goal,
+            lambda agenda, request: agenda.client(request, client, reason),
+        )
+        return found is None or not found.goes_on
 
     def _refuse(self, goal: ServerGoal, reason: str) -> None:
         named = bool(goal.goal.goals or goal.goal.items)

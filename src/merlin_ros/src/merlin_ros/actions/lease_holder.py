@@ -54,7 +54,7 @@ class LeaseHolder:
     @property
     def watched(self) -> bool:
         """Whether a node listens to the leases."""
-        return self._lease.watched
+        return bool(self._lease.publisher.get_num_connections() > 0)
 
     def shutdown(self) -> None:
         """Releases every lease."""
@@ -73,17 +73,13 @@ class _Lease:
 
     def __init__(self, topic: str) -> None:
         self.users = 0
-        self._publisher = rospy.Publisher(topic, Lease, queue_size=10)
+        self.publisher = rospy.Publisher(topic, Lease, queue_size=10)
         self._lock = threading.Lock()  # guards the fields below and the order of messages
         # goal -> its holder, and the goal on whose behalf it was sent
         self._held: Dict[str, Tuple[LeaseHolder, Optional[str]]] = {}
         self._stopped = False
         self._beat: Optional[Alarm] = None
         ownership.listen(self._renew)
-
-    @property
-    def watched(self) -> bool:
-        return bool(self._publisher.get_num_connections() > 0)
 
     def release_all(self, holder: LeaseHolder) -> None:
         with self._lock:
@@ -110,7 +106,7 @@ class _Lease:
         ownership.ignore(self._renew)
         with self._lock:
             self._stopped = True
-        unregister(self._publisher)
+        unregister(self.publisher)
 
     def _renew(self) -> None:
         with self._lock:
@@ -129,4 +125,4 @@ class _Lease:
             suspended=[goal for goal, (_, owner) in self._held.items() if ownership.suspended(owner)],
         )
         message.header.stamp = rospy.Time.now()
-        publish(self._publisher, message)
+        publish(self.publisher, message)

@@ -66,15 +66,10 @@ class LeaseWatch:
             # If it has changed since, the thread of the changes may have said so before this.
             last = change.state
 
-    def owner(self, goal: str) -> str:
-        """The node that holds a goal, or held it last; empty: no lease ever named it."""
+    def beside(self, goal: str) -> List[str]:
+        """The goals that the node holds that holds a goal, or held it last; the youngest last."""
         with self._lock:
-            return self._book.owner(goal)
-
-    def goals_of(self, owner: str) -> List[str]:
-        """The goals that a node holds, the youngest last."""
-        with self._lock:
-            return self._book.goals_of(owner)
+            return self._book.goals_of(self._book.owner(goal))
 
     @property
     def owners(self) -> List[str]:

@@ -44,11 +44,7 @@ class GoalLeases:
         if change.state is not LeaseState.LOST or change.released:
             return
         # A client that was restarted may want the same goal again.
-        wanted = {
-            to_pddl(item)
-            for lease in self._watch.goals_of(self._watch.owner(change.goal))
-            for item in self._goals(lease)
-        }
+        wanted = {to_pddl(item) for lease in self._watch.beside(change.goal) for item in self._goals(lease)}
         lost = [item for item in self._goals(change.goal) if to_pddl(item) not in wanted]
         try:
             with self._store.transaction(self._scope) as transaction:

@@ -11,7 +11,7 @@ import threading
 import time
 from typing import Callable, Dict, List, Optional, Sequence, Set, Tuple
 
-from merlin_pddl.breakpoints import ANY, LONGEST, MOST, BreakpointError
+from merlin_pddl.breakpoints import LONGEST, MOST, BreakpointError, fits
 from merlin_sm.autonomy import FULL, LEVELS
 from merlin_sm.holding.state_control import Machine
 
@@ -124,9 +124,7 @@ class StateHolds:
         with self._changed:
             known = [path for paths in self._paths.values() for path in paths]
             self._patterns = {
-                pattern: text
-                for pattern, text in found.items()
-                if any(_fits(pattern, path) for path in known)
+                pattern: text for pattern, text in found.items() if any(fits(pattern, path) for path in known)
             }
             self._arm()
 
@@ -168,7 +166,7 @@ class StateHolds:
             stepping = machine in self._stepping
             self._stepping.discard(machine)
             labels = tuple(path.upper().split("/"))
-            if not stepping and not any(_fits(pattern, labels) for pattern in self._patterns):
+            if not stepping and not any(fits(pattern, labels) for pattern in self._patterns):
                 self._arm()
                 return
             held = self._hold(_Held(machine, state, path, self._clock()))
@@ -258,9 +256,3 @@ class StateHolds:
     def _arm(self) -> None:
         self.armed = bool(self._patterns or self._stepping or self._held)
         self.limited = self.level < FULL
-
-
-def _fits(pattern: Pattern, labels: Pattern) -> bool:
-    return len(pattern) == len(labels) and all(
-        wanted in (ANY, label) for wanted, label in zip(pattern, labels)
-    )
