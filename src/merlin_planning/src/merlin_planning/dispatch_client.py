@@ -113,7 +113,7 @@ class DispatchClient:
     @property
     def steps_done(self) -> int:
         """Actions of this dispatch that have succeeded."""
-        return self._progress.steps_done
+        return len(self._progress.succeeded)
 
     @property
     def succeeded(self) -> FrozenSet[int]:

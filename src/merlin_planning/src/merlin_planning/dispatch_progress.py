@@ -150,11 +150,6 @@ class DispatchProgress:
         self._counted: Optional[Container[int]] = None  # actions whose failure counts; None: all
 
     @property
-    def steps_done(self) -> int:
-        """How many actions have succeeded, since the present plan began."""
-        return len(self.succeeded)
-
-    @property
     def under_way(self) -> List[Action]:
         """The actions that run, in the order in which they are to end."""
         return sorted(self.running.values(), key=lambda action: action.ends)

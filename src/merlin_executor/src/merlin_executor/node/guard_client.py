@@ -264,8 +264,8 @@ class _Guard:
 
     def shutdown(self) -> None:
         """Ends its topics."""
-        for topic in (self._brake, self._subscriber):
-            topic.unregister()
+        self._brake.unregister()
+        self._subscriber.unregister()
         self._halt.close()
 
     def _receive(self, status: GuardStatus) -> None:

@@ -71,7 +71,7 @@ class WorkBook(Generic[K]):
         self._room = room
         self._asked = asked
         self._running: Dict[K, _Work[K]] = {}  # the oldest first
-        self._waiting: List[_Work[K]] = []
+        self._waiting: Dict[K, _Work[K]] = {}  # likewise
 
     @property
     def running(self) -> List[K]:
@@ -93,17 +93,16 @@ class WorkBook(Generic[K]):
 
         :param batch: what belongs together, as the actions of a plan.
         """
-        if key in self._running or any(work.key == key for work in self._waiting):
+        if key in self._running or key in self._waiting:
             return []
-        work = _Work(key, lane, batch)
-        before = [each for each in self._waiting if each.lane == lane]
-        self._waiting.append(work)
+        before = [each for each in self._waiting.values() if each.lane == lane]
+        work = self._waiting[key] = _Work(key, lane, batch)
         if not before and self._free(lane):
             return self._promote()
         if self._policy is Policy.NEWEST:
             return self._replace(before, lane)
         if len(self._waiting) > WAITING:
-            self._waiting.remove(work)
+            del self._waiting[key]
             return [Decision(Step.REFUSE, key, f"{WAITING} wait already; no more may")]
         work.behind = self._running_in(lane)
         decisions = [Decision(Step.WAIT, key)]
@@ -114,22 +113,20 @@ class WorkBook(Generic[K]):
 
     def begin(self) -> Optional[K]:
         """The next that runs from now on; None when none may. Where the owner asks for it."""
-        work = next((work for work in self._waiting if self._free(work.lane)), None)
-        if work is None:
-            return None
-        self._waiting.remove(work)
-        self._running[work.key] = work
-        return work.key
+        key = next((key for key, work in self._waiting.items() if self._free(work.lane)), None)
+        if key is not None:
+            self._running[key] = self._waiting.pop(key)
+        return key
 
     def cancel(self, key: K, reason: str) -> List[Decision]:
         """Work has to stop."""
-        if self._leave(key):
+        if self._waiting.pop(key, None) is not None:
             return [Decision(Step.REFUSE, key, reason)]
         return self._stop(self._running[key], reason) if key in self._running else []
 
     def cancel_all(self, reason: str) -> List[Decision]:
         """All has to stop; what waits first, which would begin when the rest has ended."""
-        keys = [*(work.key for work in self._waiting), *self._running]
+        keys = [*self._waiting, *self._running]
         return [decision for key in keys for decision in self.cancel(key, reason)]
 
     def overdue(self, key: K) -> List[Decision]:
@@ -137,12 +134,12 @@ class WorkBook(Generic[K]):
 
         What waits goes on waiting where something that was in the way has ended: others wait before it.
         """
-        work = next((each for each in self._waiting if each.key == key), None)
+        work = self._waiting.get(key)
         if work is not None:
             before, work.behind = work.behind, self._running_in(work.lane)
             if not before <= work.behind:
                 return [Decision(Step.WAIT, key)]
-            self._waiting.remove(work)
+            del self._waiting[key]
             return [Decision(Step.REFUSE, key, STUCK)]
         if key not in self._running or not self._running[key].stops:
             return []
@@ -170,19 +167,12 @@ class WorkBook(Generic[K]):
 
     def _replace(self, before: List[_Work[K]], lane: str) -> List[Decision]:
         for work in before:
-            self._waiting.remove(work)
+            del self._waiting[work.key]
         decisions = [Decision(Step.REFUSE, work.key, TAKEN) for work in before]
         running = [work for work in self._running.values() if work.lane == lane]
         if any(work.stops for work in running) or self._free(lane):
             return decisions  # what stops makes room
         return decisions + self._stop(running[0], "a newer goal takes its place")
-
-    def _leave(self, key: K) -> bool:
-        """Whether work has waited; it waits no more."""
-        left = [work for work in self._waiting if work.key != key]
-        waited = len(left) < len(self._waiting)
-        self._waiting = left
-        return waited
 
     @staticmethod
     def _stop(work: _Work[K], reason: str) -> List[Decision]:

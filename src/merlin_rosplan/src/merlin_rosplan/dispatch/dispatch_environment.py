@@ -215,9 +215,9 @@ class DispatchEnvironment(abc.ABC):
     def send_cancel(self, action: PlannedAction) -> None:
         """Sends a cancel to the action's interface."""
 
-    @abc.abstractmethod
     def close(self, action: PlannedAction) -> None:
-        """Publishes the tombstone, so that a late subscriber does not execute the last action."""
+        """Publishes the tombstone, latched in place of the last action: a late subscriber gets that."""
+        self.send_cancel(action)
 
     @abc.abstractmethod
     def publish_feedback(self, action: PlannedAction, status: FeedbackStatus) -> None:

@@ -90,7 +90,6 @@ class DispatchTopics(DispatchEnvironment):
         # Interfaces latch their last feedback: an id from an earlier process of this node must not fit again.
         self.plan_id = int(time.time()) % 1_000_000 * 1000
         self._operators: Dict[str, ActionModel] = {}
-        self._dispatched: Dict[int, rospy.Time] = {}
         self._interfaces = InterfaceWatch(running_time)
         self._lease = component.own(LeaseHolder(component.resolve("lease")))
         self._leased: Set[str] = set()
@@ -124,7 +123,6 @@ class DispatchTopics(DispatchEnvironment):
         :param owner: id of its goal: while the owner of that one is silent, its actions are suspended.
         """
         self._operators.clear()
-        self._dispatched.clear()
         with self._telling:
             self._shown.clear()
         with self._open_lock:
@@ -153,17 +151,16 @@ class DispatchTopics(DispatchEnvironment):
 
     def send(self, action: PlannedAction) -> None:
         """Publishes the action. Its lease follows with the next report: robots wait for the action."""
-        self._dispatched[action.id] = rospy.Time.now()
+        message, now = self.message(action, action.name), rospy.Time.now()
         with self._open_lock:
             self._open[action.id] = action
-        publish(self._actions, self.message(action, action.name))
+        publish(self._actions, message)
+        with self._telling:
+            shown = RunningAction(action.id, self.plan_id, action.name, message.parameters, now, False)
+            self._shown.setdefault(action.id, shown)  # one that is sent again has begun before
 
     def send_cancel(self, action: PlannedAction) -> None:
         """Publishes ``cancel_action`` for the action."""
-        publish(self._actions, self.message(action, CANCEL_ACTION))
-
-    def close(self, action: PlannedAction) -> None:
-        """Publishes the tombstone: latched in place of the last action."""
         publish(self._actions, self.message(action, CANCEL_ACTION))
 
     def publish_feedback(self, action: PlannedAction, status: FeedbackStatus) -> None:
@@ -267,7 +264,7 @@ class DispatchTopics(DispatchEnvironment):
 
         Leases what runs, and lets go of what runs no more: an interface that did not answer stops by itself.
         """
-        running = {self._goal(action) for action in report.running}
+        running = {f"{self.plan_id}/{action.id}" for action in report.running}
         if report.state in _GOES_ON:
             running.add(f"{self.plan_id}/plan")  # between two actions the client must see its life, too
         if running != self._leased:
@@ -276,10 +273,6 @@ class DispatchTopics(DispatchEnvironment):
         if report.state in _GOES_ON:
             self.report_status(report)
         self._on_change()
-
-    def _goal(self, action: PlannedAction) -> str:
-        """What names an action in leases."""
-        return f"{self.plan_id}/{action.id}"
 
     def message(self, action: PlannedAction, name: str) -> ActionDispatch:
         """An action as it is dispatched under a name."""
@@ -307,7 +300,7 @@ class DispatchTopics(DispatchEnvironment):
         status = DispatchStatus(
             state=int(report.state) if report.state in _GOES_ON else DispatchStatus.IDLE,
             plan_id=self.plan_id,
-            running=[self._running(action) for action in report.running],
+            running=[self._shown[action.id] for action in report.running if action.id in self._shown],
             steps_done=report.steps_done,
             steps_total=report.steps_total,
             failed_action=str(report.failed_action) if report.failed_action is not None else "",
@@ -320,19 +313,6 @@ class DispatchTopics(DispatchEnvironment):
         )
         status.header.stamp = rospy.Time.now()
         publish(self._status, status)
-
-    def _running(self, action: PlannedAction) -> RunningAction:
-        """A running action as the status names it; called with the lock of the status."""
-        shown = self._shown.get(action.id)
-        if shown is None:
-            shown = self._shown[action.id] = RunningAction(
-                action_id=action.id,
-                plan_id=self.plan_id,
-                name=action.name,
-                parameters=[KeyValue(key=label, value=value) for label, value in action.parameters],
-                dispatched=self._dispatched.get(action.id, rospy.Time()),
-            )
-        return shown
 
 
 class KnowledgeEvents:
