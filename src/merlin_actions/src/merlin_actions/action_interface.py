@@ -22,7 +22,7 @@ from merlin_actions.core.execution import Execution, Key, Token, at_once
 from merlin_actions.core.latched import LATCH_GRACE, Latched
 from merlin_actions.core.names import CONCURRENT, IF_INTERRUPTED, IF_STOPPED_AT, WHILE_RUNNING, action_param
 from merlin_actions.effects import APPLY_LIMIT, Opening, effects_of
-from merlin_actions.shutdown_order import shut_down
+from merlin_actions.shutdown_order import MASTER_LOST, Serving
 from merlin_planning.dispatch_progress import CANCEL_ACTION
 from merlin_planning.execution_journal import ExecutionJournal, execution_text
 from merlin_planning.knowledge_client import (
@@ -53,21 +53,9 @@ CONNECTION_LOOK = 0.02  # s between two looks for that connection, of which rosp
 WAIT_LIMIT = 5.0  # s, of running time and of ROS time, in which an execution that is in the way has to end
 WAITS = 6  # so often that limit of running time at most, where ROS time is slower, or stands
 ON_TIME = 0.9  # share of running time from which on ROS time is not slower
-MASTER_LOST = "the ROS master is lost"
 _KNOWLEDGE_ERRORS = (KnowledgeError, ServiceError, ValueError, MasterSilent)
 #: Answers that wait for the dispatcher's connection; rospy drops the oldest of more, and says nothing.
 QUEUE = 1000
-
-
-def answer_of(key: Key, ending: Optional[Ending] = None, **information: str) -> ActionFeedback:
-    """The answer of an execution: that it has ended; without an ending, that it is accepted, or goes on."""
-    feedback = ActionFeedback(plan_id=key[0], action_id=key[1], status=ActionFeedback.ACTION_ENABLED)
-    if ending is not None:
-        succeeded = ActionFeedback.ACTION_SUCCEEDED_TO_GOAL_STATE
-        feedback.status = succeeded if ending.succeeded else ActionFeedback.ACTION_FAILED
-        information = information_of(ending)
-    feedback.information = [KeyValue(name, value) for name, value in information.items()]
-    return feedback
 
 
 def settle_left(knowledge: KnowledgeClient, operator: str) -> List[Tuple[Key, str]]:
@@ -96,7 +84,7 @@ def settle_left(knowledge: KnowledgeClient, operator: str) -> List[Tuple[Key, st
     return settled
 
 
-class ActionInterface:
+class ActionInterface(Serving):
     """Serves one PDDL operator, as ROSPlan's ``RPActionInterface`` does. Subclasses implement :meth:`run`.
 
     The owner of an execution is the dispatcher that leases it. An execution waits for those before it, and
@@ -162,10 +150,6 @@ class ActionInterface:
         """Global name of the dispatcher."""
         return rospy.resolve_name(self._topics[0]).rsplit("/", 1)[0]
 
-    def shutdown(self) -> None:
-        """Cancels what runs, waits until it has ended, and stops serving; of several see `shut_down`."""
-        shut_down([self])
-
     def stop(self) -> None:
         """See :class:`.Serving`."""
         with self._changed:
@@ -184,12 +168,6 @@ class ActionInterface:
         """See :class:`.Serving`."""
         self._owners.shutdown()
         unregister(self._subscriber, self._dispatcher_status)
-
-    def master_lost(self) -> None:
-        """Stops what runs: nothing else of the system can be found any more."""
-        with self._changed:
-            decisions = self._book.cancel_all(MASTER_LOST)
-        self._carry_out(decisions)
 
     def executions(self) -> List[Execution]:
         """What runs now, or waits to."""
@@ -235,9 +213,7 @@ class ActionInterface:
             self._begin(dispatch)
 
     def _cancel(self, execution: Execution, reason: str) -> None:
-        with self._changed:
-            decisions = self._book.cancel(execution.key, reason)
-        self._carry_out(decisions)
+        self._decide(lambda book: book.cancel(execution.key, reason))
 
     def _owner_changed(self, change: LeaseChange) -> None:
         """The dispatcher is silent, back, or gone."""
@@ -282,7 +258,6 @@ class ActionInterface:
         self._carry_out(decisions)
 
     def _carry_out(self, decisions: List[Decision]) -> None:
-        """Carries out the book's decisions; without the lock."""
         for decision in decisions:
             with self._changed:
                 execution = self._executions.get(decision.key)
@@ -414,9 +389,7 @@ class ActionInterface:
     def _allow(self, execution: Execution, declared: Dict[str, Any]) -> None:
         """Allows as many parallel executions as the action's class declares, and starts waiting ones."""
         if CONCURRENT in declared and not execution.lane:
-            with self._changed:
-                decisions = self._book.allow(at_once(declared[CONCURRENT]))
-            self._carry_out(decisions)
+            self._decide(lambda book: book.allow(at_once(declared[CONCURRENT])))
 
     def _declared(self, execution: Execution) -> Dict[str, Any]:
         """What the action's class declares; its host publishes it as parameters.
@@ -426,8 +399,14 @@ class ActionInterface:
         return dict(get_param(rospy.resolve_name(self._param(execution)), {}))
 
     def _answer(self, key: Key, ending: Optional[Ending] = None, **information: str) -> None:
-        """Publishes to the dispatcher that an execution has ended; without an ending: that it goes on."""
-        publish(self._feedback, answer_of(key, ending, **information))
+        """Answers that an execution has ended; without an ending, that it is accepted, or goes on."""
+        feedback = ActionFeedback(plan_id=key[0], action_id=key[1], status=ActionFeedback.ACTION_ENABLED)
+        if ending is not None:
+            succeeded = ActionFeedback.ACTION_SUCCEEDED_TO_GOAL_STATE
+            feedback.status = succeeded if ending.succeeded else ActionFeedback.ACTION_FAILED
+            information = information_of(ending)
+        feedback.information = [KeyValue(name, value) for name, value in information.items()]
+        publish(self._feedback, feedback)
 
     def _announce(self) -> None:
         self._settle_left()

@@ -12,7 +12,7 @@ import smach
 from merlin_actions.core.ending import GIVEN_UP, NOT_BEGUN, MachineEnd, answer_of
 from merlin_actions.core.names import CONCURRENT, DECLARED, action_param, ros_name
 from merlin_actions.merlin_action_sm import MerlinActionSM
-from merlin_actions.shutdown_order import shut_down
+from merlin_actions.shutdown_order import Serving
 from merlin_ros.actions.action_server import ActionServer, ServerGoal
 from merlin_ros.deadline import call_when_passed, limit
 from merlin_ros.health import ERROR, OK, WARN, Health
@@ -31,7 +31,7 @@ from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, MerlinState, merli
 CANCEL_LIMIT = 2.7
 
 
-class MerlinActionServer:
+class MerlinActionServer(Serving):
     """Runs a :class:`MerlinActionSM` for the goals of its action, as many at once as its class says.
 
     Where no machine is free, a newer goal preempts the oldest one. A run that does not end within the limit
@@ -111,10 +111,6 @@ class MerlinActionServer:
             while len(self._shown) > len(pool):
                 self._shown.pop()[1].stop()
 
-    def shutdown(self) -> None:
-        """Preempts what runs, waits until it has stopped, and stops serving; of several see `shut_down`."""
-        shut_down([self])
-
     def stop(self) -> None:
         """See :class:`.Serving`."""
         with self._changed:
@@ -133,12 +129,6 @@ class MerlinActionServer:
         with self._showing:
             while self._shown:
                 self._shown.pop()[1].stop()
-
-    def master_lost(self) -> None:
-        """Stops what runs: nothing else of the system can be found any more."""
-        with self._changed:
-            decisions = self._book.cancel_all("the ROS master is lost")
-        self._carry_out(decisions)
 
     def health(self) -> Health:
         """What the machine does; a warning when its last run raised an exception, or one still hangs."""
@@ -162,12 +152,9 @@ class MerlinActionServer:
         self._carry_out(decisions)
 
     def _cancel(self, goal: ServerGoal) -> None:
-        with self._changed:
-            decisions = self._book.cancel(goal.id, goal.cancel_reason)
-        self._carry_out(decisions)
+        self._decide(lambda book: book.cancel(goal.id, goal.cancel_reason))
 
     def _carry_out(self, decisions: List[Decision]) -> None:
-        """Carries out the book's decisions; without the lock."""
         for decision in decisions:
             with self._changed:
                 goal = self._goals.get(decision.key)
@@ -239,12 +226,7 @@ class MerlinActionServer:
         with self._changed:
             runs = goal.id in self._book.running
         if runs:  # in a thread of its own: users' code makes the machine that takes its place
-            start_thread(f"limit of {self.operator}", self._overdue, goal)
-
-    def _overdue(self, goal: ServerGoal) -> None:
-        with self._changed:
-            decisions = self._book.overdue(goal.id)
-        self._carry_out(decisions)
+            start_thread(f"limit of {self.operator}", self._decide, lambda book: book.overdue(goal.id))
 
     def _abandon(self, goal: ServerGoal, machine: MerlinActionSM) -> None:
         """Answers for a run that did not stop, and replaces its machine."""
