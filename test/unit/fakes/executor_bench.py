@@ -172,7 +172,7 @@ class Bench:
             ("GuardClient", lambda *_, **__: self.guard),
             ("OwnGoals", lambda *_: own),
             ("LeaseHolder", lambda topic: None),
-            ("PauseServices", self.serve_pause),
+            ("offer_pause", self.serve_pause),
             ("BreakpointService", lambda *_: SimpleNamespace(offer=lambda name: None)),
             ("ExecutorSM", self.make_machine),
             ("start_introspection", lambda *_: SimpleNamespace(stop=lambda: None)),

@@ -11,7 +11,7 @@ from merlin_msgs.msg import KnowledgeChanges, RobotHost
 from rosplan_knowledge_msgs.msg import KnowledgeItem
 
 from merlin_actions.core.availability import Availability
-from merlin_actions.core.robot_book import GONE_AFTER, HostWord, RobotBook, RobotChange
+from merlin_actions.core.robot_book import GONE_AFTER, RobotBook, RobotChange
 from merlin_planning.foreign_changes import ForeignChanges
 from merlin_planning.knowledge_client import ADD, REMOVE, KnowledgeClient, KnowledgeError, Update, fact
 from merlin_planning.robot_roster import RobotRoster, is_node
@@ -112,7 +112,6 @@ class RobotWatch:
         if not is_node(word.node):
             rospy.logwarn_throttle(10.0, f"a robot cannot have a host named {word.node[:LONGEST_NAME]!r}")
             return
-        parameters = tuple(zip(word.operators, word.robot_parameters))
         admission = self._roster.admit(word.robot, sender_of(word), time.monotonic())
         if admission.refusal:
             rospy.logwarn(admission.refusal)
@@ -121,11 +120,7 @@ class RobotWatch:
                 self._add([self._book.forget(admission.forgotten)])
             if not admission.counts:
                 return
-            self._add(
-                self._book.hear(
-                    HostWord(word.robot, word.node, word.life, word.out, word.leaving, parameters)
-                )
-            )
+            self._add(self._book.hear(word))
 
     def _add(self, changes: List[RobotChange]) -> None:
         """Takes changes in; called with the lock held."""

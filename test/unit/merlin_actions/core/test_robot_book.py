@@ -4,13 +4,32 @@
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from merlin_msgs.msg import RobotHost
 
 from merlin_actions.core.application_check import ApplicationWorld, Needs
-from merlin_actions.core.robot_book import GONE_AFTER, HostWord, RobotBook, RobotChange
+from merlin_actions.core.robot_book import GONE_AFTER, RobotBook, RobotChange
 from merlin_actions.core.robot_check import check_robots, robot_parameters
 from merlin_actions.core.robot_parameter import robot_parameter
 
-ANN = HostWord("ann", "/ann/merlin_fsm_host", "one", parameters=(("drive", "r"),))
+
+def word(robot, node, life, out="", leaving=False, operators=()):
+    variables = ["r"] * len(operators)
+    return RobotHost(
+        robot=robot,
+        node=node,
+        life=life,
+        out=out,
+        leaving=leaving,
+        operators=operators,
+        robot_parameters=variables,
+    )
+
+
+def ann(life="one", **fields):
+    return word("ann", "/ann/merlin_fsm_host", life, operators=["drive"], **fields)
+
+
+ANN = ann()
 
 
 @pytest.fixture
@@ -45,33 +64,31 @@ def test_a_book_may_wait_longer():
 
 
 def test_a_restarted_host_has_lost_what_ran(book):
-    lost, back = book.hear(ANN._replace(life="two"))
+    lost, back = book.hear(ann(life="two"))
     assert not lost.available and not lost.answers and "restarted" in lost.reason and back.available
     assert book.hear(ANN) == [] and book.available("ann"), "a late word of the life before"
 
 
 def test_a_robot_that_is_taken_out_still_answers(book):
-    (change,) = book.hear(ANN._replace(out="was taken out by its operator"))
+    (change,) = book.hear(ann(out="was taken out by its operator"))
     assert change == RobotChange("ann", False, "robot ann was taken out by its operator", True)
     assert book.hear(ANN) == [RobotChange("ann", True)]
 
 
 def test_a_robot_that_leaves_says_so(book):
-    (change,) = book.hear(ANN._replace(leaving=True))
+    (change,) = book.hear(ann(leaving=True))
     assert not change.available and "has ended" in change.reason
     assert book.hear(ANN) == []
 
 
 def test_two_hosts_of_one_robot_get_nothing(book):
-    (change,) = book.hear(HostWord("ann", "/bob/merlin_fsm_host", "three"))
+    (change,) = book.hear(word("ann", "/bob/merlin_fsm_host", "three"))
     assert not change.available and change.answers
     assert (
         "two hosts say that they are robot ann: /ann/merlin_fsm_host and /bob/merlin_fsm_host"
         in change.reason
     )
-    assert book.hear(HostWord("ann", "/bob/merlin_fsm_host", "three", leaving=True)) == [
-        RobotChange("ann", True)
-    ]
+    assert book.hear(word("ann", "/bob/merlin_fsm_host", "three", leaving=True)) == [RobotChange("ann", True)]
 
 
 def test_a_suspected_robot_is_gone_until_its_next_word(book):
@@ -83,9 +100,9 @@ def test_a_suspected_robot_is_gone_until_its_next_word(book):
 
 def test_what_hosts_say_without_end_does_not_grow_without_end(book):
     for number in range(100):
-        changes = book.hear(HostWord("ann", f"/h{number}/host", "one"))
+        changes = book.hear(word("ann", f"/h{number}/host", "one"))
     assert changes == [] and len(book.why_not("ann")) < 500
-    book.hear(HostWord("bob", "/bob/host", "one", parameters=tuple((f"o{n}", "r") for n in range(3000))))
+    book.hear(word("bob", "/bob/host", "one", operators=[f"o{n}" for n in range(3000)]))
     assert book.parameter("o0") == "r" and book.parameter("o2999") == "" and book.parameter("drive") == "r"
     assert book.pass_time(0.0) == [] and book.forget("bob").forgotten
     assert book.robots == ["ann"] and book.parameter("o0") == ""
@@ -93,7 +110,7 @@ def test_what_hosts_say_without_end_does_not_grow_without_end(book):
 
 
 _words = st.builds(
-    HostWord,
+    word,
     st.sampled_from(["ann", "bob"]),
     st.sampled_from(["/ann/host", "/bob/host"]),
     st.sampled_from(["one", "two", "three"]),
@@ -107,7 +124,7 @@ _events = st.one_of(_words, st.floats(0.0, 3.0), st.sampled_from(["ann", "bob"])
 def test_changes_tell_everything_and_nothing_twice(events):
     book, reported = RobotBook(), {}
     for event in events:
-        if isinstance(event, HostWord):
+        if isinstance(event, RobotHost):
             changes = book.hear(event)
         elif isinstance(event, float):
             changes = book.pass_time(event)

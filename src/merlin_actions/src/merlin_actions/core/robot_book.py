@@ -5,7 +5,7 @@ A host says every 0.25 s that it lives. One robot has one host: where two say th
 nothing is sent to either. A robot is known as soon as its host was heard once.
 """
 
-from typing import Dict, List, NamedTuple, Tuple
+from typing import Any, Dict, List, NamedTuple
 
 from merlin_ros.work.liveness import Limits, Liveness, Presence, Word
 
@@ -17,19 +17,6 @@ GONE_AFTER = 2.0
 HOSTS = 8
 #: Operators of a message that count.
 OPERATORS = 1000
-
-
-class HostWord(NamedTuple):
-    """What a host says of itself."""
-
-    robot: str
-    node: str
-    life: str
-    out: str = ""
-    """Why the robot takes no actions, as part of a sentence; empty: it does."""
-    leaving: bool = False
-    parameters: Tuple[Tuple[str, str], ...] = ()
-    """Operators that it serves, with the variable that names the robot."""
 
 
 class RobotChange(NamedTuple):
@@ -48,7 +35,7 @@ class RobotChange(NamedTuple):
 class _Robot:
     def __init__(self, gone_after: float) -> None:
         self.hosts: Liveness[str] = Liveness(Limits(gone=gone_after, keep=gone_after), HOSTS)  # nodes
-        self.words: Dict[str, HostWord] = {}  # last ones of the nodes that are there
+        self.words: Dict[str, Any] = {}  # last ones of the nodes that are there
         self.suspected: Dict[str, str] = {}  # node -> why actions cannot reach it, until its next word
         self.namespace = ""  # of the host that was heard last
         self.parameters: Dict[str, str] = {}  # operator -> the variable that names the robot
@@ -91,8 +78,11 @@ class RobotBook:
         )
         return next(said, "")
 
-    def hear(self, word: HostWord) -> List[RobotChange]:
-        """A host says that it lives, or that it leaves."""
+    def hear(self, word: Any) -> List[RobotChange]:
+        """A host says that it lives, or that it leaves.
+
+        :param word: with the fields of merlin_msgs/RobotHost.
+        """
         robot = self._robots.pop(word.robot, None) or _Robot(self._gone_after)
         self._robots[word.robot] = robot
         heard = robot.hosts.heard(word.node, word.life)
@@ -107,7 +97,8 @@ class RobotBook:
         robot.words[word.node] = word
         robot.suspected.pop(word.node, None)
         robot.namespace = word.node.rpartition("/")[0] + "/"
-        said = {operator.lower(): variable for operator, variable in word.parameters[:OPERATORS]}
+        operators = map(str.lower, word.operators[:OPERATORS])
+        said = dict(zip(operators, word.robot_parameters))
         if not said.items() <= robot.parameters.items():
             robot.parameters = dict([*robot.parameters.items(), *said.items()][-OPERATORS:])
         return changes + self._report(word.robot)

@@ -31,7 +31,7 @@ from merlin_executor.node.forecast import Forecasts
 from merlin_executor.node.guard_client import GuardClient
 from merlin_executor.node.joint_run import PlanningSystem
 from merlin_executor.node.own_goals import OwnGoals
-from merlin_executor.node.pause_services import PauseServices
+from merlin_executor.node.pause_services import offer_pause
 from merlin_executor.node.recovery import Recovery
 from merlin_executor.node.request import Request
 from merlin_executor.node.survivors import Survivors
@@ -168,7 +168,7 @@ class Executor:
         self._publishes.set()
         self._publish_status()
         self._publish_queue()
-        self._pauses = PauseServices(self._pause)
+        self._pauses = offer_pause(self._pause)
         self._points = BreakpointService(self._engine.agenda.breakpoints, self._breakpoints_changed).offer(
             "merlin/breakpoints"
         )
