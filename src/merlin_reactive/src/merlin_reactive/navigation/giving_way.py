@@ -8,6 +8,7 @@ from typing import List, Optional
 import numpy as np
 
 from merlin_reactive.navigation.path_planner import PathPlanner
+from merlin_reactive.navigation.refuge import nearest_refuge
 from merlin_reactive.navigation.right_of_way import RightOfWay
 from merlin_reactive.pose import Point, Pose
 
@@ -45,12 +46,8 @@ class GivingWay:
     """
 
     def __init__(self, rules: RightOfWay, planner: PathPlanner) -> None:
-        # It imports OpenCV, which a robot that is alone can do without.
-        from merlin_reactive.navigation.refuge import nearest_refuge
-
         self.rules = rules
         self._planner = planner
-        self._nearest_refuge = nearest_refuge
         self.start()
 
     def start(self) -> None:
@@ -103,9 +100,9 @@ class GivingWay:
         self._searched_at = now
         rules = self.rules
         first, others = rules.first(now), rules.others(now)
-        self.refuge = self._nearest_refuge(self._planner, here, first, others, seen)
+        self.refuge = nearest_refuge(self._planner, here, first, others, seen)
         if self.refuge is None and len(first) < len(others):
             # Those that go after it see its way, and make room as it does.
-            self.refuge = self._nearest_refuge(self._planner, here, first, first, seen)
+            self.refuge = nearest_refuge(self._planner, here, first, first, seen)
         rules.cornered = self.refuge is None
         return self.refuge is not None
