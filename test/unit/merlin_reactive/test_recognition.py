@@ -10,8 +10,8 @@ import rospkg
 from matrices.recognition_trial import Placed, look
 
 from merlin_reactive.recognition.camera_view import CameraView, overlap
-from merlin_reactive.recognition.object_classes import OBJECT_CLASSES, PERSON
-from merlin_reactive.recognition.object_recognizer import ObjectRecognizer, UnknownClass, annotated
+from merlin_reactive.recognition.object_classes import OBJECT_CLASSES, PERSON, UnknownClass
+from merlin_reactive.recognition.object_recognizer import ObjectRecognizer, annotated
 from merlin_reactive.recognition.sighting import Sighting, merge
 from merlin_sim.engine.simulation import RobotSpec, Simulation
 from merlin_sim.engine.world_control import Placing

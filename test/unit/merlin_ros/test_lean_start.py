@@ -375,6 +375,7 @@ def test_a_node_of_the_planning_system_answers_before_it_imports_what_it_needs_l
         ("merlin_reactive.navigation.navigation_node", {"cv2", "scipy.stats", "matplotlib"}),
         ("merlin_experiment.mission.measured_mission_node", {"cv2", "scipy", "matplotlib", "numpy"}),
         ("merlin_guard.guard_node", {"numpy"}),
+        ("merlin_reactive.recognition.object_classes", {"cv2", "numpy"}),  # of the check before a start
     ],
 )
 def test_the_nodes_of_the_home_start_without_what_they_may_never_use(module, fat):

@@ -31,7 +31,7 @@ SERVED = {
 #: Executable → what its server says of words or classes, ``package.module:function``.
 JUDGES = {
     ("merlin_reactive", "listen"): "merlin_reactive.listening.speech_recognizer:unknown_words",
-    ("merlin_reactive", "recognition"): "merlin_reactive.recognition.object_recognizer:unknown_classes",
+    ("merlin_reactive", "recognition"): "merlin_reactive.recognition.object_classes:unknown_classes",
 }
 #: Executables that stand in for a robot: with one of them the launch file starts every server itself.
 STAND_INS = {("merlin_sim", "merlin_sim"), ("merlin_actions", "simulated_base")}

@@ -7,7 +7,7 @@ detector brings its own.
 
 import math
 from dataclasses import dataclass
-from typing import Dict, Optional, Tuple
+from typing import Dict, List, Optional, Sequence, Tuple
 
 PERSON = "person"
 TAG = "tag"  # followed by _ and its number in results
@@ -84,3 +84,34 @@ OBJECT_CLASSES: Dict[str, ObjectClass] = {
         ObjectClass("cake", "#f01898", 0.08, 0.07),  # a small cake
     )
 }
+TAGS = frozenset(f"{TAG}_{number}" for number in range(50))
+
+
+class UnknownClass(ValueError):
+    """A class that cannot be recognised; the text names the known ones."""
+
+
+def known_classes() -> List[str]:
+    """The names that can be asked for."""
+    return [*OBJECT_CLASSES, PERSON, TAG]
+
+
+def check_classes(classes: Sequence[str]) -> None:
+    """Refuses names of no class.
+
+    :raises UnknownClass: names the first, and the known ones.
+    """
+    for name in classes:
+        if name not in known_classes() and name not in TAGS:
+            raise UnknownClass(
+                f"unknown class {name!r}; known: {', '.join(known_classes())}, {TAG}_0 to {TAG}_49"
+            )
+
+
+def unknown_classes(classes: Sequence[str]) -> str:
+    """What is wrong with names of classes; empty: all are known."""
+    try:
+        check_classes(classes)
+    except UnknownClass as error:
+        return str(error)
+    return ""

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 
 from merlin_reactive.recognition.camera_view import CameraView
-from merlin_reactive.recognition.object_classes import OBJECT_CLASSES, PERSON, TAG
+from merlin_reactive.recognition.object_classes import TAG, check_classes
 from merlin_reactive.recognition.object_detector import ObjectDetector
 from merlin_reactive.recognition.person_detector import PersonDetector
 from merlin_reactive.recognition.sighting import Sighting, merge
@@ -16,10 +16,6 @@ from merlin_reactive.recognition.tags import TAG as TAG_EDGE
 
 SUPPORTS = (0.0, 0.4, 0.75, 0.9, 1.1)  # m; floor, tables, counters of the worlds that come with the package
 LEAST_SCORE = 0.5
-
-
-class UnknownClass(ValueError):
-    """A class that cannot be recognised; the text names the known ones."""
 
 
 class ObjectRecognizer:
@@ -69,35 +65,6 @@ class ObjectRecognizer:
             for sighting in merge(sightings)
             if sighting.score >= self._least and (not classes or _asked(sighting.name, classes))
         ]
-
-
-TAGS = frozenset(f"{TAG}_{number}" for number in range(50))
-
-
-def known_classes() -> List[str]:
-    """The names that can be asked for."""
-    return [*OBJECT_CLASSES, PERSON, TAG]
-
-
-def check_classes(classes: Sequence[str]) -> None:
-    """Refuses names of no class.
-
-    :raises UnknownClass: names the first, and the known ones.
-    """
-    for name in classes:
-        if name not in known_classes() and name not in TAGS:
-            raise UnknownClass(
-                f"unknown class {name!r}; known: {', '.join(known_classes())}, {TAG}_0 to {TAG}_49"
-            )
-
-
-def unknown_classes(classes: Sequence[str]) -> str:
-    """What is wrong with names of classes; empty: all are known."""
-    try:
-        check_classes(classes)
-    except UnknownClass as error:
-        return str(error)
-    return ""
 
 
 def annotated(picture: np.ndarray, sightings: Sequence[Sighting]) -> np.ndarray:

@@ -14,13 +14,12 @@ from vision_msgs.msg import Detection3D, Detection3DArray, ObjectHypothesisWithP
 from merlin_reactive.recognition.camera_placement import CameraPlacement, NotPlaced
 from merlin_reactive.recognition.camera_view import CameraView
 from merlin_reactive.recognition.image_source import CaptureSource, NoPicture, TopicSource, rectified
+from merlin_reactive.recognition.object_classes import UnknownClass, check_classes
 from merlin_reactive.recognition.object_recognizer import (
     LEAST_SCORE,
     SUPPORTS,
     ObjectRecognizer,
-    UnknownClass,
     annotated,
-    check_classes,
 )
 from merlin_reactive.recognition.sighting import Sighting
 from merlin_reactive.recognition.tags import TAG
