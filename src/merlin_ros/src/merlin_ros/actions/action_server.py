@@ -2,9 +2,10 @@
 """The action server of MERLIN: actionlib's protocol, event-driven.
 
 Differences from the stock server that clients can rely on: connections without Nagle's delay; status on wall
-time, so that a stopped ``/clock`` does not look like a dead server; callbacks run without a lock held, so a
-cancel callback may wait for what an execution holds; a goal whose client leases it and dies is cancelled
-(:mod:`merlin_ros.actions.lease`); a server that has hung reads cancels before it takes goals.
+time, so that a stopped ``/clock`` does not look like a dead server, and less often while nothing happens;
+callbacks run without a lock held, so a cancel callback may wait for what an execution holds; a goal whose
+client leases it and dies is cancelled (:mod:`merlin_ros.actions.lease`); a server that has hung reads cancels
+before it takes goals.
 """
 
 import itertools
@@ -24,10 +25,12 @@ from merlin_ros.actions.ownership import ownership
 from merlin_ros.actions.peers import sender_of
 from merlin_ros.actions.sending_order import SendingOrder
 from merlin_ros.alarms import Alarm, call_later, every
-from merlin_ros.publishing import publish, unregister
+from merlin_ros.publishing import OnSubscriber, publish, unregister
 from merlin_ros.work.threads import log_failure
 
 STATUS_PERIOD = 0.2  # s of wall time, actionlib's usual 5 Hz
+IDLE_BEATS = 2  # periods from one status to the next while no goal is open; the guard takes 1 s for silence
+LIVELY = 2.0  # s after a change, or a client's connection, in which each period has a status all the same
 BURST = 6  # changes in BURST_TIME of which each is published; further ones are, as one, behind that
 BURST_TIME = 0.02  # s of wall time
 KEEP_ENDED = 5.0  # s for which an ended goal stays in the status list
@@ -193,6 +196,8 @@ class ActionServer:
         self._cancel_before = -math.inf  # goals sent until then are cancelled; in that order
         self._stopped = False
         self._published: Deque[float] = deque(maxlen=BURST)  # when statuses were, monotonic s
+        self._lively_until = 0.0  # monotonic s
+        self._idle_beats = 0  # since the last status
         self._postponed: Optional[Alarm] = None
         self._heartbeat: Optional[Alarm] = None
         self._subscribers: List[rospy.Subscriber] = []
@@ -206,10 +211,13 @@ class ActionServer:
         """
         goals = [ServerGoal(self, message.goal_id, message.goal, sender) for message, sender in left]
         self._goals.update((goal.id, goal) for goal in goals)
+        listener = OnSubscriber(lambda _: self._stir())
         self._status_publisher = rospy.Publisher(
-            self.name + "/status", GoalStatusArray, latch=True, queue_size=50
+            self.name + "/status", GoalStatusArray, subscriber_listener=listener, latch=True, queue_size=50
         )
-        self._result_publisher = rospy.Publisher(self.name + "/result", self._result_type, queue_size=RESULTS)
+        self._result_publisher = rospy.Publisher(
+            self.name + "/result", self._result_type, subscriber_listener=listener, queue_size=RESULTS
+        )
         self._feedback_publisher = rospy.Publisher(
             self.name + "/feedback", self._feedback_type, queue_size=50
         )
@@ -260,6 +268,14 @@ class ActionServer:
 
     def publish_status(self) -> None:
         """Publishes the status list, in a burst of changes a little later; called with the lock held."""
+        self._stir()
+        self._publish_status()
+
+    def _stir(self) -> None:
+        """From now on the status comes often, for a while."""
+        self._lively_until = time.monotonic() + LIVELY
+
+    def _publish_status(self) -> None:
         now = time.monotonic()
         postponed = self._postponed
         burst = len(self._published) == BURST and now - self._published[0] < BURST_TIME
@@ -268,6 +284,7 @@ class ActionServer:
                 self._postponed = call_later(self._published[0] + BURST_TIME - now, self._beat)
             return
         self._published.append(now)
+        self._idle_beats = 0
         if postponed is not None:
             postponed.cancel()
             self._postponed = None
@@ -405,5 +422,7 @@ class ActionServer:
 
     def _beat(self) -> None:
         with self.lock:
-            if not self._stopped:
-                self.publish_status()
+            self._idle_beats += 1
+            idle = time.monotonic() > self._lively_until and all(goal.done for goal in self._goals.values())
+            if not self._stopped and not (idle and self._idle_beats < IDLE_BEATS):
+                self._publish_status()
