@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import List, Sequence
 
 from experiment.analysis import Analysis, Key, Ratio
-from experiment.figures import figures_section
 from experiment.markdown import (
     APPROACH_NAMES,
     four_figures,
@@ -58,6 +57,8 @@ def write_report(
     parts = [_head(planned, everything, command, note.read_text().strip() if note.is_file() else "")]
     if main.runs:
         parts += [_table_1(main), _ratios(main), _efficiency(main), _where_time_goes(main)]
+        from experiment.figures import figures_section  # with matplotlib, which all else does without
+
         parts += [figures_section(results, main)]
     parts += [
         _failures(everything),

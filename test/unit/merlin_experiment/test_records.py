@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from merlin_experiment.records.path_plot import MapPicture, plot_path
 from merlin_experiment.records.result_files import write_run
 from merlin_experiment.records.task_record import RUN_COLUMNS, TASK_COLUMNS, RunRecord, TaskRecord
 from merlin_experiment.records.trajectory import Sample, Trajectory
@@ -143,6 +142,8 @@ def test_the_tables_have_their_columns(tmp_path: Path) -> None:
 
 @pytest.mark.everywhere
 def test_the_plot_is_written(tmp_path: Path) -> None:
+    from merlin_experiment.records.path_plot import MapPicture, plot_path  # other workers do without
+
     picture = MapPicture(np.eye(20, dtype=bool), 0.05, (0.0, 0.0))
     plot_path(
         tmp_path / "a" / "path.png", picture, {"kitchen": (0.5, 0.2)}, [(0.1, 0.1), (0.5, 0.2)], [(0.3, 0.1)]

@@ -17,7 +17,6 @@ from merlin_restaurant.evening_record import (
     SERVED,
     EveningRecord,
 )
-from merlin_restaurant.evening_results import guest_table, plot_timeline
 from merlin_restaurant.robots_account import write_rows
 
 
@@ -37,6 +36,8 @@ def evening_record() -> EveningRecord:
 
 
 def test_the_table_tells_waiting_serving_and_errors() -> None:
+    from merlin_restaurant.evening_results import guest_table  # with matplotlib: other workers do without
+
     lines = guest_table(evening_record())
     assert " ".join(lines[0].split()) == (
         "guest table came for table for waiter for order ordered served calls outcome"
@@ -57,6 +58,8 @@ def test_the_file_has_a_row_per_guest(tmp_path: Path) -> None:
 
 
 def test_the_timeline_is_a_picture_also_of_an_evening_without_anything(tmp_path: Path) -> None:
+    from merlin_restaurant.evening_results import plot_timeline
+
     deeds = [
         Deed("(navigate bar table_1)", 1010.0, 1030.0, ""),
         Deed("(check_table table_1)", 1030.0, 1031.0, "cancelled"),

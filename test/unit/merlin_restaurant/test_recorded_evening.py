@@ -10,7 +10,6 @@ from fake_robot import FakeRobot
 
 from merlin_executor.mission import mission_host
 from merlin_executor.mission.readiness import NotReady
-from merlin_restaurant import evening_results
 from merlin_restaurant.evening_record import CLOSED
 from merlin_restaurant.recorded_evening import BALANCED, RecordedEvening
 from merlin_ros.service_proxy import ServiceError
@@ -104,7 +103,7 @@ def test_a_folder_that_cannot_be_made_and_a_full_disk_are_two_things(
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(evening_results, "plot_timeline", full)
+    monkeypatch.setattr("merlin_restaurant.evening_results.plot_timeline", full)
     assert mission_host.main(MISSION) == 2
     printed = capsys.readouterr()
     assert BALANCED in printed.out, "what is known is said first"

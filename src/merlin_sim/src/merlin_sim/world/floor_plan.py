@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Dict, List, Optional, Set, Tuple
 
-import cv2
 import numpy as np
 import yaml
+from scipy.ndimage import label
 
 from merlin_reactive.navigation.path_planner import PathPlanner
 from merlin_reactive.occupancy_grid import OccupancyGrid
@@ -157,7 +157,7 @@ class FloorPlan:
         except ValueError:
             return False
         room = PathPlanner(grid, ROBOT_RADIUS, CLEARANCE).distance >= ROBOT_RADIUS + CLEARANCE
-        _, labels = cv2.connectedComponents(room.astype(np.uint8), connectivity=4)
+        labels, _ = label(room)
         return len({labels[cell] for cell in map(grid.cell, places) if cell is not None}) == 1
 
     def _places(self, grid: OccupancyGrid) -> List[Tuple[float, float]]:
