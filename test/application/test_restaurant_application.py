@@ -66,7 +66,7 @@ def test_a_guest_is_served_though_an_item_is_missing_and_a_chair_in_the_way(tmp_
 
 
 def test_two_robots_share_a_disturbed_evening_by_one_plan(tmp_path: Path) -> None:
-    two = ("robots:=robot_1,robot_2", "haste:=40", "seed:=5", "rtf:=5", "monitor:=false")
+    two = ("robots:=robot_1,robot_2", "haste:=40", "seed:=5", "rtf:=5", "monitor:=false", "explain:=false")
     done = run(tmp_path, "guests:=1", "disturbances:=missing,chair", "wrong_share:=0", *two)
     assert done.returncode == 0, done.stdout + done.stderr
     (ann,) = guests(tmp_path)
