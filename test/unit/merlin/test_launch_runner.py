@@ -36,6 +36,21 @@ RUN_TWICE = (
     f"{LEAN}from merlin import launch_runner, supervision; supervision.PAUSES = (0.1, 0.1); "
     f"launch_runner.WRAPPER_SPAN = 300.0; {MAIN}"
 )
+#: The same, and says when it begins the check beside it, and when it waits for its end.
+RUN_TELLS = f"""{LEAN}
+import os, subprocess
+from merlin import launch_runner, supervision
+class Told(subprocess.Popen):
+    def __init__(self, command, *more, **options):
+        super().__init__(command, *more, **options)
+        self.checks = launch_runner.CHECK in command
+        os.write(1, b"checks\\n" * self.checks)
+    def wait(self, timeout=None):
+        os.write(1, b"waits\\n" * self.checks)
+        return super().wait(timeout)
+subprocess.Popen = Told
+{MAIN}
+"""
 WRAPPED = """<launch>
   <node pkg="merlin_test" type="fake_node.py" name="other" args="{}" required="true"
         launch-prefix="$(find merlin)/scripts/respawn"/>
@@ -168,6 +183,25 @@ def test_says_what_no_node_says_of_the_application(tmp_path: Path) -> None:
     started.process.send_signal(signal.SIGINT)
     code, _, _ = started.end()
     assert (code, started.left()) == (130, [])
+
+
+def test_the_nodes_are_stopped_before_the_check_has_ended(tmp_path: Path) -> None:
+    launch = tmp_path / "host.launch"
+    mission = '<node pkg="merlin_test" type="fake_node.py" name="mission" args="wait"/></launch>'
+    launch.write_text(HOST.replace("</launch>", mission))
+    started = Run(tmp_path, str(launch), code=RUN_TELLS)
+    said = ""
+    while not ("ready" in said and "checks" in said):
+        line = started.process.stdout.readline()
+        assert line, started.end()
+        said += line
+    started.process.send_signal(signal.SIGINT)
+    code, out, _ = started.end()
+    assert code == 130
+    assert [line for line in out if line in ("mission: interrupted", "waits")] == [
+        "mission: interrupted",
+        "waits",
+    ]
 
 
 def test_the_check_beside_a_run_that_was_killed_before_it_began_is_not_made() -> None:

@@ -318,10 +318,11 @@ class LaunchRun:
     def _stop(self) -> None:
         self._relay.mute()
         if self._check is not None:
-            self._check.kill()
-            self._check.wait()  # else it counts among what the nodes left behind
+            self._check.kill()  # of the lowest priority, it may take long to end: the robot stops before
         if self._parent is not None:
             self._parent.shutdown()
+        if self._check is not None:
+            self._check.wait()  # else it counts among what the nodes left behind
         left: List[int] = end_children()
         if left:
             print(f"killed {len(left)} processes that their nodes left behind")
