@@ -175,6 +175,12 @@ def test_a_line_of_log_that_cannot_be_written_keeps_no_node_from_going_on(
     assert went_on.read_text() == "went on"
 
 
+def test_a_log_file_on_a_full_disk_gives_no_traceback_for_each_line(master: Any, tmp_path: Path) -> None:
+    node = master.node(LOGS, str(tmp_path / "went_on"), "__log:=/dev/full")
+    node.ended()
+    assert "nor is this" in node.output and "Logging error" not in node.output
+
+
 @pytest.mark.everywhere
 def test_a_node_waits_for_its_master(master: Any) -> None:
     master.kill()

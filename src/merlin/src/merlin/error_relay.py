@@ -6,6 +6,7 @@ the middle of a run does. So the lines go to the screen while the run lasts, and
 """
 
 import contextlib
+import io
 import os
 import threading
 from pathlib import Path
@@ -16,13 +17,30 @@ from merlin_ros.work.threads import start_thread
 STDERR = 2
 
 
+class LogFile(io.TextIOBase):
+    """A log that ends nothing: what a full disk does not take is lost."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def add(self, data: bytes) -> None:
+        """Writes bytes at the end."""
+        with contextlib.suppress(OSError), self._path.open("ab") as file:
+            file.write(data)
+
+    def write(self, text: str) -> int:
+        """Writes text, as a file does."""
+        self.add(text.encode(errors="replace"))
+        return len(text)
+
+
 class ErrorRelay:
     """Stands in for this process's standard error; processes started meanwhile inherit it.
 
     Use as a context manager around everything that starts processes.
     """
 
-    def __init__(self, log_file: Path) -> None:
+    def __init__(self, log_file: LogFile) -> None:
         """
         :param log_file: takes every line.
         """
@@ -53,9 +71,8 @@ class ErrorRelay:
         self._muted.set()
 
     def _relay(self) -> None:
-        with self._log_file.open("ab", buffering=0) as log, os.fdopen(self._source, "rb") as source:
-            for line in source:
-                with contextlib.suppress(OSError):  # without a reader of the pipe, nodes would die
-                    log.write(line)
+        with os.fdopen(self._source, "rb") as source:
+            for line in source:  # to the last one: without a reader a node that warns would fail
+                self._log_file.add(line)
                 if not self._muted.is_set():
                     self._screen.write(line)

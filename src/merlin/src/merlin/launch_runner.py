@@ -9,9 +9,9 @@ their warnings and errors (stderr) excepted.
 """
 
 import contextlib
-import io
 import os
 import queue
+import shutil
 import signal
 import subprocess
 import sys
@@ -26,7 +26,7 @@ from roslaunch.core import Node, RLException
 from roslaunch.pmon import ProcessListener
 from roslaunch.substitution_args import SubstitutionException
 
-from merlin.error_relay import ErrorRelay
+from merlin.error_relay import ErrorRelay, LogFile
 from merlin.launch_config import HOSTS, Loader, check_executables, check_files, check_scripts, full_name
 from merlin.launch_request import HelpWanted, LaunchError, LaunchRequest, one_line
 from merlin.linger import Page, keep, lingers, page_of, terminal
@@ -36,7 +36,6 @@ from merlin.running import announced
 from merlin.supervision import WRAPPER_SPAN, Restarts, end_children
 from merlin_ros.lean_start import end_lightly
 from merlin_ros.processes.process_tree import adopt_orphans, end_with
-from merlin_ros.processes.screen import Screen
 
 MISSION_NODE = "mission"
 #: The script that starts a node again which has died, as a launch-prefix.
@@ -61,6 +60,9 @@ if not end_with(int(sys.argv.pop(1)), signal.SIGKILL):
 from merlin.check import main_at_start
 raise SystemExit(main_at_start())
 """
+#: Bytes of a disk on which nothing of a run can be kept.
+LEAST_FREE = 2**20
+KEPT = "logs, and knowledge that is kept there, are lost, and nodes may fail"
 #: What helps where the user may not write to the folder of ROS.
 WRITABLE = "set ROS_HOME, and ROS_LOG_DIR if you use it, to a folder that you may write to"
 EXIT_FAILED = 1
@@ -206,16 +208,17 @@ class LaunchRun:
                 why = f"the folder {folder} cannot be made: {error.strerror}"
                 print(f"{self._command}: {why}; {WRITABLE}", file=sys.stderr)
                 return EXIT_REFUSED
+        if shutil.disk_usage(self.log_folder).free < LEAST_FREE:
+            print(
+                f"{self._command}: the disk of {self.log_folder} is full: {KEPT}; {WRITABLE}", file=sys.stderr
+            )
         adopt_orphans()
         _bind_nodes()
         roslib.set_interactive(True)  # else roslaunch takes the signal handlers for itself
         previous = {number: signal.signal(number, self._signalled) for number in SIGNALS}
-        log_file = self.log_folder / "run.log"
+        log = LogFile(self.log_folder / "run.log")
         with contextlib.ExitStack() as stack:
-            self._relay = stack.enter_context(ErrorRelay(log_file))
-            file = stack.enter_context(log_file.open("ab", buffering=0))
-            lines: Any = Screen(file.fileno())
-            log = io.TextIOWrapper(lines, "utf-8", line_buffering=True)
+            self._relay = stack.enter_context(ErrorRelay(log))
             # Nodes inherit the descriptors, not these objects: only roslaunch's own lines go to the file.
             stack.enter_context(contextlib.redirect_stdout(log))
             stack.enter_context(contextlib.redirect_stderr(log))
