@@ -229,6 +229,22 @@ def test_the_same_name_in_another_namespace_is_another_name(master: Any) -> None
         master.node(NODE, f"__ns:={namespace}").expect("started")
 
 
+@pytest.mark.parametrize("refused", [True, False])
+def test_a_signal_that_comes_while_the_process_ends_gives_no_traceback(master: Any, refused: bool) -> None:
+    """As Ctrl-C of a launch ends nodes that are refused, or presses it twice."""
+    again = "import atexit, os, signal\natexit.register(lambda: os.kill(os.getpid(), signal.SIGINT))\n"
+    if refused:
+        master.node(NODE).expect("started")
+        node = master.node(again + NODE)
+        assert node.ended() == CANNOT_BEGIN
+    else:
+        master.kill()
+        node = master.node(again + NODE)
+        node.expect("waiting for it")
+        assert node.end(signal.SIGINT) == 0
+    assert "Traceback" not in node.output
+
+
 def test_a_node_that_hangs_keeps_its_name(master: Any) -> None:
     first = master.node(NODE)
     first.expect("started")

@@ -131,7 +131,7 @@ class _Ending:
                     closing.start()
                 except RuntimeError:  # no thread
                     _exit(self.code)
-        elif not self._in_rospy:
+        elif first and not self._in_rospy:
             raise SystemExit(self.code)
         elif first:
             # rospy itself waits for a master that has gone away in this moment forever.
@@ -364,6 +364,7 @@ def keep_foreign_nodes() -> None:
 
 def _refuse(name: str, text: str, code: int = CANNOT_BEGIN) -> None:
     print(f"{name}: {text}", file=sys.stderr)
+    _ending.requested = True  # it ends: a signal that comes now interrupts nothing
     raise SystemExit(code)
 
 
