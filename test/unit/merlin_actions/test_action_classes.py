@@ -57,6 +57,15 @@ def test_a_class_that_ends_the_process_or_is_not_made_is_refused(of: type, why: 
         make_machines([f"{__name__}:{of.__name__}"])
 
 
+@pytest.mark.parametrize("name", ["parameters", "outcomes", "if_interrupted", "while_running"])
+def test_a_text_where_a_list_belongs_is_named(name: str) -> None:
+    of = type("Text", (MerlinActionSM,), {name: "(quiet)"})
+    with pytest.raises(
+        ValueError, match=rf"{name} is a text, where a list belongs: {name} = \['\(quiet\)'\]"
+    ):
+        of()
+
+
 def test_a_module_that_ends_the_process_is_refused(tmp_path, monkeypatch) -> None:
     (tmp_path / "ends_at_import.py").write_text("raise SystemExit(0)\n")
     monkeypatch.syspath_prepend(str(tmp_path))

@@ -66,6 +66,10 @@ class MerlinActionSM(MerlinSM):
     """How many of it may run at once, each in a machine of its own. Their states share one set of servers."""
 
     def __init__(self) -> None:
+        for name in ("parameters", "optional", "outcomes", "safe_to_interrupt", *DECLARED):
+            value = getattr(self, name)
+            if isinstance(value, str):  # ("s") is one, too
+                raise ValueError(f"{name} is a text, where a list belongs: {name} = [{value!r}]")
         super().__init__([SUCCEEDED, ABORTED, PREEMPTED, *self.outcomes], input_keys=list(self.parameters))
         with self:
             self.build()

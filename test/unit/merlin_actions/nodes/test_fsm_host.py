@@ -172,7 +172,7 @@ class Client:
     ended: List[str] = []
 
     def __init__(self, name: str, spec: type) -> None:
-        self.name = name
+        self.name, self.action_spec = name, spec
 
     def shutdown(self) -> None:
         self.ended.append(self.name)

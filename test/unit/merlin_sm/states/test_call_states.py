@@ -1,18 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """States that call a service or wait for a topic: every wait has an end, and the end says why."""
 
+import re
 import threading
 from types import SimpleNamespace
 from typing import Any, Callable, List
 
 import pytest
+from merlin_msgs.msg import ListenAction, ListenGoal, RecognizeAction, RecognizeGoal
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool, SetBoolRequest
 
 from merlin_ros.call_scope import CallScope, current_scope
 from merlin_ros.master.master_link import MasterSilent
 from merlin_ros.service_proxy import ServiceError
-from merlin_sm.states import ros_calls
+from merlin_sm.states import action_state, ros_calls
+from merlin_sm.states.action_state import ActionState
 from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, SUCCEEDED
 from merlin_sm.states.ros_calls import ServiceCallState, TopicState
 from merlin_test import LONG
@@ -91,7 +94,7 @@ def test_a_service_that_does_not_come_or_answer_is_named(service: Service) -> No
 def test_a_request_of_another_type_is_the_callers_mistake(service: Service) -> None:
     service.answer = TypeError("not a SetBoolRequest")
     with pytest.raises(TypeError, match="not a SetBoolRequest"):
-        call(request=3).execute(UserData())
+        call(request=lambda _: 3).execute(UserData())
 
 
 def test_a_preempt_does_not_wait_for_the_answer(service: Service) -> None:
@@ -197,3 +200,56 @@ def test_a_silent_master_aborts(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(ros_calls, "subscribe", refuse)
     state = TopicState("door", Bool)
     assert state.execute(UserData()) == ABORTED and state.reason == "the ROS master does not answer"
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda: ServiceCallState(7, SetBool), "7 cannot be the name of a service"),
+        (lambda: ServiceCallState("", SetBool), "'' cannot be the name of a service"),
+        (lambda: ServiceCallState("s", SetBoolRequest), "is not the class of a service"),
+        (lambda: ServiceCallState("s", SetBool, 3), "the request is 3; it has to be a SetBoolRequest"),
+        (lambda: ServiceCallState("s", SetBool, wait=float("nan")), "wait is nan"),
+        (lambda: ServiceCallState("s", SetBool, timeout=-1), "timeout is -1"),
+        (lambda: TopicState("a topic", Bool), "'a topic' cannot be the name of a topic"),
+        (lambda: TopicState("t", Bool()), "is not the class of a message"),
+        (lambda: TopicState("t", Bool, timeout="3"), "timeout is '3'"),
+        (lambda: ActionState(7, ListenAction, ListenGoal()), "7 cannot be the name of an action"),
+        (
+            lambda: ActionState("an act", ListenAction, ListenGoal()),
+            "'an act' cannot be the name of an action",
+        ),
+        (lambda: ActionState("", ListenAction, ListenGoal()), "'' cannot be the name of an action"),
+        (lambda: ActionState("a", ListenGoal, ListenGoal()), "is not the class of an action"),
+        (lambda: ActionState("a", "ListenAction", lambda _: ListenGoal()), "is not the class of an action"),
+        (lambda: ActionState("a", ListenAction, 7), "the goal is 7; it has to be a ListenGoal"),
+        (lambda: ActionState("a", ListenAction, ListenGoal(timeout="x")), "the goal cannot be sent: "),
+        (
+            lambda: ActionState("a", ListenAction, ListenGoal(), server_wait=float("nan")),
+            "server_wait is nan",
+        ),
+        (lambda: ActionState("a", ListenAction, ListenGoal(), cancel_limit=-1), "cancel_limit is -1"),
+    ],
+)
+def test_what_can_never_be_called_is_refused_when_the_state_is_made(
+    make: Callable[[], Any], said: str
+) -> None:
+    with pytest.raises(ValueError, match=re.escape(said)):
+        make()
+
+
+def test_two_states_that_take_an_action_for_different_types_are_refused(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(
+        action_state,
+        "ActionClient",
+        lambda name, spec: SimpleNamespace(name=name, action_spec=spec, shutdown=lambda: None),
+    )
+    monkeypatch.setattr(action_state, "shared_guard_watch", lambda: None)
+    kept = ActionState("centrifuge", ListenAction, ListenGoal())
+    assert kept.action == ActionState("centrifuge", ListenAction, ListenGoal()).action
+    with pytest.raises(
+        ValueError, match="/centrifuge is a ListenAction in one state and a RecognizeAction here"
+    ):
+        ActionState("centrifuge", RecognizeAction, RecognizeGoal())

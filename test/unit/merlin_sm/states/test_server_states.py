@@ -92,6 +92,8 @@ class Server:
 def server(monkeypatch: pytest.MonkeyPatch) -> Server:
     made = Server()
     monkeypatch.setattr(action_state, "shared_client", lambda *_: made)
+    monkeypatch.setattr(action_state, "goal_class", lambda _: object)
+    monkeypatch.setattr(action_state, "check_message", lambda *_: None)
     followers: List[Any] = []
     follows = threading.Event()
 

@@ -60,7 +60,7 @@ class ActionClient:
     _stamps_lock: ClassVar[threading.Lock] = threading.Lock()  # guards _stamps
 
     def __init__(self, name: str, action_spec: type) -> None:
-        self.name = rospy.resolve_name(name)
+        self.name, self.action_spec = rospy.resolve_name(name), action_spec
         action = action_spec()
         self._goal_type = type(action.action_goal)
         self._result_type = type(action.action_result.result)

@@ -16,6 +16,7 @@ from merlin_ros.actions.hang_watch import hangs
 from merlin_ros.deadline import Deadline
 from merlin_sm.guard_watch import shared_guard_watch
 from merlin_sm.states.merlin_state import PREEMPTED, SUCCEEDED, MerlinState
+from merlin_sm.states.ros_calls import check_message, check_name, check_times
 from merlin_sm.states.text_keys import check_keys
 
 SERVER_WAIT = 5.0  # s of running time for a server that is not there yet
@@ -27,13 +28,31 @@ _states: Dict[str, "weakref.WeakSet[ActionState]"] = {}  # that use a client; it
 _clients_lock = threading.Lock()  # guards _clients and _states
 
 
+def goal_class(action_spec: Any) -> type:
+    """The class of the goals of an action.
+
+    :raises ValueError: when that is not the generated class of an action.
+    """
+    fields = getattr(action_spec, "__slots__", ())
+    if not {"action_goal", "action_result", "action_feedback"} <= set(fields):
+        raise ValueError(f"{action_spec!r} is not the class of an action, as actionlib.msg.TestAction")
+    return type(action_spec().action_goal.goal)
+
+
 def shared_client(name: str, action_spec: type, state: Optional["ActionState"] = None) -> ActionClient:
     """The process's client of an action; many states share it.
 
     :param state: that uses it as long as it exists; None: it is used until the process ends.
+    :raises ValueError: when no action can have the name, or another state uses it with another type.
     """
+    check_name("an action", name)
     resolved = rospy.resolve_name(name)
     with _clients_lock:
+        known = _clients[resolved].action_spec if resolved in _clients else action_spec
+        if known is not action_spec:
+            raise ValueError(
+                f"action {resolved} is a {known.__name__} in one state and a {action_spec.__name__} here"
+            )
         if resolved not in _clients:
             _clients[resolved] = ActionClient(name, action_spec)
             if state is not None:
@@ -107,6 +126,10 @@ class ActionState(MerlinState):
     ) -> None:
         for function in (goal, on_result):
             check_keys(function, input_keys, output_keys, "input_keys")
+        check_times(server_wait=server_wait, cancel_limit=cancel_limit)
+        kind = goal_class(action_spec)
+        if not callable(goal):
+            check_message("goal", goal, kind)
         super().__init__(outcomes, input_keys, output_keys)
         self.action = name
         self._goal = goal

@@ -2,9 +2,12 @@
 """States that call a service or wait for a topic."""
 
 import threading
+from io import BytesIO
 from typing import Any, Callable, List, Optional, Sequence
 
+import genpy
 import rospy
+from rosgraph.names import is_legal_name
 
 from merlin_ros.call_scope import CallScope
 from merlin_ros.deadline import Deadline
@@ -14,6 +17,43 @@ from merlin_ros.service_proxy import ServiceError, ServiceProxy
 from merlin_ros.work.threads import start_thread
 from merlin_sm.states.merlin_state import PREEMPTED, SUCCEEDED, MerlinState
 from merlin_sm.states.text_keys import check_keys
+
+
+def check_name(kind: str, name: Any) -> None:
+    """Judges the name of what a state calls.
+
+    :param kind: what it is, for the text.
+    :raises ValueError: when no action, service or topic can have it.
+    """
+    if not (isinstance(name, str) and name and is_legal_name(name)):
+        raise ValueError(f"{name!r} cannot be the name of {kind}: a text of letters, digits, _ and /")
+
+
+def check_message(what: str, message: Any, kind: type) -> None:
+    """Judges what a state always sends.
+
+    :param what: it is, for the text.
+    :raises ValueError: when it has another type, or a field a wrong value.
+    """
+    if not isinstance(message, kind):
+        raise ValueError(
+            f"the {what} is {message!r}; it has to be a {kind.__name__}, or a function of userdata"
+        )
+    sent: Any = message
+    try:
+        sent.serialize(BytesIO())
+    except (genpy.MessageException, AttributeError) as error:  # genpy judges no fields of fields
+        raise ValueError(f"the {what} cannot be sent: {error}") from None
+
+
+def check_times(**times: Any) -> None:
+    """Judges limits of a state.
+
+    :raises ValueError: for one that is not a number of seconds, 0 or more.
+    """
+    for name, seconds in times.items():
+        if not (isinstance(seconds, (int, float)) and seconds >= 0.0):
+            raise ValueError(f"{name} is {seconds!r}; it has to be a number of seconds, 0 or more")
 
 
 def call_apart(
@@ -78,6 +118,13 @@ class ServiceCallState(MerlinState):
     ) -> None:
         for function in (request, on_response):
             check_keys(function, input_keys, output_keys, "input_keys")
+        check_name("a service", name)
+        check_times(wait=wait, timeout=0.0 if timeout is None else timeout)
+        kind = getattr(service_class, "_request_class", None)
+        if kind is None:
+            raise ValueError(f"{service_class!r} is not the class of a service, as std_srvs.srv.Trigger")
+        if request is not None and not callable(request):
+            check_message("request", request, kind)
         super().__init__(outcomes, input_keys, output_keys)
         self.service = name
         self._service_class = service_class
@@ -130,6 +177,10 @@ class TopicState(MerlinState):
         output_keys: Sequence[str] = (),
     ) -> None:
         check_keys(accept, input_keys, output_keys, "input_keys")
+        check_name("a topic", topic)
+        check_times(timeout=0.0 if timeout is None else timeout)
+        if not (isinstance(message_class, type) and issubclass(message_class, genpy.Message)):
+            raise ValueError(f"{message_class!r} is not the class of a message, as std_msgs.msg.Bool")
         super().__init__(outcomes, input_keys, output_keys)
         self._topic = topic
         self._message_class = message_class
