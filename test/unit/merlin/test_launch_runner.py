@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Dict, List, Tuple, Union
 
 import pytest
-from launched import LIMIT, MAIN, Run
+from fakes.launched import LIMIT, MAIN, RUN, Run, session_of
 
 from merlin.launch_config import Loader
 from merlin.launch_runner import CHECK
