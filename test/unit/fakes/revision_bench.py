@@ -25,7 +25,7 @@ from merlin_executor.node.own_goals import OwnGoals
 from merlin_executor.node.request import Request
 from merlin_planning.dispatch_progress import DispatchResult, unmet_reason
 from merlin_planning.knowledge_client import ADD_GOAL
-from merlin_planning.knowledge_text import action_text, parse_goal, to_pddl
+from merlin_planning.knowledge_text import parse_goal, step_text, to_pddl
 from merlin_planning.planning_client import Planned, PlanningResult
 from merlin_ros.call_scope import current_scope
 from merlin_ros.service_proxy import ServiceUnavailable
@@ -39,7 +39,7 @@ CHECK = SimpleNamespace(at_start_del_effects=[], at_start_add_effects=[])
 
 
 def text(action: Any) -> str:
-    return action_text(action)
+    return step_text(action)
 
 
 class Robot:

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Dict, List, Tuple, Union
 
 import pytest
-from fakes.launched import LIMIT, MAIN, RUN, Run, session_of
+from fakes.launched import LIMIT, MAIN, RUN, Run
 
 from merlin.launch_config import Loader
 from merlin.launch_runner import CHECK

@@ -9,7 +9,7 @@ from merlin_msgs.msg import ExecuteFeedback, ExecutorStatus, GuardStatus
 
 from merlin_executor.core.base_hold import clock_text, hold_words
 from merlin_executor.executor_request import ExecutorRequest
-from merlin_planning.knowledge_text import action_text
+from merlin_planning.knowledge_text import step_text
 
 
 class SendProgress:
@@ -106,7 +106,7 @@ class SendProgress:
         if feedback is None:
             return ""
         if feedback.running:
-            return ", ".join(map(action_text, feedback.running))
+            return ", ".join(map(step_text, feedback.running))
         if feedback.reason and not (feedback.stage == "DISPATCH_PLAN" and feedback.reason == self._reason):
             self._reason = feedback.reason
             return feedback.reason

@@ -10,7 +10,7 @@ from sound_play.msg import SoundRequestActionGoal
 
 from merlin_executor.core.robot_lines import Deed, RobotLines
 from merlin_planning.dispatch_progress import CANCEL_ACTION
-from merlin_planning.knowledge_text import action_text
+from merlin_planning.knowledge_text import step_text
 from merlin_sm.states.recognition import recognized
 
 DISPATCHER = "rosplan_plan_dispatcher"
@@ -59,7 +59,7 @@ class RobotLog:
     def _dispatched(self, action: ActionDispatch) -> None:
         if action.name.lower() != CANCEL_ACTION:
             key = action.plan_id, action.action_id
-            self._lines.begin(key, action_text(action), rospy.get_time())
+            self._lines.begin(key, step_text(action), rospy.get_time())
 
     def _answered(self, feedback: ActionFeedback) -> None:
         done = feedback.status == ActionFeedback.ACTION_SUCCEEDED_TO_GOAL_STATE

@@ -21,7 +21,7 @@ from merlin_executor.core.time_window import Forecast
 from merlin_executor.errands.selection import Answer, Errand, select
 from merlin_executor.node.request import Request
 from merlin_planning.dispatch_client import DispatchClient
-from merlin_planning.knowledge_text import action_text
+from merlin_planning.knowledge_text import step_text
 from merlin_planning.planning_client import PlanningClient
 from merlin_ros.service_proxy import ServiceError
 from merlin_ros.work.threads import CallQueue
@@ -176,11 +176,11 @@ class Forecasts:
         actions = self._dispatcher.running if running is not None else []
         begun = self._dispatcher.succeeded | {action.action_id for action in actions}
         plan = running.plan if running is not None else []
-        coming = [action_text(s) for s in plan if s.action_id not in begun]
+        coming = [step_text(s) for s in plan if s.action_id not in begun]
         for other in self._engine.waiting:
             if other.order in ahead and other.forecast is not None:
                 coming += other.forecast.steps
-        return Start(begin, list(map(action_text, actions)), coming)
+        return Start(begin, list(map(step_text, actions)), coming)
 
     # --- which ones, where not all can be in time --------------------------------------------------------
 

@@ -22,7 +22,7 @@ from merlin_executor.node.own_goals import OwnGoals
 from merlin_executor.node.request import Request, goals_of
 from merlin_pddl.formula import call_text
 from merlin_pddl.text_reader import shortened
-from merlin_planning.knowledge_text import action_text, to_pddl
+from merlin_planning.knowledge_text import step_text, to_pddl
 from merlin_planning.planning_client import MASTER, Planned, StageError
 from merlin_ros.alarms import call_later
 from merlin_ros.call_scope import CallScope
@@ -180,7 +180,7 @@ class PlanRevision(PlanningState):
         self._wait_for(lambda: not ids & {each.action_id for each in self._dispatcher.running})
         if dropped and self._closed:
             return self.fail("the dispatch has ended")
-        hangs = [text for text in map(action_text, dropped) if text in self._dispatcher.unstopped]
+        hangs = [text for text in map(step_text, dropped) if text in self._dispatcher.unstopped]
         if hangs or (dropped and not self._system.guard.wait_left()):
             self.given_up = True
             return self.fail(f"{', '.join(hangs)} did not stop" if hangs else MOVES)
@@ -233,7 +233,7 @@ class PlanRevision(PlanningState):
             self.given_up = self._comes_late = True
             raise StageError(TOO_LATE)  # a plan that begins behind its deadline knows only the time to zero
         deadlines = [request.due(begin) for request in limited]
-        after = list(map(action_text, kept))
+        after = list(map(step_text, kept))
         found = self._planning.plan(self.interruptible, run.course.without, after, deadlines)
         if found.verdict is not Planned.SOLVED:
             self.given_up = self._comes_late = found.verdict is Planned.LATE
@@ -242,9 +242,9 @@ class PlanRevision(PlanningState):
         if self._requests.revision() != wanted:
             raise StageError("other requests are wanted meanwhile")
         begun = self._dispatcher.running
-        new = {action_text(each).lower(): each.action_id for each in begun if each.action_id not in known}
+        new = {step_text(each).lower(): each.action_id for each in begun if each.action_id not in known}
         for step in plan:  # the dispatcher has these go on as its first steps
-            step.action_id = new.pop(action_text(step).lower(), step.action_id)
+            step.action_id = new.pop(step_text(step).lower(), step.action_id)
         refused = self._dispatcher.exchange(plan, kept, known)
         if refused:
             raise StageError(refused)
@@ -274,7 +274,7 @@ class PlanRevision(PlanningState):
         if answer.status.state not in (PlannerStatus.SOLVED, PlannerStatus.UNSOLVABLE):
             raise StageError(answer.status.reason or "no plan of the others was found")
         steps = {step.lower() for step in answer.actions}
-        return [action for action in running if action_text(action).lower() in steps]
+        return [action for action in running if step_text(action).lower() in steps]
 
     def _undone(self, action: RunningAction) -> List[str]:
         """What its start effects have changed, as it was before."""

@@ -25,7 +25,7 @@ from merlin_executor.core.request_limits import check_size, check_value
 from merlin_executor.core.ticket import Ticket
 from merlin_executor.core.time_window import Outlook, PlanTimes, TimeWindow, outlook_running
 from merlin_pddl.plan_text import PlanTextError, parse_plan
-from merlin_planning.knowledge_text import action_text, parse_goal, to_pddl
+from merlin_planning.knowledge_text import parse_goal, step_text, to_pddl
 from merlin_ros.actions.action_server import ServerGoal
 
 
@@ -154,7 +154,7 @@ class Request(Ticket):
         if self.plan:
             self._times.dispatched((action.action_id, action.dispatched.to_sec()) for action in actions)
         before = self._kept
-        kept = [action_text(each) for each in actions if each.uninterruptible]
+        kept = [step_text(each) for each in actions if each.uninterruptible]
         self._kept = ", ".join(kept)
         return self._kept != before
 

@@ -16,7 +16,7 @@ from merlin_pddl.domain import Domain
 from merlin_pddl.domain_reader import parse_domain
 from merlin_pddl.text_reader import text_of
 from merlin_planning.knowledge_client import KnowledgeClient, knowledge_client
-from merlin_planning.knowledge_text import action_text, to_pddl
+from merlin_planning.knowledge_text import step_text, to_pddl
 from merlin_planning.planning_client import TopicWatch
 from merlin_ros.master.master_link import get_param
 from merlin_ros.service_proxy import ServiceProxy
@@ -89,7 +89,7 @@ class RobotSystem:
         asked += queue.requests if queue is not None else []
         return Doing(
             status is not None and status.state != DispatchStatus.IDLE,
-            [action_text(each) for each in (status.running if status else ())],
+            [step_text(each) for each in (status.running if status else ())],
             [
                 Request(each.request, each.goals, each.by or sender_of(each.request), each.priority)
                 for each in asked

@@ -7,7 +7,7 @@ from rosplan_dispatch_msgs.msg import ActionDispatch
 
 from merlin_planning.dispatch_client import DispatchClient
 from merlin_planning.dispatch_progress import DispatchResult
-from merlin_planning.knowledge_text import action_text
+from merlin_planning.knowledge_text import step_text
 from merlin_planning.planning_client import Planned, PlanningClient, StageError
 from merlin_ros.call_scope import CallScope
 from merlin_ros.master.master_link import master_answers
@@ -135,7 +135,7 @@ class ParsePlanState(PlanningState):
             actions = self._client.parse_plan()
         except StageError as error:
             return self.fail_stage(error)
-        userdata.plan = list(map(action_text, actions))
+        userdata.plan = list(map(step_text, actions))
         self._on_plan(actions)
         return SUCCEEDED
 
