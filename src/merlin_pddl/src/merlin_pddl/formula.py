@@ -8,6 +8,8 @@ from dataclasses import dataclass, field, replace
 from decimal import Decimal
 from typing import Any, Callable, Dict, Iterator, List, Mapping, Optional, Sequence, Set, Tuple, Union
 
+from merlin_pddl.plan_text import call_text
+
 START = "start"
 OVER_ALL = "over all"
 END = "end"
@@ -171,11 +173,6 @@ def numeric_text(value: float) -> str:
     if "e" not in text:
         return text
     return f"{Decimal(text):f}" + (".0" if abs(value) >= 1 else "")  # no exponent: few planners read one
-
-
-def call_text(name: str, args: Sequence[str]) -> str:
-    """A name applied to arguments: an atom, a function term, a ground action."""
-    return f"({' '.join((name, *args))})"
 
 
 def _variables_text(variables: Tuple[Variable, ...]) -> str:

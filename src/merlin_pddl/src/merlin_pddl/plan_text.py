@@ -3,7 +3,7 @@
 
 import re
 from dataclasses import dataclass
-from typing import Dict, Iterable, List, Optional, Tuple
+from typing import Dict, Iterable, List, Optional, Sequence, Tuple
 
 #: Duration that stands for an action without one, s.
 NO_DURATION = 0.001
@@ -26,6 +26,11 @@ _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
 _MEANT = re.compile(r"^\s*(?:[+-]?[\d.]+(?:[eE][+-]?\d+)?\s*:|\()")
 _END = re.compile(r"\r\n|\r|\n")
 _SYMBOL = re.compile(r"[^\s()?;:]+")
+
+
+def call_text(name: str, args: Sequence[str]) -> str:
+    """A name applied to arguments: an atom, a function term, a ground action."""
+    return f"({' '.join((name, *args))})"
 
 
 class PlanTextError(ValueError):

@@ -20,7 +20,7 @@ from typing import (
     Tuple,
 )
 
-from merlin_pddl.formula import call_text
+from merlin_pddl.plan_text import call_text
 
 PART = "the planning system's plan dispatcher"
 #: Name of a dispatched action that cancels another one, or all of them.

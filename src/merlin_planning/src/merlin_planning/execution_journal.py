@@ -6,7 +6,7 @@ from typing import List
 from merlin_msgs.msg import OpenExecution
 from merlin_msgs.srv import ApplyEffects, ApplyEffectsRequest, ListExecutions
 
-from merlin_pddl.formula import call_text
+from merlin_pddl.plan_text import call_text
 from merlin_ros.service_proxy import ServiceProxy
 
 

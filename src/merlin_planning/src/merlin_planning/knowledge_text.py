@@ -11,6 +11,7 @@ from typing import Any, Dict, Iterator, List, Optional, Sequence
 from diagnostic_msgs.msg import KeyValue
 from rosplan_knowledge_msgs.msg import DomainFormula, DomainInequality, ExprBase, ExprComposite, KnowledgeItem
 
+from merlin_pddl.plan_text import call_text
 from merlin_pddl.text_reader import Node, PddlError, Word, is_name, read_expression
 
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?\Z")
@@ -77,7 +78,7 @@ def to_pddl(item: KnowledgeItem) -> str:
         return f"({operator} {_expression_text(item.ineq.LHS)} {_expression_text(item.ineq.RHS)})"
     if item.knowledge_type == KnowledgeItem.EXPRESSION:
         return f"{item.optimization} {_expression_text(item.expr)}"
-    formula = _formula_text(item.attribute_name, [value.value for value in item.values])
+    formula = call_text(item.attribute_name, [value.value for value in item.values])
     if item.knowledge_type == KnowledgeItem.FUNCTION:
         return f"(= {formula} {item.function_value:g})"
     return f"(not {formula})" if item.is_negative else formula
@@ -85,16 +86,12 @@ def to_pddl(item: KnowledgeItem) -> str:
 
 def action_text(name: str, parameters: Sequence[KeyValue]) -> str:
     """A ground action as PDDL text: ``(navigate anywhere kitchen)``."""
-    return _formula_text(name, [parameter.value for parameter in parameters])
+    return call_text(name, [parameter.value for parameter in parameters])
 
 
 def step_text(action: Any) -> str:
     """The same of a message with the name and the parameters of an action."""
     return action_text(action.name, action.parameters)
-
-
-def _formula_text(name: str, arguments: Sequence[str]) -> str:
-    return f"({' '.join([name, *arguments])})"
 
 
 def _shown(text: str) -> str:
@@ -194,7 +191,7 @@ def _expression_text(expression: ExprComposite) -> str:
             text = f"{token.constant:g}"
         elif token.expr_type == ExprBase.FUNCTION:
             arguments = [value.value for value in token.function.typed_parameters]
-            text = _formula_text(token.function.name, arguments)
+            text = call_text(token.function.name, arguments)
         elif token.expr_type == ExprBase.OPERATOR and token.op == ExprBase.UMINUS:
             text = f"(- {operand()})"
         elif token.expr_type == ExprBase.OPERATOR:

@@ -8,7 +8,7 @@ from enum import IntEnum
 from typing import Dict, NamedTuple, Optional, Sequence, Tuple
 
 from merlin_actions.core.execution import Execution
-from merlin_pddl.formula import call_text
+from merlin_pddl.plan_text import call_text
 from merlin_ros.work.goal_end import GoalEnd
 
 

@@ -5,7 +5,7 @@ import itertools
 import threading
 from typing import Any, Callable, Dict, NamedTuple, Optional, Sequence, Tuple, Union
 
-from merlin_pddl.formula import call_text
+from merlin_pddl.plan_text import call_text
 from merlin_ros.work.threads import log_failure
 
 #: Plan id and action id.

@@ -20,7 +20,7 @@ from merlin_executor.core.outcome import LONGEST_REASON
 from merlin_executor.core.standstill import MOVES
 from merlin_executor.node.own_goals import OwnGoals
 from merlin_executor.node.request import Request, goals_of
-from merlin_pddl.formula import call_text
+from merlin_pddl.plan_text import call_text
 from merlin_pddl.text_reader import shortened
 from merlin_planning.knowledge_text import step_text, to_pddl
 from merlin_planning.planning_client import MASTER, Planned, StageError

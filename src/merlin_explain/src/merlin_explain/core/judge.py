@@ -10,8 +10,8 @@ from merlin_pddl.analysis.relaxed_state import CutOffError
 from merlin_pddl.analysis.shortfall import Gap, Shortfall
 from merlin_pddl.checks.kairos_check import PlanQuality, PlanValidator
 from merlin_pddl.domain_reader import parse_domain
-from merlin_pddl.formula import Condition, call_text, conjuncts, numeric_text, to_pddl
-from merlin_pddl.plan_text import PlanStep
+from merlin_pddl.formula import Condition, conjuncts, numeric_text, to_pddl
+from merlin_pddl.plan_text import PlanStep, call_text
 from merlin_pddl.problem_reader import parse_condition, parse_problem
 
 #: s of processor time for a proof that no plan exists.
