@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The runner with real processes: how a run ends, what it says, and that nothing of it is left."""
 
-import ctypes
+import contextlib
 import json
 import os
 import re
@@ -15,11 +15,9 @@ from pathlib import Path
 from typing import Dict, List, Tuple, Union
 
 import pytest
-from fakes.launched import LIMIT, MAIN, RUN, Run
 
 from merlin.launch_config import Loader
 from merlin.launch_runner import CHECK
-from merlin.supervision import PAUSES, Restarts
 from merlin_test.node_path import LEAN
 from merlin_test.process_end import gone
 
@@ -27,7 +25,9 @@ pytestmark = pytest.mark.processes
 
 LAUNCH_FILE = Path(__file__).resolve().parents[2] / "data" / "runner" / "runner.launch"
 APPLICATION = Path(__file__).resolve().parents[3] / "launch" / "include" / "application.launch"
-PTRACE_SEIZE = 0x4206  # linux/ptrace.h
+LIMIT = 200.0  # s for a run to end
+MAIN = "raise SystemExit(supervision.main())"
+RUN = f"{LEAN}from merlin import supervision; {MAIN}"
 #: The same, and gives up what has died twice, however slow this machine is.
 RUN_TWICE = (
     f"{LEAN}from merlin import launch_runner, supervision; supervision.PAUSES = (0.1, 0.1); "
@@ -70,6 +70,82 @@ HOST = """<launch>
     <param name="knowledge_base_wait" value="3600"/>
   </node>
 </launch>"""
+
+
+class Run:
+    """One run in a session of its own."""
+
+    def __init__(self, tmp_path: Path, *words: str, code: str = RUN, **variables: str) -> None:
+        env = {**os.environ, "ROS_HOME": str(tmp_path), "ROS_LOG_DIR": str(tmp_path / "log"), **variables}
+        env.pop("ROS_MASTER_URI", None)
+        self._mark = f"MERLIN_TEST={tmp_path}"
+        env["MERLIN_TEST"] = str(tmp_path)
+        self.process = subprocess.Popen(
+            [sys.executable, "-c", code, *words],
+            env=env,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+
+    def end(self) -> Tuple[int, List[str], List[str]]:
+        """Exit code, lines of standard output, lines of standard error."""
+        out, err = self.process.communicate(timeout=LIMIT)
+        return self.process.returncode, out.splitlines(), err.splitlines()
+
+    def read_until(self, text: str) -> str:
+        """Reads standard output up to the line that holds the text."""
+        for line in self.process.stdout:
+            if text in line:
+                return line
+        raise AssertionError(f"'{text}' never came: {self.process.communicate()}")
+
+    def left(self) -> List[str]:
+        """Command lines of living processes that inherited this run's environment."""
+        return list(self.living().values())
+
+    def living(self) -> Dict[int, str]:
+        """The same by process."""
+        found = {}
+        for folder in Path("/proc").glob("[0-9]*"):
+            with contextlib.suppress(OSError):  # ended meanwhile
+                if self._mark.encode() in (folder / "environ").read_bytes():
+                    found[int(folder.name)] = (folder / "cmdline").read_text().replace("\0", " ")
+        return found
+
+    def kill_wrapper(self) -> None:
+        """Kills the one that runs, as soon as it does.
+
+        A subshell of the script has the same command line, and the runner for its parent when the script was
+        killed, but the script's session.
+        """
+        until, runner = time.monotonic() + LIMIT, self.runner()
+        while time.monotonic() < until:
+            for process, command in self.living().items():
+                found = command.startswith("/bin/sh") and "/respawn" in command
+                if found and parent_of(process) == runner and session_of(process) == process:
+                    os.kill(process, signal.SIGKILL)
+                    return
+            time.sleep(0.05)
+        raise AssertionError("no wrapper runs")
+
+    def runner(self) -> int:
+        """The child that carries out the run."""
+        return int(Path(f"/proc/{self.process.pid}/task/{self.process.pid}/children").read_text().split()[0])
+
+
+def parent_of(process: int) -> int:
+    """Process id of the parent; 0: the process has ended."""
+    with contextlib.suppress(OSError):
+        return int(Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[1])
+    return 0
+
+
+def session_of(process: int) -> int:
+    """Process id of the leader of the session; 0: the process has ended."""
+    with contextlib.suppress(OSError):
+        return os.getsid(process)
+    return 0
 
 
 def run(tmp_path: Path, *words: str, **variables: str) -> Tuple[int, List[str], List[str]]:
@@ -374,59 +450,6 @@ def test_nodes_end_in_order_when_run_and_supervisor_are_killed_together(tmp_path
     finally:
         for process in started.living():
             os.kill(process, signal.SIGKILL)
-
-
-def test_a_run_that_has_ended_is_not_started_again() -> None:
-    code = """
-import os, signal
-from merlin.supervision import supervise
-def run(again, ends):
-    print("a life", flush=True)
-    ends()
-    os.kill(os.getpid(), signal.SIGKILL)
-raise SystemExit(supervise(run, "test"))
-"""
-    done = subprocess.run([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True, timeout=LIMIT)
-    assert (done.returncode, done.stdout) == (137, "a life\n")
-
-
-def test_a_child_that_cannot_be_killed_is_named_and_left() -> None:
-    """One that is traced, as by a debugger, stays after its kill until the tracer has seen its end."""
-    code = """
-import subprocess, sys
-from merlin.supervision import end_children
-held = subprocess.Popen(["sleep", "600"])
-print(held.pid, flush=True)
-sys.stdin.readline()
-print(end_children(0.1) == [held.pid])
-"""
-    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-    with subprocess.Popen([sys.executable, "-c", code], text=True, **pipes) as parent:
-        assert parent.stdout is not None
-        held = int(parent.stdout.readline())
-        if ctypes.CDLL(None).ptrace(PTRACE_SEIZE, held, None, None):
-            parent.kill()
-            os.kill(held, signal.SIGKILL)
-            pytest.skip("no process can be traced here")
-        try:
-            out, err = parent.communicate("end\n", timeout=LIMIT)
-        finally:
-            os.kill(held, signal.SIGKILL)
-            os.waitpid(held, 0)
-    assert (parent.returncode, out) == (0, "True\n")
-    assert (
-        err == f"process {held} was killed and does not end: it hangs in the kernel, or a debugger holds it\n"
-    )
-
-
-def test_what_dies_again_and_again_is_given_up() -> None:
-    now = [0.0]
-    restarts = Restarts(30.0, lambda: now[0])
-    assert [restarts.died() for _ in range(6)] == [*PAUSES, None]
-    assert restarts.words == "for the 6th time within 30 s; it is not started again"
-    now[0] = 30.0  # those deaths are too long ago to count
-    assert restarts.died() == PAUSES[0]
-    assert restarts.words == "it is started again, 1 of 5 times within 30 s"
 
 
 def test_the_version_of_ros_is_what_its_command_says() -> None:
