@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Sets the breakpoints of Executor, dispatcher and machines, and continues what they hold."""
 
-from typing import Any, Dict, List, NamedTuple, Sequence, Tuple
+from typing import Any, Dict, List, Mapping, NamedTuple, Sequence, Tuple
 
 import rospy
 from merlin_msgs.srv import Breakpoints, BreakpointsRequest, BreakpointsResponse, LeaveState, SetAutonomy
 
-from merlin_pddl.breakpoints import BreakpointError, read_pattern
+from merlin_pddl.breakpoints import ANY, BreakpointError, read_pattern
+from merlin_pddl.text_reader import suggestion
 from merlin_planning.knowledge_client import KnowledgeClient
 from merlin_ros.master.master_link import ERRORS, bounded_master
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
@@ -154,15 +155,24 @@ class BreakpointClient:
     def _sorted(self, texts: Sequence[str]) -> Tuple[List[str], List[str]]:
         """Those on actions, and those on goals."""
         try:
-            actions = {name.lower() for name in self._knowledge.operators()}
-            facts = {name.lower() for name in self._knowledge.predicates()}
-            facts |= {name.lower() for name in self._knowledge.function_signatures()}
+            actions = _counts(self._knowledge.operators())
+            facts = _counts({**self._knowledge.predicates(), **self._knowledge.function_signatures()})
+            objects = {name.lower() for name in self._knowledge.instances()}
         except ServiceError as error:
             raise BreakpointError(f"the domain cannot be read: {error}") from error
-        heads = {text: read_pattern(text)[0] for text in texts}
-        for head in heads.values():
-            if head not in actions | facts:
-                raise BreakpointError(f"the domain has neither an action nor a predicate '{head}'")
+        heads: Dict[str, str] = {}
+        for text in texts:
+            head, *arguments = read_pattern(text)
+            heads[text] = head
+            counts = [known[head] for known in (actions, facts) if head in known]
+            if not counts:
+                also = suggestion(head, [*actions, *facts])
+                raise BreakpointError(f"the domain has neither an action nor a predicate '{head}'{also}")
+            if arguments and len(arguments) not in counts:  # a name alone is for any
+                raise BreakpointError(f"{text}: {head} takes {counts[0]} arguments; write * for any")
+            for name in arguments:
+                if name != ANY and name not in objects:
+                    raise BreakpointError(f"{text}: there is no object '{name}'{suggestion(name, objects)}")
         of_actions = [text for text in texts if heads[text] in actions]
         return of_actions, [text for text in texts if heads[text] in facts]
 
@@ -200,6 +210,11 @@ class BreakpointClient:
         if missed:
             raise BreakpointError("; ".join([*said, *missed]))
         return " ".join(said)
+
+
+def _counts(signatures: Mapping[str, Any]) -> Dict[str, int]:
+    """How many arguments each takes."""
+    return {name.lower(): len(signature.typed_parameters) for name, signature in signatures.items()}
 
 
 def _call(proxy: ServiceProxy, what: int, before: Sequence[str]) -> BreakpointsResponse:
