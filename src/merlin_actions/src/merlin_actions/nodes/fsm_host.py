@@ -112,7 +112,8 @@ class MachineHost:
         self._modules.note()
         wait_for_knowledge_base(self._knowledge_base, number("~knowledge_base_wait", 30.0, 0.0))
         machines, variables = self._fit(machines)
-        end_unused_clients()  # of the machines that other hosts serve
+        if self._robots:  # a look through the whole process
+            end_unused_clients()  # of the machines that other hosts serve
         if self._robot:
             name = rospy.resolve_name(self._knowledge_base)
             self._presence = RobotPresence(self._robot, name, variables)
