@@ -67,8 +67,8 @@ sys.exit(run_node("somebody", start))
 LOGS = """
 import sys, rospy
 from merlin_ros.node import run_node
-sys.stdout.reconfigure(line_buffering=True)
 def start():
+    sys.stdout.reconfigure(line_buffering=True)
     rospy.loginfo("not taken")
     rospy.logerr("nor is this")
     print("nor this", flush=True)
@@ -164,7 +164,7 @@ def test_a_node_that_waits_for_its_master_ends_when_told_to(master: Any, number:
 
 
 @pytest.mark.everywhere
-@pytest.mark.parametrize("output", [">/dev/full 2>&1", "2>&1 | true"])
+@pytest.mark.parametrize("output", [">/dev/full 2>&1", "2>&1 | true", ">&-", "2>&-", "<&- >&- 2>&-"])
 def test_a_line_of_log_that_cannot_be_written_keeps_no_node_from_going_on(
     master: Any, tmp_path: Path, output: str
 ) -> None:
