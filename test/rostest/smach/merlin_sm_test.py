@@ -177,7 +177,7 @@ class States(unittest.TestCase):
         service = rospy.Service("ask_me", Trigger, lambda request: TriggerResponse(True, "yes"))
         self.addCleanup(service.shutdown)
         with self.assertRaises(smach.InvalidUserCodeError):
-            machine(create("service", "ask_me", Trigger, request=String("of another type"))).execute()
+            machine(create("service", "ask_me", Trigger, lambda ud: String("of another type"))).execute()
 
     def test_knowledge(self):
         sm = machine(create("knowledge", add=["(checked {room})"], keys=["room"]), room="kitchen")
