@@ -72,6 +72,8 @@ class Served:
         self._beats: List[Tuple[float, Callable[[], object]]] = []
         monkeypatch.setattr(action_server, "time", SimpleNamespace(monotonic=lambda: self._now))
         monkeypatch.setattr(action_server, "every", self._every)
+        later = SimpleNamespace(waits=True, cancel=lambda: None)  # of a burst: time stands meanwhile
+        monkeypatch.setattr(action_server, "call_later", lambda seconds, call: later)
         self.server = ActionServer("drive", MoveBaseAction, self.goals.append, lambda goal: None)
         self.server.start()
 
