@@ -2,7 +2,7 @@
 """What an action server publishes: its status, in virtual time, and an answer to each goal."""
 
 from types import SimpleNamespace
-from typing import Any, Callable, List, Tuple
+from typing import Any, Callable, Iterator, List, Tuple
 
 import pytest
 from actionlib_msgs.msg import GoalID
@@ -100,8 +100,10 @@ class Served:
 
 
 @pytest.fixture
-def served(monkeypatch: pytest.MonkeyPatch, clock: Any) -> Served:
-    return Served(monkeypatch)
+def served(monkeypatch: pytest.MonkeyPatch, clock: Any) -> Iterator[Served]:
+    made = Served(monkeypatch)
+    yield made
+    made.server.shutdown()
 
 
 def test_a_server_without_a_goal_speaks_less_often(served: Served) -> None:
