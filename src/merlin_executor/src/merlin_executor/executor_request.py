@@ -53,7 +53,7 @@ class ExecutorRequest:
         """Whether it had begun when it ended, or was lost before it was sent again."""
         self._reason = ""
         self._wake = threading.Event()  # ends the wait for the Executor: it is back, or the client cancels
-        self._lock = threading.Lock()  # guards _resending, _sent, _begun and _wake
+        self._lock = threading.Lock()  # guards _resending, _sent, begun and _wake
         with self._lock:
             self._sent = self._send()
 
