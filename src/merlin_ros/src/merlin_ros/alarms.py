@@ -21,6 +21,7 @@ from merlin_ros.work.threads import log_failure, start_thread
 TICK = 0.1  # s of wall time between two looks of a watcher
 LONGEST_TICK = 0.2  # s that one look may count
 INSTANT = 1e-6  # s that are not worth a wait: a sum of ticks is not exact
+LEFT_OUT = object()  #: What a call returns that has done nothing this time.
 _FEW = 64  # alarms below which those that were taken back are not worth a search
 
 
@@ -94,9 +95,8 @@ class Alarm:
         if self.period is None:
             self._call = None
         try:
-            if call is not None:
-                call()
-            self._fails = False
+            if call is not None and call() is not LEFT_OUT:
+                self._fails = False
         except BaseException:  # the other alarms ring all the same
             if not self._fails:
                 log_failure()

@@ -24,7 +24,7 @@ from merlin_ros.actions.lease_watch import LeaseWatch
 from merlin_ros.actions.ownership import ownership
 from merlin_ros.actions.peers import sender_of
 from merlin_ros.actions.sending_order import SendingOrder
-from merlin_ros.alarms import Alarm, call_later, every
+from merlin_ros.alarms import LEFT_OUT, Alarm, call_later, every
 from merlin_ros.publishing import OnSubscriber, publish, unregister
 from merlin_ros.work.threads import log_failure
 
@@ -420,9 +420,11 @@ class ActionServer:
         for goal in wanted:
             self.cancel(goal)
 
-    def _beat(self) -> None:
+    def _beat(self) -> object:
         with self.lock:
             self._idle_beats += 1
             idle = time.monotonic() > self._lively_until and all(goal.done for goal in self._goals.values())
-            if not self._stopped and not (idle and self._idle_beats < IDLE_BEATS):
-                self._publish_status()
+            if self._stopped or (idle and self._idle_beats < IDLE_BEATS):
+                return LEFT_OUT
+            self._publish_status()
+        return None
