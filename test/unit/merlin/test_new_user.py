@@ -39,6 +39,7 @@ def test_a_file_of_points_is_found_from_the_test_and_from_its_package(monkeypatc
     known = {}
     monkeypatch.setattr(simulated_robot.rospy, "set_param", lambda name, value: known.update(value))
     monkeypatch.setattr(simulated_robot, "SERVED", {})
+    monkeypatch.setattr(simulated_robot, "ARM", ())
     robot = simulated_robot.SimulatedRobot()
     monkeypatch.chdir(tmp_path)  # as `python -m pytest src/my_robot` in the workspace
     robot.reset(package / "test")
