@@ -29,7 +29,7 @@ def ends(request: pytest.FixtureRequest) -> Iterator[Tuple[int, int]]:
 
 
 def read_until_later(screen: Screen, reading: int) -> bytes:
-    """All that is there, up to what is written when there is room again, for which a terminal takes a while."""
+    """All that is there, up to what is written when there is room again; a terminal takes a while for it."""
     found, end = b"", time.monotonic() + LONG
     while not found.endswith(b"later") and time.monotonic() < end:
         screen.write(b"later")
