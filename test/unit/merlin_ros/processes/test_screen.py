@@ -58,7 +58,7 @@ def test_a_terminal_that_is_stopped_keeps_nothing_waiting() -> None:
     assert set(read_until_later(screen, reading).split(b"later")) == {b""}
     assert screen.isatty() and screen.fileno() == writing
     os.close(reading)
-    screen.write(b"to nobody")
+    screen.write(b"to a terminal that is gone")
     os.close(writing)
     assert screen.write(b"nor to a file that is closed") == 28
 

@@ -152,12 +152,12 @@ class DispatchTopics(DispatchEnvironment):
     def send(self, action: PlannedAction) -> None:
         """Publishes the action. Its lease follows with the next report: robots wait for the action."""
         message, now = self.message(action, action.name), rospy.Time.now()
-        with self._open_lock:
-            self._open[action.id] = action
-        publish(self._actions, message)
         with self._telling:
             shown = RunningAction(action.id, self.plan_id, action.name, message.parameters, now, False)
             self._shown.setdefault(action.id, shown)  # one that is sent again has begun before
+        with self._open_lock:
+            self._open[action.id] = action
+        publish(self._actions, message)
 
     def send_cancel(self, action: PlannedAction) -> None:
         """Publishes ``cancel_action`` for the action."""
