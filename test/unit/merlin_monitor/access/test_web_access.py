@@ -12,7 +12,8 @@ import aiohttp
 import pytest
 from served import TOKEN, Served, ask
 
-from merlin_monitor.access.web_access import HostNameError, RequestRefused, WebAccess
+from merlin_monitor.access.web_access import HostNameError, RequestRefused, WebAccess, WrongTokens
+from merlin_monitor.web.web_server import AT_ONCE
 from merlin_test import LONG
 
 
@@ -279,6 +280,27 @@ def test_everybody_may_stop_where_that_is_open_and_nothing_else(open_stop: Serve
     other_site = {**headers, "Origin": "http://evil.example"}
     assert ask(open_stop.url, "control/stop", "POST", other_site).status == 403
     assert len(open_stop.robot.calls) == 1
+
+
+def test_a_stop_does_not_wait_while_wrong_tokens_do(
+    open_stop: Served, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    slowed, end = threading.Semaphore(0), threading.Event()
+
+    async def slow_down(_: WrongTokens, address: str) -> None:
+        slowed.release()
+        assert await asyncio.get_running_loop().run_in_executor(None, end.wait, LONG)
+
+    monkeypatch.setattr(WrongTokens, "slow_down", slow_down)
+    wrong = (open_stop.url, "control/stop", "POST", {"X-Merlin-Token": "wrong"})
+    with ThreadPoolExecutor(AT_ONCE) as pages:
+        visitors = [pages.submit(ask, *wrong) for _ in range(AT_ONCE)]
+        try:
+            assert all(slowed.acquire(timeout=LONG) for _ in visitors)
+            assert ask(open_stop.url, "control/stop", "POST", CONTROL).status == 200
+        finally:
+            end.set()
+    assert {each.result().status for each in visitors} == {200}
 
 
 def test_an_operator_who_stops_is_named_where_it_is_open_to_all(open_stop: Served) -> None:
