@@ -10,6 +10,7 @@ from small_house import HOUSE, state
 from deliberation.belief import Belief, fixed_facts, fixed_values, objects
 from deliberation.house import State
 from merlin_pddl.checks.validate import validate
+from merlin_test import LONG
 
 pytestmark = pytest.mark.processes
 
@@ -29,7 +30,7 @@ def plan(
         f"(define (problem p) (:domain deliberation) (:objects {' '.join(named)})\n"
         f"(:init {' '.join(facts + numbers)}) (:goal (and)) (:metric minimize (total-cost)))"
     )
-    code = validate([str(DOMAIN), str(problem), goal])
+    code = validate([str(DOMAIN), str(problem), goal, "--time-limit", str(LONG)])
     output = capsys.readouterr().out
     assert code == 0, output
     return [line for line in output.splitlines() if line.startswith("(")]

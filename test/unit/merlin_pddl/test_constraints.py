@@ -13,6 +13,7 @@ from merlin_pddl.text_reader import PddlError
 from merlin_rosplan.planning.planner import PlannerSettings
 from merlin_rosplan.planning.planning_outcome import PlannerState
 from merlin_rosplan.supervision.supervised_planning import Planning
+from merlin_test import LONG
 
 DOMAIN = """(define (domain rooms)
   (:requirements :typing :durative-actions :negative-preconditions :constraints :preferences)
@@ -167,7 +168,7 @@ def test_validate_plans_with_constraints_and_another_goal(tmp_path, capsys):
     domain, problem = tmp_path / "domain.pddl", tmp_path / "problem.pddl"
     domain.write_text(domain_text())
     problem.write_text(problem_text(SOMETIME))
-    assert validate([str(domain), str(problem), "(visited bar)"]) == 0
+    assert validate([str(domain), str(problem), "(visited bar)", "--time-limit", str(LONG)]) == 0
     assert "(go hall kitchen)" in capsys.readouterr().out
 
 

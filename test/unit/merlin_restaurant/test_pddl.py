@@ -9,11 +9,13 @@ import pytest
 from merlin_pddl.checks.validate import validate
 from merlin_sim.world.poi_distances import main as poi_distances
 from merlin_sim.world.world_file import find_world
+from merlin_test import LONG
 
 pytestmark = pytest.mark.processes
 
 PDDL = Path(__file__).resolve().parents[3] / "pddl" / "restaurant"
 DOMAIN, PROBLEM = PDDL / "domain.pddl", PDDL / "problem.pddl"
+PATIENT = ["--time-limit", str(LONG)]
 CHECK_ALL = " ".join(f"(checked table_{number})" for number in range(1, 7))
 
 
@@ -28,7 +30,7 @@ def plan(
         text = text.replace("(tray_free)", "")
     problem = tmp_path / "problem.pddl"
     problem.write_text(text.replace("(:init", f"(:init {' '.join(facts)}"))
-    code = validate([str(DOMAIN), str(problem), goal])
+    code = validate([*PATIENT, str(DOMAIN), str(problem), goal])
     output = capsys.readouterr().out
     assert code == 0, output
     return [line[line.index("(") : line.index(")") + 1] for line in output.splitlines() if line[:1].isdigit()]
@@ -82,7 +84,8 @@ def test_who_takes_an_order_says_nothing_else_meanwhile(
     problem = tmp_path / "problem.pddl"
     text = PROBLEM.read_text().replace("(robot_at anywhere)", "(robot_at table_4) (needs_serving table_4)")
     problem.write_text(text)
-    assert validate([str(DOMAIN), str(problem), "(and (checked table_4) (ordered table_4))"]) == 0
+    goal = "(and (checked table_4) (ordered table_4))"
+    assert validate([*PATIENT, str(DOMAIN), str(problem), goal]) == 0
     steps = [line for line in capsys.readouterr().out.splitlines() if line[:1].isdigit()]
     first, second = (float(line.split(":")[0]) for line in steps)
     assert second - first >= 6.0, steps
@@ -97,7 +100,7 @@ def test_a_client_gets_the_nearest_free_table(tmp_path: Path, capsys: pytest.Cap
 def test_no_client_is_seated_where_no_table_is_free(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
     problem = tmp_path / "problem.pddl"
     problem.write_text(PROBLEM.read_text().replace("- item)", "- item ann - client)"))
-    assert validate([str(DOMAIN), str(problem), "(seated ann)"]) != 0
+    assert validate([*PATIENT, str(DOMAIN), str(problem), "(seated ann)"]) != 0
     assert "no plan" in capsys.readouterr().out
 
 
