@@ -54,6 +54,12 @@ class Loader(roslaunch.xmlloader.XmlLoader):
 
     _VERSION, _DISTRIBUTION = "rosversion roslaunch", "rosversion -d"
 
+    def __init__(self, **options: Any) -> None:
+        super().__init__(**options)
+        home = os.path.expanduser("~")
+        if home != "~":  # its launch files ask for it, and services may have none
+            os.environ.setdefault("HOME", home)
+
     def param_value(self, verbose: bool, name: str, ptype: str, *sources: Any) -> Any:
         """The value of a parameter.
 
