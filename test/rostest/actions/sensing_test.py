@@ -4,6 +4,7 @@
 
 import os
 import signal
+import subprocess
 import threading
 import time
 import unittest
@@ -19,6 +20,7 @@ from merlin_planning.knowledge_client import ADD, REMOVE, Update, fact, instance
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
 from merlin_test import LONG
 from merlin_test.knowledge_fixture import Received
+from merlin_test.node_path import node_path
 from merlin_test.topic_links import init_node, pid_of, wait_for_connections, wait_for_publishers
 
 DETAILS = "/rosplan_knowledge_base/domain/predicate_details"
@@ -138,6 +140,21 @@ class Sensing(unittest.TestCase):
             rospy.rostime.wallsleep(0.01)
         wait_for_publishers(self.watch)
         self.eventually(lambda: self.holds("powered"))
+
+    def test_a_wrong_sensor_is_named(self):
+        call = {"srv_type": "std_srvs/Trigger", "time_between_calls": 1.0}
+        for key, sensor, reason in (
+            ("topics", {"topic": "/power", "msg_type": "Bool"}, "package name: Bool"),
+            ("topics", {"topic": "a b", "msg_type": "std_msgs/Bool"}, "'a b' is not a name of ROS"),
+            ("services", {"service": "/look at", **call}, "'/look at' is not a name of ROS"),
+        ):
+            rospy.set_param(f"/wrong/{key}", {"powered": {"operation": "True", **sensor}})
+            command = [node_path("merlin_rosplan", "sensing_interface"), "__name:=wrong"]
+            ended = subprocess.run(command, stderr=subprocess.PIPE, text=True, timeout=LONG)
+            rospy.delete_param("/wrong")
+            self.assertEqual(ended.returncode, 2, ended.stderr)
+            self.assertIn(reason, ended.stderr)
+            self.assertNotIn("Traceback", ended.stderr)
 
     def test_other_knowledge_is_left_alone(self):
         self.knowledge.update([Update(ADD, fact("stored", "seat"))])

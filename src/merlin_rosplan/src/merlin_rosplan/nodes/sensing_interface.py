@@ -12,6 +12,7 @@ import roslib.message
 import rospkg
 import rospy
 from merlin_msgs.msg import KnowledgeChanges
+from rosgraph.names import is_legal_name
 from rosplan_knowledge_msgs.msg import KnowledgeItem, StatusUpdate
 from rosplan_knowledge_msgs.srv import SetNamedBool
 
@@ -65,12 +66,13 @@ class SensingInterface(Component):
         self._marks = CallQueue(f"marks of {self.scope}")
         self._changes = self.own(ForeignChanges(self.knowledge_base, self._others_changed))
         self.subscriber(f"{self.knowledge_base}/status/update", StatusUpdate, self._receive_update)
-        for predicate, entries in self._config("topics").items():
-            for entry in entries:
-                self._add_topic(predicate, entry)
-        for predicate, entries in self._config("services").items():
-            for entry in entries:
-                self._add_service(predicate, entry)
+        for key, add in (("topics", self._add_topic), ("services", self._add_service)):
+            for predicate, entries in self._config(key).items():
+                for entry in entries:
+                    try:
+                        add(predicate, entry)
+                    except ValueError as error:  # of ROS, for a type without its package
+                        raise ComponentError(f"the sensor of '{predicate}': {error}") from error
 
     def on_shutdown(self) -> None:
         """Ends the thread that updates the knowledge base."""
@@ -131,6 +133,11 @@ class SensingInterface(Component):
             raise ComponentError(f"the sensor of '{predicate}' lacks '{key}'")
         return entry[key]
 
+    def _name(self, predicate: str, name: Any) -> str:
+        if not isinstance(name, str) or not name or not is_legal_name(name):
+            raise ComponentError(f"the sensor of '{predicate}': {name!r} is not a name of ROS")
+        return name
+
     def _sensor(self, predicate: str, entry: Dict[str, Any], variable: str) -> Sensor:
         types = next(
             [parameter.value for parameter in formula.typed_parameters]
@@ -180,9 +187,9 @@ class SensingInterface(Component):
         for topic in topics if isinstance(topics, list) else [topics]:
             self.own(
                 rospy.Subscriber(
-                    str(topic),
+                    self._name(predicate, topic),
                     message_class,
-                    lambda message, name=str(topic): self._sense(sensor, message, name),
+                    lambda message, name=topic: self._sense(sensor, message, name),
                     tcp_nodelay=True,
                 )
             )
@@ -199,7 +206,8 @@ class SensingInterface(Component):
             raise ComponentError(
                 f"the sensor of '{predicate}': time_between_calls is not a number: {period!r}"
             )
-        proxy = ServiceProxy(str(self._required(predicate, entry, "service")), service_class, timeout=10.0)
+        name = self._name(predicate, self._required(predicate, entry, "service"))
+        proxy = ServiceProxy(name, service_class, timeout=10.0)
 
         def call() -> None:
             try:
