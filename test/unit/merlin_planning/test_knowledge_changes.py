@@ -23,3 +23,16 @@ def test_facts_and_values_become_updates_in_their_order() -> None:
 def test_what_is_no_change_is_refused(text: str) -> None:
     with pytest.raises(PDDLSyntaxError):
         parse_changes(text)
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["(and (open hall) (not (open Hall)))", "(and (not (open)) (open))", "(and (= (a b) 1) (= (a b) 2))"],
+)
+def test_what_cannot_all_be_true_is_refused(text: str) -> None:
+    with pytest.raises(PDDLSyntaxError, match="given twice, and both cannot be true"):
+        parse_changes(text)
+
+
+def test_what_is_given_twice_alike_is_taken() -> None:
+    assert len(parse_changes("(and (open hall) (OPEN hall) (= (a b) 1) (= (a b) 1))")) == 4

@@ -250,9 +250,17 @@ def _positive(item: KnowledgeItem) -> KnowledgeItem:
 def parse_changes(text: str) -> List[Update]:
     """What makes a text true, ``(and (checked kitchen) (not (open door)) (= (battery) 20))``.
 
-    :raises PDDLSyntaxError: when it is something else than facts, ``not``, values and ``and`` of them.
+    :raises PDDLSyntaxError: when it is something else than facts, ``not``, values and ``and`` of them, or
+        they cannot all be true.
     """
-    return [_update(item) for item in parse_goal(text)]
+    updates = [_update(item) for item in parse_goal(text)]
+    known: Dict[str, Update] = {}
+    for update in updates:
+        name = " ".join([update.item.attribute_name, *(each.value for each in update.item.values)])
+        first = known.setdefault(name.lower(), update)
+        if (first.kind, first.item.function_value) != (update.kind, update.item.function_value):
+            raise PDDLSyntaxError(f"({name}) is given twice, and both cannot be true")
+    return updates
 
 
 def _update(item: KnowledgeItem) -> Update:
