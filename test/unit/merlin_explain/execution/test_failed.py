@@ -228,6 +228,17 @@ def test_the_cancel_names_its_client(scenario: RobotScenario) -> None:
     assert [each.text for each in first.evidence][1] == "cancelled by its client"
 
 
+@pytest.mark.parametrize("goal", ["(not (tidy kitchen))", "(>= (battery d1) 80)"])
+def test_a_goal_that_is_more_than_a_fact_is_named_as_it_is(scenario: RobotScenario, goal: str) -> None:
+    scenario.runs(REQUEST, [GOAL, goal])
+    scenario.ends(REQUEST, ExecuteResult.NO_PLAN, "no plan was found")
+    scenario.runs()
+    for about in ("", goal):
+        answer = ask(scenario, about)
+        assert answer.sentence.startswith(f"“{GOAL} and {goal}” has no plan: ")
+        assert f"“{GOAL} and {goal}” ended at " in answer.claims[-1].text
+
+
 def test_a_planner_that_is_heard_after_its_request_is_not_another_failure(scenario: RobotScenario) -> None:
     said = {"planner": "kairos", "reason": "no action can make (tidy kitchen) true", "seconds": 0.2}
     scenario.model.plan.planner(PlannerStatus(state=PlannerStatus.RUNNING, **said), scenario.now)

@@ -69,7 +69,7 @@ def failed(moment: Moment, past: RecordedPast, about: str, words: Words) -> Answ
     """
     wanted = key_of(checked_about(about))
     for event in _failures(past):
-        texts = ATOM.findall(f"{event['detail'].get('label') or ''} {reason_of(event)}")
+        texts = [*_named(event), *ATOM.findall(f"{event['detail'].get('label') or ''} {reason_of(event)}")]
         if not wanted or wanted in map(key_of, texts):
             events = past.events(KINDS, event["wall"])
             return _Chain(past, events, event, words, moment.domain).answer()
@@ -110,6 +110,11 @@ def _is_cause(part: Event, request: Event) -> bool:
     reason = reason_of(request)
     named = key_of(str(part["detail"].get("label"))) in map(key_of, ATOM.findall(reason))
     return named or reason_of(part) in reason
+
+
+def _named(event: Event) -> List[str]:
+    """The goals of a request, or the action."""
+    return [each for each in str(event["detail"].get("label") or "").split(", ") if each]
 
 
 def _no_plan(event: Event) -> bool:
@@ -227,10 +232,8 @@ class _Chain:
         return next(filter(None, map(then.step, texts)), None)
 
     def _label(self, event: Event) -> str:
-        texts = ATOM.findall(str(event["detail"].get("label") or ""))
-        return and_list(
-            [self._words.goal(each) if event["kind"] == "goal" else self._words.step(each) for each in texts]
-        )
+        words = self._words.goal if event["kind"] == "goal" else self._words.step
+        return and_list([words(each) for each in _named(event)])
 
     def _in_words(self, reason: str) -> str:
         return in_words(reason, self._domain, self._words)
