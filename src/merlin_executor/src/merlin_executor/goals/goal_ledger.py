@@ -115,12 +115,17 @@ class GoalNotes:
         """Notes these goals and no others. They are on the disk when this returns: the knowledge base, to
         which they go next, keeps them over a power cut. That no goal is left need not be there by default.
 
-        :raises OSError: when the file cannot be written.
+        :raises OSError: when the file cannot be written; the text names it.
         """
-        sync = bool(texts) or self._sync_end
+        try:
+            self._replace(json.dumps(list(texts)), bool(texts) or self._sync_end)
+        except OSError as error:  # that of a full disk has no name
+            raise OSError(f"{self.path} cannot be written: {error.strerror}") from error
+
+    def _replace(self, text: str, sync: bool) -> None:
         new = self.path.with_name(self.path.name + ".new")
         with new.open("w") as file:
-            file.write(json.dumps(list(texts)))
+            file.write(text)
             file.flush()
             if sync:
                 os.fsync(file.fileno())
