@@ -140,8 +140,12 @@ class FullDisk:
             while True:
                 ballast.write(bytes(4096))
 
-    def make_space(self):
-        (self.folder / "ballast").unlink()
+    def make_space(self, left=0):
+        """Takes away what fills it.
+
+        :param left: bytes of it that stay.
+        """
+        os.truncate(self.folder / "ballast", left)
 
 
 @pytest.fixture
@@ -189,6 +193,25 @@ def test_full_disk_takes_nothing_new_but_what_runs_comes_to_its_end(disk):
     assert [fact.text() for fact in again.facts("at")] == ["(at r a)"]
     assert again.snapshot()[1].goals == []
     again.close()
+
+
+@pytest.mark.everywhere
+def test_nothing_begins_for_whose_end_there_is_no_space(disk):
+    path = disk.folder / "state.sqlite"
+    store = open_store(path)
+    store.load_problem(parse_problem(PROBLEM, DOMAIN))
+    drive(store, "start", "one")
+    disk.fill()
+    drive(store, "end", "one")  # takes the reserve
+    disk.fill()
+    disk.make_space(os.path.getsize(disk.folder / "ballast") - 100_000)
+    with pytest.raises(UpdateRefused, match="state.sqlite: database or disk is full"):
+        drive(store, "start", "two")
+    disk.make_space()
+    drive(store, "start", "two")
+    disk.fill()
+    drive(store, "rollback", "two")
+    store.close()
 
 
 def test_file_of_another_domain_is_refused(path):

@@ -175,10 +175,14 @@ class StateFile(Journal):
     def commit(self, steps: Sequence[Step], version: int) -> None:
         """Writes a transaction; one that opens or closes an execution survives a power cut, too.
 
+        What is new needs the reserve: another process may take the rest of the disk before it ends.
+
         :raises OSError: when it could not be written; the file holds what it held before.
         """
         journalled = any(table.kind == "execution" for table, *_ in steps)
         ends = _ends_something(steps)
+        if not (ends or self._reserve.hold()):
+            raise OSError(f"{self._path}: database or disk is full")
         try:
             try:
                 self._write(steps, version, journalled)
@@ -188,8 +192,6 @@ class StateFile(Journal):
                 self._write(steps, version, journalled)
         except sqlite3.Error as error:
             raise OSError(f"{self._path}: {error}") from error
-        if not ends:
-            self._reserve.hold()  # the disk has space again
         if self._sync is not None and not journalled:
             self._sync.soon()
 
