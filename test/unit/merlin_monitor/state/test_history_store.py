@@ -143,6 +143,16 @@ def test_the_state_holds_the_newest_events_only() -> None:
     assert tree.keys("history", "events") == [str(number) for number in range(50, NEWEST + 50)]
 
 
+def test_that_nothing_can_be_written_takes_the_place_of_no_other_event() -> None:
+    tree = StateTree()
+    section = HistorySection(tree)
+    section.add([{"id": 1, "text": "before"}])
+    for number in range(2 * NEWEST):
+        section.add([{"id": 0, "text": f"the history could not be written, {number}"}])
+    assert sorted(tree.keys("history", "events")) == ["0", "1"]
+    assert tree.get("history", "events", "0", "text").endswith(str(2 * NEWEST - 1))
+
+
 @pytest.mark.parametrize(("text", "path"), [("", None), ("none", None), ("/tmp/none", Path("/tmp/none"))])
 def test_a_launch_file_can_ask_for_no_history(text: str, path: Optional[Path]) -> None:
     ros = SimpleNamespace(parameter=lambda name, default: {"~history": text}[name])

@@ -300,6 +300,8 @@ class HistorySection:
             for event in events[-NEWEST:]:
                 key = str(event["id"])
                 self._tree.set(SECTION, "events", key, event)
+                if key in self._shown:  # it could not be written, once more
+                    self._shown.remove(key)
                 self._shown.append(key)
             while len(self._shown) > NEWEST:
                 self._tree.remove(SECTION, "events", self._shown.popleft())
