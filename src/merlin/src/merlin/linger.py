@@ -52,8 +52,8 @@ def page_of(nodes: Iterable[Node], parameters: Dict[str, Any]) -> Optional[Page]
         own = f"{node.namespace}{node.name}/"
         history = str(parameters.get(f"{own}history", ""))
         if (node.package, node.type) == MONITOR and history not in NO_FILE:
-            host = str(parameters.get(f"{own}host", "127.0.0.1"))
-            return Page(Path(history), host, int(parameters.get(f"{own}port", 8080)))
+            host, port = str(parameters.get(f"{own}host", "127.0.0.1")), parameters.get(f"{own}port", 8080)
+            return Page(Path(history), host, port) if isinstance(port, int) else None  # the monitor says why
     return None
 
 
