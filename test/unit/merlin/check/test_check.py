@@ -146,6 +146,7 @@ def test_what_does_not_fit_on_one_robot_has_its_name_and_what_robots_hear_is_che
     for wrong, said in (
         ("{ann: [yes], tim: [no]}", "answers names tim; the robots of robots:=… are ann, bob"),
         ("{ann: [1]}", "answers has to be a list of texts"),
+        ("5", "answers has to be a list with one value or more, not 5"),
     ):
         done = check(tmp_path, *words, f"answers:={wrong}")
         assert done.returncode == 2 and said in done.stderr and len(done.stderr.splitlines()) == 1
