@@ -20,6 +20,8 @@ from merlin_monitor.text.sentences import domain_faults, read_sentences
 from merlin_pddl.domain_reader import parse_domain, read_domain
 from merlin_pddl.problem_reader import parse_problem, read_problem
 from merlin_pddl.text_reader import PddlError
+from merlin_rosplan.knowledge.executions import Executions
+from merlin_rosplan.knowledge.knowledge_store import KnowledgeStore
 
 PDDL = Path(__file__).parents[3] / "pddl"
 LONG = "a" * 29
@@ -242,6 +244,28 @@ def test_several_robots_are_in_domain_problem_world_and_launch_file(specs, tmp_p
     for words in (["check"], ["format", "--check"]):
         ruff = [sys.executable, "-m", "ruff", *words, str(package)]
         assert subprocess.run(ruff, capture_output=True, check=False).returncode == 0
+
+
+def test_a_robot_that_is_stopped_leaves_no_place_closed_for_ever(tmp_path):
+    application = new_application("my_robots", ["greet ?p - poi"], (), ["ria", "tom"])
+    package = write_application(application, tmp_path / "ws", "python3")
+    assert "[my_robots.actions.navigate:Navigate, " in (package / "launch/my_robots.launch").read_text()
+    written = {}
+    exec((package / "src/my_robots/actions/navigate.py").read_text(), written)
+    declared = [
+        text.replace("?to", "hall").replace("(robot_at ", "(robot_at ria ")  # as the bridges do
+        for text in written["Navigate"].if_interrupted
+    ]
+    store = KnowledgeStore(read_domain(package / "pddl/domain.pddl"))
+    store.load_problem(read_problem(package / "pddl/problem.pddl", store.domain))
+    before = sorted(fact.text() for name in ("free", "robot_at") for fact in store.facts(name))
+    with store.transaction() as change:
+        way = {"r": "ria", "from": "anywhere", "to": "hall"}
+        Executions(change).start("one", "navigate", way, if_interrupted=declared)
+    with store.transaction() as change:
+        Executions(change).interrupt("one")
+    after = sorted(fact.text() for name in ("free", "robot_at") for fact in store.facts(name))
+    assert set(before) <= set(after)
 
 
 @pytest.mark.parametrize("folder", ["home", "restaurant"])

@@ -123,6 +123,11 @@ class NewApplication:
         return f"{class_name(self.package)}Mission"
 
     @property
+    def reserves(self) -> bool:
+        """Whether a drive keeps the place to which it goes, which one that is stopped has to give free."""
+        return bool(self.robots) and not self.domain_text
+
+    @property
     def servers(self) -> Tuple[str, ...]:
         """The action servers that its actions use, as they are written."""
         return ("move_base",) * self.navigates + ("sound_play",) * bool(self.actions)

@@ -83,6 +83,8 @@ def files_of(application: NewApplication, python: str = sys.executable) -> Dict[
         found[f"src/{application.package}/actions/{action.module}.py"] = render(
             "actions/action.py", action=action, parameters=_list(action.parameters)
         )
+    if application.reserves:
+        found[f"src/{application.package}/actions/navigate.py"] = render("actions/navigate.py")
     if application.domain_text:
         found.update(
             {"pddl/domain.pddl": application.domain_text, "pddl/problem.pddl": application.problem_text}
@@ -145,7 +147,8 @@ def _key(name: str) -> str:
 
 def _classes(application: NewApplication) -> str:
     """The action classes as a YAML list over as few lines as are needed."""
-    ready = ["merlin_actions.actions.navigate:Navigate"] if application.navigates else []
+    own = application.package if application.reserves else "merlin_actions"
+    ready = [f"{own}.actions.navigate:Navigate"] if application.navigates else []
     paths = [f"{application.package}.actions.{a.module}:{a.class_name}" for a in application.actions]
     lines = textwrap.wrap(", ".join([*ready, *paths]), 100, break_long_words=False, break_on_hyphens=False)
     return "\n      ".join(lines)
