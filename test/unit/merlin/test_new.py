@@ -2,6 +2,7 @@
 """What `rosrun merlin new` writes and refuses, without building it."""
 
 import re
+import shlex
 import subprocess
 import sys
 from dataclasses import replace
@@ -225,6 +226,13 @@ def test_options_that_do_not_fit_are_refused(words, tmp_path, monkeypatch, capsy
     monkeypatch.chdir(tmp_path)
     assert command.main(["my_robot", *words]) == 2
     assert capsys.readouterr().err.startswith("merlin new: ") and not list(tmp_path.iterdir())
+
+
+def test_the_commands_that_it_prints_stand_a_blank_in_the_path(tmp_path, capsys):
+    workspace = tmp_path / "my own"
+    assert command.main(["my_robot", "--workspace", str(workspace)]) == 0
+    (line,) = [line for line in capsys.readouterr().out.splitlines() if "catkin_make" in line]
+    assert shlex.split(line)[:3] == ["cd", str(workspace), "&&"]
 
 
 @pytest.mark.parametrize("specs", [["greet ?p - poi", "wave"], []], ids=str)

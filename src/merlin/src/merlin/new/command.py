@@ -4,6 +4,7 @@
 import argparse
 import sys
 from pathlib import Path
+from shlex import quote
 from typing import List, Optional
 
 import jinja2
@@ -35,7 +36,8 @@ def main(arguments: Optional[List[str]] = None) -> int:
         print(f"merlin new: {error}", file=sys.stderr)
         return EXIT_REFUSED
     print(f"{folder}: the package {application.package}, its mission and a test. Next:")
-    print(f"  cd {workspace} && catkin_make -DPYTHON_EXECUTABLE={sys.executable} && . devel/setup.bash")
+    there, python = quote(str(workspace)), quote(sys.executable)
+    print(f"  cd {there} && catkin_make -DPYTHON_EXECUTABLE={python} && . devel/setup.bash")
     print(f"  rosrun merlin run {application.package} {application.package}.launch")
     print(f"  {folder / 'README.md'} says how to go on")
     return 0
