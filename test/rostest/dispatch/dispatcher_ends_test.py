@@ -15,7 +15,8 @@ import rosgraph
 import rosnode
 import rospy
 from dispatch_fixture import Interfaces, named, publisher
-from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback
+from merlin_msgs.msg import DispatchStatus
+from rosplan_dispatch_msgs.msg import ActionDispatch, ActionFeedback, NonBlockingDispatchActionFeedback
 from rosplan_dispatch_msgs.srv import DispatchService, DispatchServiceResponse, ParsingService
 from std_srvs.srv import Empty, EmptyResponse
 
@@ -59,6 +60,24 @@ class DispatcherEnds(unittest.TestCase):
         self.assertTrue(ended.wait(LONG))
         while dispatch.available():  # its connections are closed before its services are
             rospy.rostime.wallsleep(0.05)
+
+    def test_an_interface_that_has_never_announced_itself_and_dies_is_named(self):
+        dispatcher, answers, statuses = "/deaf_dispatcher", queue.Queue(), queue.Queue()
+        client = DispatchClient(dispatcher, cancel_deadline=LONG)
+        self.assertTrue(client.wait_status(LONG))
+        topic = f"{dispatcher}/dispatch_plan_action/feedback"
+        heard = rospy.Subscriber(topic, NonBlockingDispatchActionFeedback, answers.put)
+        status = rospy.Subscriber(f"{dispatcher}/dispatch_status", DispatchStatus, statuses.put)
+        for subscriber in (heard, status):
+            self.addCleanup(subscriber.unregister)
+            wait_for_publishers(subscriber)
+        interfaces = self.begin(dispatcher)
+        threading.Thread(target=client.dispatch, args=(lambda interrupt: None,), daemon=True).start()
+        while answers.get(timeout=LONG).feedback.feedback.status != ActionFeedback.ACTION_ENABLED:
+            pass
+        interfaces.feedback.unregister()  # its connection closes, as that of a node that dies
+        while statuses.get(timeout=LONG).reason != "the action interface of paint is gone, silent for 0.5 s":
+            pass
 
     def dispatched_and_killed(self, dispatcher, deadline, sent=signal.SIGKILL, **answers):
         """A client whose dispatcher is killed under it, its interfaces, and what gives the result.

@@ -45,6 +45,7 @@ class World(DispatchEnvironment):
         self.reports = []
         self.answers = []
         self.silences = {}
+        self.left = set()  # ids of actions whose interface has closed its connection
         self.just_announced_operators = set()
         self.robot_of = lambda action, unmet: ""
         self.changed_event = threading.Condition()
@@ -105,6 +106,9 @@ class World(DispatchEnvironment):
 
     def seconds_silent(self, operator):
         return self.silences.get(operator)
+
+    def has_left(self, action):
+        return action.id in self.left
 
     def just_announced(self, operator):
         return operator in self.just_announced_operators

@@ -171,6 +171,27 @@ def test_a_dead_interface_is_noticed_while_its_action_runs(world):
     assert "the action interface of work is gone" in report.reason
 
 
+def test_a_dead_interface_that_never_announced_itself_is_noticed_too(world):
+    run = Run(world, SequentialSchedule(actions("work")), liveness=0.05)
+    world.wait("action", 0)
+    run.feedback(0, FeedbackStatus.ENABLED)
+    world.left.add(0)
+    report = run.report()
+    assert report.state == DispatchState.FAILED
+    assert report.reason == "the action interface of work is gone, silent for 0.05 s"
+
+
+@pytest.mark.parametrize("liveness", [LONG, None])
+def test_one_that_has_connected_anew_may_still_end_its_action(world, liveness):
+    run = Run(world, SequentialSchedule(actions("work")), liveness=liveness)
+    world.wait("action", 0)
+    run.feedback(0, FeedbackStatus.ENABLED)
+    world.left.add(0)
+    run.dispatch.put(KnowledgeChanged())
+    run.feedback(0, FeedbackStatus.SUCCEEDED)
+    assert run.report().success
+
+
 def test_an_interface_that_comes_back_and_takes_the_action_is_alive(world):
     world.silences["work"] = 100.0  # until its first announcement arrives
     run = Run(world, SequentialSchedule(actions("work")), liveness=LONG)

@@ -276,6 +276,10 @@ class DispatchEnvironment(abc.ABC):
     def seconds_silent(self, operator: str) -> Optional[float]:
         """Seconds since the operator's interface last announced itself; None when it never has."""
 
+    def has_left(self, action: PlannedAction) -> bool:
+        """Whether the node that has taken the action has closed the connection over which it said so."""
+        return False
+
     @abc.abstractmethod
     def just_announced(self, operator: str) -> bool:
         """Whether the operator's interface announced itself for the first time only seconds ago."""

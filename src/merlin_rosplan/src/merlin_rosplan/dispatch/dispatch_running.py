@@ -45,6 +45,7 @@ class Running:
     taken: bool = False
     alive: Optional[Any] = None  # until then its interface is alive, having taken the action
     applied: Optional[Any] = None  # until then its start effects are applied, if it has taken the action
+    closed: Optional[Any] = None  # until then the node that took it may end it over another connection
     sent_again: bool = False
     grace: Optional[Any] = None
     broken: str = ""
@@ -130,6 +131,9 @@ class Running:
             return Fault(f"no action interface for {action.name}", gone=True)
         if dead and (self.taken or unanswered):
             return Fault(f"the action interface of {action.name} {INTERFACE_GONE}{silence:.1f} s", gone=True)
+        if silence is None and self._has_left(environment, limits.liveness):
+            silent = f"{INTERFACE_GONE}{limits.liveness:g} s"
+            return Fault(f"the action interface of {action.name} {silent}", gone=True)
         if not self.taken and self.accept.remaining() <= 0:
             return Fault(
                 f"the action interface of {action.name} is alive but did not take {action} "
@@ -180,6 +184,14 @@ class Running:
             tuple(entry for entry in needed.comparisons if not entry.functions & own),
             tuple(entry for entry in needed.expressions if not entry.reads & own),
         )
+
+    def _has_left(self, environment: DispatchEnvironment, patience: Optional[float]) -> bool:
+        """Whether the node that took it has been away for so long; it need not have announced itself."""
+        if patience is None or not self.taken or not environment.has_left(self.action):
+            self.closed = None
+        elif self.closed is None:
+            self.closed = environment.deadline(patience)
+        return self.closed is not None and bool(self.closed.remaining() <= 0)
 
     def is_dead(self, silence: Optional[float], liveness: Optional[float]) -> bool:
         """Whether its interface announced itself and has stopped; taking an action is a sign of life too."""

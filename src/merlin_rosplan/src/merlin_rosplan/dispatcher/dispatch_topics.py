@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The world as a dispatch sees it: topics to publish on, a knowledge base, interfaces to listen for."""
 
+import functools
 import threading
 import time
 from typing import (
@@ -29,7 +30,7 @@ from merlin_planning.action_messages import OWN_MARK
 from merlin_planning.dispatch_progress import CANCEL_ACTION
 from merlin_planning.robot_roster import RobotRoster
 from merlin_ros.actions.lease_holder import LeaseHolder
-from merlin_ros.actions.peers import sender_of
+from merlin_ros.actions.peers import came_over_open, sender_of
 from merlin_ros.deadline import Deadline, LookedAt, running_time
 from merlin_ros.publishing import publish
 from merlin_ros.robot_values import AVAILABLE
@@ -94,6 +95,7 @@ class DispatchTopics(DispatchEnvironment):
         self._lease = component.own(LeaseHolder(component.resolve("lease")))
         self._leased: Set[str] = set()
         self._owner = ""
+        self._takers: Dict[int, Callable[[], bool]] = {}  # whether they are still connected, by action
         self._open_lock = threading.Lock()  # guards _open
         self._open: Dict[int, PlannedAction] = {}
         self._alarm = component.own(RosAlarm(on_tick, f"alarm of {component.scope}"))
@@ -123,6 +125,7 @@ class DispatchTopics(DispatchEnvironment):
         :param owner: id of its goal: while the owner of that one is silent, its actions are suspended.
         """
         self._operators.clear()
+        self._takers.clear()
         with self._telling:
             self._shown.clear()
         with self._open_lock:
@@ -130,6 +133,19 @@ class DispatchTopics(DispatchEnvironment):
         self.plan_id += 1
         self._owner = owner or f"{self._component.scope} {self.plan_id}"  # not the goals of others
         return self.plan_id
+
+    def taken(self, message: ActionFeedback, topic: rospy.Subscriber) -> None:
+        """An interface has taken an action; from any thread.
+
+        :param topic: on which it said so.
+        """
+        header = getattr(message, "_connection_header", None)
+        self._takers[message.action_id] = functools.partial(came_over_open, topic, header)
+
+    def has_left(self, action: PlannedAction) -> bool:
+        """Looks at the connection over which the interface has taken the action."""
+        connected = self._takers.get(action.id)
+        return connected is not None and not connected()
 
     def answered(self, action_id: int) -> None:
         """An interface has given its final answer; from any thread."""

@@ -148,7 +148,8 @@ class PlanDispatcher(Component):
             DispatchSettler(self.knowledge_base, self._topics.seconds_silent, self._limits.liveness)
         )
         feedback_topic = str(self.param("action_feedback_topic", "action_feedback"))
-        self.subscriber(feedback_topic, ActionFeedback, self._receive_feedback)  # no answer may be dropped
+        answers = self.subscriber(feedback_topic, ActionFeedback, self._receive_feedback)  # none is dropped
+        self._took = functools.partial(self._topics.taken, topic=answers)
         KnowledgeEvents(self, self._put)
         self._plan_topic = self.resolve(str(self.param("plan_topic", "complete_plan")))
         self._plans = self.own(Handover.receiver(self._plan_topic, self._receive_plan))
@@ -464,9 +465,11 @@ class PlanDispatcher(Component):
             dispatch, goal = self._turn.dispatch, self._turn.goal
         if dispatch is None:
             return
-        final = message.status in (FeedbackStatus.SUCCEEDED, FeedbackStatus.FAILED)
-        if final and message.plan_id in (0, dispatch.plan_id):
-            self._topics.answered(message.action_id)
+        if message.plan_id in (0, dispatch.plan_id):
+            if message.status in (FeedbackStatus.SUCCEEDED, FeedbackStatus.FAILED):
+                self._topics.answered(message.action_id)
+            elif message.status == FeedbackStatus.ENABLED:
+                self._took(message)
         said = {entry.key: entry.value for entry in reversed(message.information)}
         if goal is not None:  # first: the event may end the goal
             goal.feedback(NonBlockingDispatchFeedback(feedback=message))
