@@ -210,6 +210,17 @@ def test_the_time_limit_kills_the_planner_and_what_it_started(problem, script, t
     assert all(gone(int(pid)) for pid in pids.read_text().split())
 
 
+@needs_kairos
+def test_kairos_names_no_option_that_is_not_ours(tmp_path):
+    domain, problem = tmp_path / "domain.pddl", tmp_path / "problem.pddl"
+    domain.write_text(
+        "(define (domain d) (:functions (n)) (:action add :parameters () :effect (increase (n) 1)))"
+    )
+    problem.write_text("(define (problem p) (:domain d) (:init (= (n) 0)) (:goal (= (* (n) (n)) 7)))")
+    outcome = Planning(PlannerSettings(time_limit=0.5), str(domain), str(problem), None).run()
+    assert (outcome.state, outcome.reason) == (PlannerState.TIMEOUT, "kairos found no plan within 0.5 s")
+
+
 def test_timeout_in_the_command_is_the_time_limit(problem, script):
     outcome = plan(
         problem("(checked kitchen)"), f"timeout 0.3 {script('sleep 60')} DOMAIN PROBLEM", time_limit=60.0

@@ -94,8 +94,8 @@ class KairosPlanner:
         result = search.wait()
         name = result.status.name
         state, reason = _ENDED.get(name, (PlannerState.CRASHED, f"internal error of kairos ({name})"))
-        if name == "TIMEOUT":
-            reason = f"kairos found no plan within {settings.time_limit:g} s"
+        if name == "TIMEOUT":  # kairos adds the same, and options that only its own command has
+            return Attempt(KAIROS, state, f"kairos found no plan within {settings.time_limit:g} s")
         why = _why([entry.message for entry in result.diagnostics])
         return Attempt(KAIROS, state, f"{reason}: {why}" if why else reason)
 
