@@ -92,6 +92,17 @@ def test_the_time_limit_holds_for_a_goal_that_quantifies_over_much(capsys, tmp_p
     assert time.monotonic() - began < 300.0
 
 
+def test_a_search_that_takes_too_long_names_its_own_option(capsys, tmp_path):
+    pytest.importorskip("kairos")
+    domain, problem = tmp_path / "domain.pddl", tmp_path / "problem.pddl"
+    domain.write_text(
+        "(define (domain d) (:functions (n)) (:action add :parameters () :effect (increase (n) 1)))"
+    )
+    problem.write_text("(define (problem p) (:domain d) (:init (= (n) 0)) (:goal (= (* (n) (n)) 7)))")
+    code, output = run(capsys, domain, problem, "--time-limit", "2")
+    assert code == 1 and "--time-limit" in output and "--timeout" not in output
+
+
 def test_a_file_that_is_too_large_is_refused_at_once(capsys, tmp_path):
     problem = tmp_path / "problem.pddl"
     problem.write_text("(define (problem p) (:domain home) (:init " + "(robot_at anywhere)\n" * 2_600_000)

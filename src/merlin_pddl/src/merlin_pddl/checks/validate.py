@@ -118,6 +118,8 @@ class Validation:
             self.messages.append(f"a plan for {goals}:\n{str(result.plan).strip()}")
             return
         reasons = "; ".join(diagnostic.message for diagnostic in result.diagnostics)
+        if result.status == self._kairos.Status.TIMEOUT:  # kairos names options of its own command
+            reasons = f"none was found within {left:.3g} s; --time-limit gives it more"
         found, why = shortfall(domain_text, problem_text)
         failed = result.status == self._kairos.Status.INTERNAL_ERROR
         reasons = "; ".join(filter(None, (why if found else "", "" if found and failed else reasons)))
