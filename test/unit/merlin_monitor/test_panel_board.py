@@ -10,13 +10,23 @@ import rospkg
 
 from merlin_monitor import panel_board
 from merlin_monitor.listeners.panel import Panel
-from merlin_monitor.panel_board import OfferedPanels, foreign_panel, own_panels, script_of
+from merlin_monitor.panel_board import OfferedPanels, PanelBoard, foreign_panel, own_panels, script_of
+from merlin_monitor.state.inbox import DirectInbox
+from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_ros.master.master_link import ERRORS
 from merlin_ros.parameters import ParameterError
 
 
 class Guests(Panel):
     name, title, script = "guests", "Guests", "package://merlin_monitor/web/app.js"
+
+
+class Later(Guests):
+    name = "later"
+
+
+class Guests2(Guests):
+    name = "guests2"
 
 
 def test_each_panel_has_a_script_of_its_name() -> None:
@@ -97,6 +107,37 @@ def test_panels_that_are_offered_later_are_added_once(monkeypatch: pytest.Monkey
     assert OfferedPanels().new(["plan"]) == []
     offered = {"a": f"{__name__}:Guests"}
     assert OfferedPanels().new(["guests"]) == [] and "two panels called guests" in said[-1]
+
+
+class Unusable(Guests):
+    name = "unusable"
+
+    def __init__(self, *_: Any) -> None:
+        raise KeyError("strange")
+
+
+def test_an_offered_panel_that_cannot_be_made_keeps_no_other_from_its_begin(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    begun: List[str] = []
+
+    def start(panel: Panel) -> None:
+        begun.append(panel.name)
+        raise ValueError("strange")
+
+    offered = {"a": f"{__name__}:Unusable", "b": f"{__name__}:Guests"}
+    master = SimpleNamespace(getParam=lambda name: offered)
+    monkeypatch.setattr(panel_board, "bounded_master", lambda: master)
+    monkeypatch.setattr(Guests, "start", start)
+    ros: Any = SimpleNamespace(parameter=lambda name, default: default, namespace="/", look=lambda: {})
+    state = MonitorModel(DirectInbox())
+    board = PanelBoard(state, offered=True, ros=ros, only=[])
+    assert list(board.scripts) == ["guests"]
+    assert [panel["name"] for panel in state.tree.get("meta", "panels")] == ["guests"]
+    offered = {"c": f"{__name__}:Later", "d": f"{__name__}:Guests2"}
+    board.look()
+    assert begun == ["later", "guests2"]
+    assert set(board.scripts) == {"guests", "later", "guests2"}
 
 
 def test_a_package_is_looked_up_as_ros_does() -> None:

@@ -7,7 +7,7 @@ import re
 import threading
 import time
 from pathlib import Path
-from typing import Any, Callable, Dict, Iterable, List, Mapping, Optional, Set, Type
+from typing import Any, Callable, Dict, Iterable, List, Mapping, Optional, Set, Type, TypeVar
 
 import rospy
 from merlin_msgs.msg import SimStatus
@@ -31,7 +31,9 @@ OFFERED = "merlin/panels"
 LOOK = 1.0  # s of wall time between two looks at the ROS graph: the master sends no events
 SAMPLE = 0.25  # s of wall time between two samples of what has no messages
 CHECKS = 0.5  # s of wall time between two looks at what is silent
+COMPLAINTS = 30.0  # s of wall time between two lines about a panel that raises
 _NAME = re.compile(r"[a-z][a-z0-9_]{0,40}\Z")
+A = TypeVar("A")
 
 
 class PanelBoard:
@@ -66,6 +68,7 @@ class PanelBoard:
         self._ros = asked = ros or RosSystem()
         self._panels = [panel(state, asked) for panel in classes]  # later ones: by the thread that looks
         self._checked = 0.0  # s of wall time; of the thread that beats
+        self._complained: Dict[str, float] = {}  # panel → s of wall time
         self._stopped = threading.Event()
         self._simulator: Any = None  # its subscriber
         self._simulator_node = ""
@@ -105,11 +108,25 @@ class PanelBoard:
     def requests(self) -> Dict[str, Request]:
         """What operators may ask of the panels; of two of a name, that of the first panel."""
         found: Dict[str, Request] = {}
-        for panel in list(self._panels):
+        for offered in self._each(lambda panel: panel.requests()).values():
+            found = {**offered, **found}
+        return found
+
+    def _each(self, call: Callable[[Panel], A], first: int = 0) -> Dict[str, A]:
+        """What a call of each panel returns, by their names, without those that raise, which the log names.
+
+        :param first: of them.
+        """
+        found: Dict[str, A] = {}
+        for panel in self._panels[first:]:
             try:
-                found = {**panel.requests(), **found}
-            except Exception as error:  # of a foreign panel
-                rospy.logerr_throttle(30.0, f"panel {panel.name}: {failure_text(error)}")
+                found[panel.name] = call(panel)
+            except Exception as error:  # of a foreign panel, or of one of ours that read something strange
+                now = time.monotonic()
+                silent = now < self._complained.get(panel.name, -COMPLAINTS) + COMPLAINTS
+                if not silent and not rospy.is_shutdown():
+                    self._complained[panel.name] = now
+                    rospy.logerr(f"panel {panel.name}: {failure_text(error)}")
         return found
 
     def look(self) -> None:
@@ -119,21 +136,18 @@ class PanelBoard:
             return
         known = len(self._panels)
         if self._add_offered():
-            for panel in self._panels[known:]:
-                panel.start()
+            self._each(lambda panel: panel.start(), known)
             self._describe()
-        for panel in self._panels:
-            panel.look(topics)
+        self._each(lambda panel: panel.look(topics))
 
     def beat(self) -> None:
         """Samples, and checks when it is time for that."""
-        for panel in self._panels:
-            panel.sample()
+        self._each(lambda panel: panel.sample())
         ros, now = self._ros, self._ros.wall()
         if now - self._checked >= CHECKS:
             self._checked = now
             self._state.tree.set("meta", "clock_set", round(ros.clock_set(), 1))
-            sources = {panel.name: panel.source() for panel in self._panels}
+            sources = self._each(lambda panel: panel.source())
             fed = {name: source for name, source in sources.items() if source is not None}
             self._state.inbox.put(self._check, ros.time(), ros.silence_clock(), now, fed, self._owners())
 
@@ -146,15 +160,16 @@ class PanelBoard:
         owners: Mapping[str, Source],
     ) -> None:
         self._state.tree.set("meta", "time", round(at, 1))
-        for panel in self._panels:
-            panel.check(at, silence)
+        self._each(lambda panel: panel.check(at, silence))
         self._state.freshness.check(at, sources, owners)
         self._state.now.refresh()
         self._state.refresh_problems(silence)
         self._state.checked_at = now
 
     def _owners(self) -> Dict[str, Source]:
-        owners = {owner: source for panel in self._panels for owner, source in panel.owners().items()}
+        owners: Dict[str, Source] = {}
+        for own in self._each(lambda panel: panel.owners()).values():
+            owners.update(own)
         if self._simulator is not None:
             owners[SIMULATOR] = Source(bool(self._simulator.get_num_connections()), self._simulator_node)
         return owners
@@ -166,11 +181,15 @@ class PanelBoard:
 
     def _add_offered(self) -> bool:
         """Makes the panels that are offered and not there yet; whether there were any."""
-        added = [] if self._offered is None else self._offered.new(self.scripts)
-        for kind in added:
-            self.scripts[kind.name] = script_of(kind)
-            self._panels.append(kind(self._state, self._ros))
-        return bool(added)
+        known = len(self._panels)
+        for kind in [] if self._offered is None else self._offered.new(self.scripts):
+            try:
+                self._panels.append(kind(self._state, self._ros))
+            except Exception as error:  # of a foreign panel
+                rospy.logerr(f"panel {kind.name}: {failure_text(error)}; the page goes without it")
+            else:
+                self.scripts[kind.name] = script_of(kind)
+        return len(self._panels) > known
 
     def _describe(self) -> None:
         """Sends the page the list of panels; an open page that shows others draws itself anew."""

@@ -138,8 +138,8 @@ def test_the_watch_goes_on_after_a_look_that_failed(monkeypatch: pytest.MonkeyPa
     )
     monkeypatch.setattr(ros_system, "bounded_master", lambda: master)
     monkeypatch.setattr(panel_board, "LOOK", 0.01)
-    monkeypatch.setattr(rospy, "logwarn_throttle", lambda period, text: complaints.append(text))
     complaints: List[str] = []
+    monkeypatch.setattr(rospy, "logerr", complaints.append)
     seen: List[Dict[str, str]] = []
     again = threading.Event()
 
@@ -159,4 +159,4 @@ def test_the_watch_goes_on_after_a_look_that_failed(monkeypatch: pytest.MonkeyPa
     finally:
         watch.stop()
     assert seen[0] == seen[1] == {"/tick": "std_msgs/Empty"}
-    assert complaints == ["monitor: OSError: the master has gone"]
+    assert complaints == ["panel plan: OSError: the master has gone"]

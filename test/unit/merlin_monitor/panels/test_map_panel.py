@@ -21,7 +21,7 @@ from merlin_monitor.panel_board import PanelBoard
 from merlin_monitor.panels.map import OLD_POSITION, MapPanel
 from merlin_monitor.panels.said import SaidPanel
 from merlin_monitor.state.freshness import Source
-from merlin_monitor.state.inbox import Inbox
+from merlin_monitor.state.inbox import DirectInbox, Inbox
 from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_monitor.terminal.terminal_view import lines
 from merlin_monitor.web.page_control import ControlError, RobotRequests
@@ -304,7 +304,7 @@ def test_a_position_grows_old_in_wall_time_while_the_simulator_hangs_and_not_whi
 
 def test_a_panel_that_fails_does_not_end_the_pulse(monkeypatch: pytest.MonkeyPatch) -> None:
     said: List[str] = []
-    monkeypatch.setattr(rospy, "logwarn_throttle", lambda period, text: said.append(text))
+    monkeypatch.setattr(rospy, "logerr", said.append)
     again = threading.Event()
 
     class Failing(Panel):
@@ -320,7 +320,7 @@ def test_a_panel_that_fails_does_not_end_the_pulse(monkeypatch: pytest.MonkeyPat
     board.start()
     try:
         assert again.wait(LONG)
-        assert said == ["monitor: ValueError: strange"]
+        assert said == ["panel plan: ValueError: strange"]
     finally:
         board.stop()
 
@@ -342,7 +342,7 @@ def test_of_several_navigation_servers_the_one_that_is_gone_is_named(panel: Tupl
 
 def test_requests_of_a_strange_panel_harm_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
     said: List[str] = []
-    monkeypatch.setattr(rospy, "logerr_throttle", lambda period, text: said.append(text))
+    monkeypatch.setattr(rospy, "logerr", said.append)
 
     class Failing(Panel):
         name = "plan"
@@ -364,3 +364,38 @@ def test_requests_of_a_strange_panel_harm_no_other(monkeypatch: pytest.MonkeyPat
     assert "panel plan: KeyError" in said[0]
     with pytest.raises(ControlError, match="division by zero"):
         robot.carry_out("break", {}, "Ana")
+
+
+def test_a_panel_that_fails_blinds_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    said: List[str] = []
+    monkeypatch.setattr(rospy, "logerr", said.append)
+    called: List[str] = []
+
+    class Other(Panel):
+        name, place = "map", 9
+
+        def look(self, topics: Dict[str, str]) -> None:
+            called.append("look")
+
+        def sample(self) -> None:
+            called.append("sample")
+
+        def check(self, at: float, wall: float) -> None:
+            called.append("check")
+
+    class Failing(Panel):
+        name, place = "plan", 1
+
+        def fail(self, *_: Any) -> Any:
+            raise TypeError("strange")
+
+        look = sample = check = source = owners = fail
+
+    state = MonitorModel(DirectInbox())
+    board = PanelBoard(state, ros=System(), only=[Failing, Other])
+    monkeypatch.setattr(System, "look", lambda self: {})
+    board.look()
+    board.beat()
+    assert called == ["look", "sample", "check"]
+    assert state.checked_at > float("-inf"), "else the page says that the monitor hangs"
+    assert set(said) == {"panel plan: TypeError: strange"}
