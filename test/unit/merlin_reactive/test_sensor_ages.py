@@ -10,15 +10,16 @@ from typing import Any, Dict, Iterator, List
 import pytest
 import rospy
 import tf2_ros
-from geometry_msgs.msg import PoseStamped, TransformStamped, Twist
+from geometry_msgs.msg import Point32, PoseStamped, TransformStamped, Twist
+from merlin_msgs.msg import RobotWay
 from nav_msgs.msg import OccupancyGrid, Odometry
 from sensor_msgs.msg import LaserScan
 
 from merlin_reactive import robot_state
-from merlin_reactive.navigation import navigation_node, velocity_publisher
+from merlin_reactive.navigation import navigation_node, velocity_publisher, way_exchange
 from merlin_reactive.navigation.navigation_node import SENSOR_AGE, NavigationNode
 from merlin_reactive.pose import Pose
-from merlin_reactive.ros_messages import transform
+from merlin_reactive.ros_messages import pose_message, transform
 from merlin_test import LONG
 
 STEP = 0.05  # s of ROS time between two messages
@@ -56,7 +57,7 @@ class Goal:
 class Robot:
     """The topics of a robot at (1, 2.5), which stands whatever it is told, and its navigation."""
 
-    def __init__(self, clock: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    def __init__(self, clock: Any, monkeypatch: pytest.MonkeyPatch, **parameters: str) -> None:
         self.receive: Dict[str, Any] = {}
         self.velocities: queue.Queue[Twist] = queue.Queue()
         self.buffer: Any = None
@@ -64,12 +65,13 @@ class Robot:
         self.x = 1.0  # m, of its odometry
         self.slash = ""  # before each frame in its messages
         self.stamps: Dict[str, float] = {}  # s, of sensors whose messages say another time than now
+        self.ahead = 0.0  # s, the clock of the base
         for module in (navigation_node, robot_state, velocity_publisher):
             monkeypatch.setattr(module.rospy, "Subscriber", self._subscribe)
             monkeypatch.setattr(module.rospy, "Publisher", self._advertise)
         monkeypatch.setattr(rospy, "Service", lambda *_: None)
         monkeypatch.setattr(rospy, "on_shutdown", lambda _: None)
-        monkeypatch.setattr(rospy, "get_param", lambda _, default=None: default)
+        monkeypatch.setattr(rospy, "get_param", lambda name, default=None: parameters.get(name[1:], default))
         for level in ("loginfo", "logwarn", "logerr"):
             monkeypatch.setattr(rospy, level, lambda *_: None)
         made = tf2_ros.Buffer(debug=False)
@@ -104,7 +106,7 @@ class Robot:
         self._time += STEP
         self._clock.set(self._time)
         if "tf" not in silent:
-            self.buffer.set_transform(self._transform("map", "odom", self._time), "test")
+            self.buffer.set_transform(self._transform("map", "odom", self._time + self.ahead), "test")
         if "scan" not in silent:
             scan = LaserScan(ranges=[9.0] * 9, angle_min=-1.0, angle_increment=0.25, range_max=5.0)
             scan.header.stamp, scan.header.frame_id = self._stamp("scan"), f"{self.slash}laser"
@@ -117,7 +119,7 @@ class Robot:
             self.receive["odom"](odometry)
 
     def _stamp(self, sensor: str) -> rospy.Time:
-        return rospy.Time.from_sec(self.stamps.get(sensor, self._time))
+        return rospy.Time.from_sec(self.stamps.get(sensor, self._time + self.ahead))
 
     def speed(self) -> float:
         """Of the next command."""
@@ -226,3 +228,28 @@ def test_what_has_always_the_same_stamp_gets_old(robot: Robot, goal: Goal, senso
 def test_frames_of_tf_with_their_slash_are_the_same(robot: Robot) -> None:
     robot.slash = "/"
     robot.drives()
+
+
+@pytest.mark.parametrize("ahead", [-30.0, 0.0, 30.0])
+def test_it_gives_way_whatever_the_clock_of_its_base_says(
+    clock: Any, monkeypatch: pytest.MonkeyPatch, goal: Goal, ahead: float
+) -> None:
+    monkeypatch.setattr(way_exchange, "publish", lambda publisher, way: publisher.publish(way))
+    bob = Robot(clock, monkeypatch, robot="bob", robot_ways="/ways")
+    bob.ahead = ahead
+    ann = RobotWay(robot="ann", radius=0.25, pose=pose_message(Pose(1.65, 1.5)), driving=True)
+    ann.header.frame_id = "map"
+    ann.way = [Point32(1.65, 1.5 + 0.1 * step, 0.0) for step in range(20)]
+    driving = threading.Thread(target=bob.execute, args=(goal,), daemon=True)
+    driving.start()
+    try:
+        bob.drives()
+        for _ in range(5):  # a command of before may still come
+            bob.receive["ways"](ann)
+            bob.tick()
+            speed = bob.speed()
+        assert speed == 0.0
+    finally:
+        goal.cancel_event.set()
+        bob.cancel(goal)
+        driving.join(LONG)

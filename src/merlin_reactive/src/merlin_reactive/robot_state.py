@@ -63,6 +63,12 @@ class RobotState:
             rospy.Subscriber("scan", LaserScan, self._receive_scan, tcp_nodelay=True, queue_size=1),
         ]
 
+    @property
+    def time(self) -> float:
+        """Stamp of the newest odometry, s; 0: there is none. What a drive remembers is of its clock."""
+        with self.changed:
+            return self._odometry[-1].header.stamp.to_sec() if self._odometry else 0.0
+
     def wait_news(
         self, after: Optional[rospy.Time], stop: threading.Event, timeout: float
     ) -> Optional[Odometry]:

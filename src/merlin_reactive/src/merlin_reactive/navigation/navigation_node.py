@@ -147,7 +147,7 @@ class NavigationNode:
             return None, None
         name = str(rospy.get_param("~robot", "")) or rospy.get_namespace().strip("/")
         rules = RightOfWay(name, self._settings.radius)
-        return rules, WayExchange(topic, self._frame, rules)
+        return rules, WayExchange(topic, self._frame, rules, lambda: self._state.time)
 
     def _receive_map(self, message: OccupancyGrid) -> None:
         try:
@@ -282,7 +282,7 @@ class NavigationNode:
             raise rospy.ServiceException(str(error)) from error
         target = _reachable(navigator.planner, goal, request.tolerance)
         try:
-            points = navigator.planner.plan(start.point, target, navigator.memory.points(stamp.to_sec()))
+            points = navigator.planner.plan(start.point, target, navigator.memory.points(self._state.time))
         except NoPath as error:
             rospy.loginfo(f"make_plan: {error}")
             return GetPlanResponse(plan=path_message([], self._frame, stamp, goal.yaw))

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Publishes where this robot drives, and receives where others do."""
 
-from typing import Optional
+from typing import Callable, Optional
 
 import numpy as np
 import rospy
@@ -20,10 +20,11 @@ class WayExchange:
 
     :param topic: global name.
     :param frame: of all poses; a way in another frame is ignored.
+    :param now: s, by the clock with which the rules are asked.
     """
 
-    def __init__(self, topic: str, frame: str, rules: RightOfWay) -> None:
-        self._rules, self._frame = rules, frame
+    def __init__(self, topic: str, frame: str, rules: RightOfWay, now: Callable[[], float]) -> None:
+        self._rules, self._frame, self._now = rules, frame, now
         self._last: Optional[WayMessage] = None  # of the drive that continues
         self._publisher = rospy.Publisher(topic, WayMessage, queue_size=10)
         self._subscriber = rospy.Subscriber(topic, WayMessage, self._hear, tcp_nodelay=True, queue_size=20)
@@ -77,4 +78,4 @@ class WayExchange:
             message.aside,
             message.driving,
         )
-        self._rules.note(other, rospy.get_time())
+        self._rules.note(other, self._now())
