@@ -59,6 +59,15 @@ def test_a_scan_needs_rays(ranges: list, angle_min: float, increment: float) -> 
     assert f"it has {len(ranges)} ranges" in unusable(message)
 
 
+@pytest.mark.parametrize(
+    ("least", "most"), [(0.0, 0.0), (0.1, math.nan), (math.nan, 10.0), (5.0, 0.5), (0.0, -1.0)]
+)
+def test_a_scan_needs_a_range(least: float, most: float) -> None:
+    """Else all that it hits counts as nothing, and the robot drives blindly."""
+    message = LaserScan(ranges=[1.0, 2.0], angle_increment=0.1, range_min=least, range_max=most)
+    assert f"from {least:g} m to {most:g} m" in unusable(message)
+
+
 def test_a_laser_that_sweeps_clockwise_sees_the_same() -> None:
     sweep = LaserScan(ranges=[1.0, 2.0, math.nan, 30.0], angle_min=-1.0, angle_increment=0.5, range_max=10.0)
     back = LaserScan(

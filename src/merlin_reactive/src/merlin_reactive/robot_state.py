@@ -185,9 +185,13 @@ class RobotState:
 def unusable(message: LaserScan) -> str:
     """Why a scan cannot be used, as a sentence; empty when it can."""
     first, step, count = message.angle_min, message.angle_increment, len(message.ranges)
-    if count > 1 and math.isfinite(first) and math.isfinite(step) and step != 0.0:
+    least, most = message.range_min, message.range_max
+    if count > 1 and math.isfinite(first) and math.isfinite(step) and step != 0.0 and least < most:
         return ""
-    return f"a scan is ignored: it has {count} ranges, from {first:g} rad in steps of {step:g} rad"
+    return (
+        f"a scan is ignored: it has {count} ranges, from {first:g} rad in steps of {step:g} rad, "
+        f"from {least:g} m to {most:g} m"
+    )
 
 
 def unusable_odometry(message: Odometry) -> str:
