@@ -118,11 +118,16 @@ def topics(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> T
     monkeypatch.setattr(tf2_ros, "Buffer", lambda: buffer)
     monkeypatch.setattr(tf2_ros, "TransformListener", lambda _: None)
     localization_node.LocalizationNode()
+    made.send("/map", room())
+    return made
+
+
+def room() -> OccupancyGrid:
+    """A map with walls around it."""
     cells = np.zeros((40, 40), int)
     cells[0] = cells[-1] = cells[:, 0] = cells[:, -1] = 100
-    room = OccupancyGrid(data=cells.ravel().tolist())
-    room.info.width, room.info.height, room.info.resolution = 40, 40, 0.1
-    made.send("/map", room)
+    made = OccupancyGrid(data=cells.ravel().tolist())
+    made.info.width, made.info.height, made.info.resolution = 40, 40, 0.1
     return made
 
 
@@ -164,6 +169,31 @@ def test_a_base_that_counts_from_zero_again_has_not_moved_but_a_simulated_one_ha
     drive(topics, (0.0, 0.1), wall=math.inf, begin=begin)
     believed = topics.published("/amcl_pose").queue[-1].pose.pose.position
     assert (believed.x, believed.y) == pytest.approx((x, 2.0), abs=0.3)
+
+
+@pytest.mark.parametrize(
+    ("cell", "wall", "x"),
+    [(0, True, 2.2), (100, True, 0.5), (0, False, 0.5)],
+    ids=["the same", "another", "of a simulator that began anew"],
+)
+def test_a_map_that_comes_again_leaves_the_robot_where_it_is(
+    topics: Topics, monkeypatch: pytest.MonkeyPatch, cell: int, wall: bool, x: float
+) -> None:
+    """As of a map server that was started again, or behind a link that was cut."""
+    start = {"~initial_pose": {"x": 0.5, "y": 2.0}}
+    believed = PoseWithCovarianceStamped()
+    believed.pose.pose = pose_message(Pose(2.0, 2.0))
+    topics.send("/initialpose", believed)
+    drive(topics, (0.0, 0.1, 0.2), wall=math.inf)
+    monkeypatch.setattr(rospy, "get_param", lambda name, default=None: start.get(name, default))
+    again = room()
+    again.info.map_load_time = rospy.Time(99)
+    again.data[50] = cell
+    monkeypatch.setattr(rospy.rostime, "is_wallclock", lambda: wall)
+    topics.send("/map", again)
+    drive(topics, (0.21, 0.3), wall=math.inf, begin=110.0)
+    position = topics.published("/amcl_pose").queue[-1].pose.pose.position
+    assert position.x == pytest.approx(x, abs=0.3)
 
 
 def test_a_robot_is_localised_by_frames_with_a_slash(topics: Topics) -> None:

@@ -22,6 +22,11 @@ class OccupancyGrid:
     resolution: float
     origin: Point
 
+    def same(self, other: "OccupancyGrid") -> bool:
+        """Whether it is the same map."""
+        place = self.resolution, self.origin
+        return place == (other.resolution, other.origin) and np.array_equal(self.cells, other.cells)
+
     def cell(self, point: Point) -> Optional[Tuple[int, int]]:
         """The row and column of a point, or None outside the map."""
         column = (point[0] - self.origin[0]) / self.resolution

@@ -8,6 +8,7 @@ from typing import Deque, Optional
 
 import numpy as np
 import rospy
+import rospy.rostime
 import tf2_ros
 from geometry_msgs.msg import PoseArray, PoseWithCovarianceStamped, TransformStamped
 from nav_msgs.msg import OccupancyGrid, Odometry
@@ -16,6 +17,7 @@ from std_srvs.srv import Empty, EmptyRequest, EmptyResponse
 from tf2_msgs.msg import TFMessage
 
 from merlin_reactive.localization.particle_filter import FilterSettings, Localizer, ParticleFilter
+from merlin_reactive.occupancy_grid import OccupancyGrid as Grid
 from merlin_reactive.pose import Pose
 from merlin_reactive.robot_state import HISTORY, jumped, odometry_at, rays_of, unusable, unusable_odometry
 from merlin_reactive.ros_messages import (
@@ -91,6 +93,8 @@ class LocalizationNode:
     def _receive_map(self, message: OccupancyGrid) -> None:
         try:
             grid = grid_of(message)
+            if self._has(grid):
+                return  # of a map server that was started again: the robot is where it was
             particles = ParticleFilter(grid, self._settings, self._seed, rospy.get_namespace())
         except ValueError as error:
             rospy.logerr(f"localization: {error}")
@@ -106,6 +110,13 @@ class LocalizationNode:
                 rospy.logerr(f"localization: the initial pose {start!r} needs x, y and yaw: {error}")
         with self._lock:
             self._localizer = Localizer(particles, self._settings)
+
+    def _has(self, grid: Grid) -> bool:
+        """Whether it works on this map, and not on that of a simulator that began anew, as did its robot."""
+        with self._lock:
+            last = self._odometry[-1].header.stamp if self._odometry else rospy.Time()
+            began_anew = not rospy.rostime.is_wallclock() and rospy.Time.now() < last
+            return self._localizer is not None and self._localizer.filter.grid.same(grid) and not began_anew
 
     def _receive_pose(self, message: PoseWithCovarianceStamped) -> None:
         if message.header.frame_id.lstrip("/") not in ("", self._frame):
