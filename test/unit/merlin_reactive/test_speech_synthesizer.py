@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Sounds: true lengths, rates, errors."""
 
+import os
 import subprocess
 import tempfile
 import threading
@@ -21,6 +22,7 @@ from merlin_reactive.speech.speech_synthesizer import (
     read_wave,
     resampled,
 )
+from merlin_test import LONG
 
 
 @pytest.fixture(scope="module")
@@ -54,6 +56,22 @@ def test_a_system_that_starts_no_process_is_no_end_of_the_speaker(synthesizer, m
     monkeypatch.setattr(subprocess, "Popen", MagicMock(side_effect=OSError(24, "Too many open files")))
     with pytest.raises(SoundError, match="Too many open files"):
         synthesizer.say("what nothing can say")
+
+
+def test_a_pipe_is_no_file_to_wait_for(tmp_path):
+    """What writes into it may never come, and the speaker says nothing else meanwhile."""
+    os.mkfifo(tmp_path / "pipe")
+    ended = threading.Thread(target=lambda: said.append(said_of(str(tmp_path / "pipe"))), daemon=True)
+    said = []
+    ended.start()
+    ended.join(LONG / 10)
+    assert said == [f"{tmp_path}/pipe is not a file"]
+
+
+def said_of(path):
+    with pytest.raises(SoundError) as caught:
+        read_wave(path)
+    return str(caught.value)
 
 
 def test_a_long_text_is_stopped_while_it_is_made(synthesizer):

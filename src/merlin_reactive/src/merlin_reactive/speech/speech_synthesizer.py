@@ -2,6 +2,7 @@
 """Turns text and files into sound: 16-bit mono samples of one rate."""
 
 import io
+import os
 import subprocess
 import threading
 import wave
@@ -140,6 +141,8 @@ def read_wave(path: str, content: Optional[BinaryIO] = None) -> Sound:
     :param content: of a file that is on no disk; `path` is what errors call it.
     :raises SoundError: when it is missing or of another kind, or has a rate below `LOWEST_RATE`.
     """
+    if content is None and os.path.exists(path) and not os.path.isfile(path):
+        raise SoundError(f"{path} is not a file")  # from a pipe it may never come
     try:
         with wave.open(content or path) as file:
             if file.getsampwidth() != 2:
