@@ -19,6 +19,10 @@ def test_a_folder_that_takes_no_file_is_told_apart() -> None:
     assert free_space(Path("/proc/nothing")) == -1
 
 
+def test_a_folder_that_cannot_be_looked_at_cannot_be_written() -> None:
+    assert free_space(Path("/tmp") / ("x" * 300) / "log") == -1
+
+
 @pytest.mark.parametrize(
     ("name", "own"),
     [("127.0.0.1", True), ("192.0.2.7", False), ("no-such-host.invalid", False)],  # 192.0.2.0/24 is nobody's

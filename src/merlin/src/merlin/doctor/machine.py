@@ -50,9 +50,9 @@ def look_at_machine() -> Machine:
 
 def free_space(folder: Path) -> int:
     """MB that are free for a folder, which need not exist yet; -1: it cannot be written."""
-    while not folder.exists() and folder != folder.parent:
-        folder = folder.parent
     try:
+        while not folder.exists() and folder != folder.parent:
+            folder = folder.parent
         with tempfile.TemporaryFile(dir=str(folder)):
             return shutil.disk_usage(str(folder)).free // 2**20
     except OSError:
