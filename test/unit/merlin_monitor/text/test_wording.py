@@ -104,6 +104,13 @@ def test_without_a_sentence_the_words_are_those_of_the_names(sentences: Sentence
     assert in_english(unknown.fact("(already_served table_4)")) == "table 4 already served"
 
 
+@pytest.mark.parametrize("text", ["((at home) cup)", "(() x)", "(not ((a) b))"])
+def test_what_is_no_pddl_has_words_all_the_same(sentences: Sentences, text: str) -> None:
+    words = wording(sentences, ONE)
+    for said in (words.goal(text), words.fact(text)):
+        assert in_english(said).split() or text == "(() x)"
+
+
 def test_a_goal_is_reported_as_something_wanted(sentences: Sentences) -> None:
     words = wording(sentences, ONE)
     assert both(words.goal("(already_served table_4)")) == ("serve table 4", "Tisch 4 bedienen")

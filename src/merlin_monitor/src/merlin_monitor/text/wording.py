@@ -183,6 +183,8 @@ class Wording:
         if not part:
             return ""
         head, *rest = part
+        if not isinstance(head, str):
+            return " ".join(in_english(self._part(each, False)) for each in part)
         if head == "and":
             return [self._part(each, wanted) for each in rest]
         if head == "not" and len(rest) == 1:
