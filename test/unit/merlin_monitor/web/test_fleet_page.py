@@ -22,6 +22,7 @@ from merlin_fleet.fleet_client import FleetClient
 from merlin_fleet.fleet_shown import shown
 from merlin_fleet.hub import EtcdHub
 from merlin_fleet.hub_watch import Listener
+from merlin_fleet.page import fleet_page
 from merlin_fleet.page.fleet_control import FleetControl
 from merlin_fleet.page.fleet_page import PANELS, FleetPage
 from merlin_monitor.access.operators import Operators, write_operators
@@ -155,6 +156,27 @@ def fill(hub: SimulatedHub) -> None:
         hub.put(records.GOALS, name, record=Goal(name, (f"(done {name})",), 1.0))
     hub.put(records.CLAIMS, "ann", "g1", record=Claim("ann", "x"))
     hub.put(records.ENDS, "ann", "g3", record=Report("g3", "ann", 3, "SUCCEEDED", EVIL, 2.0))
+
+
+def test_a_record_that_cannot_be_shown_does_not_end_the_page(
+    lab: Lab, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fill(lab.hub)
+    lab.start()
+    lab.hub.put(records.STATUS, "ann", record=DRIVES._replace(goals=("((done a) b)",)))
+    lab.until(lambda robot: robot["for"] != [], "fleet", "robots", "ann")
+    raised = threading.Event()
+
+    def strange(*_: Any) -> Any:
+        raised.set()
+        raise ValueError("a strange record")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(fleet_page, "shown", strange)
+        lab.hub.put(records.STATUS, "ann", record=DRIVES)
+        assert raised.wait(LONG)
+    lab.hub.put(records.STATUS, "ann", record=DRIVES._replace(place="ward"))
+    lab.until(lambda robot: robot["place"] == "ward", "fleet", "robots", "ann")
 
 
 def test_it_shows_robots_goals_and_owners_and_follows_them(lab: Lab) -> None:

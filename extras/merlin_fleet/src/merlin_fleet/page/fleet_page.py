@@ -4,6 +4,7 @@
 import sys
 import threading
 import time
+import traceback
 from typing import Any, Dict, List
 
 from merlin_fleet.fleet_client import FleetClient
@@ -74,10 +75,13 @@ class FleetPage:
 
     def _work(self) -> None:
         while not self._stopped.wait(GATHER):
-            if self._changed.wait(BEAT):
-                self._changed.clear()
-                self._show()
-            self._check()
+            try:
+                if self._changed.wait(BEAT):
+                    self._changed.clear()
+                    self._show()
+                self._check()
+            except Exception:  # one strange record must not grey the page forever
+                traceback.print_exc()
 
     def _show(self) -> None:
         for part, value in shown(self._client, MOST).items():
