@@ -70,6 +70,15 @@ def test_a_file_that_breaks_while_it_is_used_changes_nothing(tmp_path: Path) -> 
     assert operators.name_of(ANA) is None and operators.trouble == ""
 
 
+def test_a_file_that_cannot_be_replaced_leaves_no_tokens_beside_it(tmp_path: Path) -> None:
+    path = tmp_path / "operators.yaml"
+    path.mkdir()
+    for _ in range(2):
+        with pytest.raises(IsADirectoryError):
+            write_operators(path, {"ana": ANA})
+    assert list(tmp_path.iterdir()) == [path]
+
+
 @pytest.mark.everywhere
 def test_the_file_of_the_readme_can_be_used(tmp_path: Path) -> None:
     readme = (WEB.parent / "README.md").read_text()

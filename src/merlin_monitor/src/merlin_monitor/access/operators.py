@@ -134,9 +134,13 @@ def write_operators(path: Path, tokens: Dict[str, str]) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     new = path.with_name(f"{path.name}.{os.getpid()}")
     handle = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
-    with open(handle, "w", encoding="utf-8") as file:
-        yaml.safe_dump(tokens, file, allow_unicode=True)
-    os.replace(new, path)
+    try:
+        with open(handle, "w", encoding="utf-8") as file:
+            yaml.safe_dump(tokens, file, allow_unicode=True)
+        os.replace(new, path)
+    except BaseException:
+        new.unlink()
+        raise
 
 
 def _look_key(token: str) -> str:
