@@ -194,7 +194,35 @@ def active(path: Path) -> None:
     recorded(path).rename(path.with_name("run.bag.active"))
 
 
+def garbled(text: str) -> Any:
+    """A recording with a text in the place of its parameters."""
+
+    def make(path: Path) -> None:
+        with rosbag.Bag(str(path), "w") as bag:
+            bag.write(f"/r1/{PARAMETERS}", String(text), genpy.Time.from_sec(BEGIN))
+
+    return make
+
+
+def unreadable(topic: str) -> Any:
+    """A recording with a message that ends too early."""
+
+    def make(path: Path) -> None:
+        recorded(path)
+        kind = String if topic.endswith(PARAMETERS) else KnowledgeChanges
+        with rosbag.Bag(str(path), "a") as bag:
+            raw = kind._type, b"\xff\xff", kind._md5sum, 0, kind
+            bag.write(topic, raw, genpy.Time.from_sec(BEGIN + 1.0), raw=True)
+
+    return make
+
+
 BAD = {
+    "parameters that are no YAML": (garbled("a: ["), "is damaged: .* has no parameters"),
+    "parameters that are a list": (garbled("- a"), "is damaged: .* has no parameters"),
+    "parameters that are numbers": (garbled("{1: 2}"), "is damaged: .* has no parameters"),
+    "parameters that end early": (unreadable(f"/r1/{PARAMETERS}"), "is damaged: .* cannot be read"),
+    "a change that ends early": (unreadable(CHANGES), f"is damaged: a message of {CHANGES} cannot be read"),
     "missing": (lambda path: None, "there is no bag"),
     "a text": (lambda path: path.write_text("hello"), "is damaged, or not a bag"),
     "nothing in it": (lambda path: path.write_bytes(b""), "is damaged, or not a bag"),

@@ -15,7 +15,7 @@ import rosgraph.names
 import tf2_ros
 from tf2_msgs.msg import TFMessage
 
-from merlin_monitor.bag.recording import DAMAGE, BagRecording, Message, RecordingError, parameter_tree
+from merlin_monitor.bag.recording import BagRecording, Message, parameter_tree
 from merlin_monitor.history.history_file import HistoryError
 from merlin_monitor.listeners.ros_system import TRANSFORMS_KEPT, RosSystem, TopicGraph
 from merlin_monitor.panel_board import OFFERED, PanelBoard, foreign_panel, script_of
@@ -194,13 +194,7 @@ class RecordedSystem(RosSystem):
 
     def _read(self, message: Message, message_class: Any) -> Any:
         # Of another version of a package the class that lies in the bag.
-        kind = message_class if message_class._md5sum == message.raw[2] else message.raw[-1]
-        try:
-            found = kind().deserialize(message.raw[1])
-        except DAMAGE as error:
-            raise RecordingError(
-                f"{self._recording.path} is damaged: a message of {message.topic} cannot be read: {error}"
-            ) from error
+        found = message.read(message_class if message_class._md5sum == message.raw[2] else None)
         found._connection_header = {"callerid": message.sender}
         return found
 

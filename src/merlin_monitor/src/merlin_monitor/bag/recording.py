@@ -60,9 +60,18 @@ class Message(NamedTuple):
         """Name of its type."""
         return str(self.raw[0])
 
-    def read(self) -> Any:
-        """The message itself."""
-        return self.raw[-1]().deserialize(self.raw[1])
+    def read(self, message_class: Any = None) -> Any:
+        """The message itself.
+
+        :param message_class: of it; None: the one that lies in the bag.
+        :raises RecordingError: it is damaged.
+        """
+        try:
+            return (message_class or self.raw[-1])().deserialize(self.raw[1])
+        except DAMAGE as error:
+            raise RecordingError(
+                f"the bag is damaged: a message of {self.topic} cannot be read: {error}"
+            ) from error
 
     def write(self, bag: Any, at: genpy.Time) -> None:
         """Writes it into another bag."""
@@ -110,7 +119,7 @@ class BagRecording:
         self.written = self.path.stat().st_mtime
         self.namespace = states[0][: -len(PARAMETERS)].strip("/")
         for message in self.of_topic(states[0]):
-            self.parameters = _kept(yaml.safe_load(message.read().data))
+            self.parameters = _parameters(message)
         self._check_versions(checksums)
 
     def write(self, target: Path, start: float = 0.0) -> None:
@@ -252,7 +261,13 @@ def parameter_tree(parameters: Dict[str, Any]) -> Dict[str, Any]:
     return tree
 
 
-def _kept(parameters: Dict[str, Any]) -> Dict[str, Any]:
+def _parameters(message: Message) -> Dict[str, Any]:
+    try:
+        parameters = yaml.safe_load(message.read().data)
+    except yaml.YAMLError:
+        parameters = None
+    if not isinstance(parameters, dict) or not all(isinstance(name, str) for name in parameters):
+        raise RecordingError(f"the bag is damaged: {message.topic} has no parameters")
     return {
         name: value
         for name, value in parameters.items()
