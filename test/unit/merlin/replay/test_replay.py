@@ -1,7 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Recordings: what is played for them, and bags that cannot be shown."""
 
+import os
 import re
+import signal
+import subprocess
+import sys
+import tempfile
 from pathlib import Path
 from typing import Any, Dict, List, Tuple
 
@@ -23,6 +28,7 @@ from merlin_monitor.bag import KNOWLEDGE, PARAMETERS
 from merlin_monitor.bag.recording import BagRecording, RecordingError
 from merlin_monitor.listeners.ros_system import RosSystem
 from merlin_monitor.panels.control import sentences_of_node
+from merlin_test import LONG
 
 CHANGES = "/r1/rosplan_knowledge_base/changes"
 BEGIN = 100.0
@@ -245,6 +251,41 @@ def test_a_bag_that_cannot_be_shown_is_one_line(
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith("merlin replay: ")
     assert re.search(text, line)
+
+
+def test_where_nothing_can_be_written_no_bag_is_played(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
+    monkeypatch.setattr("sys.argv", ["replay", str(recorded(tmp_path / "run.bag"))])
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "gone"))
+    assert command.main() == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("merlin replay: ") and str(tmp_path / "gone") in line
+
+
+ENDED = """
+import os, sys
+from merlin.replay import command
+command.BagRecording.write = lambda *_: os.kill(os.getpid(), {number})
+sys.exit(command.main())
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_replay_that_is_ended_while_it_reads_leaves_nothing(tmp_path: Path, number: signal.Signals) -> None:
+    scratch = tmp_path / "scratch"
+    scratch.mkdir()
+    words = [sys.executable, "-c", ENDED.format(number=int(number)), str(recorded(tmp_path / "run.bag"))]
+    run = subprocess.run(
+        words,
+        env={**os.environ, "TMPDIR": str(scratch)},
+        capture_output=True,
+        text=True,
+        timeout=LONG,
+        check=False,
+    )
+    assert run.returncode == 128 + number
+    assert "Traceback" not in run.stderr and not list(scratch.iterdir())
 
 
 @pytest.mark.parametrize("option", ["--start=nan", "--start=-1", "--rate=nan"])

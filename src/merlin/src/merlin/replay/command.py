@@ -15,7 +15,9 @@ from merlin.launch_request import LaunchError, LaunchRequest, launch_folder
 from merlin.launch_runner import EXIT_REFUSED, LaunchRun
 from merlin_monitor.bag.recording import BagRecording, RecordingError, parameter_tree
 from merlin_ros.lean_start import end_lightly
+from merlin_ros.processes.tidy_end import TIDY, handled
 
+EXIT_INTERRUPTED = 130
 LAUNCH_FILE = "include/replay.launch"
 #: Ends of the topics that the monitor follows, of those that are recorded.
 FOLLOWED = (
@@ -53,7 +55,7 @@ def main() -> int:
     try:
         recording = BagRecording(given.bag)
         # The bag's folder may be full or read-only.
-        with tempfile.TemporaryDirectory(prefix="merlin-replay-") as folder:
+        with handled(TIDY), tempfile.TemporaryDirectory(prefix="merlin-replay-") as folder:
             recording.write(Path(folder) / "replay.bag", given.start)
             (Path(folder) / "parameters.yaml").write_text(
                 yaml.safe_dump(parameter_tree(recording.parameters))
@@ -63,9 +65,11 @@ def main() -> int:
                 f"{left:.1f} s of {given.bag}; space pauses, s goes one message on, Ctrl-C ends", flush=True
             )
             return LaunchRun(_request(recording, Path(folder), given), "merlin replay").run()
-    except (RecordingError, LaunchError) as error:
+    except (RecordingError, LaunchError, OSError) as error:  # the disk is full
         print(f"merlin replay: {error}", file=sys.stderr)
         return EXIT_REFUSED
+    except KeyboardInterrupt:  # while it reads
+        return EXIT_INTERRUPTED
 
 
 def _arguments(words: List[str]) -> argparse.Namespace:

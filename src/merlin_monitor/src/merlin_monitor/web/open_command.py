@@ -28,6 +28,7 @@ from merlin_monitor.state.history_store import NEWEST, HistorySection, last_stat
 from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.web.connections import ServerError
 from merlin_monitor.web.web_server import WebServer
+from merlin_ros.processes.tidy_end import TIDY, handled
 
 _BEGIN = b"#ROSBAG V"
 _ENDINGS = (".bag", ".active")
@@ -76,7 +77,7 @@ def history_of(bag: Path, folder: Optional[Path]) -> Iterator[Path]:
         if file.exists():
             raise BagError(f"there is a history {file} already; name another folder, or open that one")
         try:
-            with _handled(_TIDY):
+            with handled(TIDY):
                 _import(bag, file)
         except BaseException:  # also Ctrl-C: half a history would look like a whole one
             for ending in _SIDE_FILES:
@@ -120,25 +121,6 @@ def _progress(bag: Path, minutes: float) -> Iterator[Callable[[float], None]]:
     finally:
         if terminal and said > began:
             print(file=sys.stderr)
-
-
-@contextlib.contextmanager
-def _handled(handlers: Dict[signal.Signals, Any]) -> Iterator[None]:
-    """Handles signals, until the context ends."""
-    before = {number: signal.signal(number, handler) for number, handler in handlers.items()}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-
-
-def _end(number: int, frame: Any) -> None:
-    raise SystemExit(128 + number)
-
-
-#: Also SIGTERM and SIGHUP tidy up, as Ctrl-C does.
-_TIDY = {signal.SIGTERM: _end, signal.SIGHUP: _end, signal.SIGINT: signal.default_int_handler}
 
 
 STARTUP = 60.0  # s for each of the first answers
@@ -261,7 +243,7 @@ def wait_for_end(key: bool) -> None:
     woken = signal.set_wakeup_fd(writing)
     keys = _single_keys() if key else contextlib.nullcontext()
     try:
-        with _handled(dict.fromkeys(SIGNALS, lambda *_: None)), keys:
+        with handled(dict.fromkeys(SIGNALS, lambda *_: None)), keys:
             ready: Iterable[object] = ()
             while sys.stdin not in ready:
                 ready, _, _ = select.select([reading, sys.stdin] if key else [reading], [], [])
