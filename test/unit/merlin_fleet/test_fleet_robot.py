@@ -42,6 +42,7 @@ class TestBody:
     def __init__(self, price: float) -> None:
         self.price = price
         self.running: Dict[str, Callable[[bool, str, str], None]] = {}
+        self.begun: List[str] = []
         self.stopped: List[str] = []
         self.changed = threading.Condition()
 
@@ -50,6 +51,7 @@ class TestBody:
 
     def begin(self, goal: Goal, ended: Callable[[bool, str, str], None]) -> None:
         with self.changed:
+            self.begun.append(goal.id)
             self.running[goal.id] = ended
             self.changed.notify_all()
 
@@ -106,9 +108,16 @@ class Lab:
         self.watcher = Watcher()
         self.hub.follow(self.watcher)
 
-    def robot(self, name: str, price: float, rules: Rules = RULES, timeout: float = 20.0) -> TestBody:
+    def robot(
+        self,
+        name: str,
+        price: float,
+        rules: Rules = RULES,
+        timeout: float = 20.0,
+        outbox: Optional[Outbox] = None,
+    ) -> TestBody:
         body = TestBody(price)
-        agent = Agent("lab", Profile(name), uuid.uuid4().hex, Outbox(), rules)
+        agent = Agent("lab", Profile(name), uuid.uuid4().hex, outbox or Outbox(), rules)
         hub = EtcdHub(KEYS.root, [self.etcd.endpoint], timeout=timeout)
         self.robots[name] = FleetRobot(agent, hub, body, self._say)
         self.robots[name].start()
@@ -238,6 +247,66 @@ def test_many_keys_that_are_read_anew_do_not_delay_a_stop(lab: Lab, monkeypatch:
         has_stopped.set()
         watch.join(LONG)
         lab.etcd.resume()
+
+
+class HangingOutbox(Outbox):
+    """An outbox whose disk hangs once."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.hangs, self.goes_on = threading.Event(), threading.Event()
+
+    def remove(self, goal: str, epoch: int) -> None:
+        self.hangs.set()
+        self.goes_on.wait(LONG)
+        super().remove(goal, epoch)
+
+
+def test_a_disk_that_hangs_delays_no_stop(lab: Lab) -> None:
+    outbox = HangingOutbox()
+    body = lab.robot("r1", 1.0, SHORT, outbox=outbox)
+    lab.send("a", value=1.0)
+    lab.send("b")
+    try:
+        body.succeed("a")
+        assert outbox.hangs.wait(LONG)
+        with body.changed:
+            assert body.changed.wait_for(lambda: body.stopped, LONG), "its lease is not renewed"
+            assert body.stopped == ["the lease of the fleet ends"] and not body.running
+    finally:
+        outbox.goes_on.set()
+    body.succeed("b")  # which the stop has not ended
+    assert lab.watcher.until(lambda view: view.ends.get("b")).outcome == "SUCCEEDED"
+
+
+class SlowOutbox(Outbox):
+    """An outbox whose disk takes longer than a lease to add a report."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.late = 0.0
+
+    def boot_time(self) -> float:
+        return time.clock_gettime(time.CLOCK_BOOTTIME) + self.late
+
+    def add(self, report: records.Report, final: bool) -> str:
+        self.late += 2.0 * RULES.lease.ttl
+        return super().add(report, final)
+
+
+def test_what_was_decided_before_the_disk_hung_does_not_run(
+    lab: Lab, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    outbox = SlowOutbox()
+    monkeypatch.setattr("merlin_fleet.fleet_robot.boot_time", outbox.boot_time)
+    body = lab.robot("r1", 1.0, outbox=outbox)
+    lab.send("a", value=1.0)
+    lab.send("b")
+    lab.watcher.until(lambda view: "b" in view.claims)
+    body.succeed("a")
+    body.succeed("b")  # under a lease that was renewed after that
+    assert lab.watcher.until(lambda view: view.ends.get("b")).outcome == "SUCCEEDED"
+    assert body.begun == ["a", "b"] and not body.stopped
 
 
 def test_a_goal_to_finish_goes_on_without_the_hub_and_is_reported_afterwards(lab: Lab) -> None:

@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """A robot of a fleet, without ROS: runs the agent over a hub and a body.
 
-One thread decides and never waits for anything else; calls to the hub, renewals of the lease, its time and
-costs have a thread each. So a hub that hangs cannot delay the stop of what the lease no longer covers.
+One thread decides, and waits for nothing but the disk of the outbox; calls to the hub, renewals of the lease,
+its time and costs have a thread each. So a hub that hangs cannot delay the stop of what the lease no longer
+covers; nor can a disk: where the deciding thread is late with a stop, another one stops it.
 """
 
 import contextlib
 import functools
+import math
 import queue
 import threading
 import time
@@ -16,6 +18,7 @@ from typing import Callable, List, NamedTuple, Optional, Protocol, Tuple, Union
 from merlin_fleet.certified import HubError
 from merlin_fleet.core import events as ev
 from merlin_fleet.core.agent import Agent
+from merlin_fleet.core.possession import CANCELLED, LEASE_ENDS
 from merlin_fleet.core.records import Goal, Halt, Schema, Status
 from merlin_fleet.core.store import Change, Snapshot
 from merlin_fleet.core.view import FleetView
@@ -25,6 +28,7 @@ from merlin_fleet.hub import EtcdHub
 from merlin_fleet.hub_watch import Listener
 
 Stopped = Callable[[bool, str, str], None]
+LATE = 0.2  # s after the end of the lease from which the deciding thread counts as late with a stop
 
 
 class Body(Protocol):
@@ -107,12 +111,18 @@ class FleetRobot(Listener):
         self._times: queue.Queue[Optional[ev.AskTime]] = queue.Queue()
         self._leases: queue.Queue[Optional[ev.AskLease]] = queue.Queue(maxsize=1)
         self._idle = threading.Event()
+        self._changed = threading.Condition()  # guards the fields below
+        self._leased: Tuple[str, ...] = ()  # goals that run, as long as the lease
+        self._stop_at = math.inf
+        self._overdue: Tuple[str, ...] = ()  # stopped, which the deciding thread does not know
+        self._over = False
         parts = {
             "decisions": self._decide,
             "calls": self._call,
             "costs": self._cost,
             "lease": self._lease,
             "time": self._time,
+            "stops": self._stop_overdue,
         }
         self._threads = [
             threading.Thread(target=part, name=f"fleet {name}", daemon=True) for name, part in parts.items()
@@ -186,6 +196,9 @@ class FleetRobot(Listener):
                 with contextlib.suppress(Exception):  # the others are still to be stopped
                     self._body.stop(goal.id, "the robot's part in the fleet has failed")
             self._on_failed(error)
+        with self._changed:
+            self._over = True
+            self._changed.notify()
         self._offer_end()
 
     def _decide_all(self) -> None:
@@ -197,7 +210,11 @@ class FleetRobot(Listener):
                 self._say(f"without the hub: {event.reason}")
             now = boot_time()
             self._agent.wall_offset = time.time() - now
+            with self._changed:
+                overdue, self._overdue = self._overdue, ()
+            self._agent.possession.stopped(*overdue)
             self._carry_out(self._agent.handle(now, event))
+            self._note_leased()
             if self._agent.fleet_id != self._noted:
                 self._noted = self._agent.fleet_id
                 problem = self._note_fleet(self._noted)
@@ -207,6 +224,29 @@ class FleetRobot(Listener):
             self._events.took(boot_time() - now)
             if self._agent.leaving and not self._busy():
                 self._idle.set()
+
+    def _note_leased(self) -> None:
+        leased, stop_at = self._agent.possession.leased(), self._agent.robot_lease.stop_at
+        with self._changed:
+            if (leased, stop_at) != (self._leased, self._stop_at):
+                self._leased, self._stop_at = leased, stop_at
+                self._changed.notify()
+
+    def _stop_overdue(self) -> None:
+        """Stops what the lease no longer covers, where the deciding thread is late with that."""
+        while True:
+            with self._changed:
+                left = self._stop_at + LATE - boot_time() if self._leased else math.inf
+                if self._over:
+                    return
+                if left > 0.0:
+                    self._changed.wait(None if math.isinf(left) else left)
+                    continue
+                overdue, self._leased = self._leased, ()
+                self._overdue += overdue
+            for goal in overdue:
+                with contextlib.suppress(Exception):  # the others are still to be stopped
+                    self._body.stop(goal, LEASE_ENDS)
 
     def _tell_status(self) -> None:
         agent = self._agent
@@ -240,7 +280,7 @@ class FleetRobot(Listener):
             if isinstance(decision, ev.StopExecution):
                 self._body.stop(decision.goal, decision.reason)
             elif isinstance(decision, ev.Begin):
-                self._body.begin(decision.goal, self._ended(decision.goal.id))
+                self._begin(decision.goal)
             elif isinstance(decision, ev.AskLease):
                 if self._leases.empty():  # else the last one still waits for the hub
                     self._leases.put_nowait(decision)
@@ -257,6 +297,13 @@ class FleetRobot(Listener):
                 self._learn(decision.predicate, decision.facts)
             elif isinstance(decision, ev.Say):
                 self._say(decision.text)
+
+    def _begin(self, goal: Goal) -> None:
+        if goal.finish or boot_time() < self._agent.robot_lease.stop_at:
+            self._body.begin(goal, self._ended(goal.id))
+            return
+        self._agent.possession.stopped(goal.id)  # the disk has hung since it was decided
+        self._ended(goal.id)(False, CANCELLED, LEASE_ENDS)
 
     def _ended(self, goal: str) -> Stopped:
         return lambda achieved, outcome, reason: self._events.put(ev.Ended(goal, achieved, outcome, reason))

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 CANCELLED = "CANCELLED"
 MISSED = "MISSED"
+LEASE_ENDS = "the lease of the fleet ends"  # why what runs is stopped
 REMEMBERED = 100  # goals of before: when there are twice as many as needed, those that are gone are forgotten
 MOST_TURNS = 4  # after so many lost claims in a row the wait before the next one grows to 16 times
 
@@ -77,6 +78,11 @@ class Possession:
     def queue(self) -> List[Goal]:
         """The goals that it owns, in the order of execution."""
         return [each.goal for each in sorted(self.owned.values(), key=_running_first)]
+
+    def leased(self) -> Tuple[str, ...]:
+        """The goals that run, and that may run no longer than the lease."""
+        runs = (owned for owned in self.owned.values() if owned.phase is Phase.RUNNING)
+        return tuple(owned.goal.id for owned in runs if not owned.goal.finish)
 
     def free_at(self, goal: str) -> float:
         """When nothing of a goal moves any more that no robot owns. Only its owner knows it earlier."""
@@ -218,6 +224,13 @@ class Possession:
             return
         self._end(owned, event.achieved, event.outcome, event.reason)
 
+    def stopped(self, *goals: str) -> None:
+        """Goals that run were stopped at the end of the lease, when this robot was late to decide it."""
+        for goal in goals:
+            owned = self.owned.get(goal)
+            if owned is not None and owned.phase is Phase.RUNNING:
+                owned.phase = Phase.STOPPING
+
     def _end(self, owned: Owned, achieved: bool, outcome: str, reason: str, final: bool = False) -> None:
         agent = self._agent
         reason = records.reason_text(reason)
@@ -247,7 +260,7 @@ class Possession:
             if owned.goal.id in agent.view.cancels:
                 self._cancel(owned)
             elif owned.phase is Phase.RUNNING and not self._may_run(owned):
-                self._stop(owned, "the lease of the fleet ends")
+                self._stop(owned, LEASE_ENDS)
                 owned.phase = Phase.STOPPING
             elif owned.phase is Phase.WAITING and agent.leaving:
                 self._drop(owned)
