@@ -239,5 +239,9 @@ class Planner(unittest.TestCase):
                 self.statuses.clear()
             self.assertFalse(self.params(self.domain, "/gone/problem.pddl", "", "", True).plan_found)
             reason = self.status(PlannerStatus.INVALID).reason
+        folder = Path(self.folder.name) / "folder"
+        folder.mkdir()
+        self.assertFalse(self.params(self.domain, str(folder), "", "", True).plan_found)
+        self.assertEqual([path for path in folder.parent.iterdir() if path.name.startswith(".")], [])
         self.assertIn(NODE, reason)
         self.assertIn("cannot write the problem to /gone/problem.pddl: No such file", reason)

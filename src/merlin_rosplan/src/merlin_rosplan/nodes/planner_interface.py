@@ -335,8 +335,13 @@ class PlannerInterface(Component):
             if problem_path:
                 name = f".{os.path.basename(path)}.{os.getpid()}.{next(self._numbers)}"
                 temporary = os.path.join(os.path.dirname(path), name)
-                _write(temporary, problem)
-                os.replace(temporary, path)
+                try:
+                    _write(temporary, problem)
+                    os.replace(temporary, path)
+                except BaseException:  # the disk is full
+                    with contextlib.suppress(OSError):
+                        os.unlink(temporary)
+                    raise
             else:
                 # Read by one planning after the other. To replace a file, ext4 writes the disk: 1 to 10 ms.
                 with contextlib.suppress(FileNotFoundError):
