@@ -172,6 +172,18 @@ def test_a_message_may_choose_the_outcome(monkeypatch: pytest.MonkeyPatch) -> No
     assert TopicState("door", Bool, lambda *_: "open", outcomes=["open"]).execute(UserData()) == "open"
 
 
+def test_what_comes_behind_the_accepted_message_is_not_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
+    door(monkeypatch, Bool(True), Bool(False))
+    data = UserData()
+
+    def accept(userdata: UserData, message: Bool) -> str:
+        userdata.open = message.data
+        return "open" if message.data else "closed"
+
+    state = TopicState("door", Bool, accept, outcomes=["open", "closed"], output_keys=["open"])
+    assert state.execute(data) == "open" and data.open is True
+
+
 def test_without_a_message_the_topic_and_the_time_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
     topic = door(monkeypatch, Bool(False))
     state = TopicState("door", Bool, lambda _, message: message.data, timeout=0.01)

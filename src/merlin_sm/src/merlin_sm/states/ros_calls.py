@@ -191,15 +191,19 @@ class TopicState(MerlinState):
         """Subscribes until a message is accepted."""
         ended = threading.Event()
         accepted: List[Any] = []
+        one_by_one = threading.Lock()  # each publisher of the topic has a thread here
 
         def receive(message: Any) -> None:
-            try:
-                answer = self._accept(userdata, message)
-            except Exception as error:  # rospy would log it, and the state would wait on
-                answer = error
-            if answer:
-                accepted.append(answer)
-                ended.set()
+            with one_by_one:
+                if ended.is_set():  # userdata is what the accepted message has made of it
+                    return
+                try:
+                    answer = self._accept(userdata, message)
+                except Exception as error:  # rospy would log it, and the state would wait on
+                    answer = error
+                if answer:
+                    accepted.append(answer)
+                    ended.set()
 
         try:
             subscriber = subscribe(self._topic, self._message_class, receive)
@@ -207,6 +211,7 @@ class TopicState(MerlinState):
             return self.fail(str(error))
         self.interruptible(ended.set)
         Deadline(self._timeout).wait_event(ended)
+        ended.set()
         self.interruptible(None)
         subscriber.unregister()
         if accepted and isinstance(accepted[0], Exception):
