@@ -15,6 +15,7 @@ from vision_msgs.msg import Detection3D, ObjectHypothesisWithPose
 
 from merlin_ros.actions import hang_watch
 from merlin_ros.actions.hang_watch import HUNG, HangWatch
+from merlin_ros.master.master_link import MasterSilent
 from merlin_sm.merlin_sm import MerlinSM
 from merlin_sm.states import action_state, navigation
 from merlin_sm.states.action_state import ActionState
@@ -260,6 +261,20 @@ def test_a_point_that_does_not_exist_is_given_up_and_one_without_numbers_is_not(
     assert drive.reason.endswith("has: broken, kitchen")
     assert drive.execute(userdata(target="broken")) == ABORTED
     assert not drive.given_up and "needs numbers x, y (m) and yaw (rad)" in drive.reason
+
+
+@pytest.mark.parametrize("points", [["kitchen"], "kitchen", None, MasterSilent("the master does not answer")])
+@pytest.mark.usefixtures("server")
+def test_points_that_cannot_be_read_are_named(monkeypatch: pytest.MonkeyPatch, points: Any) -> None:
+    def get_param(name: str, default: Any) -> Any:
+        if isinstance(points, Exception):
+            raise points
+        return points
+
+    monkeypatch.setattr(navigation, "get_param", get_param)
+    drive = NavigationState("kitchen")
+    assert drive.execute(userdata()) == ABORTED
+    assert drive.reason.startswith(("world/points_of_interest is ", "the master does not answer"))
 
 
 def test_nothing_sets_off_while_the_guard_forbids_it(server: Server) -> None:

@@ -9,7 +9,7 @@ from geometry_msgs.msg import PoseStamped
 from move_base_msgs.msg import MoveBaseAction, MoveBaseGoal
 from std_srvs.srv import Empty
 
-from merlin_ros.master.master_link import get_param
+from merlin_ros.master.master_link import MasterSilent, get_param
 from merlin_ros.service_proxy import ServiceProxy
 from merlin_sm.states.action_state import ActionState
 from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, GivenUp
@@ -25,9 +25,14 @@ def point_of_interest(name: str) -> PoseStamped:
 
     :return: pose in frame map.
     :raises GivenUp: when there is no such point, naming those there are.
-    :raises ValueError: when the point has no numbers.
+    :raises ValueError: when the point has no numbers, or the points cannot be read.
     """
-    points = get_param(POINTS_PARAM, {})
+    try:
+        points = get_param(POINTS_PARAM, {})
+    except MasterSilent as error:
+        raise ValueError(str(error)) from None
+    if not isinstance(points, dict):
+        raise ValueError(point_faults(points)[0])
     if name not in points:
         known = ", ".join(sorted(points)) or "none"
         where = rospy.resolve_name(POINTS_PARAM)
