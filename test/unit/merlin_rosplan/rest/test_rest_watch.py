@@ -6,6 +6,7 @@ from rest_world import RestWorld, planned
 
 from merlin_pddl.knowledge import FunctionValue, Instance
 from merlin_pddl.plan_text import OUTDATED
+from merlin_rosplan.dispatch.dispatch_environment import DispatchError
 from merlin_rosplan.dispatch.dispatch_schedule import SequentialSchedule
 from merlin_rosplan.rest.rest_watch import PlanWatch
 
@@ -231,6 +232,36 @@ def test_a_goal_that_comes_true_ends_the_plan(tour):
     tour.make("(checked hall)", "(checked kitchen)")
     verdict = tour.watch.look()
     assert verdict.achieved and verdict.reason == "the goal holds already: the rest of the plan is not needed"
+
+
+def _refuse(*_):
+    raise DispatchError("the knowledge base does not answer")
+
+
+@pytest.mark.parametrize("looked", [True, False])
+@pytest.mark.parametrize("asked", ["operator", "held", "goals", "goals_hold"])
+def test_a_goal_that_came_true_while_the_knowledge_base_was_silent_is_noticed_later(
+    monkeypatch, asked, looked
+):
+    world = world_of(*TOUR)
+    if looked and asked != "operator":
+        world.make("(not (open d3))")
+        assert world.watch.look() is None
+    with monkeypatch.context() as silent:
+        silent.setattr(world, asked, _refuse)
+        world.make("(checked hall)", "(checked kitchen)")
+        assert world.watch.look() is None
+    world.make("(wet base)")
+    assert world.watch.look().achieved
+
+
+def test_a_change_before_the_dispatch_is_no_other_after_a_silence_of_the_knowledge_base(monkeypatch):
+    world = world_of("(check base)", goal="(checked hall)")
+    late = PlanWatch(SequentialSchedule(world.actions), world, frozenset({"checked"}))
+    with monkeypatch.context() as silent:
+        silent.setattr(world, "held", _refuse)
+        assert late.look() is None
+    assert late.look() is None
 
 
 def test_goals_that_the_plan_reaches_itself_do_not_end_it(tour):

@@ -106,10 +106,12 @@ class PlanWatch(RestWatch):
             return
         if not change.names and not self._timed:
             return
+        facts = {(PlanTerm(key[0], key[1:]), holds) for key, holds in change.facts}
         rest = self._rest()
         if rest is None:
+            self._names = None
+            self._facts |= facts
             return
-        facts = {(PlanTerm(key[0], key[1:]), holds) for key, holds in change.facts}
         news = {fact for fact in facts if not self._own(rest, fact)}
         others = change.names - {term.name for term, _ in facts}
         names = (others | {term.name for term, _ in news}) & self._watched
@@ -123,14 +125,15 @@ class PlanWatch(RestWatch):
         """Judges what has changed since the last look."""
         if self._off or (self._names is not None and not self._names):
             return None
-        names, facts = self._names, self._facts
-        self._names, self._facts = frozenset(), set()
         rest = self._rest()
         if rest is None:
             return None
+        names, facts = self._names, self._facts
+        self._names, self._facts = frozenset(), set()
         if names is not None and self._missed:
             names &= self._watched
-        known, self._missed = self._missed == frozenset(), frozenset()
+        missed, self._missed = self._missed, frozenset()
+        known = missed == frozenset()
         self._timed.clear()
         try:
             for _ in range(_LOOKS):
@@ -145,7 +148,9 @@ class PlanWatch(RestWatch):
                     return verdict
         except DispatchError as error:
             _log.debug("the rest of the plan is not judged: %s", error)
-        self._add(names)  # with the next event
+        self._add(names)  # with the next event, as they were
+        self._facts |= facts
+        self._missed = missed
         return None
 
     # --- what has changed ---------------------------------------------------------------------------
@@ -171,8 +176,7 @@ class PlanWatch(RestWatch):
                 }
                 goals = self._environment.goals() or _NO_GOALS
             except DispatchError as error:  # it is reported when the action is reached
-                _log.debug("the rest of the plan is not watched: %s", error)
-                self._off = True
+                _log.debug("the rest of the plan is not watched yet: %s", error)
                 return None
             self._made = PlanRest(self._order, models)
             self._watched = self._made.reads | goals.literals.names | goals.reads | {""}
