@@ -6,11 +6,14 @@ from typing import Any, Dict, List
 
 import pytest
 import rospy
+from merlin_msgs.msg import OpenExecution
 from rosplan_knowledge_msgs.msg import DomainOperator, KnowledgeItem
 
 from merlin_pddl.domain import Domain
 from merlin_pddl.domain_reader import parse_domain
 from merlin_planning.knowledge_client import fact, function_value
+from merlin_ros.service_proxy import ServiceUnavailable
+from merlin_rosplan.dispatch.dispatch_environment import PlanKnowledgeError
 from merlin_rosplan.dispatch.operator_model import PlanTerm
 from merlin_rosplan.dispatch.plan_graph import TimedLiteral, TimedValue
 from merlin_rosplan.dispatcher import plan_knowledge
@@ -34,6 +37,8 @@ class Remote:
         self.asked: List[str] = []
         self.timed: List[KnowledgeItem] = []
         self.values: Dict[str, List[KnowledgeItem]] = {}
+        self.there = True
+        self.lists: Any = True  # whether its executions are offered; an error: the master is silent
 
     def operator(self, name: str) -> DomainOperator:
         self.asked.append(name)
@@ -43,6 +48,14 @@ class Remote:
     def file(self) -> Domain:
         self.asked.append("file")
         return self.domain
+
+    def wait(self, timeout: float) -> bool:
+        return self.there
+
+    def offered(self) -> bool:
+        if isinstance(self.lists, Exception):
+            raise self.lists
+        return bool(self.lists)
 
     def functions(self, name: str) -> List[KnowledgeItem]:
         return self.values[name]
@@ -54,10 +67,19 @@ def remote(monkeypatch: pytest.MonkeyPatch) -> Remote:
     monkeypatch.setattr(plan_knowledge, "KnowledgeClient", lambda *_: made)
     monkeypatch.setattr(plan_knowledge, "DomainFile", lambda _: SimpleNamespace(domain=made.file))
 
-    def proxy(*_: Any) -> Any:
-        return lambda **__: SimpleNamespace(attributes=made.timed)
+    class Proxy:
+        offered = made.offered
 
-    monkeypatch.setattr(plan_knowledge, "DirectServiceProxy", proxy)
+        def __init__(self, *_: Any) -> None:
+            pass
+
+        def available(self) -> bool:
+            return made.lists is True
+
+        def __call__(self, *_: Any, **__: Any) -> Any:
+            return SimpleNamespace(attributes=made.timed, executions=[OpenExecution(token="3/7/x")])
+
+    monkeypatch.setattr(plan_knowledge, "DirectServiceProxy", Proxy)
     return made
 
 
@@ -79,6 +101,29 @@ def test_another_knowledge_base_may_have_another_domain(remote: Remote) -> None:
     )
     assert knowledge.operator("look").start_effects.add == (PlanTerm("done"),)
     assert remote.asked == ["look", "file", "look", "file"]
+
+
+@pytest.mark.parametrize("lists", [False, ServiceUnavailable("the master does not answer")])
+def test_a_silence_does_not_say_that_no_executions_are_listed(remote: Remote, lists: Any) -> None:
+    knowledge = PlanKnowledge("/kb")
+    remote.there, remote.lists = False, lists
+    with pytest.raises(PlanKnowledgeError):
+        knowledge.held(3)
+    assert knowledge.begun(3, 7) is None
+    remote.there = remote.lists = True
+    assert knowledge.held(3) == {7: frozenset()} and knowledge.begun(3, 7)
+
+
+def test_what_followed_a_knowledge_base_without_executions_may_list_them(remote: Remote) -> None:
+    knowledge = PlanKnowledge("/kb")
+    knowledge.operator("look")
+    remote.lists = False
+    assert knowledge.held(3) is None
+    remote.lists = True
+    assert knowledge.held(3) is None  # the same one
+    remote.stays = False
+    knowledge.operator("look")
+    assert knowledge.held(3) == {7: frozenset()}
 
 
 def test_timed_increases_are_the_values_that_they_give(

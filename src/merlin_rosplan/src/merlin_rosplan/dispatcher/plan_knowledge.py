@@ -58,16 +58,16 @@ class PlanKnowledge:
 
     def __init__(self, knowledge_base: str) -> None:
         self._client = KnowledgeClient(knowledge_base, DirectServiceProxy)
-        self._lock = threading.Lock()  # guards the three fields below
+        self._lock = threading.Lock()  # guards the four fields below
         self._domain: Optional[Domain] = None  # of the knowledge base in this process
         self._models: Dict[str, ActionModel] = {}
         self._written: Optional[Tuple[Optional[Domain]]] = None  # of one in another process, once looked for
+        self._lists: Optional[bool] = None  # whether it lists executions, once that is known
         self._domain_file = DomainFile(knowledge_base)
         self._timed = DirectServiceProxy(
             f"{knowledge_base}/state/timed_knowledge", GetAttributeService, CALL_LIMIT
         )
         self._executions = DirectServiceProxy(f"{knowledge_base}/executions", ListExecutions, CALL_LIMIT)
-        self._lists: Optional[bool] = None  # whether there is such a service
 
     def operator(self, name: str) -> ActionModel:
         """An operator of the domain; an unknown name is an error."""
@@ -86,7 +86,7 @@ class PlanKnowledge:
     def _ask_operator(self, name: str) -> ActionModel:
         with self._lock:
             if self._domain is not None or not self._client.stays:
-                self._domain, self._models, self._written = None, {}, None
+                self._domain, self._models, self._written, self._lists = None, {}, None, None
             if name in self._models:
                 return self._models[name]
         model = self._read_operator(name)
@@ -208,9 +208,15 @@ class PlanKnowledge:
         With each the facts, lower-case, that are as they are only while it runs. None when the knowledge base
         does not list executions.
         """
-        if self._lists is None:
-            self._lists = self._executions.available()
-        if not self._lists:
+        with self._lock:
+            lists = self._lists
+        if lists is None:
+            lists = _answer(self._executions.offered)
+            if not lists and not self._client.wait(0.0):
+                raise PlanKnowledgeError(f"{self._client.name} is not there")
+            with self._lock:
+                self._lists = lists
+        if not lists:
             return None
         found: Dict[int, FrozenSet[PlanTerm]] = {}
         for execution in _answer(lambda: self._executions("").executions):

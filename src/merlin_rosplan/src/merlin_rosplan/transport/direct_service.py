@@ -55,6 +55,10 @@ class DirectServiceProxy(ServiceProxy):
         except Exception as error:  # as over a connection: whatever it is, the call has failed
             raise ServiceError(f"service {self.name} failed: {error}") from error
 
+    def offered(self) -> bool:
+        """See :meth:`ServiceProxy.offered`; the master is not asked for a service of this process."""
+        return self._here() is not None or super().offered()
+
     def _here(self) -> Optional[rospy.Service]:
         found = _offers.get(self.name)
         return None if found is None or found.ended.is_set() else found.service
