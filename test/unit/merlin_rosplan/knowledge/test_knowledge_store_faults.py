@@ -2,6 +2,7 @@
 """A journal that fails, and threads that read and write at once."""
 
 import threading
+from types import SimpleNamespace
 
 import pytest
 import rospy
@@ -10,10 +11,12 @@ from knowledge_world import DOMAIN, add, texts
 from merlin_pddl.formula import Comparison, Number
 from merlin_pddl.knowledge import Fact, FunctionValue, Instance, StoredGoal
 from merlin_pddl.problem_reader import parse_condition
+from merlin_ros.actions.lease import LeaseChange, LeaseState
 from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
 from merlin_rosplan.knowledge.knowledge_state import KnowledgeTables
 from merlin_rosplan.knowledge.knowledge_store import LONG, Journal, JournalError, KnowledgeStore
-from merlin_rosplan.nodes import knowledge_base
+from merlin_rosplan.messages.knowledge_messages import UpdateReader
+from merlin_rosplan.nodes import goal_leases, knowledge_base
 
 
 class Disk(Journal):
@@ -72,6 +75,30 @@ def test_timed_knowledge_outlives_a_full_disk(monkeypatch, clock):
     finally:
         watch.shutdown()
     assert texts(store.facts()) == ["(idle)"] and "no space left" in said[0]
+
+
+def test_the_goals_of_a_client_that_dies_while_the_disk_is_full_go_afterwards(monkeypatch, clock):
+    monkeypatch.setattr(goal_leases, "RETRY", 0.01)
+    monkeypatch.setattr(rospy, "logerr_throttle", lambda period, text: said.set())
+    disk, said, gone, changed = Disk(), threading.Event(), threading.Event(), []
+    watch = SimpleNamespace(beside=lambda lease: [], shutdown=lambda: None)
+    monkeypatch.setattr(
+        goal_leases, "LeaseWatch", lambda topic, on_change: changed.append(on_change) or watch
+    )
+    disk.full = False
+    store = KnowledgeStore(DOMAIN, clock=clock, journal=disk)
+    with store.transaction("test") as change:
+        for text in ("(idle)", "(not (idle))"):
+            change.add_goal(StoredGoal(parse_condition(text, DOMAIN, store.objects())))
+    leases = goal_leases.GoalLeases("/kb", store, UpdateReader(DOMAIN, store.objects, True))
+    store.listen(lambda change: gone.set())
+    disk.full = True
+    changed[0](LeaseChange("a1 (idle)", LeaseState.LOST, "its client is gone"))
+    assert said.is_set() and len(store.goals()) == 2
+    disk.full = False
+    assert gone.wait(60.0)
+    assert len(store.goals()) == 1
+    leases.shutdown()
 
 
 def test_timed_knowledge_comes_soon_after_the_clock_was_set_forward(monkeypatch, clock):

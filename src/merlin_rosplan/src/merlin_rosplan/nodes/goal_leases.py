@@ -15,9 +15,13 @@ from rosplan_knowledge_msgs.srv import KnowledgeUpdateServiceRequest
 from merlin_planning.knowledge_text import PDDLSyntaxError, parse_goal, to_pddl
 from merlin_ros.actions.lease import LeaseChange, LeaseState
 from merlin_ros.actions.lease_watch import LeaseWatch
+from merlin_ros.alarms import call_later
+from merlin_ros.work.threads import CallQueue
 from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
-from merlin_rosplan.knowledge.knowledge_store import KnowledgeStore
+from merlin_rosplan.knowledge.knowledge_store import JournalError, KnowledgeStore
 from merlin_rosplan.messages.knowledge_messages import UpdateReader
+
+RETRY = 1.0  # s of wall time until a removal that could not be written is tried again
 
 
 class GoalLeases:
@@ -34,14 +38,17 @@ class GoalLeases:
         self._scope = scope
         self._store = store
         self._updates = updates
+        self._again = CallQueue(f"goals of {scope}")  # what could not be written
+        self._over = False
         self._watch = LeaseWatch(f"{scope}/goals/lease", self._changed)
 
     def shutdown(self) -> None:
         """Watches no more."""
+        self._over = True
         self._watch.shutdown()
 
     def _changed(self, change: LeaseChange) -> None:
-        if change.state is not LeaseState.LOST or change.released:
+        if change.state is not LeaseState.LOST or change.released or self._over:
             return
         # A client that was restarted may want the same goal again.
         wanted = {to_pddl(item) for lease in self._watch.beside(change.goal) for item in self._goals(lease)}
@@ -51,6 +58,12 @@ class GoalLeases:
                 for item in lost:
                     self._updates.apply(transaction, KnowledgeUpdateServiceRequest.REMOVE_GOAL, item)
                 removed = len(transaction.steps)
+        except JournalError as error:
+            rospy.logerr_throttle(
+                60.0, f"{self._scope}: the goals of a client that is lost still stay: {error}"
+            )
+            call_later(RETRY, lambda: self._again.put(self._changed, change))
+            return
         except (UpdateRefused, OSError) as error:
             rospy.logerr("%s: the goals of a client that is lost stay: %s", self._scope, error)
             return
