@@ -3,8 +3,11 @@
 
 import contextlib
 import os
+import shutil
 import stat
+import tempfile
 import threading
+import time
 from pathlib import Path
 
 import pytest
@@ -22,6 +25,8 @@ from merlin_rosplan.supervision.plan_preview import (
     steps_of,
     write_later_problem,
 )
+from merlin_rosplan.supervision.planner_host import PlannerHosts
+from merlin_rosplan.supervision.supervised_planning import Planning
 from merlin_test import LONG
 
 HOME = Path(__file__).resolve().parents[4] / "pddl" / "home"
@@ -51,6 +56,46 @@ def test_a_plan_has_its_steps_and_times(previews):
     assert str(steps[0]).startswith("(navigate anywhere ") and str(steps[-1]) == "(ask kitchen)"
     assert steps[0].time == pytest.approx(0.0, abs=0.01)
     assert steps[1].time >= steps[0].duration > 1.0
+
+
+@pytest.fixture
+def temporary(tmp_path, monkeypatch):
+    """The folder of temporary files, of this process and its children."""
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    return tmp_path
+
+
+def test_plans_are_found_after_the_folder_of_temporary_files_was_emptied(temporary):
+    made = Previews(LONG, niceness=1)  # with a process of its own
+    try:
+        for _ in range(2):
+            outcome = look(made, "(checked kitchen)")
+            assert outcome.solved, outcome.reason
+            for folder in temporary.iterdir():
+                shutil.rmtree(folder, ignore_errors=True)
+    finally:
+        made.shutdown()
+
+
+def test_what_waits_for_a_planning_does_without_its_folder(temporary):
+    hosts = PlannerHosts()
+    hosts.warm_up()
+    ends = time.monotonic() + LONG
+    while not list(temporary.glob("planner-*")) and time.monotonic() < ends:
+        time.sleep(0.01)
+    (folder,) = temporary.glob("planner-*")
+    while folder.exists():  # it plans there, to be faster later
+        shutil.rmtree(folder, ignore_errors=True)
+    outcome = Planning(PlannerSettings(), DOMAIN, str(HOME / "problem.pddl"), hosts=hosts).run()
+    hosts.take().close()
+    assert outcome.solved, outcome.reason
+
+
+def test_without_a_folder_for_temporary_files_it_is_said_why_there_is_no_plan(monkeypatch):
+    monkeypatch.setattr(tempfile, "tempdir", "/nowhere")
+    outcome = look(Previews(LONG), "(checked kitchen)")
+    assert outcome.state == PlannerState.INVALID and "/nowhere" in outcome.reason
 
 
 def test_another_plan_does_without_a_step_of_the_first(previews):

@@ -102,9 +102,10 @@ class Previews:
     def _plan(
         self, world: Tuple[Domain, Problem], domain_path: str, wanted: Wanted, settings: PlannerSettings
     ) -> Tuple[PlanningOutcome, str]:
-        folder, text = Path(self._folder.name), ""
-        path = folder / "problem.pddl"
+        text = ""
         try:
+            folder = Path(self._folder.name)
+            path = folder / "problem.pddl"
             text = problem = write_goal_problem(*world, wanted.goals)
             if wanted.include:
                 domain, state = world

@@ -180,6 +180,8 @@ class Supervisor:
         """A planning: how it ended, and whether nothing of it is left but a child that can plan again."""
         folder = Path(child.folder)
         try:
+            with contextlib.suppress(OSError):  # the planning itself says it
+                folder.mkdir(mode=0o700, exist_ok=True)  # the folder of temporary files may have been emptied
             with contextlib.suppress(OSError):  # it has died; its status says how
                 child.line.sendall(json.dumps({**job, "folder": child.folder}).encode() + b"\n")
             self._done = False

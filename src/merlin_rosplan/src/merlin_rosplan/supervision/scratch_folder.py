@@ -16,7 +16,8 @@ NEW = 60.0  # s within which a folder may not be locked yet
 class ScratchFolder:
     """A temporary folder. One whose process was killed is removed when the next of its kind is made.
 
-    It is made when its name is first asked for. The process holds a lock on it, which ends with the process.
+    It is made when its name is first asked for, and again when it was removed meanwhile. The process holds a
+    lock on it, which ends with the process.
 
     :param kind: begins its name.
     """
@@ -31,21 +32,26 @@ class ScratchFolder:
     def name(self) -> str:
         """Its path."""
         with self._making:
-            if self._folder is None:
+            if self._folder is None or (self._lock >= 0 and not os.path.isdir(self._folder.name)):
+                self._remove()
                 _remove_left(self._kind)
-                self._folder = tempfile.TemporaryDirectory(prefix=f"{self._kind}-")
-                self._lock = os.open(self._folder.name, os.O_RDONLY)
+                folder = tempfile.TemporaryDirectory(prefix=f"{self._kind}-")
+                self._lock = os.open(folder.name, os.O_RDONLY)
                 fcntl.flock(self._lock, fcntl.LOCK_SH)
+                self._folder = folder
             return self._folder.name
 
     def cleanup(self) -> None:
         """Removes the folder with its contents."""
         with self._making:
-            if self._folder is not None:
-                self._folder.cleanup()
-            if self._lock >= 0:
-                os.close(self._lock)
-                self._lock = -1
+            self._remove()
+
+    def _remove(self) -> None:
+        if self._folder is not None:
+            self._folder.cleanup()
+        if self._lock >= 0:
+            os.close(self._lock)
+            self._lock = -1
 
 
 def _remove_left(kind: str) -> None:
