@@ -73,9 +73,10 @@ class KnowledgeSnapshots:
 
         :raises KnowledgeBaseError: there is no usable answer.
         """
+        stays = self._proxies["domain/types"].connected  # it keeps its domain as long as it lives
         name = self._ask("domain/name").domain_name
         with self._lock:
-            if name not in self._domain:
+            if not stays or name not in self._domain:
                 self._domain = {name: self._read_domain(name)}
             return self._domain[name]
 
