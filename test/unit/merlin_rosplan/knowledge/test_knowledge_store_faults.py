@@ -11,6 +11,7 @@ from knowledge_world import DOMAIN, add, texts
 from merlin_pddl.formula import Comparison, Number
 from merlin_pddl.knowledge import Fact, FunctionValue, Instance, StoredGoal
 from merlin_pddl.problem_reader import parse_condition
+from merlin_ros import ros_alarm
 from merlin_ros.actions.lease import LeaseChange, LeaseState
 from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
 from merlin_rosplan.knowledge.knowledge_state import KnowledgeTables
@@ -102,17 +103,17 @@ def test_the_goals_of_a_client_that_dies_while_the_disk_is_full_go_afterwards(mo
 
 
 def test_timed_knowledge_comes_soon_after_the_clock_was_set_forward(monkeypatch, clock):
-    monkeypatch.setattr(knowledge_base, "LONGEST", 0.01)
+    monkeypatch.setattr(ros_alarm, "LONGEST", 0.01)
     monkeypatch.setattr(rospy.rostime, "_rostime_initialized", True)
     rospy.rostime.switch_to_wallclock()
     looked, fired = threading.Event(), threading.Event()
 
     def now():
-        time = rospy.Time(0, clock.now)
+        time = clock.now / 1e9
         looked.set()
         return time
 
-    monkeypatch.setattr(rospy, "get_rostime", now)
+    monkeypatch.setattr(rospy, "get_time", now)
     store = KnowledgeStore(DOMAIN, clock=clock)
     hour = 3600 * 10**9
     add(store, Fact("idle", ()), at=hour)

@@ -3,7 +3,6 @@
 
 import os
 import threading
-import time
 from collections import OrderedDict
 from typing import Any, Callable, List, Optional, Sequence, Tuple, Type
 
@@ -12,7 +11,6 @@ import rospy
 from merlin_msgs.msg import KnowledgeChanges
 from rosplan_knowledge_msgs import srv
 from rosplan_knowledge_msgs.msg import StatusUpdate
-from rospy.rostime import get_rostime_cond, is_wallclock
 from std_srvs.srv import Empty, EmptyRequest, EmptyResponse, Trigger, TriggerRequest, TriggerResponse
 
 from merlin_pddl.domain import Domain
@@ -23,8 +21,7 @@ from merlin_pddl.text_reader import PddlError, shortened
 from merlin_ros.actions.peers import sender_of
 from merlin_ros.health import OK, Health
 from merlin_ros.ports.service_server import Unanswered
-from merlin_ros.ros_alarm import LONGEST
-from merlin_ros.work.threads import start_thread
+from merlin_ros.ros_alarm import RosAlarm
 from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
 from merlin_rosplan.knowledge.knowledge_store import JournalError, KnowledgeStore
 from merlin_rosplan.knowledge.transaction import StateChange
@@ -301,7 +298,7 @@ class Refusals:
 
 
 class TimedKnowledge:
-    """Watches a store's timed items in ROS time. Its thread sleeps until the next one, or until that changes.
+    """Applies a store's timed items when their ROS time has come.
 
     :param store: holds the items.
     :param client: the name that is reported as the author of the changes.
@@ -310,52 +307,27 @@ class TimedKnowledge:
     def __init__(self, store: KnowledgeStore, client: str) -> None:
         self._store = store
         self._client = client
-        # rospy wakes all waiters on this condition when /clock moves; it guards the two flags below
-        self._time = get_rostime_cond()
-        self._ended = False
-        self._changed = False
-        self._due: Optional[int] = None
-        store.listen(self._wake)
-        self._thread = start_thread(f"{client} timed knowledge", self._run)
-
-    def _wake(self, _change: StateChange) -> None:
-        if self._store.next_due() != self._due:
-            with self._time:
-                self._changed = True
-                self._time.notify_all()
+        self._ended = threading.Event()
+        self._setting = threading.Lock()  # what was asked for last is set last
+        self._alarm = RosAlarm(self._fire, f"{client} timed knowledge")
+        store.listen(lambda _: self._wait())
+        self._wait()
 
     def shutdown(self) -> None:
         """Ends the thread."""
-        with self._time:
-            self._ended = True
-            self._time.notify_all()
-        self._thread.join()
+        self._ended.set()
+        self._alarm.shutdown()
 
-    def _run(self) -> None:
-        while not self._ended:
-            with self._time:
-                self._changed = False
-            try:
-                for reason in self._store.fire_due(self._client):
-                    rospy.logwarn("%s: %s", self._client, shortened(reason))
-            except JournalError as error:
-                rospy.logerr_throttle(60.0, f"{self._client}: what is due has to wait: {error}")
-                self._pause(RETRY)
-                continue
-            # asked outside of the condition, which rospy's clock thread must get at any time
-            self._due = due = self._store.next_due()
-            with self._time:
-                while not self._ended and not self._changed:
-                    remaining = None if due is None else (due - rospy.get_rostime().to_nsec()) / 1e9
-                    if remaining is not None and remaining <= 0:
-                        break
-                    # a simulated clock may be slower or faster, or jump: it wakes us at every step
-                    self._time.wait(
-                        min(LONGEST, remaining) if remaining is not None and is_wallclock() else None
-                    )
+    def _wait(self) -> None:
+        with self._setting:
+            due = self._store.next_due()
+            self._alarm.set(None if due is None else due / 1e9)
 
-    def _pause(self, seconds: float) -> None:
-        end = time.monotonic() + seconds
-        with self._time:
-            while not self._ended and time.monotonic() < end:
-                self._time.wait(end - time.monotonic())
+    def _fire(self) -> None:
+        try:
+            for reason in self._store.fire_due(self._client):
+                rospy.logwarn("%s: %s", self._client, shortened(reason))
+        except JournalError as error:
+            rospy.logerr_throttle(60.0, f"{self._client}: what is due has to wait: {error}")
+            self._ended.wait(RETRY)
+        self._wait()
