@@ -22,16 +22,14 @@ from merlin_pddl.formula import (
     Variable,
     conjuncts,
 )
-from merlin_rosplan.messages.expression_messages import FormulaWriter, read_comparison, read_expression
+from merlin_rosplan.messages.expression_messages import (
+    ASSIGNMENT_NUMBERS,
+    ASSIGNMENTS,
+    FormulaWriter,
+    read_comparison,
+    read_expression,
+)
 
-_ASSIGNMENTS = {
-    "assign": DomainAssignment.ASSIGN,
-    "increase": DomainAssignment.INCREASE,
-    "decrease": DomainAssignment.DECREASE,
-    "scale-up": DomainAssignment.SCALE_UP,
-    "scale-down": DomainAssignment.SCALE_DOWN,
-}
-_ASSIGNMENT_NAMES = {number: name for name, number in _ASSIGNMENTS.items()}
 _PREFIX = {START: "at_start", OVER_ALL: "over_all", END: "at_end"}
 
 
@@ -71,7 +69,7 @@ def operator_message(domain: Domain, operator: Operator) -> DomainOperator:
         else:
             assert effect.fluent is not None and effect.value is not None
             assignment = DomainAssignment(
-                assign_type=_ASSIGNMENTS[effect.op],
+                assign_type=ASSIGNMENT_NUMBERS[effect.op],
                 LHS=writer.formula(effect.fluent),
                 RHS=writer.expression(effect.value),
             )
@@ -124,7 +122,7 @@ def read_operator(message: DomainOperator) -> Operator:
         effects += [Effect(when, atom(each), negative=True) for each in listed(when, "del_effects")]
         for each in listed(when, "assign_effects"):
             left = atom(each.LHS)
-            op = _ASSIGNMENT_NAMES.get(each.assign_type, "assign")
+            op = ASSIGNMENTS.get(each.assign_type, "assign")
             value = read_expression(each.RHS, arguments)
             effects.append(Effect(when, fluent=Fluent(left.name, left.args), op=op, value=value))
     durative = any(each.when != START for each in conditions) or any(each.when != START for each in effects)

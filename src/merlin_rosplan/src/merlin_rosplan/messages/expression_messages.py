@@ -8,10 +8,13 @@ from rosplan_knowledge_msgs.msg import DomainFormula, DomainInequality, ExprBase
 
 from merlin_pddl.domain import Domain, Signature
 from merlin_pddl.formula import Arithmetic, Atom, Comparison, Fluent, Number, Numeric, Special
-from merlin_pddl.knowledge import arranged
+from merlin_pddl.knowledge import ASSIGN, DECREASE, INCREASE, SCALE_DOWN, SCALE_UP, arranged
 from merlin_planning.knowledge_text import COMPARISONS, OPERATORS
 from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
 
+#: What the numbers of a DomainAssignment and of an item's `assign_op` mean; ASSIGN_CTS has no effect.
+ASSIGNMENTS = dict(enumerate((ASSIGN, INCREASE, DECREASE, SCALE_UP, SCALE_DOWN)))
+ASSIGNMENT_NUMBERS = {name: number for number, name in ASSIGNMENTS.items()}
 _COMPARISON_NAMES = {number: name for name, number in COMPARISONS.items()}
 _OPERATION_NAMES = {number: name for name, number in OPERATORS.items()}
 _SPECIALS = {"#t": ExprBase.HASHT, "total-time": ExprBase.TOTAL_TIME, "?duration": ExprBase.DURATION}

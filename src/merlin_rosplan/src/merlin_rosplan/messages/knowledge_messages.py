@@ -10,40 +10,20 @@ from rosplan_knowledge_msgs.srv import KnowledgeUpdateServiceRequest as Request
 
 from merlin_pddl.domain import Domain, Signature
 from merlin_pddl.formula import Atom, Condition, Not
-from merlin_pddl.knowledge import (
-    ASSIGN,
-    DECREASE,
-    INCREASE,
-    SCALE_DOWN,
-    SCALE_UP,
-    Fact,
-    FunctionValue,
-    Instance,
-    Metric,
-    StoredGoal,
-    Timed,
-)
+from merlin_pddl.knowledge import Fact, FunctionValue, Instance, Metric, StoredGoal, Timed
 from merlin_pddl.problem_reader import parse_condition
 from merlin_pddl.text_reader import PddlError
 from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
 from merlin_rosplan.knowledge.transaction import Item, Transaction
 from merlin_rosplan.messages.expression_messages import (
+    ASSIGNMENT_NUMBERS,
+    ASSIGNMENTS,
     FormulaWriter,
     by_name,
     by_position,
     read_comparison,
     read_expression,
 )
-
-#: What `assign_op` means; ASSIGN_CTS has no effect.
-ASSIGNMENTS = {
-    KnowledgeItem.AP_ASSIGN: ASSIGN,
-    KnowledgeItem.AP_INCREASE: INCREASE,
-    KnowledgeItem.AP_DECREASE: DECREASE,
-    KnowledgeItem.AP_SCALE_UP: SCALE_UP,
-    KnowledgeItem.AP_SCALE_DOWN: SCALE_DOWN,
-}
-_ASSIGNMENT_NUMBERS = {name: number for number, name in ASSIGNMENTS.items()}
 
 #: Characters of an expression that is read: a million take about a second, and a robot waits for the answer.
 MAX_EXPRESSION = 1_000_000
@@ -202,7 +182,7 @@ class KnowledgeWriter:
         else:
             message.knowledge_type = KnowledgeItem.FUNCTION
             message.function_value = row.value
-            message.assign_op = _ASSIGNMENT_NUMBERS[row.op]
+            message.assign_op = ASSIGNMENT_NUMBERS[row.op]
             message.values = self._values(self._domain.functions.get(row.name.lower()), row)
         return message
 
