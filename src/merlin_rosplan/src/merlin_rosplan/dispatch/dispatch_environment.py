@@ -247,7 +247,11 @@ class DispatchEnvironment(abc.ABC):
 
         Asked after each change of the knowledge base while something waits for them.
         """
-        return None
+        try:
+            held = self.held()
+        except DispatchError:
+            return None
+        return None if held is None else action.id in held
 
     def held(self) -> "Optional[Mapping[int, FrozenSet[PlanTerm]]]":
         """The actions of this dispatch whose effects have begun and not ended, by id.

@@ -225,10 +225,6 @@ class DispatchTopics(DispatchEnvironment):
         times = (time + moved for time, name in changes if name in names)
         return max((time for time in times if now < time <= until), default=None)
 
-    def begun(self, action: PlannedAction) -> Optional[bool]:
-        """Asks a knowledge base of ours for its open executions."""
-        return self._knowledge().begun(self.plan_id, action.id)
-
     def held(self) -> "Optional[Mapping[int, FrozenSet[PlanTerm]]]":
         """Asks a knowledge base of ours for its open executions."""
         return self._knowledge().held(self.plan_id)

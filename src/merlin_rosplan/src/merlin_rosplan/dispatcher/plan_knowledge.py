@@ -40,8 +40,7 @@ from merlin_rosplan.dispatch.plan_graph import TimedLiteral, TimedValue
 from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
 from merlin_rosplan.knowledge.knowledge_store import KnowledgeStore
 from merlin_rosplan.messages.domain_messages import operator_message, read_operator
-from merlin_rosplan.messages.expression_messages import FormulaWriter
-from merlin_rosplan.messages.knowledge_messages import ASSIGNMENTS
+from merlin_rosplan.messages.expression_messages import ASSIGNMENTS, FormulaWriter
 from merlin_rosplan.transport.component import Component
 from merlin_rosplan.transport.direct_service import DirectServiceProxy
 
@@ -193,14 +192,6 @@ class PlanKnowledge:
     def objects(self) -> FrozenSet[str]:
         """All objects and constants, lower-case."""
         return frozenset(name.lower() for name in _answer(self._client.instances))
-
-    def begun(self, plan_id: int, action_id: int) -> Optional[bool]:
-        """Whether an action's execution is open; None when the knowledge base does not list executions."""
-        try:
-            held = self.held(plan_id)
-        except PlanKnowledgeError:
-            return None
-        return None if held is None else action_id in held
 
     def held(self, plan_id: int) -> Optional[Dict[int, FrozenSet[PlanTerm]]]:
         """The actions of a dispatch whose executions are open, by id.
