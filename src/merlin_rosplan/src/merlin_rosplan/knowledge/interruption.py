@@ -46,10 +46,7 @@ def split(texts: Sequence[str], state: KnowledgeTables) -> Tuple[List[str], List
 def _count(node: Expression, state: KnowledgeTables) -> Count:
     if len(node) != 3:
         raise node.error(f"'{node.head}' takes a function and a value")
-    objects: Dict[str, Tuple[str, ...]] = {}
-    for row in state.instances.all():
-        objects[row.name.lower()] = (*objects.get(row.name.lower(), ()), row.type_name.lower())
-    reader = FormulaReader(state.domain, objects)
+    reader = FormulaReader(state.domain, state.all_objects())
     fluent, value = reader.fluent(node[1], {}), reader.numeric(node[2], IN_CONTINUOUS)
     return [node.head, fluent.name, list(fluent.args), to_pddl(value)]
 
