@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """A planning problem: what exists, what holds at the start, what is wanted."""
 
-from dataclasses import dataclass, field
-from typing import Dict, List, Optional, Tuple
+from dataclasses import dataclass, field, replace
+from typing import Dict, Iterable, List, Mapping, Optional, Tuple
 
-from merlin_pddl.formula import Condition
+from merlin_pddl.formula import Atom, Comparison, Condition, Fluent, Not, Number, to_pddl
 from merlin_pddl.knowledge import Fact, FunctionValue, Instance, Metric, Timed
 
 
@@ -26,3 +26,34 @@ class Problem:
     instance_goals: List[Instance] = field(default_factory=list)
     metric: Optional[Metric] = None
     constraints: List[str] = field(default_factory=list)
+
+    def typed(self, constants: Mapping[str, Tuple[str, ...]]) -> Dict[str, Tuple[str, ...]]:
+        """The objects and these constants (lower-case) with their types."""
+        return {**constants, **{name.lower(): types for name, types in self.objects.items()}}
+
+    def changed(self, changes: Iterable[Condition]) -> "Problem":
+        """A copy with other facts and values at its start.
+
+        :param changes: literals, and numbers as ``(= (battery) 20)``; of two that contradict the last counts.
+        :raises ValueError: one is something else.
+        """
+        facts = {fact.key: fact for fact in self.facts}
+        values = {value.key: value for value in self.values}
+        for change in changes:
+            atom = change.part if isinstance(change, Not) else change
+            if isinstance(atom, Atom):
+                fact = Fact(atom.name, atom.args)
+                facts.pop(fact.key, None)
+                if atom is change:
+                    facts[fact.key] = fact
+            elif (
+                isinstance(change, Comparison)
+                and change.op == "="
+                and isinstance(change.left, Fluent)
+                and isinstance(change.right, Number)
+            ):
+                value = FunctionValue(change.left.name, change.left.args, change.right.value)
+                values[value.key] = value
+            else:
+                raise ValueError(f"{to_pddl(change)} sets neither a fact nor a value; write (= (battery) 20)")
+        return replace(self, facts=list(facts.values()), values=list(values.values()))

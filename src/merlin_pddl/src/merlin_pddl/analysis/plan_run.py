@@ -59,7 +59,7 @@ class PaperState(WorldState):
         self.facts: Set[Key] = {fact.key for fact in problem.facts if not fact.negative}
         self.values: Dict[Key, float] = {value.key: value.value for value in problem.values}
         self._domain = domain
-        self.known = _known(domain, problem)
+        self.known = problem.typed(domain.constants)
         """Objects and constants with their types."""
 
     def copy(self) -> "PaperState":
@@ -375,11 +375,6 @@ class _Paper:
                 changes.need(conditions, bindings)
                 if all(evaluator.holds(condition, bindings) for condition in conditions):
                     changes.note(effect, evaluator, bindings)
-
-
-def _known(domain: Domain, problem: Problem) -> Dict[str, Tuple[str, ...]]:
-    """Types by object, in lower case."""
-    return {name.lower(): types for name, types in (*domain.constants.items(), *problem.objects.items())}
 
 
 def _ground(number: int, step: PlanStep, domain: Domain, known: Dict[str, Tuple[str, ...]]) -> _Step:

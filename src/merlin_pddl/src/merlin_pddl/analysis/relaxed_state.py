@@ -48,8 +48,7 @@ class RelaxedState:
     def __init__(self, domain: Domain, problem: Problem, end: float) -> None:
         self._domain = domain
         self._end = end
-        self._objects = {name.lower(): types for name, types in domain.constants.items()}
-        self._objects.update({name.lower(): types for name, types in problem.objects.items()})
+        self._objects = problem.typed(domain.constants)
         self._of_types: Dict[Tuple[str, ...], List[str]] = {}
         self.facts: Dict[str, Grounds] = {}
         """Predicate → its arguments for which it can hold."""
