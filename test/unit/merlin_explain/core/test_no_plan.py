@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from merlin_explain.claims import Words
 from merlin_explain.core.judge import Judge
-from merlin_explain.core.no_plan import changed, missing, no_plan
+from merlin_explain.core.no_plan import missing, no_plan
 from merlin_explain.core.other_plan import Found
 from merlin_pddl.problem_writer import write_problem
 
@@ -20,7 +20,7 @@ def judge(goal="(in box_1 ward)", init="(at hall) (in box_1 hall) (= (battery) 4
 
 
 def judge_with(one, changes):
-    return Judge(COURIER, write_problem(changed(one.problem, changes), one.domain))
+    return Judge(COURIER, write_problem(one.problem.changed(changes), one.domain))
 
 
 def ask(one):
@@ -99,7 +99,7 @@ def test_no_set_is_too_small_or_too_large(facts, battery, goals):
         assert solved(COURIER, write_problem(one.problem, one.domain), 1.0).steps is None
     for left_out in lacking.changes:
         rest = [each for each in lacking.changes if each is not left_out]
-        assert solved(COURIER, write_problem(changed(one.problem, rest), one.domain), 1.0).steps is None
+        assert solved(COURIER, write_problem(one.problem.changed(rest), one.domain), 1.0).steps is None
 
 
 @pytest.mark.parametrize("goal", ["(in box_1 ward)", "(lit roof)"])

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Why there is no plan: one smallest set of facts that would make one."""
 
-from typing import List, NamedTuple, Optional, Sequence, Union
+from typing import List, NamedTuple, Optional, Sequence
 
 from merlin_explain.claims import FACT, VALUE, Answer, Claim, Evidence, Words
 from merlin_explain.core.judge import PROOF_LIMIT, Judge
@@ -11,8 +11,6 @@ from merlin_pddl.analysis.relaxed_state import CutOffError
 from merlin_pddl.analysis.shortfall import Gap, Shortfall
 from merlin_pddl.domain import Domain
 from merlin_pddl.formula import Atom, Comparison, Condition, Fluent, Not, Number, to_pddl
-from merlin_pddl.knowledge import Fact, FunctionValue
-from merlin_pddl.problem import Problem
 
 #: The largest set that is looked for.
 MOST = 6
@@ -63,7 +61,7 @@ def missing(judge: Judge) -> Missing:
 
 def _left(judge: Judge, changes: Sequence[Condition]) -> List[Gap]:
     """What is missing when something else holds, too."""
-    short = Shortfall(judge.domain, changed(judge.problem, changes), PROOF_LIMIT)
+    short = Shortfall(judge.domain, judge.problem.changed(changes), PROOF_LIMIT)
     return [short.gap(goal) for goal in short.goals]
 
 
@@ -77,26 +75,6 @@ def _change(gap: Gap, domain: Domain) -> Optional[Condition]:
         return None
     settable = isinstance(needed.left, Fluent) and isinstance(needed.right, Number)
     return Comparison("=", needed.left, needed.right) if settable else None
-
-
-def changed(problem: Problem, changes: Sequence[Condition]) -> Problem:
-    """A copy of a problem with other facts and values at its start."""
-    copy = Problem(**vars(problem))
-    rows: List[Union[Fact, FunctionValue]] = []
-    for change in changes:
-        if isinstance(change, Comparison):
-            assert isinstance(change.left, Fluent) and isinstance(change.right, Number)
-            rows.append(FunctionValue(change.left.name, change.left.args, change.right.value))
-        elif isinstance(change, Atom):
-            rows.append(Fact(change.name, change.args))
-        elif isinstance(change, Not) and isinstance(change.part, Atom):
-            rows.append(Fact(change.part.name, change.part.args, negative=True))
-    keys = {row.key for row in rows}
-    copy.facts = [fact for fact in problem.facts if fact.key not in keys]
-    copy.values = [value for value in problem.values if value.key not in keys]
-    copy.facts += [row for row in rows if isinstance(row, Fact) and not row.negative]
-    copy.values += [row for row in rows if isinstance(row, FunctionValue)]
-    return copy
 
 
 def no_plan(
