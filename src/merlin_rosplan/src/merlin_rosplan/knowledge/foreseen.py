@@ -2,11 +2,11 @@
 """The state that is expected when actions that run now have ended, and one in which other facts hold."""
 
 import itertools
-from typing import Dict, Sequence
+from typing import Sequence
 
 from merlin_pddl.domain import Domain
-from merlin_pddl.formula import END, OVER_ALL, START, Atom, Comparison, Fluent, Not, Number, to_pddl
-from merlin_pddl.knowledge import Fact, FunctionValue, Key, conjuncts
+from merlin_pddl.formula import END, OVER_ALL, START, Atom, Not, to_pddl
+from merlin_pddl.knowledge import conjuncts
 from merlin_pddl.problem import Problem
 from merlin_pddl.problem_reader import parse_condition
 from merlin_rosplan.knowledge.effect_applier import EffectApplier, find_operator
@@ -53,31 +53,19 @@ def with_facts(domain: Domain, problem: Problem, texts: Sequence[str]) -> None:
     :raises PddlError: one is not PDDL, or names what is not known.
     :raises UpdateRefused: one is no fact or value, or a derived fact.
     """
-    objects = {**domain.constants, **{name.lower(): kinds for name, kinds in problem.objects.items()}}
-    facts: Dict[Key, Fact] = {fact.key: fact for fact in problem.facts}
-    values: Dict[Key, FunctionValue] = {value.key: value for value in problem.values}
+    objects = problem.typed(domain.constants)
     parts = [conjuncts(parse_condition(text, domain, objects, "fact")) for text in texts]
     if not all(parts):
         raise UpdateRefused(
             f"{texts[parts.index([])]} sets neither a fact nor a value; write (robot_at hall)"
         )
-    for part in itertools.chain.from_iterable(parts):
+    changes = list(itertools.chain.from_iterable(parts))
+    for part in changes:
         atom = part.part if isinstance(part, Not) else part
-        if isinstance(atom, Atom):
-            if atom.name in domain.derived:
-                raise UpdateRefused(f"{to_pddl(atom)} is derived: it follows from other facts; name those")
-            fact = Fact(atom.name, atom.args)
-            facts.pop(fact.key, None)
-            if atom is part:
-                facts[fact.key] = fact
-        elif (
-            isinstance(part, Comparison)
-            and part.op == "="
-            and isinstance(part.left, Fluent)
-            and isinstance(part.right, Number)
-        ):
-            value = FunctionValue(part.left.name, part.left.args, part.right.value)
-            values[value.key] = value
-        else:
-            raise UpdateRefused(f"{to_pddl(part)} sets neither a fact nor a value; write (= (battery) 20)")
-    problem.facts, problem.values = list(facts.values()), list(values.values())
+        if isinstance(atom, Atom) and atom.name in domain.derived:
+            raise UpdateRefused(f"{to_pddl(atom)} is derived: it follows from other facts; name those")
+    try:
+        found = problem.changed(changes)
+    except ValueError as error:
+        raise UpdateRefused(str(error)) from error
+    problem.facts, problem.values = found.facts, found.values

@@ -110,8 +110,7 @@ class KnowledgeSnapshots:
                 if not domain.implies(name, type_name):
                     problem.objects[name] = (*problem.objects.get(name, ()), type_name)
         reader = KnowledgeReader(domain, keys=False)  # an original stores the keys as they were sent
-        objects: Dict[str, Tuple[str, ...]] = {**domain.constants}
-        objects.update({name.lower(): types for name, types in problem.objects.items()})
+        objects = problem.typed(domain.constants)
         try:
             for message in self._ask("state/propositions", "").attributes:
                 item = reader.item(message)

@@ -147,7 +147,7 @@ def write_goal_problem(domain: Domain, problem: Problem, goals: Sequence[str]) -
     :param goals: PDDL text.
     :raises PddlError: a goal is not PDDL, or not one of the domain.
     """
-    objects = {**domain.constants, **{name.lower(): kinds for name, kinds in problem.objects.items()}}
+    objects = problem.typed(domain.constants)
     problem.goals = [part for text in goals for part in conjuncts(parse_condition(text, domain, objects))]
     problem.instance_goals = []
     return write_problem(problem, domain)
