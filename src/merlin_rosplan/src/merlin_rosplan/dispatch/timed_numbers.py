@@ -3,8 +3,11 @@
 
 from typing import Iterable, List, Mapping, Optional, Union
 
-from merlin_pddl.evaluation import arithmetic, compare
-from merlin_pddl.formula import Arithmetic, Fluent, Number, Numeric
+from merlin_pddl.analysis.plan_run import PaperState
+from merlin_pddl.domain import Domain
+from merlin_pddl.evaluation import Evaluator
+from merlin_pddl.knowledge import FunctionValue
+from merlin_pddl.problem import Problem
 from merlin_rosplan.dispatch.operator_model import Conditions, Inequality, PlanTerm
 from merlin_rosplan.dispatch.plan_graph import TimedLiteral, TimedValue
 
@@ -76,16 +79,6 @@ def _name(entry: Union[TimedLiteral, TimedValue]) -> str:
 
 def comparison_holds(entry: Inequality, values: Mapping[PlanTerm, float]) -> bool:
     """Whether a ground comparison holds with these values of its terms; without one of them it does not."""
-    left, right = _worth(entry.condition.left, values), _worth(entry.condition.right, values)
-    return left is not None and right is not None and compare(entry.condition.op, left, right)
-
-
-def _worth(expression: Numeric, values: Mapping[PlanTerm, float]) -> Optional[float]:
-    """The worth of an expression; None when a term in it has no value."""
-    if isinstance(expression, Number):
-        return expression.value
-    if isinstance(expression, Fluent):
-        return values.get(PlanTerm(expression.name, expression.args).key)
-    if isinstance(expression, Arithmetic):
-        return arithmetic(expression.op, [_worth(part, values) for part in expression.parts])
-    return None
+    problem = Problem("", "", values=[FunctionValue(*term, value) for term, value in values.items()])
+    domain = Domain("")
+    return Evaluator(domain, PaperState(domain, problem)).holds(entry.condition)

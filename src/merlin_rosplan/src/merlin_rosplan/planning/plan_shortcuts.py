@@ -4,12 +4,13 @@
 A search that looks for a plan at all, not for a short one, lets robots that wait drive there and back.
 """
 
-from typing import Callable, Dict, Iterator, List, Optional, Tuple
+from typing import Callable, Iterator, List, Optional, Tuple
 
+from merlin_pddl.analysis.plan_run import PaperState
 from merlin_pddl.checks.kairos_check import PlanValidator
 from merlin_pddl.domain import Operator
 from merlin_pddl.domain_reader import parse_domain
-from merlin_pddl.evaluation import Evaluator, WorldState
+from merlin_pddl.evaluation import Evaluator
 from merlin_pddl.plan_text import NO_DURATION, PlanStep
 from merlin_pddl.problem_reader import parse_problem
 
@@ -28,8 +29,8 @@ class PlanShortcuts:
 
     def __init__(self, domain: str, problem: str, validator: PlanValidator) -> None:
         self._domain = parse_domain(domain)
-        found = parse_problem(problem, self._domain)
-        self._numbers = Evaluator(self._domain, _Values({v.key: v.value for v in found.values}))
+        start = PaperState(self._domain, parse_problem(problem, self._domain))
+        self._numbers = Evaluator(self._domain, start)
         self._validator = validator
 
     def taken(self, plan: Plan, may_go_on: Callable[[], bool] = lambda: True) -> Plan:
@@ -83,22 +84,6 @@ class PlanShortcuts:
             return None
         bindings = {variable.name: value for variable, value in zip(operator.parameters, arguments)}
         return self._numbers.number(operator.durations[0].value, bindings)
-
-
-class _Values(WorldState):
-    """The numbers of an initial state."""
-
-    def __init__(self, values: Dict[Tuple[str, ...], float]) -> None:
-        self._values = {tuple(part.lower() for part in key): value for key, value in values.items()}
-
-    def holds(self, key: Tuple[str, ...]) -> bool:
-        return False
-
-    def value(self, key: Tuple[str, ...]) -> Optional[float]:
-        return self._values.get(tuple(key))
-
-    def objects(self, types: Tuple[str, ...]) -> List[str]:
-        return []
 
 
 def has_detours(plan: Plan) -> bool:
