@@ -10,13 +10,7 @@ import rosgraph
 import rospy
 
 from merlin_guard.guard_parameters import GuardParameters
-from merlin_ros.master.master_link import (
-    ERRORS,
-    MASTER_TIMEOUT,
-    MasterSilent,
-    bounded_master,
-    bounded_proxy,
-)
+from merlin_ros.master.master_link import ERRORS, MASTER_TIMEOUT, MasterSilent, bounded_master, bounded_proxy
 from merlin_ros.parameters import ParameterError
 
 GUARD_TYPE = "merlin_msgs/GuardStatus"
