@@ -15,12 +15,7 @@ from merlin_reactive.recognition.camera_placement import CameraPlacement, NotPla
 from merlin_reactive.recognition.camera_view import CameraView
 from merlin_reactive.recognition.image_source import CaptureSource, NoPicture, TopicSource, rectified
 from merlin_reactive.recognition.object_classes import UnknownClass, check_classes
-from merlin_reactive.recognition.object_recognizer import (
-    LEAST_SCORE,
-    SUPPORTS,
-    ObjectRecognizer,
-    annotated,
-)
+from merlin_reactive.recognition.object_recognizer import LEAST_SCORE, SUPPORTS, ObjectRecognizer, annotated
 from merlin_reactive.recognition.sighting import Sighting
 from merlin_reactive.recognition.tags import TAG
 from merlin_ros.actions.action_server import ServerGoal
