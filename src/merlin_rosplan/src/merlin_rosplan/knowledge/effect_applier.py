@@ -8,16 +8,7 @@ from typing import Dict, List, Mapping, Optional, Tuple
 
 from merlin_pddl.domain import Operator
 from merlin_pddl.evaluation import Evaluator, changed
-from merlin_pddl.formula import (
-    END,
-    START,
-    Atom,
-    Effect,
-    Fluent,
-    TimedCondition,
-    ground,
-    to_pddl,
-)
+from merlin_pddl.formula import END, START, Atom, Effect, Fluent, TimedCondition, ground, to_pddl
 from merlin_pddl.knowledge import ASSIGN, Fact, FunctionValue, conjuncts
 from merlin_pddl.text_reader import suggestion
 from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
