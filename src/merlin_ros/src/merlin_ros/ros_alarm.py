@@ -9,7 +9,7 @@ from typing import Callable, Optional
 import rospy
 
 from merlin_ros.work.passed_time import PassedTime
-from merlin_ros.work.threads import log_failure, start_thread
+from merlin_ros.work.threads import failure_logged, start_thread
 
 LONGEST = 60.0  # s that the alarm sleeps at once: a wall clock that is set forward is seen by then
 
@@ -104,10 +104,8 @@ class RosAlarm:
                 elif rospy.rostime.is_wallclock():
                     self._changed.wait(min(LONGEST, left))
             if due:
-                try:
+                with failure_logged(self._name):  # the alarm is set again, by whatever else happens
                     self._callback()
-                except Exception:  # the alarm is set again, by whatever else happens
-                    log_failure(self._name)
             elif not rospy.rostime.is_wallclock():
                 condition = rospy.rostime.get_rostime_cond()
                 with condition:

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Threads of a process: what they raise is logged with their name, and calls in a row keep their order."""
 
+import sys
 import threading
 from queue import Queue
 from typing import Any, List
@@ -8,7 +9,7 @@ from typing import Any, List
 import pytest
 
 from merlin_ros.work import threads
-from merlin_ros.work.threads import CallQueue, failure_text, log_failure, start_thread
+from merlin_ros.work.threads import CallQueue, failure_logged, failure_text, log_failure, start_thread
 from merlin_test import LONG
 
 
@@ -60,6 +61,17 @@ def test_an_exception_that_cannot_say_its_text_is_answered_and_logged_all_the_sa
         assert log_failure("the mission") == "Unsayable: (its text raised AttributeError)"
     assert "the mission: Traceback" in caplog.text and "raise Unsayable" in caplog.text
     assert failure_text(ValueError("no such place")) == "ValueError: no such place"
+
+
+def test_what_fails_is_logged_and_what_comes_behind_is_done(caplog: pytest.LogCaptureFixture) -> None:
+    with failure_logged("the end of a test"):
+        raise StopIteration("no further one")
+    with failure_logged(kind=BaseException):
+        sys.exit("enough")
+    assert "the end of a test: Traceback" in caplog.text and "StopIteration: no further one" in caplog.text
+    assert "continues after an error: Traceback" in caplog.text and "SystemExit: enough" in caplog.text
+    with pytest.raises(SystemExit), failure_logged():
+        sys.exit("not to be kept")
 
 
 def test_there_is_a_thread_only_while_there_are_calls() -> None:

@@ -10,7 +10,7 @@ from actionlib_msgs.msg import GoalID, GoalStatus
 from merlin_ros.actions.lease import LASTING
 from merlin_ros.deadline import Deadline
 from merlin_ros.work.goal_end import GoalEnd
-from merlin_ros.work.threads import log_failure
+from merlin_ros.work.threads import failure_logged
 
 TERMINAL = frozenset(GoalEnd)
 _BEGUN = (GoalStatus.ACTIVE, GoalStatus.PREEMPTING)
@@ -118,7 +118,5 @@ class ClientGoal:
         self._ended.set()
         if self._on_done is None:
             return
-        try:
+        with failure_logged(f"the end of {self.id}"):  # the client's thread watches over its other goals
             self._on_done(self)
-        except Exception:  # the thread of the client watches over its other goals
-            log_failure(f"the end of {self.id}")

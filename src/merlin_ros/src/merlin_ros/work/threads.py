@@ -6,13 +6,14 @@ What a thread dies of is a matter of `threading.excepthook`, which names it; wha
 A node in which a thread cannot be started ends soon, and is started again (`merlin_ros.ports.self_check`).
 """
 
+import contextlib
 import logging
 import sys
 import threading
 import traceback
 from collections import deque
 from functools import partial
-from typing import Any, Callable, Deque
+from typing import Any, Callable, Deque, Iterator, Type
 
 _log = logging.getLogger("rosout")  # that of `rospy.logerr`
 _FRAMES = -30  # the innermost ones: of what recurses there are a thousand
@@ -43,6 +44,19 @@ def log_failure(what: str = "") -> str:
     return "" if error is None else failure_text(error)
 
 
+@contextlib.contextmanager
+def failure_logged(what: str = "", kind: Type[BaseException] = Exception) -> Iterator[None]:
+    """Goes on behind what is done in it, also when that fails: the exception is logged.
+
+    :param what: as of :func:`log_failure`.
+    :param kind: other exceptions are raised.
+    """
+    try:
+        yield
+    except kind:
+        log_failure(what)
+
+
 def failure_text(error: BaseException) -> str:
     """Kind and text of an exception, for an answer; the kind alone where making its text raises."""
     try:
@@ -71,11 +85,9 @@ class CallQueue:
             self._calls.append(partial(call, *args))
             if self._runs:
                 return
-            try:
+            with failure_logged(kind=RuntimeError):  # the next call tries again, if the node lives on
                 start_thread(self._name, self._work)
                 self._runs = True
-            except RuntimeError:  # the next call tries again, in case the node does not end
-                log_failure()
 
     def _work(self) -> None:
         while True:
@@ -84,7 +96,5 @@ class CallQueue:
                     self._runs = False
                     return
                 call = self._calls.popleft()
-            try:
+            with failure_logged(kind=BaseException):  # of users' code, too; what comes behind is to be called
                 call()
-            except BaseException:  # of users' code, too; what comes behind is to be called
-                log_failure()
