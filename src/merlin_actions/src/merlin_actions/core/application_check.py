@@ -4,13 +4,13 @@
 Each mistake is one sentence: where it is, what is wrong, what to do.
 """
 
-import difflib
 from types import MappingProxyType
 from typing import Callable, Collection, Dict, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 from merlin_actions.core.names import DECLARED, HERE
 from merlin_actions.core.robot_parameter import Parameters
 from merlin_pddl.checks.literals import Literal
+from merlin_pddl.text_reader import suggestion
 
 
 class Needs(NamedTuple):
@@ -114,8 +114,7 @@ def check_application(classes: Sequence[Needs], world: ApplicationWorld, complet
 def _operator(needs: Needs, world: ApplicationWorld) -> Iterator[str]:
     if needs.operator not in world.operators:
         names = ", ".join(world.operators) or "none"
-        near = difflib.get_close_matches(needs.operator, list(world.operators), 1)
-        hint = f" (did you mean {near[0]!r}?)" if near else ""
+        hint = suggestion(needs.operator, world.operators)
         yield (
             f"{needs.name}: the domain has no operator {needs.operator!r}{hint}, only {names}; "
             "rename the class, or set its attribute 'operator'"
