@@ -17,7 +17,7 @@ from merlin_ros.actions.action_server import ActionServer, ServerGoal
 from merlin_ros.deadline import call_when_passed, limit
 from merlin_ros.health import ERROR, OK, WARN, Health
 from merlin_ros.work.goal_end import GoalEnd
-from merlin_ros.work.threads import log_failure, start_thread
+from merlin_ros.work.threads import failure_logged, log_failure, start_thread
 from merlin_ros.work.work_book import Decision, Policy, Step, WorkBook
 from merlin_sm.autonomy import label_text
 from merlin_sm.holding.node_holds import node_holds
@@ -217,10 +217,9 @@ class MerlinActionServer(Serving):
             self._free.append(machine)
 
     def _preempt(self, machine: MerlinActionSM) -> None:
-        try:
+        # Users' code; the limit deals with a machine that continues.
+        with failure_logged(f"the preempt of {self.operator}", BaseException):
             machine.cancel()
-        except BaseException:  # users' code; the limit deals with a machine that continues
-            log_failure(f"the preempt of {self.operator}")
 
     def _limit(self, goal: ServerGoal) -> None:
         with self._changed:

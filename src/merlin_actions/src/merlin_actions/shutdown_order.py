@@ -6,10 +6,11 @@ from abc import ABC, abstractmethod
 from typing import Any, Callable, List, Sequence
 
 from merlin_ros.alarms import wait_ticks
-from merlin_ros.work.threads import log_failure
+from merlin_ros.work.threads import failure_logged
 from merlin_ros.work.work_book import Decision, WorkBook
 
 MASTER_LOST = "the ROS master is lost"
+GOES_ON = "a node that ends continues with its end"
 
 #: Wall seconds in which all that runs can stop the robot when its node ends.
 SHUTDOWN_WAIT = 2.0
@@ -61,14 +62,9 @@ def shut_down(parts: Sequence[Serving]) -> None:
     What one of them raises is logged: the others have to stop, too.
     """
     for part in parts:
-        _try(part.stop)
+        with failure_logged(GOES_ON):
+            part.stop()
     wait_ticks(lambda tick: all(part.wait_stopped(tick) for part in parts), SHUTDOWN_WAIT)
     for part in parts:
-        _try(part.close)
-
-
-def _try(call: Callable[[], None]) -> None:
-    try:
-        call()
-    except Exception:
-        log_failure("a node that ends continues with its end")
+        with failure_logged(GOES_ON):
+            part.close()

@@ -6,7 +6,7 @@ import threading
 from typing import Any, Callable, Dict, NamedTuple, Optional, Sequence, Tuple, Union
 
 from merlin_pddl.plan_text import call_text
-from merlin_ros.work.threads import log_failure
+from merlin_ros.work.threads import failure_logged
 
 #: Plan id and action id.
 Key = Tuple[int, int]
@@ -112,12 +112,9 @@ class Execution:
                 self.cancel_reason = reason
             self.cancelled.set()
             interrupt = self._interrupt
-        if interrupt is None:
-            return
-        try:
-            interrupt()
-        except Exception:
-            log_failure(f"the cancel of {self.text}")
+        if interrupt is not None:
+            with failure_logged(f"the cancel of {self.text}"):
+                interrupt()
 
     def interruptible(self, interrupt: Optional[Callable[[], None]]) -> None:
         """Announces what stops it from now on; a cancel that came before is passed on at once."""
