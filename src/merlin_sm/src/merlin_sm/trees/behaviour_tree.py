@@ -11,7 +11,7 @@ from py_trees.common import Status
 import smach
 from merlin_ros.deadline import Deadline
 from merlin_ros.ros_alarm import call_after
-from merlin_ros.work.threads import log_failure
+from merlin_ros.work.threads import failure_logged
 from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, SUCCEEDED, merlin_states
 from merlin_sm.trees.state_behaviour import StateBehaviour
 from merlin_sm.trees.state_run import StateRun
@@ -180,10 +180,9 @@ class BehaviourTree(Branch):
         """Interrupts everything and waits until it has stopped."""
         for node in self.root.iterate():  # children first
             if node.status == Status.RUNNING:
-                try:
+                # Users' code; the others have to be stopped too.
+                with failure_logged(f"the end of behaviour {node.name}"):
                     node.stop(Status.INVALID)
-                except Exception:  # users' code; the others have to be stopped too
-                    log_failure(f"the end of behaviour {node.name}")
                     node.status = Status.INVALID
         with self._changed:
             runs = list(self._runs)

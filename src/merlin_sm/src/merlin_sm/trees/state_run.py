@@ -4,7 +4,7 @@
 import threading
 from typing import Callable, Optional
 
-from merlin_ros.work.threads import log_failure, start_thread
+from merlin_ros.work.threads import failure_logged, start_thread
 from merlin_sm.autonomy import label_text
 from merlin_sm.merlin_sm import MerlinSM
 
@@ -57,7 +57,6 @@ class StateRun:
             if self.interrupted:
                 return
             self.interrupted = True
-        try:
+        # Users' code; what else runs in the tree still has to be interrupted.
+        with failure_logged("the preempt of a behaviour", BaseException):
             self.machine.cancel()
-        except BaseException:  # users' code; what else runs in the tree still has to be interrupted
-            log_failure("the preempt of a behaviour")
