@@ -15,7 +15,7 @@ from merlin_executor.core.outcome import Outcome, Stop, StopKind, Verdict, crash
 from merlin_executor.core.ticket import T
 from merlin_executor.core.time_window import Outlook
 from merlin_ros.alarms import wait_ticks
-from merlin_ros.work.threads import log_failure, start_thread
+from merlin_ros.work.threads import failure_logged, log_failure, start_thread
 
 TIDY_PERIOD = 1.0  # s between two attempts to remove what a run has left
 _AGAIN = Stop(StopKind.ANOTHER)
@@ -242,10 +242,8 @@ class Engine(Generic[T]):
         return None
 
     def _tidy(self) -> None:
-        try:
+        with failure_logged("what a request has left could not be removed"):  # it is tried again
             self._stages.clean_up()
-        except Exception:  # the worker continues, and tries again
-            log_failure("what a request has left could not be removed")
 
     def _run(self, requests: Sequence[T]) -> Tuple[Verdict, Optional[BaseException]]:
         try:
@@ -305,7 +303,5 @@ class Engine(Generic[T]):
     @staticmethod
     def _tell(callback: Callable[[], object]) -> None:
         """Calls a callback; when it fails, the request is answered and the next one begins all the same."""
-        try:
+        with failure_logged("the executor continues", BaseException):  # SMACH's states and users' code
             callback()
-        except BaseException:  # SMACH's states and users' code may raise anything
-            log_failure("the executor continues")
