@@ -23,7 +23,7 @@ from merlin_ros.health import OK, WARN, Health, HealthReporter
 from merlin_ros.node import run_node
 from merlin_ros.parameters import ParameterError, graph_name
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
-from merlin_ros.work.threads import log_failure, start_thread
+from merlin_ros.work.threads import failure_logged, start_thread
 
 #: Question → the phrases that ask it; ``when`` is that part of the answer to ``doing``.
 PHRASES = {
@@ -188,13 +188,11 @@ class VoiceQuestions:
 
     def _work(self) -> None:
         while not rospy.is_shutdown():
-            try:
+            with failure_logged():  # one question must not end those that follow
                 if not self._listener.wait_for_server(RETRY):
                     self._trouble = f"nothing listens: {self._listener.missing}"
                 elif self._moments.wait_free(RETRY):
                     self._answer(self._listen())
-            except Exception:  # one question must not end those that follow
-                log_failure()
 
     def _listen(self) -> str:
         """What was asked; empty: nothing, or the moment was not free any more."""
