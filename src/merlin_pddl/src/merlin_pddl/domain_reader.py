@@ -141,8 +141,7 @@ class DomainReader:
     def _constants(self, section: Expression) -> None:
         constants = self._domain.constants
         for word, types in typed_list(section[1:], self._domain, variables=False):
-            known = constants.get(str(word), ())
-            constants[str(word)] = known + tuple(name for name in types if name not in known)
+            constants[str(word)] = tuple(dict.fromkeys((*constants.get(str(word), ()), *types)))
 
     def _signature(self, node: Node, what: str) -> Tuple[Word, Signature]:
         if not isinstance(node, Expression) or not node:

@@ -102,8 +102,7 @@ class ProblemReader:
     def _objects(self, section: Expression) -> None:
         objects = self._problem.objects
         for word, types in typed_list(section[1:], self._domain, variables=False):
-            known = objects.get(str(word), ())
-            objects[str(word)] = known + tuple(name for name in types if name not in known)
+            objects[str(word)] = tuple(dict.fromkeys((*objects.get(str(word), ()), *types)))
 
     def _init(self, section: Expression) -> None:
         for node in section[1:]:

@@ -19,8 +19,7 @@ class TypeHierarchy:
 
     def declare(self, name: str, parents: Iterable[str] = ()) -> None:
         """Adds a type; a second declaration of the same type adds parents."""
-        known = self._parents.get(name, ())
-        self._parents[name] = known + tuple(parent for parent in parents if parent not in known)
+        self._parents[name] = tuple(dict.fromkeys((*self._parents.get(name, ()), *parents)))
         self._below.clear()
 
     def complete(self) -> None:
