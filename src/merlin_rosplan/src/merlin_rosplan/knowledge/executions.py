@@ -7,7 +7,7 @@ once it was interrupted. END, ROLLBACK and INTERRUPT close it; so an execution t
 base, or whose owner died, is closed as if nothing had happened in between.
 """
 
-from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 from merlin_pddl.formula import END, OVER_ALL, START
 from merlin_pddl.knowledge import Fact
@@ -55,9 +55,7 @@ def open_executions(state: KnowledgeTables, owner: str = "") -> List[OpenExecuti
             tuple((label, value) for label, value in row.data.get("parameters", ())),
             row.data.get("owner", ""),
             row.data["since"],
-            tuple(
-                Fact(name, tuple(args), negative).text() for name, args, negative in row.data.get("holds", ())
-            ),
+            tuple(_fact(literal).text() for literal in row.data.get("holds", ())),
         )
         for row in state.executions.all()
         if not row.data.get("ended")
@@ -115,7 +113,7 @@ class Executions:
             allowed = applier.allowed_at_start(specials)
             undo = applier.apply(START, specials, allowed)
         running = RecordedChanges(self._transaction)
-        _bring_about(running, holds)
+        _bring_about(running, map(_fact, holds))
         if token:
             row: Dict[str, object] = {
                 "operator": operator.name,
@@ -181,7 +179,7 @@ class Executions:
         if row is None:
             return "nothing to interrupt"
         self._no_longer_running(token, row)
-        declared: List[Literal] = row.get("interrupted", [])
+        declared = list(map(_fact, row.get("interrupted", [])))
         counts: List[Count] = row.get("counts", [])
         specials = passed(row["since"], self._transaction.now, row.get("duration"))
         operator = find_operator(self._state, row["operator"])
@@ -190,15 +188,11 @@ class Executions:
             notes.append(self._restore(token, row))
             return "; ".join(filter(None, notes))
         # An execution has to come to its end whatever happened to the objects it was about.
-        possible = [
-            literal
-            for literal in declared
-            if literal[2] or self._transaction.acceptable(Fact(literal[0], tuple(literal[1])))
-        ]
+        possible = [fact for fact in declared if fact.negative or self._transaction.acceptable(fact)]
         _bring_about(RecordedChanges(self._transaction), possible)
         failed = apply_counts(self._transaction, counts, specials)
         self._close(token, row["operator"])
-        gone = [_text(literal) for literal in declared if literal not in possible]
+        gone = [fact.text() for fact in declared if fact not in possible]
         notes.append(f"not applied, because an object is gone: {', '.join(gone)}" if gone else "")
         notes.append(f"not applied, because there is no number: {', '.join(failed)}" if failed else "")
         return "; ".join(filter(None, notes))
@@ -262,9 +256,9 @@ class Executions:
         wanted = (fact_of(note).key, note["was"] == "true")
         for row in self._state.executions.all():
             if row.name != token and not row.data.get("ended"):
-                for name, args, negative in row.data.get("holds", ()):
-                    if (Fact(name, tuple(args)).key, negative) == wanted:
-                        return row.name
+                held = map(_fact, row.data.get("holds", ()))
+                if any((fact.key, fact.negative) == wanted for fact in held):
+                    return row.name
         return None
 
     def _literals(self, texts: Sequence[str]) -> List[Literal]:
@@ -281,14 +275,10 @@ class Executions:
         return found
 
 
-def _bring_about(changes: RecordedChanges, literals: Sequence[Literal]) -> None:
+def _bring_about(changes: RecordedChanges, facts: Iterable[Fact]) -> None:
     """Deletes first, so that an added fact stays when it is named both ways."""
-    for name, args, negative in literals:
-        if negative:
-            changes.delete(Fact(name, tuple(args)))
-    for name, args, negative in literals:
-        if not negative:
-            changes.add(Fact(name, tuple(args)))
+    for fact in sorted(facts, key=lambda fact: not fact.negative):
+        (changes.delete if fact.negative else changes.add)(fact)
 
 
 def _read_literals(node: Node) -> List[Fact]:
@@ -304,6 +294,6 @@ def _read_literals(node: Node) -> List[Fact]:
     return [Fact(names[0], tuple(names[1:]), negative)]
 
 
-def _text(literal: Literal) -> str:
+def _fact(literal: Literal) -> Fact:
     name, args, negative = literal
-    return Fact(name, tuple(args), negative).text()
+    return Fact(name, tuple(args), negative)
