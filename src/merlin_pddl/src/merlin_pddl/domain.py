@@ -130,15 +130,10 @@ def self_negating(derived: Rules) -> Optional[str]:
     }
 
     def reaches(start: str, goal: str) -> bool:
-        seen, waiting = {start}, [start]
-        while waiting:
-            name = waiting.pop()
-            if name == goal:
-                return True
-            more = {used for used, _ in uses.get(name, ())} - seen
-            seen |= more
-            waiting.extend(more)
-        return False
+        found = [start]
+        for name in found:
+            found.extend({used for used, _ in uses.get(name, ())}.difference(found))
+        return goal in found
 
     for name, found in uses.items():
         if any(negated and reaches(used, name) for used, negated in found):

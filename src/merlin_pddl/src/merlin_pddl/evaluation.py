@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Whether a condition holds, and what a numeric expression is worth, in a state of the world."""
 
+import functools
 import itertools
 import math
 import operator
-from typing import Callable, Dict, Iterable, Iterator, List, Mapping, Optional, Sequence, Set, Tuple
+from typing import Callable, Dict, Iterable, Iterator, List, Mapping, Optional, Sequence, Set, Tuple, Union
 
 from merlin_pddl.domain import Domain
 from merlin_pddl.formula import (
@@ -28,13 +29,8 @@ from merlin_pddl.formula import (
 )
 from merlin_pddl.knowledge import ASSIGN, OPERATIONS, Fact, FunctionValue, Instance, Key, Timed
 
-_COMPARE: Dict[str, Callable[[float, float], bool]] = {
-    ">": operator.gt,
-    ">=": operator.ge,
-    "<": operator.lt,
-    "<=": operator.le,
-    "=": operator.eq,
-}
+_COMPARE = {">": operator.gt, ">=": operator.ge, "<": operator.lt, "<=": operator.le, "=": operator.eq}
+_ARITHMETIC = {"+": operator.add, "-": operator.sub, "*": operator.mul, "/": operator.truediv}
 Bindings = Mapping[str, str]
 
 #: Derived atoms inside each other before the search starts afresh: keeps within Python's recursion limit.
@@ -90,7 +86,7 @@ class Evaluator:
         """Whether a condition holds. What was never said is false, and a comparison without a value too."""
         bindings = bindings or {}
         if isinstance(condition, Atom):
-            return self._atom((condition.name.lower(), *self._terms(condition.args, bindings)))
+            return self._atom(key_of(condition, bindings))
         if isinstance(condition, Not):
             return self._negation(condition.part, bindings)
         if isinstance(condition, And):
@@ -116,7 +112,7 @@ class Evaluator:
         if isinstance(value, Number):
             return value.value
         if isinstance(value, Fluent):
-            return self._state.value((value.name.lower(), *self._terms(value.args, bindings)))
+            return self._state.value(key_of(value, bindings))
         if isinstance(value, Arithmetic):
             return arithmetic(value.op, [self.number(part, bindings) for part in value.parts])
         assert isinstance(value, Special)
@@ -135,10 +131,6 @@ class Evaluator:
         if found is None:
             found = self._objects[types] = self._state.objects(types)
         return found
-
-    @staticmethod
-    def _terms(args: Tuple[str, ...], bindings: Bindings) -> List[str]:
-        return [bind(arg, bindings).lower() for arg in args]
 
     # --- derived predicates: the least fixpoint, searched from the atom that is asked -------------
     #
@@ -197,11 +189,16 @@ class Evaluator:
             self._open, self._failed, self._postponed = kept
 
 
+def key_of(term: Union[Atom, Fluent, Special], bindings: Bindings) -> Key:
+    """The key of what a term names."""
+    return (term.name.lower(), *[bind(arg, bindings).lower() for arg in term.args])
+
+
 def compare(op: str, left: float, right: float) -> bool:
     """``> >= < <= =``; numbers within 1e-9 of each other are equal, for they come from sums of decimals."""
     if math.isclose(left, right, rel_tol=1e-9, abs_tol=1e-9):
         return op in (">=", "<=", "=")
-    return _COMPARE[op](left, right)
+    return bool(_COMPARE[op](left, right))
 
 
 def changed(op: str, before: Optional[float], value: Optional[float]) -> Optional[float]:
@@ -235,19 +232,10 @@ def arithmetic(op: str, values: Sequence[Optional[float]]) -> Optional[float]:
     known = [value for value in values if value is not None]
     if len(known) != len(values) or not known:
         return None
-    result = known[0]
     if len(known) == 1:
-        return -result if op == "-" else result
+        return -known[0] if op == "-" else known[0]
     try:
-        for value in known[1:]:
-            if op == "+":
-                result += value
-            elif op == "-":
-                result -= value
-            elif op == "*":
-                result *= value
-            else:
-                result /= value
+        result: float = functools.reduce(_ARITHMETIC[op], known)
     except (ZeroDivisionError, OverflowError):
         return None
     return result if math.isfinite(result) else None

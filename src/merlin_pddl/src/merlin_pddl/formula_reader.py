@@ -236,9 +236,7 @@ class FormulaReader:
         if name not in known:
             if name in TRAJECTORY:
                 raise name.error(f"'{name}' {IN_CONSTRAINTS}")
-            hint = suggestion(name, known)
-            if name in self._domain.functions:
-                hint = " (it is a function)"
+            hint = " (it is a function)" if name in self._domain.functions else suggestion(name, known)
             raise name.error(f"unknown predicate '{name}'{hint}")
         return Atom(str(name), self._arguments(node, known[str(name)], scope))
 

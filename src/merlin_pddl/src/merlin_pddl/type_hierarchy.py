@@ -33,24 +33,20 @@ class TypeHierarchy:
                     self._parents[parent] = ()
         done: Set[str] = set()
         for start in self._parents:
-            path: List[str] = []
-            self._visit(start, path, done)
+            self._visit(start, done)
 
-    def _visit(self, start: str, path: List[str], done: Set[str]) -> None:
+    def _visit(self, start: str, done: Set[str]) -> None:
         stack: List[Tuple[str, Iterator[str]]] = [(start, iter(self._parents.get(start, ())))]
-        path.append(start)
         while stack:
-            name, parents = stack[-1]
+            path, parents = [name for name, _ in stack], stack[-1][1]
             parent = next(parents, None)
             if parent is None:
                 stack.pop()
-                path.pop()
-                done.add(name)
+                done.add(path[-1])
             elif parent in path:
                 cycle = [*path[path.index(parent) :], parent]
                 raise TypeCycleError(f"the type '{parent}' is its own ancestor: {' - '.join(cycle)}")
             elif parent not in done:
-                path.append(parent)
                 stack.append((parent, iter(self._parents.get(parent, ()))))
 
     def __contains__(self, name: str) -> bool:

@@ -112,15 +112,10 @@ class DeadlineTask:
         found.facts += [Fact(mark.open, ()) for mark in self._marks]
         self._passes = any(operator.durative for operator in self._model.operators.values())
         if binding and self._passes:
-            found.timed = [
-                *found.timed,
-                *(
-                    Timed(
-                        int((max(0.0, due.within) + GRACE) * NANOSECONDS), Fact(mark.open, (), negative=True)
-                    )
-                    for due, mark in zip(dues, self._marks)
-                    if due.within < math.inf
-                ),
+            found.timed = self._timed + [
+                Timed(int((max(0.0, due.within) + GRACE) * NANOSECONDS), Fact(mark.open, (), negative=True))
+                for due, mark in zip(dues, self._marks)
+                if due.within < math.inf
             ]
         self.problem = write_problem(found, self._model)
 
@@ -146,11 +141,9 @@ class DeadlineTask:
             others = [*steps, *(other for other in marks.values() if other is not step)]
             for time in self._moments(mark.goal, steps):
                 moved = PlanStep(time + SEPARATION, step.name, (), step.duration)
-                if moved.time >= step.time:
+                together = sorted([*others, moved], key=lambda other: other.time)
+                if moved.time >= step.time or fault(together) is None:
                     reached.append(min(time, step.time))
-                    break
-                if fault(_in_order([*others, moved])) is None:
-                    reached.append(time)
                     break
             else:
                 reached.append(step.time)
@@ -246,7 +239,3 @@ def _may_be(term: Term, other: Term) -> bool:
     return len(term) == len(other) and all(
         one == two or "?" in (one[:1], two[:1]) for one, two in zip(term, other)
     )
-
-
-def _in_order(steps: Iterable[PlanStep]) -> List[PlanStep]:
-    return sorted(steps, key=lambda step: step.time)

@@ -10,6 +10,7 @@ from merlin_pddl.analysis.domain_text import head_of, require, section
 from merlin_pddl.domain import Domain, Operator
 from merlin_pddl.domain_reader import DomainReader
 from merlin_pddl.formula import types_text
+from merlin_pddl.plan_text import call_text
 from merlin_pddl.problem_reader import parse_problem
 from merlin_pddl.text_reader import Expression, Word, name_of, read_expression, suggestion
 
@@ -38,7 +39,7 @@ def leave_out(domain: str, problem: str, actions: Sequence[str]) -> Tuple[str, s
         _forbid(node, model.operators[name])
     require(node, [_NEGATION])
     facts = "".join(
-        f"\n({' '.join((_predicate(name), *terms))})"
+        f"\n{call_text(f'{LEFT_OUT}{name}', terms)}"
         for name, grounds in left_out.items()
         for terms in sorted(grounds)
     )
@@ -82,10 +83,6 @@ def _expanded(
     return found
 
 
-def _predicate(operator: str) -> str:
-    return f"{LEFT_OUT}{operator}"
-
-
 def declare(node: Expression, name: str, operator: Operator) -> str:
     """Adds a predicate over the parameters of an operator to a domain; returns its atom over these."""
     typed = "".join(f" {parameter.name} - {types_text(parameter.types)}" for parameter in operator.parameters)
@@ -119,7 +116,7 @@ def extend_action(node: Expression, operator: Operator, key: str, part: str) -> 
 
 def _forbid(node: Expression, operator: Operator) -> None:
     """Gives an operator the condition that it is not left out."""
-    atom = declare(node, _predicate(operator.name), operator)
+    atom = declare(node, f"{LEFT_OUT}{operator.name}", operator)
     key = ":condition" if operator.durative else ":precondition"
     extend_action(node, operator, key, f"(at start (not {atom}))" if operator.durative else f"(not {atom})")
 

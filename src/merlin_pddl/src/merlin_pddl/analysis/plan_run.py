@@ -6,19 +6,16 @@ from dataclasses import replace
 from typing import AbstractSet, Dict, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple, Union
 
 from merlin_pddl.domain import Domain, Operator
-from merlin_pddl.evaluation import Evaluator, WorldState, changed
+from merlin_pddl.evaluation import Evaluator, WorldState, changed, key_of
 from merlin_pddl.formula import (
     END,
     OVER_ALL,
     START,
-    Atom,
     Comparison,
     Condition,
     Effect,
-    Fluent,
     Formula,
     Special,
-    bind,
     call_text,
     conjuncts,
     ground,
@@ -195,13 +192,13 @@ class _Changes:
 
     def need(self, formulas: Sequence[Formula], bindings: Mapping[str, str]) -> None:
         """Takes what conditions and values depend on."""
-        self._touched.update((_key(term, bindings), "need") for each in formulas for term in terms(each))
+        self._touched.update((key_of(term, bindings), "need") for each in formulas for term in terms(each))
 
     def note(self, effect: Effect, evaluator: Evaluator, bindings: Mapping[str, str]) -> None:
         """Takes an effect in the state before."""
         target = effect.atom or effect.fluent
         assert target is not None
-        key, how = _key(target, bindings), "delete" if effect.negative else "add"
+        key, how = key_of(target, bindings), "delete" if effect.negative else "add"
         if effect.atom is not None:
             (self.deleted if effect.negative else self.added).add(key)
         elif effect.value is not None:
@@ -218,10 +215,6 @@ class _Changes:
             for another, way in other._touched
             if key == another and not how == way in ("need", "add", "delete", INCREASE)
         }
-
-
-def _key(term: Union[Atom, Fluent, Special], bindings: Mapping[str, str]) -> Key:
-    return (term.name.lower(), *(bind(word, bindings).lower() for word in term.args))
 
 
 def _apply(parts: Sequence[_Changes], state: PaperState) -> None:
@@ -278,11 +271,10 @@ class _Paper:
 
     def _pass(self, seconds: float) -> None:
         """What changes with time does so, and what has to hold meanwhile is looked at."""
-        changes, changing = _Changes(), False
-        for step in self._running.values():
-            if any(effect.when == OVER_ALL for effect in step.operator.effects):
-                changing = True
-                self._collect(changes, step, OVER_ALL, self._evaluator(step.specials(seconds)))
+        changes, running = _Changes(), self._running.values()
+        changing = [step for step in running if any(e.when == OVER_ALL for e in step.operator.effects)]
+        for step in changing:
+            self._collect(changes, step, OVER_ALL, self._evaluator(step.specials(seconds)))
         if changing:
             _apply([changes], self.state)
             self._look_over_all()

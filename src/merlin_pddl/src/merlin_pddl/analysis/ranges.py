@@ -43,10 +43,6 @@ def arithmetic(op: str, parts: Sequence[Range]) -> Range:
     return result
 
 
-def _minus(left: Range, right: Range) -> Range:
-    return Range(left.low - right.high, left.high - right.low)
-
-
 def _times(left: Range, right: Range) -> Range:
     products = [0.0 if 0.0 in (a, b) else a * b for a in left for b in right]
     return Range(min(products), max(products))
@@ -60,7 +56,7 @@ def _over(left: Range, right: Range) -> Range:
 
 _OPERATIONS: Dict[str, Callable[[Range, Range], Range]] = {
     "+": lambda left, right: Range(left.low + right.low, left.high + right.high),
-    "-": _minus,
+    "-": lambda left, right: Range(left.low - right.high, left.high - right.low),
     "*": _times,
     "/": _over,
 }

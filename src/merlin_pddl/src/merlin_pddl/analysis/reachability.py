@@ -8,6 +8,7 @@ from typing import Dict, List, Sequence, Set, Tuple
 from merlin_pddl.analysis.ranges import Range, arithmetic
 from merlin_pddl.analysis.relaxed_state import Bindings, RelaxedState
 from merlin_pddl.domain import Domain, Operator
+from merlin_pddl.evaluation import key_of
 from merlin_pddl.formula import Comparison, Condition, Effect, Number
 from merlin_pddl.knowledge import ASSIGN, DECREASE, INCREASE, SCALE_UP, Key, conjuncts
 from merlin_pddl.problem import Problem
@@ -59,8 +60,7 @@ class Reachability:
                             done.add(ground)
 
     def _derive(self) -> bool:
-        changed = again = bool(self._domain.derived)
-        changed = False
+        changed, again = False, bool(self._domain.derived)
         while again:
             again = False
             for name, rules in self._domain.derived.items():
@@ -79,7 +79,7 @@ class Reachability:
                 if not all(self.state.can(timed.condition, extended) for timed in effect.conditions):
                     continue
                 if effect.atom is not None:
-                    key = self.state.key(effect.atom, extended)
+                    key = key_of(effect.atom, extended)
                     changed |= self.state.remove(key) if effect.negative else self.state.add(key)
                 else:
                     changed |= self._count(effect, extended)
@@ -88,7 +88,7 @@ class Reachability:
     def _count(self, effect: Effect, bindings: Bindings) -> bool:
         """A numeric effect. What changes by its own value does so as often as it likes."""
         assert effect.fluent is not None and effect.value is not None
-        key = self.state.key(effect.fluent, bindings)
+        key = key_of(effect.fluent, bindings)
         value, old = self.state.range(effect.value, bindings), self.state.values.get(key)
         if value is None or (old is None and effect.op != ASSIGN):
             return False

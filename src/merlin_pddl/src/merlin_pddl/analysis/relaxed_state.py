@@ -6,10 +6,11 @@ Whatever a plan can reach can be reached here too; what cannot be reached here h
 
 import itertools
 import time
-from typing import Dict, Iterator, List, Mapping, Optional, Sequence, Set, Tuple, Union
+from typing import Dict, Iterator, List, Mapping, Optional, Sequence, Set, Tuple
 
 from merlin_pddl.analysis.ranges import ANYTHING, POSITIVE, Range, arithmetic, can_compare
 from merlin_pddl.domain import Domain
+from merlin_pddl.evaluation import key_of
 from merlin_pddl.formula import (
     And,
     Arithmetic,
@@ -28,7 +29,7 @@ from merlin_pddl.formula import (
     Variable,
     bind,
 )
-from merlin_pddl.knowledge import Fact, FunctionValue, Instance, Key
+from merlin_pddl.knowledge import Fact, FunctionValue, Key
 from merlin_pddl.problem import Problem
 
 Bindings = Mapping[str, str]
@@ -61,17 +62,11 @@ class RelaxedState:
         self._gone: Set[Key] = set()
         for value in problem.values:
             self.values[value.key] = Range(value.value, value.value)
-        for timed in problem.timed:
-            self._add_timed(timed.item)
-
-    def _add_timed(self, item: Union[Instance, Fact, FunctionValue]) -> None:
-        if isinstance(item, Fact):
-            if item.negative:
-                self.remove(item.key)
-            else:
-                self.add(item.key)
-        elif isinstance(item, FunctionValue):
-            self.widen(item.key, Range(item.value, item.value))
+        for item in (timed.item for timed in problem.timed):
+            if isinstance(item, Fact):
+                (self.remove if item.negative else self.add)(item.key)
+            elif isinstance(item, FunctionValue):
+                self.widen(item.key, Range(item.value, item.value))
 
     def look_at_clock(self) -> None:
         """Ends the analysis in time.
@@ -110,7 +105,7 @@ class RelaxedState:
     def can(self, condition: Condition, bindings: Bindings, negated: bool = False) -> bool:
         """Whether a condition can hold, or with `negated` can fail."""
         if isinstance(condition, Atom):
-            key = self.key(condition, bindings)
+            key = key_of(condition, bindings)
             if negated:
                 derived = key[0] in self._domain.derived
                 return derived or key not in self._initial or key in self._gone
@@ -139,18 +134,13 @@ class RelaxedState:
         if isinstance(value, Number):
             return Range(value.value, value.value)
         if isinstance(value, Fluent):
-            return self.values.get(self.key(value, bindings))
+            return self.values.get(key_of(value, bindings))
         if isinstance(value, Arithmetic):
             parts = [self.range(part, bindings) for part in value.parts]
             known = [part for part in parts if part is not None]
             return arithmetic(value.op, known) if len(known) == len(parts) else None
         assert isinstance(value, Special)
         return POSITIVE if value.name in ("#t", "?duration", "total-time") else ANYTHING
-
-    @staticmethod
-    def key(item: Union[Atom, Fluent], bindings: Bindings) -> Key:
-        """The key of an atom or a function."""
-        return (item.name.lower(), *(bind(term, bindings).lower() for term in item.args))
 
     # --- objects and bindings -----------------------------------------------------------------------------
 

@@ -128,7 +128,8 @@ class Shortfall:
         """
         text = to_pddl(condition)
         if isinstance(condition, Comparison):
-            return Gap(self._subject(condition), operator, self._missed(condition), condition)
+            subject = self._without_value(condition) or text
+            return Gap(subject, operator, self._missed(condition), condition)
         if isinstance(condition, Not) and isinstance(condition.part, Atom):
             atom = condition.part
             if atom.name.startswith(LEFT_OUT):
@@ -182,9 +183,6 @@ class Shortfall:
         """How many objects a missing condition relates for ever; 0: an action may change it."""
         fixed = isinstance(condition, Atom) and condition.name not in self._changed
         return len(condition.args) if isinstance(condition, Atom) and fixed else 0
-
-    def _subject(self, comparison: Comparison) -> str:
-        return self._without_value(comparison) or to_pddl(comparison)
 
     def _missed(self, comparison: Comparison) -> str:
         """By how much a comparison is missed."""

@@ -2,13 +2,15 @@
 """Which numbers keep actions of a problem from running: those without a value, and negative durations."""
 
 import time
-from typing import Any, Dict, Iterator, List, Set, Tuple
+from typing import Any, Dict, Iterator, List, Tuple
 
 from merlin_pddl.analysis.reachability import Reachability, conditions_of
 from merlin_pddl.analysis.relaxed_state import CutOffError
 from merlin_pddl.domain import Domain, Operator
+from merlin_pddl.evaluation import key_of
 from merlin_pddl.formula import Comparison, Fluent, terms
 from merlin_pddl.knowledge import ASSIGN
+from merlin_pddl.plan_text import call_text
 from merlin_pddl.problem import Problem
 
 #: How many missing values of a function are named.
@@ -39,12 +41,11 @@ def missing_values(domain: Domain, problem: Problem, limit: float = LIMIT) -> Li
                 for value in longest:
                     seconds = reach.state.range(value, bindings)
                     if seconds is not None and seconds.high < 0.0:
-                        names = " ".join(
-                            [operator.name, *(bindings[each.name] for each in operator.parameters)]
-                        )
-                        negative.setdefault(operator.name, f"({names}) lasts {seconds.high:g} s")
+                        names = [bindings[each.name] for each in operator.parameters]
+                        action = call_text(operator.name, names)
+                        negative.setdefault(operator.name, f"{action} lasts {seconds.high:g} s")
                 for fluent in fluents:
-                    key = reach.state.key(fluent, bindings)
+                    key = key_of(fluent, bindings)
                     # From a place to itself is nothing to drive.
                     if key not in reach.state.values and len(set(key)) == len(key):
                         found.setdefault((operator.name, fluent.name), {})[f"({' '.join(key)})"] = None
@@ -67,6 +68,7 @@ def missing_values(domain: Domain, problem: Problem, limit: float = LIMIT) -> Li
 
 def _read(operator: Operator) -> Iterator[Fluent]:
     """The functions whose values an operator needs before it can run."""
+    names = {variable.name for variable in operator.parameters}
     formulas: List[Any] = list(conditions_of(operator))
     for effect in operator.effects:
         if effect.value is not None and not effect.conditions and not effect.variables:
@@ -76,9 +78,5 @@ def _read(operator: Operator) -> Iterator[Fluent]:
     for formula in formulas:
         for term in terms(formula):
             # One with a variable of a quantifier is none of a ground action.
-            if isinstance(term, Fluent) and {a for a in term.args if a[0] == "?"} <= _names(operator):
+            if isinstance(term, Fluent) and {a for a in term.args if a[0] == "?"} <= names:
                 yield term
-
-
-def _names(operator: Operator) -> Set[str]:
-    return {variable.name for variable in operator.parameters}
