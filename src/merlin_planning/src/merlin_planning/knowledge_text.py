@@ -6,7 +6,7 @@ problems are the planning system's business.
 """
 
 import re
-from typing import Any, Dict, Iterator, List, Optional, Sequence
+from typing import Any, Dict, Iterator, List, Optional, Sequence, Tuple
 
 from diagnostic_msgs.msg import KeyValue
 from rosplan_knowledge_msgs.msg import DomainFormula, DomainInequality, ExprBase, ExprComposite, KnowledgeItem
@@ -104,25 +104,21 @@ def _place(error: PddlError) -> str:
     return f"column {error.column}: "
 
 
-def _head(expression: Node) -> Word:
+def _parts(expression: Node) -> Tuple[Word, List[Node]]:
+    """The name of an expression, and what is behind it."""
     if isinstance(expression, Word):
         raise expression.error(f"expected '(' before {expression.written!r}")
     if not expression or not isinstance(expression[0], Word):
         raise expression.error("an empty or nested pair of parentheses where a name is expected")
-    return expression[0]
-
-
-def _rest(expression: Node) -> List[Node]:
-    return [] if isinstance(expression, Word) else expression[1:]
+    return expression[0], expression[1:]
 
 
 def _goals(expression: Node) -> Iterator[KnowledgeItem]:
-    word = head = _head(expression)
-    rest = _rest(expression)
-    if word == "and":
+    head, rest = _parts(expression)
+    if head == "and":
         for part in rest:
             yield from _goals(part)
-    elif word == "not":
+    elif head == "not":
         if len(rest) != 1:
             raise head.error("'not' takes one fact")
         for item in _goals(rest[0]):
@@ -130,17 +126,17 @@ def _goals(expression: Node) -> Iterator[KnowledgeItem]:
                 raise head.error("only a plain fact can be negated")
             item.is_negative = True
             yield item
-    elif word in COMPARISONS:
+    elif head in COMPARISONS:
         if len(rest) != 2:
-            raise head.error(f"{word!r} compares two expressions")
+            raise head.error(f"{head!r} compares two expressions")
         ineq = DomainInequality(
-            comparison_type=COMPARISONS[word],
+            comparison_type=COMPARISONS[head],
             LHS=ExprComposite(tokens=list(_tokens(rest[0]))),
             RHS=ExprComposite(tokens=list(_tokens(rest[1]))),
         )
         yield KnowledgeItem(knowledge_type=KnowledgeItem.INEQUALITY, ineq=ineq)
-    elif word in ("or", "imply", "forall", "exists", "when"):
-        raise head.error(f"{word!r} cannot stand in such a goal")
+    elif head in ("or", "imply", "forall", "exists", "when"):
+        raise head.error(f"{head!r} cannot stand in such a goal")
     else:
         yield KnowledgeItem(
             knowledge_type=KnowledgeItem.FACT, attribute_name=_name(head), values=list(_arguments(rest))
@@ -166,16 +162,16 @@ def _tokens(expression: Node) -> Iterator[ExprBase]:
             raise expression.error(f"{expression.written!r} is neither a number nor a function")
         yield ExprBase(expr_type=ExprBase.CONSTANT, constant=float(expression))
         return
-    head = _head(expression)
-    if head in OPERATORS and len(expression) == 3:
+    head, rest = _parts(expression)
+    if head in OPERATORS and len(rest) == 2:
         yield ExprBase(expr_type=ExprBase.OPERATOR, op=OPERATORS[head])
-        for part in _rest(expression):
+        for part in rest:
             yield from _tokens(part)
-    elif head == "-" and len(expression) == 2:
+    elif head == "-" and len(rest) == 1:
         yield ExprBase(expr_type=ExprBase.OPERATOR, op=ExprBase.UMINUS)
-        yield from _tokens(_rest(expression)[0])
+        yield from _tokens(rest[0])
     else:
-        formula = DomainFormula(name=_name(head), typed_parameters=list(_arguments(_rest(expression))))
+        formula = DomainFormula(name=_name(head), typed_parameters=list(_arguments(rest)))
         yield ExprBase(expr_type=ExprBase.FUNCTION, function=formula)
 
 
