@@ -31,12 +31,10 @@ class GraphSchedule(Schedule):
         self._actions = actions
         self._bounds = bounds
         self._fraction = fraction
-        self._start_of = {
-            actions[node.action].id: node for node in graph.nodes if node.type == NodeType.ACTION_START
-        }
-        self._end_of = {
-            actions[node.action].id: node for node in graph.nodes if node.type == NodeType.ACTION_END
-        }
+        self._start_of, self._end_of = (
+            {actions[node.action].id: node for node in graph.nodes if node.type == kind}
+            for kind in (NodeType.ACTION_START, NodeType.ACTION_END)
+        )
         if set(self._start_of) != set(self.actions) or set(self._end_of) != set(self.actions):
             raise PlanError("the plan graph does not have one start and one end node for each action")
         self._missing = [len(node.edges_in) for node in graph.nodes]  # incoming edges that are not active
@@ -80,9 +78,7 @@ class GraphSchedule(Schedule):
     def begin(self, now: float) -> None:
         """The nodes without predecessors become possible; the start of the plan happens."""
         self._clock = PassedTime(now)
-        for node in self._graph.nodes:
-            if not self._missing[node.id]:
-                self._candidates.add(node.id)
+        self._candidates.update(node.id for node in self._graph.nodes if not self._missing[node.id])
         for node in self._graph.nodes:
             if node.type == NodeType.PLAN_START:
                 self._happen(node.id, now)
@@ -214,10 +210,8 @@ class GraphSchedule(Schedule):
         return [sink for sink in sinks if self._graph.nodes[sink].action != node.action]
 
     def _block(self, node_id: int) -> None:
-        if 0 < self._missing[node_id] == self._unseen_into[node_id]:
-            self._blocked.add(node_id)
-        else:
-            self._blocked.discard(node_id)
+        blocked = 0 < self._missing[node_id] == self._unseen_into[node_id]
+        (self._blocked.add if blocked else self._blocked.discard)(node_id)
 
     def _happen_if_due(self, node_id: int, now: float) -> None:
         node = self._graph.nodes[node_id]

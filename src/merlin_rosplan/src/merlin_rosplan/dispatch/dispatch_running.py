@@ -59,7 +59,6 @@ class Running:
     ) -> "Running":
         """The record of an action that is about to be sent."""
         first = over_all_before_start(operator)
-        effects = operator.start_effects
         return Running(
             action,
             operator,
@@ -70,7 +69,7 @@ class Running:
             operator.over_all - first,
             operator.over_all.names,
             environment.now() + action.duration,
-            unheard=set(effects.names) if operator.durative else set(),
+            unheard=set(operator.start_effects.names) if operator.durative else set(),
         )
 
     @property
