@@ -14,7 +14,7 @@ from merlin_sim.engine.scene import Scene
 from merlin_sim.engine.world_control import WorldControl
 from merlin_sim.engine.world_events import WorldEvents
 from merlin_sim.rendering.shot import Shot
-from merlin_sim.robot.camera import CAMERA_LINK, Camera, CameraError, CameraModel, CameraPose
+from merlin_sim.robot.camera import CAMERA_LINK, Camera, CameraError, CameraModel
 from merlin_sim.robot.diff_drive import (
     BaseController,
     DriveGeometry,
@@ -141,7 +141,10 @@ class Simulation:
 
         :raises CameraError: its description has no camera.
         """
-        return self.physics.shot(robot.camera, _camera_pose(robot), self.tick)
+        pose = robot.body.camera_pose()
+        if pose is None:
+            raise CameraError(f"the robot's description has no link {CAMERA_LINK} with a mass")
+        return self.physics.shot(robot.camera, pose, self.tick)
 
     def picture(self, robot: WorldRobot) -> np.ndarray:
         """What the robot's camera sees now: height x width x 3, RGB, 0..255. Takes its time.
@@ -159,10 +162,3 @@ class Simulation:
         self.physics.close()
         if self._pictures is not None:
             self._pictures.close()
-
-
-def _camera_pose(robot: WorldRobot) -> CameraPose:
-    pose = robot.body.camera_pose()
-    if pose is None:
-        raise CameraError(f"the robot's description has no link {CAMERA_LINK} with a mass")
-    return pose

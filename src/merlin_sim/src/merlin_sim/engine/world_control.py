@@ -194,8 +194,9 @@ class WorldControl:
             stands = other.there and other.thing.name != what.name
             if stands and collide(solid, other.thing.solid, bottom, other.thing.bottom):
                 raise ChangeRefused(f"{what.name} cannot stand there: {other.thing.name} does")
-        if what.on not in self._scene.robots:
-            self._expect_nothing_solid(solid, bottom)
+        for body in () if what.on in self._scene.robots else self._bodies():
+            if collide(solid, body, bottom):
+                raise ChangeRefused(f"{what.name} cannot stand there: {body.name} is there")
         self._scene.put(placed)
 
     def _expect_on(self, what: Placing) -> None:
@@ -217,10 +218,8 @@ class WorldControl:
                 f"{what.name} would stand beside {what.on}, not on it: x and y count from its middle"
             )
 
-    def _expect_nothing_solid(self, solid: Solid, bottom: float) -> None:
-        for other in [*self._scene.standing(), *self._scene.robot_solids()]:
-            if collide(solid, other, bottom):
-                raise ChangeRefused(f"{solid.name} cannot stand there: {other.name} is there")
+    def _bodies(self) -> List[Solid]:
+        return [*self._scene.standing(), *self._scene.robot_solids()]
 
     def _expect_room(self, solid: Solid, passable: Sequence[str]) -> None:
         self._expect_inside(solid.name, solid.pose)
@@ -234,10 +233,7 @@ class WorldControl:
 
         :param movable: people, robots and objects, which may go away, count as well.
         """
-        others = list(self._scene.standing())
-        if movable:
-            others += self._scene.robot_solids()
-        for other in others:
+        for other in self._bodies() if movable else self._scene.standing():
             skip = other.name == solid.name or other.name in passable
             if not skip and (movable or other.name not in self._people) and collide(solid, other):
                 return other.name
@@ -253,22 +249,16 @@ class WorldControl:
                     return thing.name
         return ""
 
-    def _seats(self, place: Pose) -> List[str]:
-        """The furniture that a person at a place sits on."""
+    def _seats(self, place: Pose, radius: float = 0.0) -> List[str]:
+        """The furniture that a person at a place sits on, or is in the same place with."""
         return [
             solid.name
             for solid in self._scene.standing()
-            if solid.name in self._scene.furniture and solid.distance(place.point) < 0.0
+            if solid.name in self._scene.furniture and solid.distance(place.point) < radius
         ]
 
-    def _within(self, walker: Walker) -> Set[str]:
-        """The furniture that a person is in the same place with."""
-        return {
-            solid.name
-            for solid in self._scene.standing()
-            if solid.name in self._scene.furniture
-            and solid.distance(walker.pose.point) < walker.person.radius
-        }
+    def _within(self, walker: Walker) -> List[str]:
+        return self._seats(walker.pose, walker.person.radius)
 
     def _let_pass(self, walker: Walker, furniture: Iterable[str]) -> None:
         name = walker.person.name
