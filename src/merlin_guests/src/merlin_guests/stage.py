@@ -157,7 +157,9 @@ class Stage:
 
         :raises PlayError: something is in the way.
         """
-        self._demand(self._place(name=name, kind=self._kind(name), x=at[0], y=at[1], yaw=yaw, sit=sit), name)
+        with self._changed:
+            kind = "" if name in self._people else "person"
+        self._demand(self._place(name=name, kind=kind, x=at[0], y=at[1], yaw=yaw, sit=sit), name)
         # The simulator answers before it publishes the new place; from here on all may rely on it.
         if not self.wait_until(lambda: name in self._people, APPEARS):
             raise PlayError(f"{name} was placed, but did not appear on /merlin_sim/people in {APPEARS:g} s")
@@ -340,10 +342,6 @@ class Stage:
     ) -> None:
         if not answer.success:
             raise PlayError(f"{name}: {answer.message}")
-
-    def _kind(self, name: str) -> str:
-        with self._changed:
-            return "" if name in self._people else "person"
 
     def _see_people(self, message: SimPeople) -> None:
         with self._changed:
