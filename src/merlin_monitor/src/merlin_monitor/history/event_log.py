@@ -55,15 +55,9 @@ class EventLog:
 
     def page(self, before: Optional[int], limit: int, kinds: Sequence[str]) -> List[Row]:
         """The newest events before an id, oldest first."""
-        conditions: List[str] = []
-        values: List[Any] = []
-        if before is not None:
-            conditions.append("id < ?")
-            values.append(before)
-        _among("kind", kinds, conditions, values)
-        where = f"WHERE {' AND '.join(conditions)} " if conditions else ""
+        where, values = _where(("id < {}", [] if before is None else [before]), ("kind IN ({})", kinds))
         limit = max(1, min(1000, limit))
-        return list(self._select(f"{where}ORDER BY id DESC LIMIT ?", (*values, limit)))[::-1]
+        return list(self._select(f"{where} ORDER BY id DESC LIMIT ?", (*values, limit)))[::-1]
 
     def all(self) -> List[Row]:
         """All events, oldest first."""
@@ -83,32 +77,22 @@ class EventLog:
         :param kinds: none: all.
         :param since: s since 1970.
         """
-        conditions: List[str] = ["wall >= ?"]
-        values: List[Any] = [since]
-        _among("run", [] if run is None else [run], conditions, values)
-        _among("kind", kinds, conditions, values)
-        return list(self._select(f"WHERE {' AND '.join(conditions)} ORDER BY id", values, _OLD_COLUMNS))
+        where, values = _where(
+            ("wall >= {}", [since]), ("run = {}", [] if run is None else [run]), ("kind IN ({})", kinds)
+        )
+        return list(self._select(f"{where} ORDER BY id", values, _OLD_COLUMNS))
 
     def neighbour(self, wanted: Neighbour) -> Optional[Row]:
         """The next or last event."""
         sign, order = (">", "ASC") if wanted.forward else ("<", "DESC")
-        conditions: List[str] = ["run = ?"]
-        values: List[Any] = [wanted.run]
-        if wanted.identity:
-            conditions.append(f"id {sign} ?")
-            values.append(wanted.identity)
-        else:
-            conditions.append(f"wall {sign} ?")
-            values.append(wanted.wall)
-        _among("kind", wanted.kinds, conditions, values)
-        if wanted.marks:
-            conditions.append("mark != ''")  # for the index
-        _among("mark", wanted.marks, conditions, values)
-        by = "id" if wanted.identity else "wall"
-        rows = self._select(
-            f"WHERE {' AND '.join(conditions)} ORDER BY {by} {order}, id {order} LIMIT 1", values
+        by, place = ("id", wanted.identity) if wanted.identity else ("wall", wanted.wall)
+        where, values = _where(
+            ("run = {}", [wanted.run]),
+            (f"{by} {sign} {{}}", [place]),
+            ("kind IN ({})", wanted.kinds),
+            ("mark != '' AND mark IN ({})", wanted.marks),  # the first part is for the index
         )
-        return next(rows, None)
+        return next(self._select(f"{where} ORDER BY {by} {order}, id {order} LIMIT 1", values), None)
 
     def marks(self, run: int) -> List[List[Any]]:
         """The marked events of a run, the newest ones when there are many: id, s since 1970, mark."""
@@ -138,7 +122,11 @@ def row_of(run: int, wall: float, event: Any) -> Row:
     }
 
 
-def _among(column: str, wanted: Sequence[Any], conditions: List[str], values: List[Any]) -> None:
-    if wanted:
-        conditions.append(f"{column} IN ({','.join('?' * len(wanted))})")
-        values += wanted
+def _where(*parts: Tuple[str, Sequence[Any]]) -> Tuple[str, List[Any]]:
+    """Conditions in SQL, and the values in them.
+
+    :param parts: conditions with ``{}`` for their values; one without values is left out.
+    """
+    used = [(text.format(",".join("?" * len(values))), values) for text, values in parts if values]
+    where = f"WHERE {' AND '.join(text for text, _ in used)}" if used else ""
+    return where, [value for _, values in used for value in values]

@@ -63,9 +63,7 @@ class Recording:
 
     def picture(self, name: str, version: str) -> Optional[bytes]:
         """A recorded picture in that version; None: there is none."""
-        row = self._connection.execute(
-            "SELECT data FROM pictures WHERE name = ? AND version = ?", (name, version)
-        ).fetchone()
+        row = self._one("SELECT data FROM pictures WHERE name = ? AND version = ?", name, version)
         return row[0] if row else None
 
     def runs(self) -> List[Row]:
@@ -86,18 +84,13 @@ class Recording:
 
         :raises ValueError: nothing of it can be read.
         """
-        first = "SELECT number, began FROM segments WHERE run = ? "
-        row = self._connection.execute(
-            f"{first} AND began <= ? ORDER BY number DESC LIMIT 1", (run, wall)
-        ).fetchone()
-        if row is None:
-            row = self._connection.execute(f"{first} ORDER BY number LIMIT 1", (run,)).fetchone()
+        ask = "SELECT number, began FROM segments WHERE run = ? "
+        row = self._one(f"{ask} AND began <= ? ORDER BY number DESC LIMIT 1", run, wall)
+        row = row or self._one(f"{ask} ORDER BY number LIMIT 1", run)
         if row is None:
             return None
         number, began = row
-        following = self._connection.execute(
-            f"{first} AND number > ? ORDER BY number LIMIT 1", (run, number)
-        ).fetchone()
+        following = self._one(f"{ask} AND number > ? ORDER BY number LIMIT 1", run, number)
         blobs = self._connection.execute(
             "SELECT number, data FROM frames WHERE run = ? AND segment = ? ORDER BY number", (run, number)
         )
@@ -126,11 +119,9 @@ class Recording:
 
     def _prune(self, limit: float) -> None:
         ask = self._connection.execute
-        size = ask(
-            "SELECT (SELECT TOTAL(bytes) FROM segments) + TOTAL(LENGTH(data)) FROM pictures"
-        ).fetchone()[0]
+        (size,) = self._one("SELECT (SELECT TOTAL(bytes) FROM segments) + TOTAL(LENGTH(data)) FROM pictures")
         while size > limit:
-            oldest = ask("SELECT run, number, bytes FROM segments ORDER BY run, number LIMIT 1").fetchone()
+            oldest = self._one("SELECT run, number, bytes FROM segments ORDER BY run, number LIMIT 1")
             if oldest is None:
                 return
             run, number, held = oldest
@@ -145,6 +136,9 @@ class Recording:
             " newer.name = pictures.name AND newer.wall <="
             " (SELECT began FROM segments ORDER BY run, number LIMIT 1))"
         )
-        held: int = self._connection.execute(f"SELECT TOTAL(LENGTH(data)) {outdated}").fetchone()[0]
+        held: int = self._one(f"SELECT TOTAL(LENGTH(data)) {outdated}")[0]
         self._connection.execute(f"DELETE {outdated}")
         return held
+
+    def _one(self, question: str, *values: Any) -> Any:
+        return self._connection.execute(question, values).fetchone()
