@@ -150,8 +150,7 @@ class KnowledgeTables(WorldState):
         if isinstance(item, Fact):
             return self._fact_true(item, between)
         if isinstance(item, FunctionValue):
-            key = item.key
-            return next(self.values.match(key[0], key[1:]), None) is not None
+            return self.values.first(item.key) is not None
         return self.evaluator(between).holds(item)
 
     def _instance_true(self, item: Instance) -> bool:

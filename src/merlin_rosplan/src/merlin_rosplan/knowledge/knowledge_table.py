@@ -134,6 +134,10 @@ class ArgumentTable(Table[R]):
         """Keys with that object (lower-case) among the arguments."""
         return list(self._by_object.of(self.rows).get(obj, ()))
 
+    def first(self, key: Key) -> Optional[R]:
+        """The row of a key; where words of it are empty, the first one that fits."""
+        return self.rows.get(key if "" not in key else next(self.match(key[0], key[1:]), None))
+
     def match(self, name: str, args: Sequence[str]) -> Iterator[Key]:
         """Keys that fit (all lower-case): an empty name fits everything, an empty argument any object.
 

@@ -137,9 +137,7 @@ class Transaction:
 
     def add_fact(self, item: Fact) -> None:
         """Adds a checked fact: an existing one stays, one of the opposite sign changes its sign."""
-        key = item.key
-        known_key = key if "" not in key else next(self.state.facts.match(key[0], key[1:]), None)
-        known = self.state.facts.get(known_key) if known_key is not None else None
+        known = self.state.facts.first(item.key)
         item.since = item.since or self.now
         if known is None:
             self.put(self.state.facts, item)
@@ -152,9 +150,7 @@ class Transaction:
 
         :raises UpdateRefused: there is no value to change, or the result is not a number.
         """
-        key = item.key
-        known_key = key if "" not in key else next(self.state.values.match(key[0], key[1:]), None)
-        known = self.state.values.get(known_key) if known_key is not None else None
+        known = self.state.values.first(item.key)
         if known is None and item.op != ASSIGN:
             if self._checks is None:
                 return  # as ROSPlan: nothing to change, nothing happens
@@ -163,13 +159,9 @@ class Transaction:
         value = changed(item.op, before, item.value)
         if value is None:
             raise UpdateRefused(f"{item.text()}: {before} {item.op} {item.value} is not a number")
-        if known is None:
-            self.put(
-                self.state.values,
-                FunctionValue(item.name, item.args, value, item.since or self.now, labels=item.labels),
-            )
-        elif known.value != value:
-            after = FunctionValue(known.name, known.args, value, item.since or self.now, labels=known.labels)
+        if before != value:
+            first = known or item
+            after = FunctionValue(first.name, first.args, value, item.since or self.now, labels=first.labels)
             self.put(self.state.values, after, replacing=known)
 
     def remove(self, item: Item, at: int = 0) -> None:
@@ -292,20 +284,15 @@ class Transaction:
     def change(self, version: int, client: str) -> StateChange:
         """The net effect so far."""
         found = StateChange(version, client, cleared=self.cleared)
-        first: Dict[Tuple[str, Any], Any] = {}
-        last: Dict[Tuple[str, Any], Any] = {}
+        ends: Dict[Tuple[str, Any], Tuple[Any, Any]] = {}  # of what was changed: the row before, and after
         for table, key, before, after in self.steps:
             if key is None:
                 # watchers get `cleared`; what the transaction did before is gone with the rest
-                for kind, known in list(first):
-                    if kind == table.kind:
-                        first.pop((kind, known))
-                        last.pop((kind, known))
+                ends = {place: rows for place, rows in ends.items() if place[0] != table.kind}
                 continue
-            first.setdefault((table.kind, key), before)
-            last[table.kind, key] = after
-        for (kind, key), before in first.items():
-            after = last[kind, key]
+            place = (table.kind, key)
+            ends[place] = (ends[place][0] if place in ends else before, after)
+        for (kind, _), (before, after) in ends.items():
             if before is after:
                 continue
             if kind == "goal":
