@@ -2,31 +2,13 @@
 """Rows of a knowledge base as JSON values, for the state file."""
 
 import dataclasses
-from typing import Any, Dict, List, Optional, Tuple, Type
+from typing import Any, Dict, List, Optional, Tuple, get_args
 
 from merlin_pddl import formula
 from merlin_pddl.knowledge import Fact, FunctionValue, Instance, Metric, Row, StoredGoal, Timed
 from merlin_rosplan.knowledge.knowledge_state import MetricRow, Note
 
-_FORMULAS: Dict[str, Type[Any]] = {
-    kind.__name__: kind
-    for kind in (
-        formula.And,
-        formula.Arithmetic,
-        formula.Atom,
-        formula.Comparison,
-        formula.Equal,
-        formula.Exists,
-        formula.Fluent,
-        formula.Forall,
-        formula.Not,
-        formula.Number,
-        formula.Or,
-        formula.Preference,
-        formula.Special,
-        formula.Variable,
-    )
-}
+_FORMULAS = {kind.__name__: kind for kind in (*get_args(formula.Formula), formula.Variable)}
 
 
 def encode_formula(value: Any) -> Any:
