@@ -42,6 +42,8 @@ def build_graph(
 
 
 class _Builder:
+    _happening = staticmethod(happening_of)
+
     def __init__(
         self,
         steps: Sequence[PlanStep],
@@ -85,9 +87,6 @@ class _Builder:
     def _lasts(self, step: PlanStep, action: ActionModel) -> float:
         """In the plan a plain action is one happening, whatever its line says."""
         return step.duration if action.durative else 0.0
-
-    def _happening(self, action: ActionModel, type_: NodeType) -> Happening:
-        return happening_of(action, type_)
 
     def build(self) -> PlanGraph:
         """The graph."""
@@ -310,6 +309,8 @@ class _Builder:
 class _RosplanBuilder(_Builder):
     """ROSPlan's own graph: by time alone, and only with the orders that facts demand."""
 
+    _happening = staticmethod(rosplan_happening)
+
     def build(self) -> PlanGraph:
         """The graph."""
         for node in sorted(self._graph.nodes[1:], key=lambda node: (self._times[node.id], node.id)):
@@ -320,9 +321,6 @@ class _RosplanBuilder(_Builder):
 
     def _lasts(self, step: PlanStep, action: ActionModel) -> float:
         return step.duration
-
-    def _happening(self, action: ActionModel, type_: NodeType) -> Happening:
-        return rosplan_happening(action, type_)
 
     def _orders(self, node: Node, start: Optional[int], happening: Happening) -> List[bool]:
         return [self._support(node, start, happening), self._interference(node, start, happening)]
@@ -336,7 +334,4 @@ class _RosplanBuilder(_Builder):
 
 
 def _first_break(literals: Iterable[TimedLiteral], negative: bool, after: float) -> Optional[float]:
-    for literal in literals:
-        if literal.time > after and literal.negative != negative:
-            return literal.time
-    return None
+    return next((each.time for each in literals if each.time > after and each.negative != negative), None)

@@ -39,15 +39,10 @@ class TimedNumbers:
         :param now: planned time of the node, s.
         :param changed: when actions of the plan changed a term last; what it is worth then is not known.
         """
-        found: List[float] = []
-        for entry in conditions.comparisons:
-            time = self._since(entry, now, changed)
-            if time is not None:
-                found.append(time)
+        found = [self._since(entry, now, changed) for entry in conditions.comparisons]
         for expression in conditions.expressions:
-            times = [e.time for e in self._past(now) if _name(e) in expression.reads]
-            found.extend(times[-1:])
-        return max(found, default=None)
+            found += [e.time for e in self._past(now) if _name(e) in expression.reads][-1:]
+        return max((time for time in found if time is not None), default=None)
 
     def _past(self, now: float) -> List[Union[TimedLiteral, TimedValue]]:
         return [entry for entry in self._entries if entry.time <= now + self._epsilon]

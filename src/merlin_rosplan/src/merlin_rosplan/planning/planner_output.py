@@ -28,6 +28,7 @@ _FD_STEP = re.compile(r"^([a-z][^()\[\]:]*?)\s+\((\d+)\)\s*$")
 _ENHSP_PLAN = re.compile(r"^Found Plan:", re.MULTILINE | re.IGNORECASE)
 _ENHSP_STEP = re.compile(r"^\d+(?:\.\d+)?:\s*(\([^()]+\))\s*$")
 _FILE_STEP = re.compile(r"^\s*\(([^()]+)\)\s*$")
+_HEADING = re.compile(r";+\s*(?:Plan|Solution|better plan|Time|Cost)", re.IGNORECASE)
 _SOLVED_MARK = re.compile(
     r"; Plan found|;;;; Solution Found|goal can be simplified to TRUE|"
     r"The empty plan solves it|^Solution found",
@@ -174,12 +175,7 @@ def _timed_blocks(text: str) -> List[Plan]:
         step = None if stripped.startswith(";") else parse_line(line)
         if step is not None:
             current.append(step)
-        elif (
-            current
-            and not stripped.startswith(";")
-            or current
-            and re.match(r";+\s*(?:Plan|Solution|better plan|Time|Cost)", stripped, re.IGNORECASE)
-        ):
+        elif current and (not stripped.startswith(";") or _HEADING.match(stripped)):
             blocks.append(current)
             current = []
     if current:
@@ -199,12 +195,9 @@ def _sequential(pattern: "re.Pattern[str]", lines: Iterable[str]) -> Plan:
 
 def _enhsp_plans(output: str) -> List[Plan]:
     """ENHSP's plans, which have no durations."""
-    plans: List[Plan] = []
-    for part in _ENHSP_PLAN.split(output)[1:]:
-        lines = part.split("Plan-Length", 1)[0].splitlines()
-        found = [match.group(1) for match in map(_ENHSP_STEP.match, lines) if match]
-        plans.append(_sequential(_FILE_STEP, found))
-    return plans
+    parts = [part.split("Plan-Length", 1)[0].splitlines() for part in _ENHSP_PLAN.split(output)[1:]]
+    found = [[match.group(1) for match in map(_ENHSP_STEP.match, lines) if match] for lines in parts]
+    return [_sequential(_FILE_STEP, lines) for lines in found]
 
 
 def _kairos_plans(output: str) -> List[Plan]:
