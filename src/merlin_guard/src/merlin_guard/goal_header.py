@@ -2,20 +2,13 @@
 """Reads the id of an action's goal message without knowing the action's type."""
 
 import struct
-from typing import NamedTuple, Tuple
+from typing import Tuple
 
 
-class GoalHeader(NamedTuple):
-    """What every ``...ActionGoal`` begins with, besides its header."""
-
-    id: str
-    stamp: int
-    """When it was sent, ns of ROS time."""
-
-
-def read_goal_header(message: bytes) -> GoalHeader:
+def read_goal_header(message: bytes) -> Tuple[str, int]:
     """The id and stamp of a serialized ``...ActionGoal``: std_msgs/Header, actionlib_msgs/GoalID, the goal.
 
+    :return: the stamp in ns of ROS time.
     :raises ValueError: when the message is too short for that.
     """
     try:
@@ -24,7 +17,7 @@ def read_goal_header(message: bytes) -> GoalHeader:
         goal_id, _ = _text(message, end + 8)
     except struct.error as error:
         raise ValueError(f"{len(message)} bytes are not a goal message: {error}") from error
-    return GoalHeader(goal_id, seconds * 1_000_000_000 + nanoseconds)
+    return goal_id, seconds * 1_000_000_000 + nanoseconds
 
 
 def _text(message: bytes, start: int) -> Tuple[str, int]:

@@ -161,13 +161,13 @@ class GuardNode:
 
     def _receive_goal(self, message: rospy.AnyMsg, server: str) -> None:
         try:
-            goal = read_goal_header(message._buff)
+            identity, stamp = read_goal_header(message._buff)
         except ValueError as error:
             rospy.logerr_throttle(10.0, f"{server}/goal: {error}")
             return
         with self._lock:
             self._look_at_clock()
-            self._apply(self._permit.goal_sent(server, goal.id, goal.stamp, time.monotonic()))
+            self._apply(self._permit.goal_sent(server, identity, stamp, time.monotonic()))
 
     def _receive_cancel(self, message: GoalID, server: str) -> None:
         with self._lock:
