@@ -100,10 +100,8 @@ class _Teller:
             body = ground(
                 rules[0].body, dict(zip((each.name for each in rules[0].head.parameters), part.args))
             )
-            missing, rests = (
-                [each for each in conjuncts(body) if not self._moment.true(each)],
-                ", on which it rests",
-            )
+            missing = [each for each in conjuncts(body) if not self._moment.true(each)]
+            rests = ", on which it rests"
         words, evidence = self._words.fact, self._moment.condition_evidence
         return [
             Claim("condition", f"“{words(to_pddl(each))}” does not hold{rests}", evidence(each))

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Questions about plans: what a running or a recorded system says goes in, an answer comes out."""
 
+import dataclasses
 import functools
 from typing import Any, List, Optional, Protocol, Sequence, Tuple
 
@@ -165,12 +166,8 @@ def _first(wish: Wish, look: _Look, judge: Judge) -> Found:
     if rest.steps is None:
         return rest
     end = max((step.time + step.duration for step in begin.steps), default=-BETWEEN) + BETWEEN
-    steps = [*begin.steps, *(_later(step, end) for step in rest.steps)]
-    return Found(steps, begin.problem, "", begin.seconds + rest.seconds)
-
-
-def _later(step: PlanStep, seconds: float) -> PlanStep:
-    return PlanStep(step.time + seconds, step.name, step.arguments, step.duration, step.line)
+    later = [dataclasses.replace(step, time=step.time + end) for step in rest.steps]
+    return Found([*begin.steps, *later], begin.problem, "", begin.seconds + rest.seconds)
 
 
 @functools.lru_cache(maxsize=1)
