@@ -2,7 +2,7 @@
 """Plans as text, as ROSPlan passes them on: ``<time>: (<action> <arguments>)  [<duration>]`` per action."""
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Dict, Iterable, List, Optional, Sequence, Tuple
 
 #: Duration that stands for an action without one, s.
@@ -153,12 +153,10 @@ def restore_case(steps: Iterable[PlanStep], problem: str) -> List[PlanStep]:
         lower = symbol.lower()
         spelling[lower] = None if lower in spelling else symbol
     return [
-        PlanStep(
-            step.time,
-            step.name.lower(),
-            tuple(spelling.get(argument.lower()) or argument for argument in step.arguments),
-            step.duration,
-            step.line,
+        replace(
+            step,
+            name=step.name.lower(),
+            arguments=tuple(spelling.get(argument.lower()) or argument for argument in step.arguments),
         )
         for step in steps
     ]
