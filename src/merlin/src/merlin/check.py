@@ -376,5 +376,5 @@ def _signatures(named: Mapping[str, Signature]) -> Dict[str, List[Tuple[str, str
 
 
 def _objects(domain: Domain, problem: Problem, kind: str) -> List[str]:
-    known = {**domain.constants, **problem.objects}
-    return [name for name, types in known.items() if any(domain.types.is_a(own, kind) for own in types)]
+    known = problem.typed(domain.constants)
+    return [name for name, types in known.items() if domain.accepts((kind,), types)]

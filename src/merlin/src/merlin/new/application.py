@@ -20,7 +20,6 @@ from merlin_pddl.domain import Domain, Signature
 from merlin_pddl.domain_reader import parse_domain
 from merlin_pddl.formula import Atom, Comparison, Not, to_pddl
 from merlin_pddl.formula_reader import parameters, typed_list
-from merlin_pddl.problem import Problem
 from merlin_pddl.problem_reader import parse_problem
 from merlin_pddl.text_reader import Expression, PddlError, Word, read_expression, read_text
 
@@ -225,7 +224,7 @@ def application_of(
             domain = parse_domain(domain_text, str(domain_file))
     problem = parse_problem(problem_text, domain, str(problem_file))
     for robot in robots:
-        if not _is_object(robot, ROBOT, domain, problem):
+        if not domain.accepts((ROBOT,), problem.typed(domain.constants).get(robot, ())):
             raise ApplicationRefused(f"{problem_file} has no object {robot} of type {ROBOT}; add it")
     navigate = domain.operators.get("navigate")
     navigates = navigate is not None and _is_ready_navigate(navigate, domain, robots)
@@ -244,11 +243,8 @@ def application_of(
         raise ApplicationRefused(f"{problem_file} has no goal; write the one that the mission shall send")
     if navigates and navigate is not None:
         wanted = next(each.types for each in navigate.parameters if each.label == "to")
-        application.points = [
-            name
-            for name in problem.objects
-            if any(_is_object(name, kind, domain, problem) for kind in wanted)
-        ] or list(POINTS)
+        fitting = [name for name, types in problem.objects.items() if domain.accepts(wanted, types)]
+        application.points = fitting or list(POINTS)
     return application
 
 
@@ -257,11 +253,6 @@ def _read(file: Path) -> str:
         return file.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
         raise PddlError(f"this is not text in UTF-8: {error}", str(file)) from error
-
-
-def _is_object(name: str, kind: str, domain: Domain, problem: Problem) -> bool:
-    types = {**domain.constants, **problem.objects}.get(name, ())
-    return any(domain.types.is_a(own, kind) for own in types)
 
 
 def _labels(operator: Signature, domain: Domain, robots: Sequence[str]) -> List[str]:

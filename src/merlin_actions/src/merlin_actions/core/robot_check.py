@@ -58,7 +58,7 @@ def unnamed_robots(domain: Domain, problem: Problem) -> List[str]:
     if any(effect.atom is not None and effect.atom.name == AVAILABLE for effect in effects):
         return []
     (variable,) = predicate.parameters
-    known = {**domain.constants, **problem.objects}
+    known = problem.typed(domain.constants)
     robots = ",".join(name for name, types in known.items() if domain.accepts(variable.types, types))
     for operator in domain.operators.values():
         if any((AVAILABLE, False) in used_predicates(each.condition) for each in operator.conditions):

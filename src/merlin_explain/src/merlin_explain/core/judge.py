@@ -37,7 +37,7 @@ class Judge:
 
         :raises PddlError: it is not PDDL, or names what the problem does not have.
         """
-        known = {**self.domain.constants, **self.problem.objects}
+        known = self.problem.typed(self.domain.constants)
         return conjuncts(parse_condition(goal, self.domain, known, "the question"))
 
     def run(self, steps: Sequence[PlanStep]) -> Outcome:

@@ -99,7 +99,7 @@ class DeadlineTask:
         node = read_expression(domain, "domain")
         self._model = DomainReader(read_expression(domain, "domain")).read()
         found = parse_problem(problem, self._model, constraints=True)
-        objects = {**self._model.constants, **found.objects}
+        objects = found.typed(self._model.constants)
         goals = [_goal(due, self._model, objects) for due in dues]
         self._marks = _named(goals, _words([node, read_expression(problem, "problem")]))
         self._timed = found.timed

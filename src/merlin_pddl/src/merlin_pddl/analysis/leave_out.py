@@ -30,7 +30,7 @@ def leave_out(domain: str, problem: str, actions: Sequence[str]) -> Tuple[str, s
     """
     node = read_expression(domain, "domain")
     model = DomainReader(read_expression(domain, "domain")).read()
-    objects = {**model.constants, **parse_problem(problem, model, constraints=True).objects}
+    objects = parse_problem(problem, model, constraints=True).typed(model.constants)
     left_out: Dict[str, Set[Ground]] = {}
     for text in actions:
         operator, patterns = action_of(text, model, objects, (ANY,))

@@ -74,7 +74,7 @@ class Validation:
                 report = self._kairos.check_problem(problem_text, domain_text, problem_path, domain_path)
                 self._report(report, problem_path, self._kairos.Severity.ERROR)
             if goal is not None:
-                known = {**domain.constants, **problem.objects}
+                known = problem.typed(domain.constants)
                 problem.goals = conjuncts(parse_condition(goal, domain, known, "goal"))
             if self.valid and problem.goals:
                 self._plan(domain, domain_text, problem)
