@@ -120,10 +120,10 @@ class GraphSchedule(Schedule):
     def awaited(self) -> List[int]:
         """Actions whose start node is all that another start, or the end of an ended action, waits for."""
         sources = {
-            self._graph.edges[edge].source
+            edge.source
             for sink in self._blocked
             if self._graph.nodes[sink].type == NodeType.ACTION_START or sink in self._overtaking
-            for edge in self._graph.nodes[sink].edges_in
+            for edge in self._graph.into(sink)
         }
         if self._bounds:  # the time of an end counts from its start
             sources = self._unseen
@@ -135,7 +135,7 @@ class GraphSchedule(Schedule):
         self._completed.add(action_id)
         node = self._end_of[action_id]
         self._overtaking.add(node.id)
-        for edge in (self._graph.edges[edge] for edge in node.edges_in):
+        for edge in self._graph.into(node.id):
             source = self._graph.nodes[edge.source]
             if source.action >= 0 and self._actions[source.action].id not in self._started:
                 self._too_late.add(edge.id)
@@ -146,7 +146,7 @@ class GraphSchedule(Schedule):
         found: List[Overtaken] = []
         for node_id in sorted(self._overtaking):
             node = self._graph.nodes[node_id]
-            for edge in (self._graph.edges[edge] for edge in node.edges_in):
+            for edge in self._graph.into(node_id):
                 if edge.strict and edge.source not in self._time:
                     source = self._graph.nodes[edge.source]
                     verb = "started" if source.type == NodeType.ACTION_START else "ended"
@@ -224,8 +224,7 @@ class GraphSchedule(Schedule):
 
     def _earliest(self, node_id: int) -> float:
         earliest = 0.0
-        for edge_id in self._graph.nodes[node_id].edges_in:
-            edge = self._graph.edges[edge_id]
+        for edge in self._graph.into(node_id):
             from_start = self._graph.nodes[edge.source].type == NodeType.PLAN_START
             literal = from_start and edge.type == EdgeType.CONDITION and edge.lower > MIN_BOUND
             separated = not self._bounds and edge.type != EdgeType.START_END and edge.lower > MIN_BOUND
@@ -236,12 +235,9 @@ class GraphSchedule(Schedule):
         return earliest
 
     def _latest(self, node_id: int) -> float:
-        latest = NO_BOUND
-        for edge_id in self._graph.nodes[node_id].edges_in:
-            edge = self._graph.edges[edge_id]
-            if edge.upper < NO_BOUND:
-                latest = min(latest, self._time[edge.source] + edge.upper * (1.0 + self._fraction))
-        return latest
+        bounds = [edge for edge in self._graph.into(node_id) if edge.upper < NO_BOUND]
+        times = [self._time[edge.source] + edge.upper * (1.0 + self._fraction) for edge in bounds]
+        return min(times, default=NO_BOUND)
 
     def _check_acyclic(self) -> None:
         missing = list(self._missing)

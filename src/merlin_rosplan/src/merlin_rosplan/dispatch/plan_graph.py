@@ -111,6 +111,10 @@ class PlanGraph:
         self.nodes[sink].edges_in.append(edge.id)
         return edge
 
+    def into(self, node: int) -> List[Edge]:
+        """The edges that lead to a node."""
+        return [self.edges[edge] for edge in self.nodes[node].edges_in]
+
     def snapshot(self) -> List[Tuple[float, float, bool]]:
         """The edges as they are, for :meth:`restore`."""
         return [(edge.lower, edge.upper, edge.strict) for edge in self.edges]

@@ -72,8 +72,7 @@ class _Waits:
         sources: Dict[int, List[int]] = {}  # by start node: what must precede its end
         for node in self._order:
             if node.type == NodeType.ACTION_END:
-                for edge_id in node.edges_in:
-                    edge = self._graph.edges[edge_id]
+                for edge in self._graph.into(node.id):
                     if edge.source not in (0, node.id - 1):
                         sources.setdefault(node.id - 1, []).append(edge.source)
         for node in self._order:
@@ -99,16 +98,15 @@ class _Waits:
     def _await_timed_ends(self) -> None:
         """An action whose end waits for a time does not start earlier than planned."""
         for node in self._order:
-            if node.type == NodeType.ACTION_END and self._times[node.id - 1] > MIN_BOUND:
-                edges = [self._graph.edges[edge] for edge in node.edges_in]
-                if any(edge.source == 0 and edge.lower > MIN_BOUND for edge in edges):
-                    self._graph.connect(EdgeType.CONDITION, 0, node.id - 1, self._times[node.id - 1])
+            start = node.id - 1
+            is_later = node.type == NodeType.ACTION_END and self._times[start] > MIN_BOUND
+            if is_later and self._awaits_time(node.id):
+                self._graph.connect(EdgeType.CONDITION, 0, start, self._times[start])
 
     def _gather(self, node: Node) -> None:
         found = 0
-        for edge_id in node.edges_in:
-            source = self._graph.edges[edge_id].source
-            found |= self._before[source] | 1 << source
+        for edge in self._graph.into(node.id):
+            found |= self._before[edge.source] | 1 << edge.source
         self._before[node.id] = found
 
     def _keep(self, start: int, u: int) -> bool:
@@ -165,15 +163,15 @@ class _Waits:
 
     def _await_time(self, start: int, within: int) -> bool:
         """Keeps the planned time of a window in which something waits for a time."""
-        if (start, 0) in self._settled or self._times[start] <= MIN_BOUND:
+        kept = (start, 0) in self._settled or self._times[start] <= MIN_BOUND
+        if kept or not any(map(self._awaits_time, _bits(within))):
             return False
-        for node in _bits(within):
-            for edge_id in self._graph.nodes[node].edges_in:
-                edge = self._graph.edges[edge_id]
-                if edge.source == 0 and edge.lower > MIN_BOUND:
-                    self._settled.add((start, 0))
-                    return self._connect(0, start, self._times[start], EdgeType.CONDITION)
-        return False
+        self._settled.add((start, 0))
+        return self._connect(0, start, self._times[start], EdgeType.CONDITION)
+
+    def _awaits_time(self, node: int) -> bool:
+        """Whether a node does not come before some time of the plan."""
+        return any(edge.source == 0 and edge.lower > MIN_BOUND for edge in self._graph.into(node))
 
     def _connect(self, source: int, sink: int, lower: float, type_: EdgeType = EdgeType.INTERFERENCE) -> bool:
         if source == sink or self._before[source] >> sink & 1:
@@ -197,8 +195,7 @@ class _Waits:
         ways = {source: 0.0}
         between = [n for n in _bits(self._before[target] | 1 << target) if self._before[n] >> source & 1]
         for node in sorted(between, key=lambda n: bin(self._before[n]).count("1")):
-            for edge_id in self._graph.nodes[node].edges_in:
-                edge = self._graph.edges[edge_id]
+            for edge in self._graph.into(node):
                 if edge.source in ways:
                     lasts = _least(edge.lower)
                     if edge.type == EdgeType.START_END:

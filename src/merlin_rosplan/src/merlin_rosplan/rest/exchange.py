@@ -43,8 +43,8 @@ def continued_graph(
     ends = {node.action: node for node in graph.nodes if node.type == NodeType.ACTION_END}
 
     def is_first(index: int) -> bool:
-        sources = [graph.nodes[graph.edges[edge].source] for edge in starts[index].edges_in]
-        return all(source.type == NodeType.PLAN_START for source in sources)
+        edges = graph.into(starts[index].id)
+        return all(graph.nodes[edge.source].type == NodeType.PLAN_START for edge in edges)
 
     kept = _before(ongoing.kept)
     found = [*_taken_up(actions, ongoing, is_first), *kept]
