@@ -179,10 +179,7 @@ class DeadlineTask:
         def concerns(term: Term) -> bool:
             return term[0] in derived or any(_may_be(term, other) for other in wanted)
 
-        found = {0.0}
-        for row in self._timed:
-            if concerns(row.item.key):
-                found.add(row.at / NANOSECONDS)
+        found = {0.0, *(row.at / NANOSECONDS for row in self._timed if concerns(row.item.key))}
         for step in steps:
             operator = self._model.operators.get(step.name.lower())
             if operator is None:
