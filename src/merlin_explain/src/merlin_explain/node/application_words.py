@@ -44,9 +44,7 @@ class ApplicationWords(Words):
 
     def fact(self, text: str) -> str:
         """A fact or a condition that holds; one of several parts as PDDL."""
-        if text.startswith(_COMPOUND):
-            return text
-        return in_english(self._wording.fact(text))
+        return text if text.startswith(_COMPOUND) else in_english(self._wording.fact(text))
 
     def goal(self, text: str) -> str:
         """What is wanted."""
