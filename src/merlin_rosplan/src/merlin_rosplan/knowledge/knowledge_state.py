@@ -117,9 +117,7 @@ class KnowledgeTables(WorldState):
     def spelling(self, name: str) -> Optional[str]:
         """An object as it was first written; None when there is no such object."""
         lower = name.lower()
-        if lower in self.domain.constants:
-            return lower
-        return self.instances.spelling(lower)
+        return lower if lower in self.domain.constants else self.instances.spelling(lower)
 
     def all_objects(self) -> Dict[str, Tuple[str, ...]]:
         """Every object (lower-case) with its types, constants included."""
