@@ -273,9 +273,7 @@ def _shape(item: Dict[str, Any]) -> Tuple[Optional[Tuple[float, float]], Optiona
         radius, height = map(float, item["cylinder"])
         return None, radius, height
     known = OBJECT_CLASSES.get(item["class"])
-    if known is None:
-        return None, 0.0, 0.0
-    return known.size, known.radius, known.height
+    return (known.size, known.radius, known.height) if known is not None else (None, 0.0, 0.0)
 
 
 def find_world(name: str) -> Path:

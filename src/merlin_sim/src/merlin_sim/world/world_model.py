@@ -247,6 +247,4 @@ def span_on(wall: Wall, door: Door) -> Optional[Tuple[float, float]]:
             return None
         along.append((x - x0) * ux + (y - y0) * uy)
     first, last = sorted(along)
-    if first < -TOLERANCE or last > length + TOLERANCE:
-        return None
-    return first, last
+    return (first, last) if first >= -TOLERANCE and last <= length + TOLERANCE else None
