@@ -5,11 +5,10 @@ import math
 from typing import Any, List, NamedTuple, Optional
 
 import rospy
-from rosgraph.names import is_legal_name
 
 from merlin_guard.settings import GuardSettings
 from merlin_guard.velocity_limits import VelocityLimits
-from merlin_ros.parameters import ParameterError, flag
+from merlin_ros.parameters import ParameterError, flag, is_name
 
 DEFAULT_SERVERS = ("move_base",)
 CLAMP, REFUSE = "clamp", "refuse"
@@ -138,7 +137,7 @@ def _servers(value: Any) -> List[str]:
             f"parameter ~motion_servers is {value!r}; it has to be a list of action names, as [move_base]"
         )
     for name in value:
-        if not isinstance(name, str) or not name or not is_legal_name(name):
+        if not is_name(name):
             raise ParameterError(
                 f"parameter ~motion_servers has {name!r}, which is not the name of an action"
             )

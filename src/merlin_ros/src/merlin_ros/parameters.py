@@ -2,7 +2,7 @@
 """Parameters of nodes, checked when they are read."""
 
 import math
-from typing import Sequence
+from typing import Any, Sequence
 
 import rospy
 from rosgraph.names import is_legal_name
@@ -36,15 +36,20 @@ def whole(name: str, default: int, least: int = -(2**31) + 1, most: int = 2**31 
     return round(value)
 
 
+def is_name(value: Any) -> bool:
+    """Whether a value is a legal name of ROS, of a topic, service, action or node."""
+    return isinstance(value, str) and bool(value) and bool(is_legal_name(value))
+
+
 def graph_name(name: str, default: str = "") -> str:
     """The name of a topic, service or node from a parameter, not resolved; an empty one is the default.
 
     :raises ParameterError: when it is not a legal name of ROS.
     """
     value = rospy.get_param(name, default)
-    if not isinstance(value, str) or not is_legal_name(value):
+    if value != "" and not is_name(value):
         raise ParameterError(f"parameter {name} is {value!r}, not a name of ROS as {default or 'topic'}")
-    return value or default
+    return str(value or default)
 
 
 def flag(name: str, default: bool = False) -> bool:

@@ -12,12 +12,12 @@ import roslib.message
 import rospkg
 import rospy
 from merlin_msgs.msg import KnowledgeChanges
-from rosgraph.names import is_legal_name
 from rosplan_knowledge_msgs.msg import KnowledgeItem, StatusUpdate
 from rosplan_knowledge_msgs.srv import SetNamedBool
 
 from merlin_planning.foreign_changes import ForeignChanges
 from merlin_planning.knowledge_client import knowledge_client
+from merlin_ros.parameters import is_name
 from merlin_ros.ros_alarm import RosAlarm
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
 from merlin_ros.work.threads import CallQueue, failure_text
@@ -134,9 +134,9 @@ class SensingInterface(Component):
         return entry[key]
 
     def _name(self, predicate: str, name: Any) -> str:
-        if not isinstance(name, str) or not name or not is_legal_name(name):
+        if not is_name(name):
             raise ComponentError(f"the sensor of '{predicate}': {name!r} is not a name of ROS")
-        return name
+        return str(name)
 
     def _sensor(self, predicate: str, entry: Dict[str, Any], variable: str) -> Sensor:
         types = next(

@@ -7,12 +7,12 @@ from typing import Any, Callable, List, Optional, Sequence
 
 import genpy
 import rospy
-from rosgraph.names import is_legal_name
 
 from merlin_ros.call_scope import CallScope
 from merlin_ros.deadline import Deadline
 from merlin_ros.late_topics import subscribe
 from merlin_ros.master.master_link import MasterSilent
+from merlin_ros.parameters import is_name
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
 from merlin_ros.work.threads import start_thread
 from merlin_sm.states.merlin_state import PREEMPTED, SUCCEEDED, MerlinState
@@ -25,7 +25,7 @@ def check_name(kind: str, name: Any) -> None:
     :param kind: what it is, for the text.
     :raises ValueError: when no action, service or topic can have it.
     """
-    if not (isinstance(name, str) and name and is_legal_name(name)):
+    if not is_name(name):
         raise ValueError(f"{name!r} cannot be the name of {kind}: a text of letters, digits, _ and /")
 
 
