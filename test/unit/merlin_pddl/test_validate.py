@@ -117,7 +117,7 @@ def test_reading_keeps_the_time_limit_too(capsys, tmp_path):
     problem.write_text("(define (problem p) (:domain home) (:init " + "(robot_at anywhere)\n" * 350_000)
     began = time.monotonic()
     assert run(capsys, DOMAIN)[0] == 0
-    limit = 2.0 * (time.monotonic() - began)  # enough to start, on a busy machine too, and not to read all that
+    limit = 2.0 * (time.monotonic() - began)  # enough to begin, on a busy machine too; not for all of that
     code, output = run(capsys, DOMAIN, problem, "--time-limit", limit)
     assert code == 1 and f"reading {problem} takes more than {limit:g} s" in output
 
