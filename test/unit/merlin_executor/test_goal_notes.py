@@ -41,7 +41,7 @@ def test_that_nothing_is_left_need_not_be_on_the_disk(
     assert notes.read() == []
 
 
-def test_a_full_disk_is_told_with_the_file(tmp_path: Path) -> None:
+def test_of_a_full_disk_the_file_is_named(tmp_path: Path) -> None:
     notes = GoalNotes(str(tmp_path / "goals"))
     (tmp_path / "goals.new").symlink_to("/dev/full")
     with pytest.raises(OSError, match=f"{notes.path} cannot be written: No space left on device"):

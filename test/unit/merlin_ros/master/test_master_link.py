@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Connections to a master end with the clients that made them."""
 
+import errno
 import gc
 import socketserver
 import threading
@@ -9,6 +10,7 @@ from typing import Any, Iterator, List
 from xmlrpc.server import SimpleXMLRPCRequestHandler, SimpleXMLRPCServer
 
 import pytest
+import rosgraph
 import rospy
 
 from merlin_ros.master import master_link
@@ -119,3 +121,15 @@ def test_a_registration_is_noticed_when_it_is_noted_and_an_end_at_once(
         hook("the test ends it")
     running.join()
     assert woken == [True]
+
+
+@pytest.mark.parametrize(
+    ("error", "reason"),
+    [
+        (ConnectionRefusedError(errno.ECONNREFUSED, "Connection refused"), "Connection refused"),
+        (rosgraph.MasterException("no such node"), "no such node"),
+        (OSError(), "OSError"),
+    ],
+)
+def test_why_a_master_gave_no_answer_is_never_empty(error: Exception, reason: str) -> None:
+    assert master_link.why_unasked("http://localhost:11311", error) == reason

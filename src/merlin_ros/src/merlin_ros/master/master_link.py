@@ -126,7 +126,7 @@ class _BoundedTransport(xmlrpc.client.Transport):
             raise MasterSilent(f"{self._uri} did not answer within {self._timeout:g} s") from error
         except http.client.HTTPException as error:
             # It died in the middle of an answer. An OSError with number and text is what callers expect.
-            text = f"{self._uri} broke off its answer: {error or type(error).__name__}"
+            text = f"{self._uri} broke off its answer: {str(error) or type(error).__name__}"
             raise ConnectionResetError(errno.ECONNRESET, text) from error
         self._silent = False
         return answer
@@ -256,7 +256,7 @@ def why_unasked(uri: str, error: Exception) -> str:
     with contextlib.suppress(ValueError):
         parse_http_host_and_port(uri)
         if not isinstance(error, ValueError):
-            return str(getattr(error, "strerror", None) or error or type(error).__name__)
+            return str(getattr(error, "strerror", None) or "") or str(error) or type(error).__name__
     return "it has to be like http://localhost:11311"
 
 
