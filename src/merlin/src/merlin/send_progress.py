@@ -7,9 +7,10 @@ from typing import Callable, Optional
 import rospy
 from merlin_msgs.msg import ExecuteFeedback, ExecutorStatus, GuardStatus
 
-from merlin_executor.core.base_hold import clock_text, hold_words
+from merlin_executor.core.base_hold import hold_words
 from merlin_executor.executor_request import ExecutorRequest
 from merlin_planning.knowledge_text import step_text
+from merlin_ros.work.passed_time import clock_text
 
 
 class SendProgress:

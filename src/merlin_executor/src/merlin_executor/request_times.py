@@ -8,7 +8,7 @@ from typing import Any, Dict, Optional, Tuple, Union
 
 import rospy
 
-from merlin_executor.core.base_hold import CALENDAR
+from merlin_ros.work.passed_time import CALENDAR
 
 When = Union[rospy.Time, float]
 TIMES = ("not_before", "deadline")

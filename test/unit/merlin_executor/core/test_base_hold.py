@@ -6,7 +6,8 @@ from datetime import datetime
 
 import pytest
 
-from merlin_executor.core.base_hold import clock_text, hold_words, holder_of
+from merlin_executor.core.base_hold import hold_words, holder_of
+from merlin_ros.work.passed_time import clock_text
 
 AFTERNOON = datetime(2026, 11, 25, 14, 3, 7).timestamp()  # of this computer's time zone
 

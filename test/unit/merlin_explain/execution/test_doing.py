@@ -9,8 +9,8 @@ from robot_scenario import BEGIN, RobotScenario
 
 from merlin_explain.claims import Answer, QuestionError, Words
 from merlin_explain.execution.doing import doing
-from merlin_explain.execution.moment import clock
 from merlin_explain.execution.waiting import waiting
+from merlin_ros.work.passed_time import clock_text
 
 REQUEST = "/mission-1-5.0"
 DRIVE, MOP = "(drive d1 hall kitchen)", "(mop kitchen)"
@@ -36,7 +36,8 @@ def test_before_a_step_has_ended_the_plan_is_all_there_is(scenario: RobotScenari
     answer = ask(scenario)
     assert kinds(answer) == ["doing", "running", "estimate", "sureness"]
     assert (
-        f"It is expected to end at {clock(BEGIN + 14)}; no step of its plan has ended yet" in answer.sentence
+        f"It is expected to end at {clock_text(BEGIN + 14)}; no step of its plan has ended yet"
+        in answer.sentence
     )
     assert "for “kitchen tidy”" in answer.sentence
 
@@ -48,7 +49,7 @@ def test_the_pace_of_the_steps_says_how_sure_it_is(scenario: RobotScenario) -> N
     scenario.runs(REQUEST, ["(tidy kitchen)"], expected_end=BEGIN + 25.3)
     answer = ask(scenario)
     assert "one step has taken 1.5 times the planned time" in answer.sentence
-    assert f"at that pace it ends at {clock(BEGIN + 30)}." in answer.sentence
+    assert f"at that pace it ends at {clock_text(BEGIN + 30)}." in answer.sentence
 
 
 def test_an_estimate_that_has_passed_is_not_one(scenario: RobotScenario) -> None:
@@ -81,7 +82,7 @@ def test_a_plan_without_durations(scenario: RobotScenario) -> None:
 def test_when_another_request_comes(scenario: RobotScenario) -> None:
     drive(scenario)
     scenario.queues({"request": "/tablet-1-6.0", "goals": ["(tidy attic)"], "expected_begin": BEGIN + 14.0})
-    assert f"expected to begin at {clock(BEGIN + 14)}" in ask(scenario, "(tidy attic)").sentence
+    assert f"expected to begin at {clock_text(BEGIN + 14)}" in ask(scenario, "(tidy attic)").sentence
     with pytest.raises(QuestionError, match="is neither in the plan nor in the queue"):
         ask(scenario, "(tidy hall)")
 

@@ -11,12 +11,13 @@ from hypothesis import strategies as st
 from robot_scenario import BEGIN, BRIDGES, DOMAIN, RobotScenario
 
 from merlin_explain.claims import Answer, QuestionError, Words
-from merlin_explain.execution.moment import Moment, clock, key_of
+from merlin_explain.execution.moment import Moment, key_of
 from merlin_explain.execution.proof import proof
 from merlin_explain.execution.provenance import provenance
 from merlin_pddl.domain_reader import parse_domain
 from merlin_pddl.formula import Atom, to_pddl
 from merlin_pddl.text_reader import PddlError
+from merlin_ros.work.passed_time import clock_text
 
 DRIVE = "(drive d1 hall kitchen)"
 
@@ -48,7 +49,9 @@ def test_an_action_made_it_so(scenario: RobotScenario) -> None:
     drive(scenario)
     answer = ask(scenario, "(at kitchen)")
     assert kinds(answer) == ["action"]
-    assert f"became so at {clock(BEGIN + 10)}, version 3 of the knowledge, by “{DRIVE}”" in answer.sentence
+    assert (
+        f"became so at {clock_text(BEGIN + 10)}, version 3 of the knowledge, by “{DRIVE}”" in answer.sentence
+    )
     fact, step = answer.claims[0].evidence
     assert (fact.version, step.step) == (3, 1)
     assert "by “(drive d1 hall kitchen)”" in ask(scenario, "(battery)").sentence
@@ -94,7 +97,7 @@ def test_an_action_made_it_untrue(scenario: RobotScenario) -> None:
     drive(scenario)
     answer = ask(scenario, "(at hall)")
     assert kinds(answer) == ["action"]
-    assert "does not hold" in answer.sentence and f"ceased to be so at {clock(BEGIN)}" in answer.sentence
+    assert "does not hold" in answer.sentence and f"ceased to be so at {clock_text(BEGIN)}" in answer.sentence
     assert ask(scenario, "(not (at hall))").claims == answer.claims
 
 
@@ -119,7 +122,8 @@ def test_a_change_of_long_ago_is_found(scenario: RobotScenario) -> None:
         scenario.changes("/battery", battery=float(number))
     answer = ask(scenario, "(open d1)")
     assert (
-        f"ceased to be so at {clock(BEGIN)}, version 2 of the knowledge, by /door_sensor" in answer.sentence
+        f"ceased to be so at {clock_text(BEGIN)}, version 2 of the knowledge, by /door_sensor"
+        in answer.sentence
     )
 
 

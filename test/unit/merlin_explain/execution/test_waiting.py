@@ -7,8 +7,9 @@ import pytest
 from robot_scenario import BEGIN, RobotScenario
 
 from merlin_explain.claims import Answer, QuestionError, Words
-from merlin_explain.execution.moment import Change, clock
+from merlin_explain.execution.moment import Change
 from merlin_explain.execution.waiting import waiting
+from merlin_ros.work.passed_time import clock_text
 
 RUNNING, NEXT = "/mission-1-5.0", "/tablet-1-6.0"
 DRIVE, MOP = "(drive d1 hall kitchen)", "(mop kitchen)"
@@ -34,15 +35,15 @@ def drive(scenario: RobotScenario, **fields: Any) -> None:
 def test_a_step_waits_for_an_action_that_runs(scenario: RobotScenario) -> None:
     drive(scenario)
     answer = ask(scenario)
-    due = clock(BEGIN + 10.0)
+    due = clock_text(BEGIN + 10.0)
     assert kinds(answer) == ["order", "condition", "bringer"]
     assert (
         answer.claims[0].text
-        == f"“{DRIVE}” has to end first, it has run since {clock(BEGIN)} and as planned ends at {due}"
+        == f"“{DRIVE}” has to end first, it has run since {clock_text(BEGIN)} and as planned ends at {due}"
     )
     assert "“(at kitchen)” does not hold" in answer.sentence
     assert [each.step for each in answer.claims[2].evidence][0] == 1
-    assert f"has waited since {clock(BEGIN)}: " in answer.sentence
+    assert f"has waited since {clock_text(BEGIN)}: " in answer.sentence
     assert ask(scenario, MOP) == answer
 
 
@@ -80,7 +81,7 @@ def test_a_condition_that_a_timed_fact_makes_true(scenario: RobotScenario) -> No
     opens = Change("+", "(open d1)", "", scenario.now + 60.0)
     answer = ask(scenario, "", opens, Change("+", "(open d2)", "", scenario.now + 30.0))
     assert kinds(answer) == ["condition", "timed"]
-    assert f"by itself at {clock(opens.at)}" in answer.sentence
+    assert f"by itself at {clock_text(opens.at)}" in answer.sentence
     assert kinds(ask(scenario)) == ["condition"]
 
 
@@ -124,7 +125,7 @@ def test_a_request_waits_for_the_one_that_runs(scenario: RobotScenario) -> None:
     scenario.queues(queued(expected_begin=BEGIN + 14.0))
     answer = ask(scenario, "(tidy attic)")
     assert kinds(answer) == ["request", "estimate"]
-    assert f"“(tidy kitchen)” has to end first, expected at {clock(BEGIN + 14)}" in answer.sentence
+    assert f"“(tidy kitchen)” has to end first, expected at {clock_text(BEGIN + 14)}" in answer.sentence
     assert ask(scenario, NEXT) == answer
 
 

@@ -1,14 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Who holds a base since when, of what its guard says; ROS time as a clock shows it. Without ROS."""
+"""Who holds a base since when, of what its guard says. Without ROS."""
 
-import time
-
-CALENDAR = 1e8  # s; less is the time of a simulator, which began at zero
-
-
-def clock_text(at: float) -> str:
-    """``123.4 s`` in a simulation, else the time of the day."""
-    return f"{at:.1f} s" if at < CALENDAR else time.strftime("%H:%M:%S", time.localtime(at))
+from merlin_ros.work.passed_time import clock_text
 
 
 def holder_of(reason: str) -> str:

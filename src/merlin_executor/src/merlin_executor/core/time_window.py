@@ -4,7 +4,7 @@
 import math
 from typing import Dict, Iterable, NamedTuple, Optional, Tuple
 
-from merlin_executor.core.base_hold import clock_text
+from merlin_ros.work.passed_time import clock_text
 
 SHORTEST = 0.01  # s; a plan whose actions all take less has no durations
 

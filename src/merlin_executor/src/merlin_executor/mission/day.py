@@ -13,7 +13,6 @@ import rospy
 import yaml
 from merlin_msgs.msg import ExecuteResult, GoalQueue
 
-from merlin_executor.core.base_hold import CALENDAR
 from merlin_executor.core.request_limits import MAX_OF_CLIENT, check_priority, check_value
 from merlin_executor.executor_client import DROP, NEVER, RESUME, lasting_id
 from merlin_executor.executor_request import ExecutorRequest
@@ -26,6 +25,7 @@ from merlin_planning.knowledge_text import parse_goal
 from merlin_ros.deadline import LONGEST_SLEEP
 from merlin_ros.ros_alarm import RosAlarm, call_after
 from merlin_ros.service_proxy import ServiceError
+from merlin_ros.work.passed_time import CALENDAR
 
 PAUSE = 2.0  # s of ROS time before an errand that was not begun is sent again; doubles each time
 LONGEST_PAUSE = 300.0

@@ -15,7 +15,6 @@ from merlin_msgs.msg import GoalDeadline, PlannerStatus
 from merlin_msgs.srv import PreviewPlanResponse
 
 from merlin_executor.core.agenda import Agenda, Decision
-from merlin_executor.core.base_hold import clock_text
 from merlin_executor.core.engine import Engine
 from merlin_executor.core.time_window import Forecast
 from merlin_executor.errands.selection import Answer, Errand, select
@@ -24,6 +23,7 @@ from merlin_planning.dispatch_client import DispatchClient
 from merlin_planning.knowledge_text import step_text
 from merlin_planning.planning_client import PlanningClient
 from merlin_ros.service_proxy import ServiceError
+from merlin_ros.work.passed_time import clock_text
 from merlin_ros.work.threads import CallQueue
 
 MOST = 8  # requests in a row that are planned ahead

@@ -4,8 +4,9 @@
 from typing import List
 
 from merlin_explain.claims import EVENT, Answer, Claim, Evidence, Words
-from merlin_explain.execution.moment import RUNNING, SHORTEST, Moment, clock, matches, request_evidence
+from merlin_explain.execution.moment import RUNNING, SHORTEST, Moment, matches, request_evidence
 from merlin_explain.execution.waiting import waiting
+from merlin_ros.work.passed_time import clock_text
 
 
 def doing(moment: Moment, about: str, words: Words) -> Answer:
@@ -22,7 +23,7 @@ def doing(moment: Moment, about: str, words: Words) -> Answer:
     claims = [Claim("doing", what, (Evidence(EVENT, said, time=moment.at),))]
     for step in moment.steps:
         if step.state in RUNNING:
-            runs = "runs" if step.began is None else f"has run since {clock(step.began)}"
+            runs = "runs" if step.began is None else f"has run since {clock_text(step.began)}"
             claims.append(Claim("running", f"“{words.step(step.text)}” {runs}", (step.evidence(),)))
     estimate = _estimate(moment) if executor.get("request") else []
     sentences = [said, *(["; ".join(claim.text for claim in estimate)] if estimate else [])]
@@ -37,13 +38,13 @@ def _estimate(moment: Moment) -> List[Claim]:
     if not end:
         why = "its plan has no durations" if moment.steps else "there is no plan yet"
         return [Claim("estimate", f"when it ends is not known: {why}", shown)]
-    claims = [Claim("estimate", f"it is expected to end at {clock(end)}", shown)]
+    claims = [Claim("estimate", f"it is expected to end at {clock_text(end)}", shown)]
     if end <= moment.at:
         claims.append(Claim("sureness", f"that was {moment.at - end:.0f} s ago: it is late", shown))
     else:
         claims.append(_pace(moment, end - moment.at))
     if deadline and end > deadline:
-        claims.append(Claim("late", f"that is after its deadline {clock(deadline)}", shown))
+        claims.append(Claim("late", f"that is after its deadline {clock_text(deadline)}", shown))
     return claims
 
 
@@ -63,7 +64,7 @@ def _pace(moment: Moment, left: float) -> Claim:
     least, most = min(paces.values()), max(paces.values())
     count = f"{len(paces)} steps have" if len(paces) > 1 else "one step has"
     taken = f"{least:.1f}" if f"{least:.1f}" == f"{most:.1f}" else f"{least:.1f} to {most:.1f}"
-    first, last = (clock(moment.at + left * pace) for pace in (least, most))
+    first, last = (clock_text(moment.at + left * pace) for pace in (least, most))
     ends = f"at {first}" if first == last else f"between {first} and {last}"
     text = f"{count} taken {taken} times the planned time; at that pace it ends {ends}"
     return Claim("sureness", text, tuple(step.evidence() for step in paces))

@@ -6,9 +6,10 @@ from typing import Any, Iterator, List, Mapping, NamedTuple, Optional, Tuple
 
 from merlin_explain.claims import EVENT, FACT, Answer, Claim, Evidence, QuestionError, Words
 from merlin_explain.core.wording import and_list
-from merlin_explain.execution.moment import ATOM, Moment, Step, checked_about, clock, in_words, key_of
+from merlin_explain.execution.moment import ATOM, Moment, Step, checked_about, in_words, key_of
 from merlin_explain.execution.recorded_past import LATER, Event, RecordedPast
 from merlin_pddl.domain import Domain
+from merlin_ros.work.passed_time import clock_text
 
 KINDS = ("goal", "action", "plan")
 NEAR = 0.5  # s between messages about one thing
@@ -74,7 +75,7 @@ def failed(moment: Moment, past: RecordedPast, about: str, words: Words) -> Answ
             events = past.events(KINDS, event["wall"])
             return _Chain(past, events, event, words, moment.domain).answer()
     what = about or "anything"
-    raise QuestionError(f"the recording knows no failure of {what} up to {clock(moment.at)}")
+    raise QuestionError(f"the recording knows no failure of {what} up to {clock_text(moment.at)}")
 
 
 def _failures(past: RecordedPast) -> Iterator[Event]:
@@ -162,15 +163,15 @@ class _Chain:
         claims += self._facts(cause, root) if cause.fact else []
         if action is not None:
             because = f"“{self._label(action)}” failed: {because}"
-            text = f"“{self._label(action)}” failed at {clock(action['at'])}"
+            text = f"“{self._label(action)}” failed at {clock_text(action['at'])}"
             claims += [*self._states(action), Claim("action", text, (_shown(action),))]
         claims += replans
         if not self._is_goal:
             what = "No plan was found" if _no_plan(event) else "The plan was replaced"
-            first = "" if action is not None else f"{what} at {clock(event['at'])}: "
+            first = "" if action is not None else f"{what} at {clock_text(event['at'])}: "
             return Answer(f"{first}{because}.", tuple(claims))
         goal = self._label(event)
-        text = f"“{goal}” ended at {clock(event['at'])}: {self._outcome}"
+        text = f"“{goal}” ended at {clock_text(event['at'])}: {self._outcome}"
         claims.append(Claim("goal", text, (_shown(event, reason_of(event)),)))
         again = f", after {len(replans)} new plan{'s'[: len(replans) - 1]}" if replans else ""
         return Answer(f"“{goal}” {ended}{again}: {because}.", tuple(claims))
@@ -201,7 +202,7 @@ class _Chain:
         return [
             Claim(
                 "replan",
-                f"at {clock(each['at'])} it was planned again: {self._in_words(reason_of(each))}",
+                f"at {clock_text(each['at'])} it was planned again: {self._in_words(reason_of(each))}",
                 (_shown(each),),
             )
             for each in self._within

@@ -3,7 +3,6 @@
 
 import functools
 import re
-import time
 from typing import Any, Dict, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
 
 from merlin_explain.claims import FACT, REQUEST, STEP, VALUE, Claim, Evidence, QuestionError, Words
@@ -11,6 +10,7 @@ from merlin_pddl.domain import Domain, Operator
 from merlin_pddl.evaluation import Evaluator, WorldState
 from merlin_pddl.formula import END, Atom, Condition, Not, conjuncts, ground, terms, to_pddl
 from merlin_pddl.knowledge import Key
+from merlin_ros.work.passed_time import clock_text
 
 WAITING = "waiting"
 RUNNING = ("dispatched", "running")
@@ -77,7 +77,7 @@ class Change(NamedTuple):
         source = by or self.client or "a client that is not known"
         text = f"(not {self.text})" if self.sign == "-" else self.text
         fact = Evidence(FACT, f"{text}, by {self.client}", 0, self.version, self.at)
-        said = f"“{words.fact(self.text)}” {how} so at {clock(self.at)}{version}, by {source}"
+        said = f"“{words.fact(self.text)}” {how} so at {clock_text(self.at)}{version}, by {source}"
         return Claim("action" if by else "client", said, (fact, *shown))
 
 
@@ -273,11 +273,6 @@ def key_of(text: str) -> Key:
 
 def _text(key: Key) -> str:
     return f"({' '.join(key)})"
-
-
-def clock(at: float) -> str:
-    """A time of day of ROS time: ``14:03:12``; of a simulation that begins at zero, in s."""
-    return f"{at:.1f} s" if at < 1e8 else time.strftime("%H:%M:%S", time.localtime(at))
 
 
 def in_words(text: str, domain: Domain, words: Words) -> str:

@@ -8,12 +8,13 @@ from pathlib import Path
 from typing import Any, Dict, Iterator, List, Optional, Sequence, Tuple
 
 from merlin_explain.claims import QuestionError
-from merlin_explain.execution.moment import Change, Moment, clock, key_of
+from merlin_explain.execution.moment import Change, Moment, key_of
 from merlin_monitor.history.event_log import MARKS, EventLog, Neighbour
 from merlin_monitor.history.frames import Recording
 from merlin_monitor.history.history_file import HistoryError, last_run, open_for_reading
 from merlin_monitor.state.state_tree import apply_changes
 from merlin_pddl.domain import Domain
+from merlin_ros.work.passed_time import clock_text
 
 #: An event as the history has it: kind, text, at (ROS time, s), mark and detail.
 Event = Dict[str, Any]
@@ -155,8 +156,8 @@ class RecordedPast:
         begin, end = self.span()
         if not begin - LATER <= at <= end + LATER:
             asked = time.strftime("%Y-%m-%d ", time.localtime(at)) if abs(end - at) > DAY and at > DAY else ""
-            of = f"{clock(begin)} to {clock(end)}"
-            raise QuestionError(f"the recording is of {of}, and has no {asked}{clock(at)}")
+            of = f"{clock_text(begin)} to {clock_text(end)}"
+            raise QuestionError(f"the recording is of {of}, and has no {asked}{clock_text(at)}")
         # A robot's ROS time is nearly that of the computer.
         middle = at if low <= at <= high else (low + high) / 2
         while True:

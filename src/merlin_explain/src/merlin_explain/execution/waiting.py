@@ -11,12 +11,12 @@ from merlin_explain.execution.moment import (
     Moment,
     Step,
     checked_about,
-    clock,
     key_of,
     matches,
     request_evidence,
 )
 from merlin_pddl.formula import Condition, to_pddl
+from merlin_ros.work.passed_time import clock_text
 
 TOLD = 3  # claims that are part of the sentence
 
@@ -105,12 +105,12 @@ def _before(moment: Moment, step: Step, words: Words) -> List[Claim]:
 
 def _going(moment: Moment, step: Step) -> str:
     """Since when a step runs, and when it ends as planned."""
-    began = f"has run since {clock(step.began)}" if step.began is not None else "runs"
+    began = f"has run since {clock_text(step.began)}" if step.began is not None else "runs"
     if step.due is None:
         return f"{began}; how long it takes is not planned"
     if step.due < moment.at:
         return f"{began} and is {moment.at - step.due:.0f} s over its planned {step.duration:.0f} s"
-    return f"{began} and as planned ends at {clock(step.due)}"
+    return f"{began} and as planned ends at {clock_text(step.due)}"
 
 
 def _condition(
@@ -132,7 +132,7 @@ def _condition(
     elif timed:
         due = min(timed, key=lambda each: each.at)
         fact = Evidence(FACT, due.text, 0, moment.version, due.at)
-        claims.append(Claim("timed", f"it comes true by itself at {clock(due.at)}", (fact,)))
+        claims.append(Claim("timed", f"it comes true by itself at {clock_text(due.at)}", (fact,)))
     return claims
 
 
@@ -151,11 +151,11 @@ def _request(moment: Moment, request: Mapping[str, Any], words: Words) -> Answer
     not_before = float(request.get("not_before") or 0.0)
     if not_before > moment.at:
         shown = request_evidence(request, not_before)
-        claims.append(Claim("time", f"it may not begin before {clock(not_before)}", (shown,)))
+        claims.append(Claim("time", f"it may not begin before {clock_text(not_before)}", (shown,)))
     claims += _ahead(moment, request, words)
     expected = float(request.get("expected_begin") or 0.0)
     if claims and expected > moment.at:
-        text = f"it is expected to begin at {clock(expected)}, if all goes as planned"
+        text = f"it is expected to begin at {clock_text(expected)}, if all goes as planned"
         claims.append(Claim("estimate", text, (request_evidence(request, expected),)))
     return _answer(_goals(request, words), claims, float(request.get("queued") or 0.0))
 
@@ -181,7 +181,7 @@ def _ahead(moment: Moment, request: Mapping[str, Any], words: Words) -> List[Cla
     executor, claims = moment.executor, []
     if executor.get("request"):
         end = float(executor.get("expected_end") or 0.0)
-        when = f", expected at {clock(end)}" if end > moment.at else ""
+        when = f", expected at {clock_text(end)}" if end > moment.at else ""
         first = executor["priority"] >= request["priority"]
         kept = "cannot be interrupted now" if request.get("kept") else "is being stopped"
         how = f"has to end first{when}" if first else f"is less urgent, and {kept}"
@@ -205,5 +205,5 @@ def _answer(what: str, claims: List[Claim], since: float) -> Answer:
     if not claims:
         return Answer(f"{what} has not begun, and nothing is known to keep it.")
     reasons = "; ".join(claim.text for claim in claims[:TOLD])
-    waits = f"has waited since {clock(since)}" if since else "waits"
+    waits = f"has waited since {clock_text(since)}" if since else "waits"
     return Answer(f"{what} {waits}: {reasons}.", tuple(claims))

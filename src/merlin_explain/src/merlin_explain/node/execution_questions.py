@@ -14,7 +14,7 @@ from rosplan_knowledge_msgs.srv import GetAttributeService
 from merlin_explain.claims import Answer, QuestionError, Words
 from merlin_explain.execution.doing import doing
 from merlin_explain.execution.failed import failed
-from merlin_explain.execution.moment import Change, Moment, clock
+from merlin_explain.execution.moment import Change, Moment
 from merlin_explain.execution.provenance import provenance
 from merlin_explain.execution.recorded_past import RecordedPast
 from merlin_explain.execution.waiting import waiting
@@ -24,6 +24,7 @@ from merlin_pddl.text_reader import PddlError
 from merlin_planning.knowledge_text import to_pddl
 from merlin_ros.master.master_link import ERRORS, bounded_master, get_param
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
+from merlin_ros.work.passed_time import clock_text
 
 STALE = 5.0  # s after which what was recorded last does not count as now: a monitor records twice per s
 CALL_LIMIT = 5.0  # s of wall time
@@ -78,7 +79,7 @@ def of_execution(question: ExplainRequest, system: RobotSystem) -> Answer:
             if age > STALE and not simulator.get("paused"):  # a world that rests has nothing to record
                 raise QuestionError(
                     f"the monitor has recorded nothing for {age:.0f} s; is it running? "
-                    f"What was so until {clock(moment.at)} can be asked with that time"
+                    f"What was so until {clock_text(moment.at)} can be asked with that time"
                 )
             moment.timed = _timed(system)
         interfaces = _interfaces(system.names.dispatcher) if question.question == ExplainRequest.SO else ()

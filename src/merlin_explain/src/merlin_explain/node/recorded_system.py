@@ -12,7 +12,7 @@ from merlin_msgs.srv import PreviewPlanRequest, PreviewPlanResponse
 
 from merlin_explain.claims import EVENT, Claim, Evidence, QuestionError, Words
 from merlin_explain.core.why import Doing, Request
-from merlin_explain.execution.moment import RUNNING, Moment, clock, key_of
+from merlin_explain.execution.moment import RUNNING, Moment, key_of
 from merlin_explain.execution.recorded_past import PANEL, RecordedPast
 from merlin_monitor.text.request_words import sender_of
 from merlin_pddl.analysis.plan_run import plan_fault
@@ -24,6 +24,7 @@ from merlin_pddl.problem_reader import parse_condition, parse_problem
 from merlin_pddl.problem_writer import object_lines, write_problem
 from merlin_pddl.text_reader import PddlError
 from merlin_ros.ports.service_server import while_wanted
+from merlin_ros.work.passed_time import clock_text
 
 #: Nice value of what plans: the robot's own planning goes first.
 NICENESS = 10
@@ -72,7 +73,7 @@ class RecordedSystem:
         )
         if not steps:
             raise QuestionError(
-                f"there was no plan at {clock(self._moment.at)}, so no step can be asked about"
+                f"there was no plan at {clock_text(self._moment.at)}, so no step can be asked about"
             )
         for problem in self._problems():
             if not plan_fault(self._moment.domain, problem, steps):

@@ -3,11 +3,12 @@
 
 from typing import Any, Dict
 
-from merlin_executor.core.base_hold import clock_text, holder_of
+from merlin_executor.core.base_hold import holder_of
 from merlin_monitor.state.history_events import Reporter, sentence
 from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.text.phrase import Phrase, say
 from merlin_monitor.text.request_words import name_of
+from merlin_ros.work.passed_time import clock_text
 
 GUARD = "guard"
 #: Field of the section: while the base is stopped: which client stopped it, and when; else empty.

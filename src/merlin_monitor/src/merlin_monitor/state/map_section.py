@@ -7,11 +7,11 @@ from typing import Any, Callable, Deque, Dict, List, NamedTuple, Optional, Seque
 
 import numpy
 
-from merlin_executor.core.base_hold import clock_text
 from merlin_monitor.history.pictures import Pictures, png
 from merlin_monitor.state.guard_section import GUARD
 from merlin_monitor.state.state_tree import StateTree
 from merlin_monitor.text.phrase import Phrase, say
+from merlin_ros.work.passed_time import clock_text
 
 SECTION = "map"
 MOST_PEOPLE = 200

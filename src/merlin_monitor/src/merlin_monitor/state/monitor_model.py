@@ -5,7 +5,6 @@ import concurrent.futures
 import time
 from typing import Any, Callable, Container, Dict, List, Mapping, Optional
 
-from merlin_executor.core.base_hold import clock_text
 from merlin_monitor.drawing.graph_layout import DrawnGraph, LayoutThread, machine_graph, plan_graph
 from merlin_monitor.history.pictures import Pictures
 from merlin_monitor.state.freshness import Freshness
@@ -25,6 +24,7 @@ from merlin_monitor.text.phrase import say
 from merlin_monitor.text.sentences import SentencesError
 from merlin_monitor.text.wording import Wording
 from merlin_monitor.truth.problems import Acknowledged, problems_of
+from merlin_ros.work.passed_time import clock_text
 
 PLAN_PICTURE = "plan"
 #: Section → its fields that say what is wrong.

@@ -5,9 +5,9 @@ import unicodedata
 from collections import Counter
 from typing import Any, Dict, List, NamedTuple
 
-from merlin_executor.core.base_hold import clock_text
 from merlin_monitor.text.phrase import in_english
 from merlin_monitor.truth.problems import PLANNER, WARNING
+from merlin_ros.work.passed_time import clock_text
 
 GLYPHS = {
     "waiting": "o",
