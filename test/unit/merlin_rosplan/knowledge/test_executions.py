@@ -144,6 +144,18 @@ def test_literals_need_a_token(store):
     assert facts(store) == set() and store.executions() == []
 
 
+@pytest.mark.parametrize("phase", ["start", "end"])
+def test_token_of_other_objects_is_refused(store, phase):
+    apply(store, "start", "t", "drive", DRIVE)
+    began = facts(store)
+    label, *_ = [key for key in DRIVE if DRIVE[key] == "hall"]
+    with pytest.raises(UpdateRefused, match=r"the token 't' belongs to \(drive .*hall\)"):
+        apply(store, phase, "t", "drive", {**DRIVE, label: "base"})
+    assert facts(store) == began and len(store.executions()) == 1
+    apply(store, "end", "t", "drive", {key: value.upper() for key, value in DRIVE.items()})
+    assert store.executions() == []
+
+
 def test_token_of_another_operator_is_refused(store):
     apply(store, "start", "t", "drive", DRIVE)
     for phase in ("rollback", "interrupt"):

@@ -102,6 +102,7 @@ class Executions:
         if known is not None:
             if known.get("ended"):
                 raise UpdateRefused(f"the execution '{token}' has ended")
+            _check_objects(token, known, applier)
             return "started already"
         declared, counts = split(if_interrupted, self._state)
         holds, interrupted = self._literals(while_running), self._literals(declared)
@@ -144,6 +145,7 @@ class Executions:
             return "ended already"
         applier = EffectApplier(self._transaction, operator, parameters)
         if row is not None:
+            _check_objects(token, row, applier)
             self._no_longer_running(token, row)
         if operator.durative:
             specials, allowed = self._specials(row, applier), (row or {}).get("later", {})
@@ -273,6 +275,12 @@ class Executions:
             except (PddlError, UpdateRefused) as error:
                 raise UpdateRefused(f"'{text}': {error}") from error
         return found
+
+
+def _check_objects(token: str, row: _Row, applier: EffectApplier) -> None:
+    began = [value for _, value in row.get("parameters", applier.parameters)]
+    if [value.lower() for value in began] != [value.lower() for _, value in applier.parameters]:
+        raise UpdateRefused(f"the token '{token}' belongs to ({' '.join([row['operator'], *began])})")
 
 
 def _bring_about(changes: RecordedChanges, facts: Iterable[Fact]) -> None:
