@@ -5,9 +5,10 @@ from typing import List
 
 from merlin_msgs.msg import OpenExecution
 from merlin_msgs.srv import ApplyEffects, ApplyEffectsRequest, ListExecutions
+from rosplan_knowledge_msgs.srv import KnowledgeUpdateServiceArray
 
 from merlin_pddl.plan_text import call_text
-from merlin_ros.service_proxy import ServiceProxy
+from merlin_ros.service_proxy import ServiceProxy, ServiceUnavailable
 
 
 def execution_text(execution: OpenExecution) -> str:
@@ -25,6 +26,7 @@ class ExecutionJournal:
     def __init__(self, knowledge_base: str, timeout: float) -> None:
         self._list = ServiceProxy(f"{knowledge_base}/executions", ListExecutions, timeout=timeout)
         self._apply = ServiceProxy(f"{knowledge_base}/apply_effects", ApplyEffects, timeout=timeout)
+        self._update = ServiceProxy(f"{knowledge_base}/update_array", KnowledgeUpdateServiceArray)
 
     def available(self) -> bool:
         """Whether the knowledge base has a journal, and takes calls now."""
@@ -33,9 +35,14 @@ class ExecutionJournal:
     def offered(self) -> bool:
         """Whether the knowledge base is one with a journal, though it may be too busy to answer now.
 
-        :raises merlin_ros.service_proxy.ServiceError: when the master gives no answer.
+        :raises merlin_ros.service_proxy.ServiceError: when it is not known: the master gives no answer, or
+            the knowledge base is not there.
         """
-        return self._list.offered()
+        if self._list.offered():
+            return True
+        if not self._update.available():
+            raise ServiceUnavailable(f"service {self._update.name} does not answer: nothing offers it")
+        return False
 
     def open(self, owner: str = "") -> List[OpenExecution]:
         """The open executions.
