@@ -2,6 +2,7 @@
 import contextlib
 import os
 import random
+import shutil
 import signal
 import sqlite3
 import subprocess
@@ -211,6 +212,38 @@ def test_nothing_begins_for_whose_end_there_is_no_space(disk):
     drive(store, "start", "two")
     disk.fill()
     drive(store, "rollback", "two")
+    store.close()
+
+
+@pytest.mark.everywhere
+@pytest.mark.parametrize("removed", ["the folder", "the file"])
+def test_a_file_that_was_removed_is_made_again(path, removed):
+    store = open_store(path)
+    with store.transaction() as change:
+        change.add(Instance("place", "before"))
+    if removed == "the folder":
+        shutil.rmtree(path.parent)
+    else:
+        path.unlink()
+    for name in ("after", "later"):
+        with store.transaction() as change:
+            change.add(Instance("place", name))
+    with pytest.raises(StateFileError, match=f"process {os.getpid()} has it open"):
+        open_store(path)
+    store.close()
+    again = open_store(path)
+    assert again.instances() == ["before", "after", "later"] and again.version == 3
+    again.close()
+
+
+@pytest.mark.everywhere
+def test_without_a_folder_to_make_the_file_again_the_store_goes_on(path):
+    store = open_store(path)
+    shutil.rmtree(path.parent)
+    path.parent.write_text("a file is in the way")
+    with store.transaction() as change:
+        change.add(Instance("place", "after"))
+    assert store.instances() == ["after"]
     store.close()
 
 

@@ -19,6 +19,7 @@ import logging
 import os
 import sqlite3
 import threading
+import time
 from operator import itemgetter
 from typing import Any, Dict, List, NoReturn, Optional, Sequence, Tuple
 
@@ -33,6 +34,7 @@ from merlin_rosplan.storage.state_codec import decode_row, encode_row
 _log = logging.getLogger(__name__)
 
 SYNC_DELAY = 0.1  # s of wall time in which writes are gathered for one sync
+AGAIN = 10.0  # s of wall time between two tries to make a file that was removed
 #: bytes; a closed execution takes about 20 thousand.
 RESERVE_SIZE = 256 * 1024
 FORMAT = "1"
@@ -63,6 +65,7 @@ class StateFile(Journal):
         self._path = os.path.abspath(os.path.expanduser(path))
         self._domain = domain
         self._sync: Optional[LateSync] = None
+        self._make_again_at = 0.0  # monotonic, s
         self._reserve = DiskReserve(f"{self._path}.reserve")
         try:
             os.makedirs(os.path.dirname(self._path), exist_ok=True)
@@ -179,6 +182,9 @@ class StateFile(Journal):
 
         :raises OSError: when it could not be written; the file holds what it held before.
         """
+        if not os.path.exists(self._path) and time.monotonic() >= self._make_again_at:
+            self._make_again_at = time.monotonic() + AGAIN
+            self._make_again()
         journalled = any(table.kind == "execution" for table, *_ in steps)
         ends = _ends_something(steps)
         if not (ends or self._reserve.hold()):
@@ -194,6 +200,32 @@ class StateFile(Journal):
             raise OSError(f"{self._path}: {error}") from error
         if self._sync is not None and not journalled:
             self._sync.soon()
+
+    def _make_again(self) -> None:
+        """The file was removed, as ``rosclean purge`` does: the next process would begin with nothing."""
+        copy = f"{self._path}.copy"
+        try:
+            os.makedirs(os.path.dirname(self._path), exist_ok=True)
+            if not self._lock.stays:
+                self._lock.close()
+                self._lock = StateLock(self._path)
+            self._database.execute("VACUUM INTO ?", (copy,))
+            for suffix in ("-wal", "-shm"):  # of the file that was there: they do not fit the copy
+                with contextlib.suppress(FileNotFoundError):
+                    os.remove(self._path + suffix)
+            os.replace(copy, self._path)
+        except (sqlite3.Error, OSError, StateLockedError) as error:
+            _log.error("the state file %s was removed, and cannot be made again: %s", self._path, error)
+            with contextlib.suppress(OSError):
+                os.remove(copy)
+            return
+        _log.warning("the state file %s was removed, and is made again", self._path)
+        if self._sync is not None:
+            self._sync.close()
+            self._sync = None
+        self._database.close()  # first: it removes the log by its name
+        self._reserve.close()
+        self._connect()
 
     def _write(self, steps: Sequence[Step], version: int, journalled: bool) -> None:
         execute = self._database.execute
@@ -307,7 +339,8 @@ class StateLock:
     """
 
     def __init__(self, path: str) -> None:
-        self._file = os.open(f"{path}.lock", os.O_RDWR | os.O_CREAT, 0o644)
+        self._path = f"{path}.lock"
+        self._file = os.open(self._path, os.O_RDWR | os.O_CREAT, 0o644)
         try:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:
@@ -318,6 +351,14 @@ class StateLock:
             raise StateLockedError(f"process {holder or 'unknown'} has it open") from error
         os.ftruncate(self._file, 0)
         os.pwrite(self._file, f"{os.getpid()}\n".encode(), 0)
+
+    @property
+    def stays(self) -> bool:
+        """Whether its file still has its name: else another process may lock another one."""
+        try:
+            return os.path.samestat(os.fstat(self._file), os.stat(self._path))
+        except OSError:
+            return False
 
     def close(self) -> None:
         """Releases the lock. A second call does nothing."""
