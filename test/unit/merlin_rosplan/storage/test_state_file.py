@@ -197,6 +197,18 @@ def test_full_disk_takes_nothing_new_but_what_runs_comes_to_its_end(disk):
 
 
 @pytest.mark.everywhere
+def test_where_no_reserve_can_be_made_changes_are_taken(path):
+    (path.parent / f"{path.name}.reserve").mkdir(parents=True)  # as one that belongs to another user
+    store = open_store(path)
+    with store.transaction() as change:
+        change.add(Instance("place", "kitchen"))
+    store.close()
+    again = open_store(path)
+    assert again.instances() == ["kitchen"]
+    again.close()
+
+
+@pytest.mark.everywhere
 def test_nothing_begins_for_whose_end_there_is_no_space(disk):
     path = disk.folder / "state.sqlite"
     store = open_store(path)

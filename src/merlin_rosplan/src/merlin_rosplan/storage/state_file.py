@@ -386,9 +386,9 @@ class DiskReserve:
             if self._file is None:
                 self._file = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
             os.posix_fallocate(self._file, 0, RESERVE_SIZE)
-        except OSError:
+        except OSError as error:  # where no such file can be, nothing is refused for it
             self._free()
-            return False
+            return error.errno not in (errno.ENOSPC, errno.EDQUOT)
         self._held = True
         return True
 
