@@ -1,11 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
+import os
+import signal
+import subprocess
 import time
 from pathlib import Path
 
 import pytest
 
 from merlin_pddl.checks.validate import validate
+from merlin_ros.processes.process_tree import descendants
 from merlin_test import LONG
+from merlin_test.process_end import gone
 
 pytestmark = pytest.mark.processes
 
@@ -139,3 +144,32 @@ def test_names_that_other_parsers_do_not_read_are_warned_of(capsys, tmp_path):
     assert f"{problem}:2:11: warning: 'end' is a keyword" in output
     assert f"{problem}:2:24: warning: the goal is empty" in output
     assert "'at'" not in output
+
+
+@pytest.fixture
+def checking(tmp_path):
+    """The command while it reads a file that never ends, and the process that reads."""
+    pipe = tmp_path / "pipe.pddl"
+    os.mkfifo(pipe)
+    command = ["rosrun", "merlin_rosplan", "validate", str(pipe), "--time-limit"]
+
+    def start(limit):
+        with subprocess.Popen(
+            [*command, str(limit)], stderr=subprocess.PIPE, text=True, start_new_session=True
+        ) as process, open(pipe, "wb"):  # waits until it is read
+            (reader,) = descendants(process.pid)
+            yield process, reader
+
+    return start
+
+
+def test_ctrl_c_ends_it_without_a_word(checking):
+    for process, reader in checking(LONG):
+        os.killpg(process.pid, signal.SIGINT)
+        assert process.communicate(timeout=LONG) == (None, "") and gone(reader)
+
+
+def test_what_checks_ends_also_when_its_parent_is_killed(checking):
+    for process, reader in checking(1.0):
+        process.kill()
+        assert gone(reader)

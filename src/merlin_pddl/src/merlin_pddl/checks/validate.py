@@ -33,6 +33,8 @@ VALID, INVALID, USAGE = 0, 1, 2
 MAX_SIZE = 8.0
 TIME_LIMIT = 10.0
 LONGEST = 1e6  # s
+#: s after its limit at which a check ends that has lost its parent.
+SPARE = 5.0
 
 
 class Validation:
@@ -156,6 +158,8 @@ def run_limited(
     reads, writes = os.pipe()
     pid = os.fork()
     if pid == 0:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)  # of a terminal: it is for this process, too
+        signal.setitimer(signal.ITIMER_REAL, time_limit + SPARE)  # the parent may be killed
         _child(files, time_limit, max_size, writes)
     os.close(writes)
     deadline = time.monotonic() + time_limit
