@@ -226,6 +226,11 @@ REFUSED = {
     "<arg name='a' value='$(find nowhere)' doc='make it'/>": "no package 'nowhere'; make it",
     "<param if='maybe' name='a' value='1'/>": "maybe",
     "<param name='a'": "XML",
+    "<node name='a' pkg='merlin' type='run' args='&quot;b'/>": 'node /a: "b: No closing quotation',
+    "<param if='$(eval a)' name='a' value='1'/>": "name 'a' is not defined",
+    "<param name='a' type='int' value='2147483648'/>": "parameter /a has a value that a ROS master cannot",
+    "<rosparam>a: {b: 2026-11-30}</rosparam>": "parameter /a/b has a value that a ROS master cannot",
+    "<rosparam>a: {on: 1}</rosparam>": "below /a: True is not a text; write the name in quotes",
 }  # fmt: skip
 #: All of them in one process: one of its own takes seconds to begin.
 REFUSE = """

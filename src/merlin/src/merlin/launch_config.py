@@ -3,9 +3,12 @@
 
 import contextlib
 import os
+import shlex
 import xml.etree.ElementTree as ElementTree
+import xmlrpc.client
 from pathlib import Path
-from typing import Any, Callable, Dict, Iterable, Iterator, List, Sequence, Tuple
+from typing import Any, Callable, Dict, Iterable, Iterator, List, Optional, Sequence, Tuple
+from xml.parsers.expat import ExpatError
 
 import roslaunch
 import roslaunch.loader
@@ -88,6 +91,54 @@ class Loader(roslaunch.xmlloader.XmlLoader):
         except UnicodeDecodeError as error:
             raise ValueError(f"{file_} is not UTF-8 text: {error.reason}") from error
 
+    def add_param(self, ros_config: Any, param_name: str, param_value: Any, verbose: bool = True) -> None:
+        """Adds a parameter, or those of a dictionary.
+
+        :raises ValueError: a name is not a text, as `on` and `1` are none in YAML.
+        """
+        for name in param_value if type(param_value) is dict else ():
+            if not isinstance(name, str):
+                raise ValueError(f"below {param_name}: {name!r} is not a text; write the name in quotes")
+        super().add_param(ros_config, param_name, param_value, verbose=verbose)
+
+
+def read_launch(request: LaunchRequest, port: Optional[int] = None) -> roslaunch.config.ROSLaunchConfig:
+    """A launch file as roslaunch reads it.
+
+    :param port: of the ROS master.
+    :raises LaunchError: when it, or a file it includes, cannot be read, or nothing can be started so.
+    """
+    files = [(str(request.launch_file), request.words())]
+    try:
+        config = roslaunch.config.load_config_default(files, port, loader=Loader(), verbose=False)
+    except Exception as error:  # of roslaunch, a missing package, or what an expression $(eval …) raises
+        raise LaunchError(one_line(error)) from error
+    parameters = values_of(config)
+    check_values(parameters)
+    check_words(config.nodes)
+    check_scripts(config.nodes, parameters)
+    return config
+
+
+def values_of(config: roslaunch.config.ROSLaunchConfig) -> Dict[str, Any]:
+    """The parameters that a launch file sets, name → value."""
+    return {key: param.value for key, param in config.params.items()}
+
+
+def check_values(parameters: Dict[str, Any]) -> None:
+    """Looks for values that a ROS master cannot take.
+
+    :raises LaunchError: there is one.
+    """
+    for key, value in parameters.items():
+        try:
+            xmlrpc.client.loads(xmlrpc.client.dumps((value,)))
+        except (TypeError, OverflowError, RecursionError, ExpatError) as error:
+            raise LaunchError(
+                f"parameter {key} has a value that a ROS master cannot keep: {error}; it keeps texts (write "
+                "dates in quotes), whole numbers of 32 bits, others, true, false, lists and dictionaries"
+            ) from error
+
 
 class LaunchConfig:
     """A launch file as roslaunch reads it.
@@ -96,15 +147,9 @@ class LaunchConfig:
     """
 
     def __init__(self, request: LaunchRequest) -> None:
-        try:
-            config = roslaunch.config.load_config_default(
-                [(str(request.launch_file), request.words())], None, loader=Loader(), verbose=False
-            )
-        except Exception as error:  # of roslaunch, a missing package, or what an expression $(eval …) raises
-            raise LaunchError(one_line(error)) from error
+        config = read_launch(request)
         self.nodes: List[Node] = list(config.nodes)
-        self._params: Dict[str, Any] = {key: param.value for key, param in config.params.items()}
-        check_scripts(self.nodes, self._params)
+        self._params = values_of(config)
 
     def param(self, name: str, default: Any = None) -> Any:
         """The value of a parameter; a folder of parameters becomes a dictionary."""
@@ -182,6 +227,19 @@ def check_files(parameters: Dict[str, Any]) -> None:
             raise LaunchError(
                 f"the file {value} (parameter {key}) is missing; give the path of one that exists"
             )
+
+
+def check_words(nodes: Iterable[Node]) -> None:
+    """Takes the command lines of nodes apart, as roslaunch does when it starts them.
+
+    :raises LaunchError: a quotation mark stands alone.
+    """
+    for node in nodes:
+        for text in (node.args, node.launch_prefix or ""):
+            try:
+                shlex.split(text)
+            except ValueError as error:
+                raise LaunchError(f"node {full_name(node)}: {text}: {error}") from None
 
 
 def check_scripts(nodes: Iterable[Node], parameters: Dict[str, Any]) -> None:

@@ -17,17 +17,16 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from typing import Any, Callable, Dict, List, NamedTuple, Optional, Set, Union
+from typing import Callable, Dict, List, NamedTuple, Optional, Set, Union
 
 import roslaunch
 import roslib
 import rospkg
 from roslaunch.core import Node, RLException
 from roslaunch.pmon import ProcessListener
-from roslaunch.substitution_args import SubstitutionException
 
 from merlin.error_relay import ErrorRelay, LogFile
-from merlin.launch_config import HOSTS, Loader, check_executables, check_files, check_scripts, full_name
+from merlin.launch_config import HOSTS, check_executables, check_files, full_name, read_launch, values_of
 from merlin.launch_request import HelpWanted, LaunchError, LaunchRequest, one_line
 from merlin.linger import Page, keep, lingers, page_of, terminal
 from merlin.local_names import LOCALHOST, LOOPBACK, given_address, master_uri, resolves, use_loopback
@@ -98,6 +97,7 @@ class _Parent(roslaunch.parent.ROSLaunchParent, ProcessListener):
             sigint_timeout=INTERRUPT_TIMEOUT,
             sigterm_timeout=TERMINATE_TIMEOUT,
         )
+        self._request = request
         self._events = events
         self._needed: Set[str] = set()  # names of the nodes with whose end the run ends
         self._wrapped: Dict[str, Restarts] = {}  # the same of those whose wrapper is started again
@@ -106,18 +106,10 @@ class _Parent(roslaunch.parent.ROSLaunchParent, ProcessListener):
     def load(self) -> None:
         """Reads the launch file.
 
-        :raises RLException: it, or a file it includes, cannot be read.
-        :raises LaunchError: it names a file that is missing.
+        :raises LaunchError: it, or a file it includes, cannot be read, or it names a file that is missing.
         """
-        try:
-            self.config = roslaunch.config.load_config_default(
-                self.roslaunch_files, self.port, loader=Loader(), verbose=False
-            )
-        except (ValueError, SubstitutionException, rospkg.ResourceNotFound) as error:
-            # roslaunch does not wrap all of them
-            raise LaunchError(one_line(error)) from error
-        check_files(self.parameters())
-        check_scripts(self.config.nodes, self.parameters())
+        self.config = read_launch(self._request, self.port)
+        check_files(values_of(self.config))
         # roslaunch starts its core nodes (rosout) only together with a master of its own.
         self.config.nodes.extend(self.config.nodes_core)
         check_executables(self.config.nodes)
@@ -154,10 +146,6 @@ class _Parent(roslaunch.parent.ROSLaunchParent, ProcessListener):
     def needs(self, node: Optional[Node]) -> bool:
         """Whether the run ends with a node."""
         return node is not None and full_name(node) in self._needed
-
-    def parameters(self) -> Dict[str, Any]:
-        """The parameters that the launch file sets, name → value."""
-        return {key: param.value for key, param in self.config.params.items()}
 
     def node_of(self, process: str) -> Optional[Node]:
         """The launch file's entry of a process."""
@@ -249,7 +237,7 @@ class LaunchRun:
         nodes = self._parent.config.nodes
         if any((node.package, node.type) in HOSTS for node in nodes):
             self._begin_check()
-        self._page = page_of(nodes, self._parent.parameters())
+        self._page = page_of(nodes, values_of(self._parent.config))
         self._missions = {node.process_name: None for node in nodes if node.name == MISSION_NODE}
         if not self._missions:
             self._say(
