@@ -53,6 +53,15 @@ def test_ontology_answers_queries(files):
     assert {"(inside kitchen building)", "(contains building flat)"} <= facts
 
 
+def test_any_name_of_the_file_and_a_mark_of_the_byte_order(files):
+    (files / "domain.pddl").write_text("\ufeff" + DOMAIN.replace("\n", " ").replace("; a comment stays", ""))
+    for name in ("our house.v2.ttl", "2026.ttl"):
+        (files / "house.ttl").rename(files / name)
+        assert convert([str(files / name), str(files / "domain.pddl"), str(files / "out")]) == 0
+        assert read_problem(files / "out" / "problem.pddl", read_domain(files / "out" / "domain.pddl")).name
+        (files / name).rename(files / "house.ttl")
+
+
 def test_a_class_that_a_restriction_defines_stays_a_type(files):
     restriction = "[ a owl:Restriction ; owl:onProperty :inside ; owl:someValuesFrom :Place ]"
     (files / "house.ttl").write_text(HOUSE + f":Poi owl:equivalentClass {restriction} .")

@@ -75,6 +75,11 @@ def read_ontology(path: str, properties: Optional[Iterable[str]] = None) -> Onto
     return _Reader(rdflib, graph).read(None if properties is None else {name.lower() for name in properties})
 
 
+def pddl_name(text: str) -> str:
+    """A text with the letters that a name of PDDL may have; it may still begin with another one."""
+    return re.sub(r"[^A-Za-z0-9_-]", "_", text).lower()
+
+
 class _Reader:
     """Makes an :class:`Ontology` of an RDF graph."""
 
@@ -122,8 +127,7 @@ class _Reader:
         return sorted(o for o in self._graph.objects(node, relation) if isinstance(o, self._uri))
 
     def _name(self, node: Any) -> str:
-        text = re.split(r"[#/]", str(node))[-1]
-        name = re.sub(r"[^A-Za-z0-9_-]", "_", text).lower()
+        name = pddl_name(re.split(r"[#/]", str(node))[-1])
         if not is_name(name):
             raise OntologyError(f"'{node}' does not end in a name that PDDL can have")
         if self._names.setdefault(name, node) != node:

@@ -8,8 +8,8 @@ from typing import List
 
 from merlin_pddl.domain_reader import open_definition, parse_domain
 from merlin_pddl.problem_writer import write_problem
-from merlin_pddl.text_reader import Expression, PddlError, read_expression
-from merlin_rosplan.knowledge.ontology import Ontology, OntologyError, read_ontology
+from merlin_pddl.text_reader import Expression, PddlError, is_name, read_expression
+from merlin_rosplan.knowledge.ontology import Ontology, OntologyError, pddl_name, read_ontology
 
 
 def add_to_domain(text: str, source: str, ontology: Ontology) -> str:
@@ -55,10 +55,11 @@ def convert(arguments: List[str]) -> int:
     given = parser.parse_args(arguments)
     try:
         ontology = read_ontology(given.ontology, given.property)
-        text = add_to_domain(Path(given.domain).read_text(encoding="utf-8"), given.domain, ontology)
+        text = add_to_domain(Path(given.domain).read_text(encoding="utf-8-sig"), given.domain, ontology)
         folder = Path(given.folder)
         domain = parse_domain(text, str(folder / "domain.pddl"))
-        problem = write_problem(ontology.problem(Path(given.ontology).stem.lower(), domain), domain)
+        name = pddl_name(Path(given.ontology).stem)
+        problem = write_problem(ontology.problem(name if is_name(name) else f"of_{name}", domain), domain)
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "domain.pddl").write_text(text, encoding="utf-8")
         (folder / "problem.pddl").write_text(problem, encoding="utf-8")
