@@ -4,7 +4,7 @@
 import time
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, Callable, Dict, List
+from typing import Any, Callable, Dict, Iterator, List
 
 import pytest
 import rospy
@@ -394,6 +394,27 @@ def test_what_takes_longer_than_its_interval_is_not_made_up_for(
     assert errand.due(EIGHT - 1.0, EIGHT - 1.0) == EIGHT
     assert errand.due(EIGHT - 1.0, EIGHT + 50 * MINUTE) == EIGHT + 60 * MINUTE
     assert errand.due(EIGHT - 1.0, EIGHT + 60 * MINUTE) == EIGHT + 80 * MINUTE
+
+
+@pytest.fixture
+def berlin(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    with monkeypatch.context() as patched:
+        patched.setenv("TZ", "CET-1CEST,M3.5.0,M10.5.0/3")
+        time.tzset()
+        yield
+    time.tzset()
+
+
+@pytest.mark.parametrize("month", [3, 10])
+def test_every_day_is_at_the_same_time_when_the_clock_is_changed(
+    berlin: None, day: Callable[[str], Path], month: int
+) -> None:
+    (errand,) = read_day(day('- at: "07:00"\n  every: 24h\n  goals: (a)'))
+    begun = due = time.mktime((2026, month, 20, 6, 0, 0, 0, 0, -1))
+    for number in range(20, 50):
+        due = errand.due(begun, due) or 0.0
+        assert due == time.mktime((2026, month, number, 7, 0, 0, 0, 0, -1))
+        assert errand.due(begun, due - 1.0) == due
 
 
 def test_in_a_simulation_intervals_count_from_zero_and_times_of_the_day_are_refused(

@@ -3,6 +3,7 @@
 
 import functools
 import hashlib
+import itertools
 import math
 import queue
 import time
@@ -29,6 +30,7 @@ from merlin_ros.work.passed_time import CALENDAR
 
 PAUSE = 2.0  # s of ROS time before an errand that was not begun is sent again; doubles each time
 LONGEST_PAUSE = 300.0
+DAY = 24 * 3600.0  # s
 LATEST = 3600.0  # s after it was due at which one without a deadline is sent for the last time
 
 
@@ -105,13 +107,20 @@ class Errand(NamedTuple):
         :param begun: when the mission began.
         :param after: the time after which that is.
         """
-        if isinstance(self.at, float):
-            first = begun + self.at
-        else:
-            day, clock = time.localtime(begun)[:3], self.at or (0, 0, 0)
-            first = time.mktime((*day, *clock, 0, 0, -1)) if begun >= CALENDAR else 0.0
+        by_clock = begun >= CALENDAR and not isinstance(self.at, float)
+        year, month, day = time.localtime(begun)[:3]
+        clock = self.at if isinstance(self.at, tuple) else (0, 0, 0)
+
+        def on_day(number: int) -> float:
+            return time.mktime((year, month, day + number, *clock, 0, 0, -1))
+
+        first = begun + self.at if isinstance(self.at, float) else on_day(0) if by_clock else 0.0
         if first <= after and self.every:
-            first += (math.floor((after - first) / self.every) + 1) * self.every
+            passed = math.floor((after - first) / self.every)
+            if by_clock and self.every % DAY == 0.0:  # where the clock is changed, a day has 23 or 25 h
+                days = int(self.every / DAY)
+                return next(at for at in map(on_day, itertools.count(passed * days, days)) if at > after)
+            first += (passed + 1) * self.every
         return first if first > after else None
 
 
