@@ -109,9 +109,8 @@ def test_a_silence_does_not_say_that_no_executions_are_listed(remote: Remote, li
     remote.there, remote.lists = False, lists
     with pytest.raises(PlanKnowledgeError):
         knowledge.held(3)
-    assert knowledge.begun(3, 7) is None
     remote.there = remote.lists = True
-    assert knowledge.held(3) == {7: frozenset()} and knowledge.begun(3, 7)
+    assert knowledge.held(3) == {7: frozenset()}
 
 
 def test_what_followed_a_knowledge_base_without_executions_may_list_them(remote: Remote) -> None:
