@@ -209,6 +209,8 @@ def test_the_check_beside_a_run_that_was_killed_before_it_began_is_not_made() ->
     assert (done.returncode, done.stdout, done.stderr) == (128 + signal.SIGKILL, "", "")
 
 
+#: What cannot be looked for, as a file in the folder of another user cannot.
+UNREADABLE = f"/{'x' * 300}"
 #: Command lines, or the content of a launch file → what is said.
 REFUSED = {
     (): "name a launch file",
@@ -217,6 +219,9 @@ REFUSED = {
     ("nowhere.launch",): "no launch file 'nowhere.launch'",
     (str(LAUNCH_FILE), "misson:=exit 0"): "did you mean 'mission'?",
     (str(LAUNCH_FILE), "port:=eleven"): "not a TCP port",
+    (str(LAUNCH_FILE), "port:=²"): "not a TCP port",
+    (UNREADABLE,): f"{UNREADABLE} cannot be read: File name too long",
+    (str(LAUNCH_FILE), f"domain:={UNREADABLE}"): f"{UNREADABLE} cannot be read: File name too long",
     (str(LAUNCH_FILE), "linger:=maybe"): "not one of false, true, auto",
     (str(LAUNCH_FILE), "domain:=/nowhere/domain.pddl"): "/nowhere/domain.pddl",
     (str(LAUNCH_FILE), "executable:=nothing"): "merlin_test/nothing",

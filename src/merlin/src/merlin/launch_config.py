@@ -17,7 +17,7 @@ import roslib.packages
 import rospkg
 from roslaunch.core import Node
 
-from merlin.launch_request import LaunchError, LaunchRequest, one_line
+from merlin.launch_request import LaunchError, LaunchRequest, is_file, one_line
 from merlin_actions.testing.result_script import fields_of
 from merlin_ros.class_path import load_function
 from merlin_ros.robot_values import of_robot, texts
@@ -212,7 +212,7 @@ class LaunchConfig:
         :raises LaunchError: when it names none, or the file is missing.
         """
         value = str(self.param(name, ""))
-        if not value or not Path(value).is_file():
+        if not value or not is_file(Path(value)):
             raise LaunchError(f"parameter {name} names no file that exists: '{value}'; give its path")
         return Path(value)
 
@@ -223,7 +223,7 @@ def check_files(parameters: Dict[str, Any]) -> None:
     :raises LaunchError: one is missing.
     """
     for key, value in parameters.items():
-        if key.endswith(FILE_PARAMETERS) and value and not Path(str(value)).is_file():
+        if key.endswith(FILE_PARAMETERS) and value and not is_file(Path(str(value))):
             raise LaunchError(
                 f"the file {value} (parameter {key}) is missing; give the path of one that exists"
             )

@@ -105,13 +105,24 @@ def application_names() -> List[str]:
     return sorted(path.name for path in launch_folder().glob("*.launch"))
 
 
+def is_file(path: Path) -> bool:
+    """Whether a path is that of a file.
+
+    :raises LaunchError: that cannot be said, as this user may not look into its folder.
+    """
+    try:
+        return path.is_file()
+    except OSError as error:
+        raise LaunchError(f"{path} cannot be read: {error.strerror}") from error
+
+
 def find_launch_file(name: str) -> Path:
     """The file of a path, or of a name in MERLIN's launch folder.
 
     :raises LaunchError: when it does not exist.
     """
     for path in (Path(name), launch_folder() / name):
-        if path.is_file():
+        if is_file(path):
             return path.resolve()
     raise LaunchError(
         f"there is no launch file '{name}'; give a path or one of: {', '.join(application_names())}"
@@ -190,7 +201,7 @@ def _passed_on(launch_file: Path, values: Mapping[str, str]) -> Iterable[Tuple[P
             included = Path(resolve_args(tag.get("file", ""), context))
         except (SubstitutionException, ArgException, rospkg.ResourceNotFound):
             continue  # it is not included, or roslaunch says what is wrong
-        if included.is_file():
+        if is_file(included):
             yield included, frozenset(each.get("name", "") for each in tag.iterfind("arg"))
 
 
@@ -221,7 +232,7 @@ def _check_names(launch_file: Path, given: Dict[str, str], declared: Dict[str, O
 
 
 def _port(text: str) -> int:
-    if text.isdigit() and 0 < int(text) < 65536:
+    if re.fullmatch("[0-9]{1,5}", text) and 0 < int(text) < 65536:
         return int(text)
     raise LaunchError(f"port:={text} is not a TCP port; give a number from 1 to 65535, or leave it out")
 
