@@ -161,3 +161,8 @@ def test_a_pipe_is_refused_and_not_waited_for(tmp_path: Path) -> None:
     for path in (Path(os.devnull), pipe):
         with pytest.raises(SentencesError, match="cannot be read: only a regular file can be"):
             read_sentences(path)
+
+
+def test_a_file_that_cannot_be_looked_for_is_refused() -> None:
+    with pytest.raises(SentencesError, match="cannot be read: .*File name too long"):
+        read_sentences(Path("x" * 300))  # as one in the folder of another user

@@ -30,6 +30,7 @@ def kept(folder: Path, panels: Any) -> Path:
     ("name", "content", "said"),
     [
         ("", None, "there is no history"),
+        ("x" * 300, None, "cannot be read: File name too long"),  # as one in the folder of another user
         (
             "history.sqlite",
             "a text of some length that is not a database at all " * 20,
@@ -41,9 +42,9 @@ def kept(folder: Path, panels: Any) -> Path:
 def test_what_is_no_history_is_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any, name: str, content: Any, said: str
 ) -> None:
-    if name:
+    if content is not None:
         (tmp_path / name).write_text(content)
-    monkeypatch.setattr(sys, "argv", ["open", str(tmp_path)])
+    monkeypatch.setattr(sys, "argv", ["open", str(tmp_path / ("" if content is not None else name))])
     assert open_command.main() == open_command.EXIT_MISTAKES
     out, errors = capsys.readouterr()
     assert out == "" and errors.count("\n") == 1 and said in errors

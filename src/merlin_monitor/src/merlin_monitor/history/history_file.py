@@ -110,8 +110,12 @@ def open_for_reading(path: Path, events_only: bool = False) -> sqlite3.Connectio
     :param events_only: its events are enough, as older files have them.
     :raises HistoryError: when it is missing, damaged, newer, another file, or without what was shown.
     """
-    file = path / FILE if path.is_dir() else path
-    if not file.is_file():
+    try:
+        file = path / FILE if path.is_dir() else path
+        there = file.is_file()
+    except OSError as error:  # of a folder into which this user may not look
+        raise HistoryError(f"{path} cannot be read: {error.strerror}") from error
+    if not there:
         raise HistoryError(
             f"there is no history {file}; name the results folder of a run that had a monitor, or its file"
         )

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The sentences of an application, `sentences.yaml`: what its operators and predicates are called."""
 
+import os
 import re
 from pathlib import Path
 from typing import Any, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
@@ -21,7 +22,7 @@ def read_yaml(path: Path, what: str, text: Optional[str] = None) -> Any:
     :param text: that it had; None: it is read now.
     :raises YamlFileError: when it cannot be read, or is not YAML.
     """
-    if text is None and path.exists() and not path.is_file():  # a pipe may have no end
+    if text is None and os.path.exists(path) and not os.path.isfile(path):  # a pipe may have no end
         raise YamlFileError(f"{what} {path} cannot be read: only a regular file can be")
     try:
         return yaml.safe_load(path.read_text(encoding="utf-8") if text is None else text)

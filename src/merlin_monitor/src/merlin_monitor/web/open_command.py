@@ -47,9 +47,9 @@ def as_bag(path: Path) -> Optional[Path]:
 
     :param path: a file, or a folder; in that a history comes first.
     """
-    if path.is_dir():
+    if os.path.isdir(path):  # pathlib raises where this user may not look
         bags = [path / BAG, path / f"{BAG}.active"]
-        return next((bag for bag in bags if not (path / FILE).is_file() and bag.is_file()), None)
+        return next((bag for bag in bags if not os.path.isfile(path / FILE) and os.path.isfile(bag)), None)
     if path.suffix in _ENDINGS:
         return path
     with contextlib.suppress(OSError), path.open("rb") as file:
@@ -208,7 +208,7 @@ def opened(
     :raises HostNameError: a name is not valid.
     :raises ServerError: it cannot be served.
     """
-    folder = path if path.is_dir() else path.parent if path.name == FILE else path
+    folder = path if os.path.isdir(path) else path.parent if path.name == FILE else path
     archive = Archive(path, name or _shown(folder))
     try:
         operators = None if open_look or is_loopback(host) else Operators(default_path())
