@@ -94,7 +94,7 @@ class Loader(roslaunch.xmlloader.XmlLoader):
     def add_param(self, ros_config: Any, param_name: str, param_value: Any, verbose: bool = True) -> None:
         """Adds a parameter, or those of a dictionary.
 
-        :raises ValueError: a name is not a text, as `on` and `1` are none in YAML.
+        :raises ValueError: a name is not a text; in YAML `on` is a truth value, and `1` a number.
         """
         for name in param_value if type(param_value) is dict else ():
             if not isinstance(name, str):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Who holds a base since when, of what its guard says. Without ROS."""
+"""The holder of a base, and since when, of what its guard says. Without ROS."""
 
 from merlin_ros.work.passed_time import clock_text
 
