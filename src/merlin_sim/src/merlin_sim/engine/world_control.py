@@ -194,9 +194,10 @@ class WorldControl:
             stands = other.there and other.thing.name != what.name
             if stands and collide(solid, other.thing.solid, bottom, other.thing.bottom):
                 raise ChangeRefused(f"{what.name} cannot stand there: {other.thing.name} does")
-        for body in () if what.on in self._scene.robots else self._bodies():
-            if collide(solid, body, bottom):
-                raise ChangeRefused(f"{what.name} cannot stand there: {body.name} is there")
+        if what.on not in self._scene.robots:
+            for body in self._bodies():
+                if collide(solid, body, bottom):
+                    raise ChangeRefused(f"{what.name} cannot stand there: {body.name} is there")
         self._scene.put(placed)
 
     def _expect_on(self, what: Placing) -> None:
