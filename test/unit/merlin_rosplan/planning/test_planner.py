@@ -4,6 +4,7 @@
 import os
 import signal
 import stat
+import subprocess
 import sys
 import threading
 import time
@@ -152,6 +153,17 @@ def test_an_external_planner_gets_both_files(problem, script, tmp_path):
     outcome = plan(str(path), f"timeout 10 {command} DOMAIN PROBLEM")
     assert outcome.state == PlannerState.SOLVED, outcome.reason
     assert outcome.plan == PLAN and outcome.planner == "planner"
+
+
+@pytest.mark.parametrize("program", ["'my planner/show'", '"my planner/show"', "my\\ planner/show"])
+def test_a_command_with_quotes_finds_files_in_folders_with_blanks(tmp_path, monkeypatch, script, program):
+    (tmp_path / "my planner").mkdir()
+    script('printf "%s+" "$@"\n', "my planner/show")
+    monkeypatch.chdir(tmp_path)
+    command = parse_command(f"timeout 10 {program} \"DOMAIN\" 'PROBLEM' -o x")
+    words = command.arguments(Path("/a b/domain.pddl"), Path("/a b/problem.pddl"), tmp_path)
+    said = subprocess.run(words, cwd="/", stdout=subprocess.PIPE, text=True, check=True, timeout=LONG).stdout
+    assert said == "/a b/domain.pddl+/a b/problem.pddl+-o+x+"
 
 
 def test_a_plan_file_beside_the_planner_is_found(problem, script):

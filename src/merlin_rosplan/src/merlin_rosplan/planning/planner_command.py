@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import List, Optional
 
-_PLACEHOLDER = re.compile(r"(?<![\w/.-])(DOMAIN|PROBLEM)(?![\w/])")
+# With the quotes around it: a path brings its own.
+_PLACEHOLDER = re.compile(r"(?<![\w/.-])(?P<quote>['\"]?)(?P<name>DOMAIN|PROBLEM)(?P=quote)(?![\w/])")
 _LPG_OUTPUT = re.compile(r"-out\s+\S+")
 _TIMEOUT_VALUE_OPTIONS = {"-k", "-s", "--kill-after", "--signal"}
 _UNITS = {"s": 1.0, "m": 60.0, "h": 3600.0, "d": 86400.0}
@@ -46,7 +47,7 @@ class PlannerCommand:
     @property
     def reads_problem(self) -> bool:
         """Whether the problem is among its arguments: a script that prints a stored plan needs none."""
-        return any(match.group(1) == "PROBLEM" for match in _PLACEHOLDER.finditer(self.text))
+        return any(match["name"] == "PROBLEM" for match in _PLACEHOLDER.finditer(self.text))
 
     def program_path(self) -> Optional[str]:
         """Where the program is, None when it is missing or not executable."""
@@ -61,7 +62,7 @@ class PlannerCommand:
         paths = {"DOMAIN": str(domain), "PROBLEM": str(problem)}
 
         def fill(match: "re.Match[str]") -> str:
-            path = paths.pop(match.group(1), None)
+            path = paths.pop(match["name"], None)
             return match.group(0) if path is None else shlex.quote(path)
 
         text = _PLACEHOLDER.sub(fill, self.text)
@@ -69,7 +70,10 @@ class PlannerCommand:
             text = _LPG_OUTPUT.sub(f"-out {shlex.quote(str(directory / 'lpgplan'))}", text)
         if os.sep in self.program and not os.path.isabs(self.program):
             # The planner runs in a folder of its own; a relative path was meant from ours.
-            text = text.replace(self.program, shlex.quote(os.path.abspath(self.program)), 1)
+            escaped = re.sub(r"([^\w/.-])", r"\\\1", self.program)
+            spelt = (f"'{self.program}'", f'"{self.program}"', self.program, escaped)
+            found = next((each for each in spelt if each in text), self.program)
+            text = text.replace(found, shlex.quote(os.path.abspath(self.program)), 1)
         return ["/bin/sh", "-c", text]
 
 
