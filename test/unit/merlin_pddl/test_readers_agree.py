@@ -142,6 +142,41 @@ def test_words_of_pddl_as_names(word):
         assert of_problem(problem, domain) is None, domain + problem
 
 
+#: Of a domain with the predicate (p), the number (n) and the action a; whether they are right.
+SECTIONS = {
+    "(:process b :precondition (p) :effect (and (increase (n) (* #t 1)) (decrease (n) (* (n) #t))))": True,
+    "(:process b :effect (when (p) (increase (n) (* #t 1))))": True,
+    "(:process b) (:event c) (:event d :precondition () :effect ())": True,
+    "(:event b :precondition (> (n) 1) :effect (and (not (p)) (increase (n) 1)))": True,
+    "(:process b :effect (increase (n) 1))": False,
+    "(:process b :effect (assign (n) (* #t 1)))": False,
+    "(:process b :effect (increase (n) (* #t ?duration)))": False,
+    "(:process b :effect (p))": False,
+    "(:process b :effect (at start (p)))": False,
+    "(:process b :duration (= ?duration 1))": False,
+    "(:process)": False,
+    "(:event a :effect (p))": False,
+    "(:event b) (:process b)": False,
+    "(:event b :parametrs () :effect (p))": False,
+    "(:event b :effect (increase (n) (* #t 1)))": False,
+    "(:event b :effect (at end (p)))": False,
+    "(:event b :effect (q))": False,
+    "(:constraints (always (p)))": True,
+    "(:constraints)": False,
+    "(:constants c - (either object (either object object)))": False,
+}
+
+
+@pytest.mark.parametrize("section, right", SECTIONS.items())
+def test_what_no_robot_executes_is_read_too(section, right):
+    text = f"(define (domain d) (:predicates (p)) (:functions (n)) (:action a :effect (p)) {section})"
+    assert of_domain(text) is None
+    if right:
+        assert set(parse_domain(text).operators) == {"a"}
+    else:
+        pytest.raises(PddlError, parse_domain, text)
+
+
 @settings(max_examples=200, deadline=None)
 @given(pddl_texts.typed_domains())
 def test_what_fits_where(text):

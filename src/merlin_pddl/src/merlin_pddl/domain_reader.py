@@ -8,7 +8,6 @@ from typing import Callable, Dict, List, Optional, Tuple, Union
 from merlin_pddl.domain import Derived, Domain, Duration, Operator, Signature, self_negating
 from merlin_pddl.formula import OVER_ALL, START, Effect, TimedCondition, Variable, terms
 from merlin_pddl.formula_reader import (
-    IN_CONTINUOUS,
     IN_DURATIVE,
     SPECIALS,
     FormulaReader,
@@ -24,6 +23,9 @@ OBJECT_FLUENTS = (
     "only functions of numbers are known: ROSPlan's messages carry no object as a value; "
     "use a predicate with one more argument"
 )
+#: What no robot executes; it is read for its mistakes.
+_BY_ITSELF = (":process", ":event")
+_OF_PROCESS = "a process changes numbers with the time, and nothing else: (increase (x) (* #t 2))"
 ASSIGNMENTS = ("assign", "increase", "decrease", "scale-up", "scale-down")
 
 
@@ -73,6 +75,7 @@ class DomainReader:
         self._domain.digest = hashlib.sha256(node.text().encode()).hexdigest()
         self._domain.preferences = frozenset(preference_names(node))
         self._formulas = FormulaReader(self._domain)
+        self._by_itself: Dict[str, Operator] = {}
 
     def read(self) -> Domain:
         """The domain.
@@ -85,12 +88,13 @@ class DomainReader:
             ":predicates": self._predicates,
             ":functions": self._functions,
         }
-        actions = (":action", ":durative-action")
-        # The planner's business: a robot executes none of them.
-        passed = (":requirements", ":constraints", ":process", ":event")
+        actions = (":action", ":durative-action", *_BY_ITSELF)
+        passed = (":requirements", ":constraints")  # the planner's business
         for section in self._sections:
             if section.head not in (*readers, *actions, *passed, ":derived"):
                 raise section.error(f"unknown section '{section.head}'")
+            if section.head == ":constraints" and len(section) == 1:
+                raise section.error("expected (:constraints <constraint>)")
         # In this order, whatever the file's: each builds on the ones before.
         for head, reader in readers.items():
             for section in self._sections:
@@ -192,7 +196,7 @@ class DomainReader:
         if len(section) < 2:
             raise section.error("an action needs a name")
         name = name_of(section[1], "the name of an action")
-        if name in self._domain.operators:
+        if name in self._domain.operators or name in self._by_itself:
             raise name.error(f"the action '{name}' is declared twice")
         durative = section.head == ":durative-action"
         parts = self._fields(section, name, durative)
@@ -214,8 +218,10 @@ class DomainReader:
             conditions = [TimedCondition(START, self._formulas.condition(parts[":precondition"], scope))]
         effects: List[Effect] = []
         if ":effect" in parts:
-            effects = self._effects(parts[":effect"], scope, None if durative else START, (), ())
-        self._domain.operators[str(name)] = Operator(
+            when = None if durative else OVER_ALL if section.head == ":process" else START
+            effects = self._effects(parts[":effect"], scope, when, (), ())
+        operators = self._by_itself if section.head in _BY_ITSELF else self._domain.operators
+        operators[str(name)] = Operator(
             str(name), declared, durative, tuple(durations), tuple(conditions), tuple(effects)
         )
 
@@ -263,7 +269,10 @@ class DomainReader:
         variables: Tuple[Variable, ...],
         conditions: Tuple[TimedCondition, ...],
     ) -> List[Effect]:
-        """Primitive effects below a node; `when` is None where a durative action still owes the time."""
+        """Primitive effects below a node.
+
+        :param when: START or END; OVER_ALL in a process; None where a durative action still owes the time.
+        """
         if not isinstance(node, Expression):
             raise node.error(f"expected an effect in parentheses, found '{node}'")
         if not node:
@@ -302,11 +311,14 @@ class DomainReader:
         if node.head in ASSIGNMENTS and (numeric or node.head not in self._domain.predicates):
             if len(node) != 3:
                 raise node.error(f"'{node.head}' takes a function and a value")
-            continuous = when is None and node.head in ("increase", "decrease")
+            continuous = when in (None, OVER_ALL) and node.head in ("increase", "decrease")
             fluent = self._formulas.fluent(node[1], scope)
-            value = self._formulas.numeric(node[2], {**scope, **IN_CONTINUOUS} if continuous else scope)
-            if when is None and not (continuous and any(part.name == "#t" for part in terms(value))):
+            value = self._formulas.numeric(node[2], {**scope, "#t": ()} if continuous else scope)
+            lasts = continuous and any(part.name == "#t" for part in terms(value))
+            if when is None and not lasts:
                 raise node.error("expected (at start ...), (at end ...), or a change with the time, (* #t 2)")
+            if when == OVER_ALL and not lasts:
+                raise node.error(_OF_PROCESS)
             return Effect(
                 when or OVER_ALL,
                 fluent=fluent,
@@ -315,8 +327,9 @@ class DomainReader:
                 variables=variables,
                 conditions=conditions,
             )
-        if when is None:
-            raise node.error("expected (at start ...) or (at end ...)")
+        if when in (None, OVER_ALL):
+            raise node.error(_OF_PROCESS if when else "expected (at start ...) or (at end ...)")
+        assert when is not None
         negative = node.head == "not"
         if negative and len(node) != 2:
             raise node.error("'not' takes 1 part")

@@ -92,11 +92,15 @@ def _types(node: Node, domain: Domain) -> Tuple[str, ...]:
     if isinstance(node, Expression):
         if node.head != "either" or len(node) < 2:
             raise node.error(f"expected a type or (either ...), found '{node.text()[:40]}'")
-        return tuple(dict.fromkeys(name for part in node[1:] for name in _types(part, domain)))
+        return tuple(dict.fromkeys(_type(part, domain) for part in node[1:]))
+    return (_type(node, domain),)
+
+
+def _type(node: Node, domain: Domain) -> str:
     name = name_of(node, "a type")
     if name not in domain.types:
         raise name.error(f"unknown type '{name}'" + suggestion(name, domain.types))
-    return (str(name),)
+    return str(name)
 
 
 def preference_names(node: Node) -> Set[str]:
