@@ -2,14 +2,14 @@
 """A command finds the system that it means, and says so when there is none or more than one."""
 
 import os
+import sys
 from pathlib import Path
 
 import pytest
 import rosgraph
 
-from merlin import running
+from merlin import reload, running
 from merlin.launch_request import LaunchError
-from merlin.reload import wanted
 from merlin_ros.master import master_link
 
 pytestmark = pytest.mark.everywhere
@@ -46,7 +46,7 @@ def run(uri: str):
 
 
 def find(nodes: list, services: list) -> list:
-    return wanted(services, [])
+    return reload.wanted(services, [])
 
 
 def test_a_run_is_found_as_long_as_it_lives(masters: dict) -> None:
@@ -144,4 +144,15 @@ def test_a_master_that_cannot_be_asked_says_why(masters: dict, monkeypatch: pyte
 
 def test_hosts_can_be_named() -> None:
     services = ["/a/merlin_fsm_host/reload_actions", "/b/merlin_fsm_host/reload_actions"]
-    assert wanted(services, ["b/merlin_fsm_host"]) == services[1:]
+    assert reload.wanted(services, ["b/merlin_fsm_host"]) == services[1:]
+
+
+def test_nothing_is_reloaded_when_one_of_the_named_hosts_is_not_there(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    services = ["/a/reload_actions", "/other"]
+    monkeypatch.setattr(reload, "beside", lambda command, find, what, do: do(find([], services)))
+    monkeypatch.setattr(reload, "ServiceProxy", lambda *_: pytest.fail("it was reloaded"))
+    monkeypatch.setattr(sys, "argv", ["reload", "a", "b"])
+    with pytest.raises(LaunchError, match="there is no node b with actions; nothing was reloaded"):
+        reload.main()

@@ -6,6 +6,7 @@ from typing import List
 
 from std_srvs.srv import Trigger
 
+from merlin.launch_request import LaunchError
 from merlin.running import EXIT_REFUSED, beside
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
 
@@ -27,7 +28,7 @@ def main() -> int:
         "merlin reload",
         lambda nodes, services: wanted(services, hosts),
         "actions that can be reloaded",
-        lambda services: max(map(_reload, services)),
+        lambda services: _reload_all(services, hosts),
     )
 
 
@@ -37,8 +38,19 @@ def wanted(services: List[str], hosts: List[str]) -> List[str]:
     :param hosts: names of their nodes; none: all of them.
     """
     found = [name for name in services if name.endswith(SERVICE)]
-    named = {f"/{host.strip('/')}{SERVICE}" for host in hosts}
+    named = set(map(_service, hosts))
     return [name for name in found if name in named] if hosts else found
+
+
+def _service(host: str) -> str:
+    return f"/{host.strip('/')}{SERVICE}"
+
+
+def _reload_all(services: List[str], hosts: List[str]) -> int:
+    missing = [host for host in hosts if _service(host) not in services]
+    if missing:
+        raise LaunchError(f"there is no node {', '.join(missing)} with actions; nothing was reloaded")
+    return max(map(_reload, services))
 
 
 def _reload(service: str) -> int:
