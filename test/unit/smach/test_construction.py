@@ -33,9 +33,27 @@ def test_a_state_that_was_not_made_is_refused_by_its_class():
         def __init__(self):
             pass
 
-    refusal = pytest.raises(smach.InvalidStateError, match=r"'/A': Forgets.__init__ does not call super")
-    with refusal, smach.StateMachine(["done"]):
-        smach.StateMachine.add("A", Forgets())
+    for container in (smach.StateMachine(["done"]), smach.Sequence(["done"], "done")):
+        refusal = pytest.raises(smach.InvalidStateError, match=r"'/A': Forgets.__init__ does not call super")
+        with refusal, container:
+            container.add("A", Forgets())
+
+
+def test_a_sequence_names_transitions_that_are_no_mapping(kit):
+    refusal = pytest.raises(smach.InvalidStateError, match="'/A': transitions must be a dict")
+    with refusal, smach.Sequence(["done"], "done"):
+        smach.Sequence.add("A", kit.Done(), 5)
+
+
+def test_containers_cannot_contain_each_other():
+    outer, inner, innermost = (smach.StateMachine(["done"]) for _ in range(3))
+    with outer:
+        smach.StateMachine.add("B", inner)
+    with inner:
+        smach.StateMachine.add("C", innermost)
+    refusal = pytest.raises(smach.InvalidStateError, match="'/B/C/A': a container cannot contain itself")
+    with refusal, innermost:
+        smach.StateMachine.add("A", outer)
 
 
 def test_d1_exception_while_building_leaves_no_container_open(kit):

@@ -158,8 +158,11 @@ class Container(PreemptibleContainer):
             )
         if label in self.get_children():
             raise InvalidStateError(f"'{where}': there is a state of this label already")
-        if state is self:
-            raise InvalidStateError(f"'{where}': a container cannot contain itself")
+        ancestor: Optional[Container] = self
+        while ancestor is not None:
+            if ancestor is state:
+                raise InvalidStateError(f"'{where}': a container cannot contain itself")
+            ancestor = ancestor._smach_parent() if ancestor._smach_parent is not None else None
         if isinstance(state, Container):
             state._smach_parent = weakref.ref(self)
             state._smach_label = label

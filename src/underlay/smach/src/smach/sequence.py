@@ -5,7 +5,7 @@ from typing import Any, Iterable, Mapping, Optional
 
 from smach.exceptions import InvalidStateError
 from smach.execution import construction
-from smach.labels import is_name
+from smach.labels import is_name, mapping_of
 from smach.state import State
 from smach.state_machine import StateMachine
 
@@ -50,9 +50,10 @@ class Sequence(StateMachine):
         """
         sequence = construction.innermost(Sequence, "Sequence.add")
         connector = sequence._connector_outcome
+        bound = mapping_of(transitions, sequence._path(label), "transitions", "outcome -> label")
         connects = (
-            isinstance(state, State)
+            hasattr(state, "_outcomes")  # _add says why it has none
             and connector in state.get_registered_outcomes()
-            and connector not in (transitions or {})
+            and connector not in bound
         )
         return sequence._add(label, state, transitions, remapping, constants, [connector] if connects else [])
