@@ -253,6 +253,12 @@ def test_a_wrong_word_is_named_with_its_argument(file: str, wrong: dict, why: st
         load(f"include/{file}", **points, **wrong)
 
 
+def test_a_package_path_without_merlin_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ROS_PACKAGE_PATH", "/nowhere")
+    with pytest.raises(LaunchError, match="something has changed ROS_PACKAGE_PATH"):
+        LaunchRequest.from_command_line(["home.launch"])
+
+
 def test_a_launch_file_is_found_in_its_package() -> None:
     request = LaunchRequest.from_command_line(["merlin", "monitor.launch", "history:="])
     assert request.launch_file.name == "monitor.launch" and request.arguments == {"history": ""}

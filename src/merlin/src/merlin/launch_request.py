@@ -96,8 +96,17 @@ class LaunchRequest:
 
 
 def launch_folder() -> Path:
-    """Folder of the launch files that come with MERLIN."""
-    return Path(rospkg.RosPack().get_path("merlin")) / "launch"
+    """Folder of the launch files that come with MERLIN.
+
+    :raises LaunchError: when ROS does not find MERLIN.
+    """
+    try:
+        return Path(rospkg.RosPack().get_path("merlin")) / "launch"
+    except rospkg.ResourceNotFound:
+        raise LaunchError(
+            "ROS does not find the package merlin, as something has changed ROS_PACKAGE_PATH; "
+            "source its workspace's devel/setup.bash again"
+        ) from None
 
 
 def application_names() -> List[str]:
