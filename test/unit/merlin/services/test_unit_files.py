@@ -153,3 +153,11 @@ def test_systemd_takes_the_units(tmp_path: Path) -> None:
     )
     ours = [line for line in verified.stdout.splitlines() if str(tmp_path) in line]
     assert verified.returncode == 0 and not ours, verified.stdout
+
+
+def test_the_command_that_installs_them_can_be_pasted(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    folder = tmp_path / "my units"
+    folder.mkdir()
+    names = written(folder)
+    line = next(line for line in capsys.readouterr().out.splitlines() if "sudo cp" in line)
+    assert {Path(word).stem for word in shlex.split(line.partition("&&")[0])[2:-1]} == set(names)

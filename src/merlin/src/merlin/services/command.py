@@ -122,7 +122,7 @@ def main(arguments: Optional[List[str]] = None) -> int:
     except (LaunchError, OSError) as error:
         print(f"merlin unit: {error}", file=sys.stderr)
         return EXIT_REFUSED
-    files = " ".join(f"{folder / name}.service" for name in units)
+    files = shlex.join(f"{folder / name}.service" for name in units)
     print("".join(f"{note}\n" for note in notes) + f"{len(units)} units are written. Next:")
     print(f"  sudo cp {files} /etc/systemd/system/ && sudo systemctl daemon-reload")
     print(f"  sudo systemctl enable --now {' '.join(units)}")
