@@ -253,6 +253,14 @@ def test_a_wrong_word_is_named_with_its_argument(file: str, wrong: dict, why: st
         load(f"include/{file}", **points, **wrong)
 
 
+def test_a_file_that_includes_itself_is_named_on_a_line_that_can_be_read(tmp_path: Path) -> None:
+    file = tmp_path / "a.launch"
+    file.write_text("<launch><include file='$(dirname)/a.launch'/></launch>")
+    with pytest.raises(LaunchError, match="while processing .*maximum recursion depth") as caught:
+        LaunchConfig(LaunchRequest.from_command_line([str(file)]))
+    assert len(str(caught.value)) < 1100
+
+
 def test_a_package_path_without_merlin_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ROS_PACKAGE_PATH", "/nowhere")
     with pytest.raises(LaunchError, match="something has changed ROS_PACKAGE_PATH"):

@@ -232,6 +232,7 @@ REFUSED = {
     "<param if='maybe' name='a' value='1'/>": "maybe",
     "<param name='a'": "XML",
     "<node name='a' pkg='merlin' type='run' args='&quot;b'/>": 'node /a: "b: No closing quotation',
+    "<node name='a' pkg='merlin' type='run' launch-prefix='nowhere -x'/>": "to run: nowhere -x",
     "<param if='$(eval a)' name='a' value='1'/>": "name 'a' is not defined",
     "<param name='a' type='int' value='2147483648'/>": "parameter /a has a value that a ROS master cannot",
     "<rosparam>a: {b: 2026-11-30}</rosparam>": "parameter /a/b has a value that a ROS master cannot",

@@ -18,6 +18,7 @@ from roslaunch.core import RLException
 from roslaunch.substitution_args import ArgException, SubstitutionException, resolve_args
 
 from merlin.linger import Linger
+from merlin_pddl.text_reader import shortened
 
 PORT_ARGUMENT = "port"
 LINGER_ARGUMENT = "linger"
@@ -224,8 +225,10 @@ def one_line(error: object) -> str:
         advice = re.search(r'<arg (?=[^>]* value=)[^>]* doc="([^"]*)"', place)
         return f"there is no package '{package}'; {advice[1] if advice else 'build it, or correct $(find …)'}"
     paragraphs = str(error).strip().split("\n\n")
+    if paragraphs[0].endswith(":"):  # what is run, and why that fails
+        paragraphs[:2] = [" ".join(paragraphs[:2])]
     tags = [text[len("Arg xml is ") :] for text in paragraphs[1:] if text.startswith("Arg xml is ")]
-    return " ".join(" ".join([paragraphs[0], *tags]).split()) or type(error).__name__
+    return shortened(" ".join(" ".join([paragraphs[0], *tags]).split()), 1000) or type(error).__name__
 
 
 def _check_names(launch_file: Path, given: Dict[str, str], declared: Dict[str, Optional[str]]) -> None:
