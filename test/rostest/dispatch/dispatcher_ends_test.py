@@ -21,6 +21,7 @@ from rosplan_dispatch_msgs.srv import DispatchService, DispatchServiceResponse, 
 from std_srvs.srv import Empty, EmptyResponse
 
 from merlin_planning import dispatch_client
+from merlin_planning.action_messages import OWN_MARK
 from merlin_planning.dispatch_client import DispatchClient
 from merlin_ros.service_proxy import ServiceError
 from merlin_test import LONG
@@ -73,8 +74,11 @@ class DispatcherEnds(unittest.TestCase):
             wait_for_publishers(subscriber)
         interfaces = self.begin(dispatcher)
         threading.Thread(target=client.dispatch, args=(lambda interrupt: None,), daemon=True).start()
-        while answers.get(timeout=LONG).feedback.feedback.status != ActionFeedback.ACTION_ENABLED:
-            pass
+        taken = False
+        while not taken:  # by the interface: the dispatcher says so, too
+            said = answers.get(timeout=LONG).feedback.feedback
+            own = any(entry.key == OWN_MARK for entry in said.information)
+            taken = said.status == ActionFeedback.ACTION_ENABLED and not own
         interfaces.feedback.unregister()  # its connection closes, as that of a node that dies
         while statuses.get(timeout=LONG).reason != "the action interface of paint is gone, silent for 0.5 s":
             pass
