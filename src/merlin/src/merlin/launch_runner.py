@@ -35,6 +35,7 @@ from merlin.running import announced
 from merlin.supervision import WRAPPER_SPAN, Restarts, end_children
 from merlin_ros.lean_start import end_lightly
 from merlin_ros.processes.process_tree import adopt_orphans, end_with
+from merlin_ros.processes.tidy_end import handled
 
 MISSION_NODE = "mission"
 #: The script that starts a node again which has died, as a launch-prefix.
@@ -203,9 +204,8 @@ class LaunchRun:
         adopt_orphans()
         _bind_nodes()
         roslib.set_interactive(True)  # else roslaunch takes the signal handlers for itself
-        previous = {number: signal.signal(number, self._signalled) for number in SIGNALS}
         log = LogFile(self.log_folder / "run.log")
-        with contextlib.ExitStack() as stack:
+        with handled(dict.fromkeys(SIGNALS, self._signalled)), contextlib.ExitStack() as stack:
             self._relay = stack.enter_context(ErrorRelay(log))
             # Nodes inherit the descriptors, not these objects: only roslaunch's own lines go to the file.
             stack.enter_context(contextlib.redirect_stdout(log))
@@ -214,8 +214,6 @@ class LaunchRun:
             roslaunch.configure_logging(self._run_id)
             code = self._start_and_wait(stack)
             self._on_end()
-        for number, handler in previous.items():
-            signal.signal(number, handler)
         return code
 
     def _start_and_wait(self, stack: contextlib.ExitStack) -> int:
