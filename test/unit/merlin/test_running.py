@@ -154,5 +154,5 @@ def test_nothing_is_reloaded_when_one_of_the_named_hosts_is_not_there(
     monkeypatch.setattr(reload, "beside", lambda command, find, what, do: do(find([], services)))
     monkeypatch.setattr(reload, "ServiceProxy", lambda *_: pytest.fail("it was reloaded"))
     monkeypatch.setattr(sys, "argv", ["reload", "a", "b"])
-    with pytest.raises(LaunchError, match="there is no node b with actions; nothing was reloaded"):
+    with pytest.raises(LaunchError, match="not there, or without actions: b; nothing was reloaded"):
         reload.main()

@@ -49,7 +49,7 @@ def _service(host: str) -> str:
 def _reload_all(services: List[str], hosts: List[str]) -> int:
     missing = [host for host in hosts if _service(host) not in services]
     if missing:
-        raise LaunchError(f"there is no node {', '.join(missing)} with actions; nothing was reloaded")
+        raise LaunchError(f"not there, or without actions: {', '.join(missing)}; nothing was reloaded")
     return max(map(_reload, services))
 
 
