@@ -102,7 +102,7 @@ class _Parent(roslaunch.parent.ROSLaunchParent, ProcessListener):
         self._events = events
         self._needed: Set[str] = set()  # names of the nodes with whose end the run ends
         self._wrapped: Dict[str, Restarts] = {}  # the same of those whose wrapper is started again
-        self._lives: Dict[str, int] = {}  # process -> its last life of which the death was told
+        self._lives: Dict[str, int] = {}  # process -> its last life of which the death was reported
 
     def load(self) -> None:
         """Reads the launch file.

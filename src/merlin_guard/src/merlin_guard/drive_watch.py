@@ -8,7 +8,7 @@ from merlin_guard.velocity_limits import Velocity
 
 DEAD_ZONE = 0.03  # m/s and rad/s up to which many bases do not move
 STILL = 0.01  # m, and parts of a quaternion, within which odometry counts as standing
-ONE_OCCURRENCE = 10.0  # s without a fault of a velocity after which it is told anew
+ONE_OCCURRENCE = 10.0  # s without a fault of a velocity after which it is reported anew
 
 
 class DriveWatch:
@@ -52,7 +52,7 @@ class DriveWatch:
         if fault:
             self.faults += 1
             what = fault.partition(":")[0]
-            # A text that changes would be told each time.
+            # A text that changes would be reported each time.
             self._faults[what] = self._faults.get(what, (fault, world))[0], world
 
     def odometry(self, place: Tuple[float, ...]) -> None:

@@ -136,7 +136,7 @@ class MotionPermit:
         return self._settle()
 
     def ros_time(self, ros_time: int, now: float) -> None:
-        """What ROS time is, ns; to be told before each event that has a stamp, and each tick."""
+        """What ROS time is, ns; to be called before each event that has a stamp, and each tick."""
         self._clock.advance(now)
         self._clock.look(ros_time)
 

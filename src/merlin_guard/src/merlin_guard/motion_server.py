@@ -16,7 +16,7 @@ MOVING = frozenset((ACTIVE, PREEMPTING))  # states in which a server commands th
 CANCELLED = frozenset((PREEMPTING, RECALLING))
 KEEP_UNSEEN = 5.0  # s for which a goal may be missing from the status list after it was sent
 KEEP_CANCEL = 60.0  # s for which a cancel waits for the goal that it overtook
-UNSEEN = 1000  # goals of which no status list has told; then the oldest is forgotten until one does
+UNSEEN = 1000  # goals that no status list has named; then the oldest is forgotten until one does
 EARLY_CANCELS = 1000  # that wait at most; then the oldest is forgotten
 
 
@@ -186,7 +186,7 @@ class MotionServer:
 
 
 def _forget_unseen(goals: Dict[str, MotionGoal]) -> None:
-    """Removes the oldest goals of which no status list has told, where they are too many."""
+    """Removes the oldest goals that no status list has named, where they are too many."""
     unseen = [goal_id for goal_id, goal in goals.items() if goal.status is None]
     for goal_id in unseen[:-UNSEEN]:
         del goals[goal_id]

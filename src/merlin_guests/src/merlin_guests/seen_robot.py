@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One robot as guests and barman perceive it: its poses, and when nobody speaks near it."""
+"""One robot as guests and barman perceive it: its poses, and when no person speaks near it."""
 
 import math
 from typing import List, Optional, Tuple

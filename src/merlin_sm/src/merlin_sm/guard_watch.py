@@ -19,7 +19,7 @@ STATUS_TOPIC = "merlin/guard"
 FRESH = 1.5  # s of wall time for which a status counts; the guard sends one every 0.5 s, paused or not
 APART = 0.2  # s; nearer to each other, two statuses may have waited in this process
 WAIT = 4.0  # s of wall time to wait for one: what a guard takes to come back on a busy machine
-LONG_DRIVE = 1.0  # s of wall time; of a shorter drive the guard may not have told yet
+LONG_DRIVE = 1.0  # s of wall time; of a shorter drive the guard may not have reported yet
 
 OFF = "the velocity guard is switched off (guard:=false): nothing stops the base when MERLIN fails"
 SILENT = "the velocity guard is silent; nothing drives without it"

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 #: s by which a clock may differ from the hub's.
 CLOCK_MARGIN = 10.0
-TRIES = 5  # questions in vain after which a hub is taken for one that tells no time
+TRIES = 5  # unanswered questions after which a hub counts as one that gives no time
 AHEAD = "its clock is ahead of the hub's"
 BEHIND = "its clock is behind the hub's"
 
@@ -62,7 +62,7 @@ class ClockCheck:
         self._ask_at = self._agent.now
 
     def timed(self, event: ev.Timed) -> None:
-        """The hub has told its time, or not."""
+        """The hub has answered what its time is, or has not."""
         agent, rules = self._agent, self._agent.rules
         self._asking = False
         if event.wall is not None:

@@ -154,7 +154,7 @@ class Executor:
         self._again = CallQueue("requests of an earlier life")
         self._order = itertools.count()
         self._publishing = threading.Lock()  # keeps statuses and queues in order; guards the fields below
-        self._expected_end: Optional[float] = None  # of the running request, as the queue was told last
+        self._expected_end: Optional[float] = None  # of the running request, as the queue showed last
         self._urgent_waits = ""  # of the last status
         self._queued = True  # whether the last queue was not empty, or there was none
 

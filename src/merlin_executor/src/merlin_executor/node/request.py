@@ -72,8 +72,8 @@ class Request(Ticket):
         self.plan: List[ActionDispatch] = []
         self._times = PlanTimes()
         self._kept = ""  # actions under way at a state at which they are not interrupted
-        self._reported = ""  # why it is late or waits, as its client was told last
-        self._fed: Optional[ExecuteFeedback] = None  # what its client was told last while it runs
+        self._reported = ""  # why it is late or waits, as its client heard last
+        self._fed: Optional[ExecuteFeedback] = None  # what its client heard last while it runs
 
     @property
     def expected_end(self) -> Optional[float]:

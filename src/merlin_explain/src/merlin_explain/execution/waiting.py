@@ -118,7 +118,7 @@ def _condition(
 ) -> List[Claim]:
     """A condition that does not hold, and what will make it true.
 
-    :param before: claims that are told before these.
+    :param before: claims that come before these.
     """
     text, evidence = to_pddl(unmet), moment.condition_evidence(unmet)
     claims = [Claim("condition", f"“{words.fact(text)}” does not hold", evidence)]

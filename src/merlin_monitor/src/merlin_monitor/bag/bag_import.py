@@ -185,7 +185,7 @@ class RecordedSystem(RosSystem):
         return TopicGraph(self._senders, dict(self._recording.topics))
 
     def hangs(self, node: str) -> bool:
-        """Never: nobody answers here."""
+        """Never: a recording answers no question."""
         return False
 
     def address_of(self, service: str) -> str:

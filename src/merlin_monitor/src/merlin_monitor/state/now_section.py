@@ -67,7 +67,7 @@ class NowSection:
         self.refresh()
 
     def remember(self, kept: Mapping[str, Any]) -> None:
-        """Takes the section of an earlier life of the monitor: what is still so is not told again."""
+        """Takes the section of an earlier life of the monitor: what is still so is not reported again."""
         self._kept = kept
         self._pace.take_up(kept.get("mission") or {})
 

@@ -32,7 +32,7 @@ FRESH = 1.5  # s of wall time for which the word of a guard counts; it sends one
 class RobotGuards:
     """Guards by the names of their robots; the one of the monitor's own namespace has the empty name.
 
-    A stop stands until the release: a guard that has not confirmed it, that joins or is back, is told again
+    A stop stands until the release: a guard that has not confirmed it, that joins or is back, gets it again
     with each word of its own. A monitor that begins takes up the stop of an operator that a guard tells it.
     """
 

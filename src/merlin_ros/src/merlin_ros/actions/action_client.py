@@ -40,7 +40,7 @@ GREETED = 0.5  # s of wall time after which the server sends over its link for r
 APART = 0.1  # s of running time between two statuses that are that proof; rospy needs some ms
 CONNECTING = 10.0  # s of that: rospy tries a connection that failed again at growing intervals
 ASKING = 1.0  # s of a wait after which the master is asked for the server; then after 2, 4 …
-AHEAD = 1.0  # s that a stamp may be ahead of the clock before it is told
+AHEAD = 1.0  # s that a stamp may be ahead of the clock before it is reported
 QUEUE = 1000  # goals and cancels that wait for a connection; rospy drops the oldest, and says nothing
 DEAD_OWNERS = 1000  # owners whose goals were given up that are remembered; then the oldest is forgotten
 

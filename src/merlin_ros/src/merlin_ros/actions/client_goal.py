@@ -95,7 +95,7 @@ class ClientGoal:
             sent = sent.earlier
 
     def heard(self, status: int, said: str) -> None:
-        """The server has told of it while it runs."""
+        """The server has named it while it runs."""
         for sent in self.sendings:
             sent.seen = True
             sent.active = sent.active or status in _BEGUN

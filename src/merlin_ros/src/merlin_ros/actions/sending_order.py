@@ -15,7 +15,7 @@ class SendingOrder:
         self._line = 0
 
     def look(self, now: int) -> int:
-        """ROS time is `now`; to be told before each stamp. Returns what has passed since the last look."""
+        """ROS time is `now`; to be called before each stamp. Returns what has passed since the last look."""
         if self._now is None:
             self._now = self._line = now
         passed = now - self._now if now >= self._now else 1  # what comes after a step back comes later

@@ -65,7 +65,7 @@ class _Question:
         self._request = f"POST {address.path or '/RPC2'} HTTP/1.1\r\n{fields}\r\n\r\n".encode() + text
         self._wait = wait
         self._socket: Optional[socket.socket] = None
-        self._said = b""  # the last answer, when it can be told by its end
+        self._said = b""  # the last answer, when it can be recognised by its end
         self._answers: Any = []
 
     def ask(self) -> Any:

@@ -225,7 +225,7 @@ def hasten_registration() -> None:
             changed.notify_all()
 
     def wait_registered(handler: ROSHandler) -> bool:
-        registered.wait(REGISTRATION_LOOK)  # not longer: rospy looks whether the node was told to end
+        registered.wait(REGISTRATION_LOOK)  # not longer: rospy looks whether the node was asked to end
         return bool(is_registered(handler))
 
     RegManager.run, ROSHandler._is_registered = tell_and_run, wait_registered

@@ -88,7 +88,7 @@ class PlannerRace:
                 faults.append(fault)
                 planner.stop()
             elif check is not None:
-                with contextlib.suppress(ValueError):  # it is told when there is a plan
+                with contextlib.suppress(ValueError):  # it is reported when a plan is there
                     self._make_validator()
 
         self._run_one(planner, 0, meanwhile)

@@ -42,7 +42,7 @@ def _serve(channel: socket.socket, memory: int) -> None:
         shot = receive(channel)
         try:
             length = _share(engine.expose(shot).tobytes(), memory)
-        except Exception as error:  # told to the client; the next shot brings everything again
+        except Exception as error:  # the client gets it; the next shot brings everything again
             engine.close()
             send(channel, f"{type(error).__name__}: {error}")
             continue
