@@ -234,6 +234,18 @@ def test_one_that_leaves_asks_for_no_plan_without_a_master(
     assert end(first)[1] == "SUCCEEDED"
 
 
+def test_one_that_leaves_gives_a_slow_master_half_of_its_limit(
+    bench: Bench, robot: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first, second = bench.joined()
+    monkeypatch.setattr(plan_revision, "master_answers", lambda timeout: LONG / 3 < timeout < LONG)
+    bench.cancel(second)
+    assert end(second)[1] == "CANCELLED"
+    assert robot.cancelled == []
+    bench.carry_on(first)
+    assert end(first)[1] == "SUCCEEDED"
+
+
 @pytest.mark.parametrize("leaves", [0, 1])
 def test_a_cancel_does_not_wait_for_a_plan_with_a_newcomer_which_is_tried_again(
     bench: Bench, robot: Robot, monkeypatch: pytest.MonkeyPatch, leaves: int

@@ -38,7 +38,6 @@ JOIN_LIMIT = 10.0  # s of wall time for a plan with newcomers; then they wait
 TOO_LONG = "no plan for all was found in time"
 TOO_LATE = "its deadline is before the end of what runs"
 TRIES = 2
-MASTER_LOOK = 0.3  # s of wall time for the master to answer before a leave asks for a plan
 GATHER = 0.02  # s of wall time for others to leave, too: where all do, nothing is to be planned
 
 
@@ -162,7 +161,7 @@ class PlanRevision(PlanningState):
         limit = self._left_to_leave() if parts else JOIN_LIMIT
         alarm = call_later(limit, partial(self._limits.put, self._late, wanted))
         try:
-            if parts and not master_answers(MASTER_LOOK):
+            if parts and not master_answers(limit / 2.0):  # the other half is for the plan
                 self.given_up = True
                 raise StageError(f"{MASTER} does not answer", gone=True)
             # A plan that is parsed before would be taken for the one that is to be dispatched.
