@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is printed or logged where that is not possible is lost, and keeps nothing waiting."""
 
+import fcntl
 import os
 import select
 import subprocess
 import sys
 import termios
+import threading
 import time
 import tty
 from concurrent.futures import ThreadPoolExecutor
@@ -13,6 +15,7 @@ from typing import Iterator, Tuple
 
 import pytest
 
+from merlin_ros.processes import screen as screen_module
 from merlin_ros.processes.screen import Screen
 from merlin_test import LONG
 
@@ -95,3 +98,24 @@ def test_several_threads_may_write_to_a_screen_that_is_not_read() -> None:
     os.close(reading)
     os.close(writing)
     assert written == [100_000] * 40
+
+
+def test_room_that_another_writer_takes_keeps_nothing_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(screen_module, "PATIENCE", 0.0)
+    reading, writing = os.pipe()
+    fcntl.fcntl(writing, fcntl.F_SETPIPE_SZ, select.PIPE_BUF)  # room for one write
+    screens = [Screen(writing) for _ in range(8)]  # as of processes that share it
+    begin = threading.Barrier(len(screens))
+
+    def write(screen: Screen) -> int:
+        begin.wait(LONG)
+        return screen.write(b"." * select.PIPE_BUF)
+
+    with ThreadPoolExecutor(len(screens)) as threads:
+        try:
+            for _ in range(500):
+                assert list(threads.map(write, screens, timeout=LONG)) == [select.PIPE_BUF] * len(screens)
+                assert len(os.read(reading, 2 * select.PIPE_BUF)) == select.PIPE_BUF
+        finally:
+            os.close(reading)  # which ends what waits
+    os.close(writing)

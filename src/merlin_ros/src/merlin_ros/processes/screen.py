@@ -10,11 +10,13 @@ import logging
 import math
 import os
 import select
+import stat
 import sys
 import time
 from typing import Any
 
 PATIENCE = 1.0  # s of wall time for which a screen that takes nothing is waited for, once
+OTHERS_FIRST = 1000  # times in a row that other writers may take the room which one has seen
 REMIND = 60.0  # s of wall time between two words about a log that cannot be written
 
 
@@ -27,8 +29,11 @@ class Screen(io.RawIOBase):
     def __init__(self, descriptor: int) -> None:
         self._descriptor = self._own = descriptor
         with contextlib.suppress(OSError):
-            # Room of a terminal may be one character. The flags of the other descriptor are shared.
-            self._own = os.open(os.ttyname(descriptor), os.O_WRONLY | os.O_NONBLOCK | os.O_NOCTTY)
+            # Others, and other processes, write there, too, and a terminal may have room for one character:
+            # a write may not wait for room that was there. The flags of the other descriptor are shared.
+            if os.isatty(descriptor) or stat.S_ISFIFO(os.fstat(descriptor).st_mode):
+                how = os.O_WRONLY | os.O_NONBLOCK | os.O_NOCTTY
+                self._own = os.open(f"/proc/self/fd/{descriptor}", how)
         self._stands = False
 
     def fileno(self) -> int:
@@ -48,13 +53,17 @@ class Screen(io.RawIOBase):
         left = whole = bytes(data)
         room = select.poll()  # not one for all: it is for one thread at a time
         room.register(self._own, select.POLLOUT)
+        tries = 0
         with contextlib.suppress(OSError):
-            while left:
+            while left and tries < OTHERS_FIRST:
                 self._stands = not room.poll(0 if self._stands else 1000 * PATIENCE)
                 if self._stands:
                     break
-                # A pipe that has room takes so much at once.
-                left = left[os.write(self._own, left[: select.PIPE_BUF]) :]
+                tries += 1
+                with contextlib.suppress(BlockingIOError):
+                    # A pipe that has room takes so much at once.
+                    left = left[os.write(self._own, left[: select.PIPE_BUF]) :]
+                    tries = 0
         return len(whole)
 
     def close(self) -> None:
