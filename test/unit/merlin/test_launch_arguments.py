@@ -199,6 +199,23 @@ def test_an_application_of_a_robot_needs_no_simulator(tmp_path: Path):
     assert "/world/points_of_interest/kitchen/x" in config.params
 
 
+def test_an_application_takes_the_arguments_of_a_robot() -> None:
+    """A robot in a simulator that is not MERLIN's, another planner, and a folder of its own."""
+    config = LaunchConfig(
+        LaunchRequest.from_command_line(
+            [
+                *("merlin", "application.launch", "on:=robot", f"world_file:={ROBOT['points_of_interest']}"),
+                *("use_sim_time:=true", "planner_command:=popf", "robot:=fetch_1", "max_replans:=1"),
+            ]
+        )
+    )
+    assert config.param("/use_sim_time") is True
+    assert config.param("/rosplan_planner_interface/planner_command") == "popf"
+    assert config.param("/merlin_executor/max_replans") == 1
+    state = config.param("/rosplan_knowledge_base/state_file")
+    assert state.endswith("/merlin/fetch_1/knowledge.sqlite")
+
+
 @pytest.mark.parametrize("arguments", [{"reset_state": "true"}, {}], ids=["reset", "kept"])
 @pytest.mark.parametrize(
     ("file", "needed"),
