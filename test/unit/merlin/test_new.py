@@ -107,7 +107,8 @@ def test_a_domain_that_exists_is_kept_as_it_is(tmp_path):
     assert (package / "pddl" / "domain.pddl").read_text() == domain.read_text()
     operators = {action.operator for action in application.actions}
     assert operators == set(read_domain(domain).operators) - {"navigate"} and application.navigates
-    assert {"table_1", "table_6"} <= set(application.points)
+    assert {"table_1", "table_6", "bar", "entrance"} <= set(application.points)  # objects and constants
+    assert "anywhere" not in application.points
     assert (package / "src" / "my_cafe" / "actions" / "order_to_barman.py").is_file()
 
 

@@ -243,7 +243,8 @@ def application_of(
         raise ApplicationRefused(f"{problem_file} has no goal; write the one that the mission shall send")
     if navigates and navigate is not None:
         wanted = next(each.types for each in navigate.parameters if each.label == "to")
-        fitting = [name for name, types in problem.objects.items() if domain.accepts(wanted, types)]
+        objects = problem.typed(domain.constants).items()
+        fitting = [name for name, types in objects if domain.accepts(wanted, types) and name != "anywhere"]
         application.points = fitting or list(POINTS)
     return application
 
