@@ -37,7 +37,7 @@ TAIL = """
 A class on [MerlinState](../src/merlin_sm/src/merlin_sm/states/merlin_state.py) needs `run(userdata)`. It
 returns an outcome, or `self.fail("why")`, or `self.give_up("why")` when another try cannot help. What it
 waits for it announces with `self.interruptible(wake)`. `MerlinStateFactory.register("name", TheClass)` gives
-it a name.
+it a name. States and containers of SMACH itself may be added, too: `smach.Concurrence` runs several at once.
 """
 #: The package whose states these are.
 OWN = "merlin_sm."

@@ -14,7 +14,15 @@ from merlin_sm.merlin_sm import MerlinSM
 from merlin_sm.state_factory import MerlinStateFactory
 from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, SUCCEEDED, MerlinState
 from merlin_test import LONG
-from smach import CBState, InvalidStateError, InvalidTransitionError, UserData
+from smach import (
+    CBState,
+    Concurrence,
+    InvalidStateError,
+    InvalidTransitionError,
+    State,
+    StateMachine,
+    UserData,
+)
 
 OUTCOMES = [SUCCEEDED, ABORTED, PREEMPTED]
 
@@ -44,7 +52,7 @@ class Wait(MerlinState):
         return PREEMPTED
 
 
-def machine(*states: MerlinState) -> MerlinSM:
+def machine(*states: State) -> MerlinSM:
     """The states one after the other."""
     made = MerlinSM(OUTCOMES)
     with made:
@@ -78,6 +86,20 @@ def test_a_reason_comes_out_of_nested_machines_and_is_forgotten_by_the_next_run(
     failing.ends_with = SUCCEEDED
     assert outer.execute(UserData()) == SUCCEEDED
     assert outer.reason == ""
+
+
+def test_a_reason_comes_out_of_the_containers_of_smach() -> None:
+    failing, waiting = Wait(ABORTED, "the door is shut"), Wait()
+    both = Concurrence(OUTCOMES, ABORTED, child_termination_cb=lambda ended: True)
+    with both:
+        Concurrence.add("FAILS", failing)
+        Concurrence.add("WAITS", waiting)
+    inner = StateMachine(OUTCOMES)
+    with inner:
+        StateMachine.add("BOTH", both)
+    outer = machine(inner)
+    assert outer.execute(UserData()) == ABORTED
+    assert outer.reason == "the door is shut"
 
 
 def test_a_machine_can_be_cancelled_before_it_runs_and_runs_again_after_prepare() -> None:

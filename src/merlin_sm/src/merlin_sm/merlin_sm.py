@@ -7,7 +7,7 @@ import rospy
 
 from merlin_sm.autonomy import label_text, read_levels
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
-from smach import State, StateMachine
+from smach import Container, State, StateMachine
 
 
 class MerlinSM(StateMachine, MerlinROSPlanAssistant):
@@ -16,8 +16,8 @@ class MerlinSM(StateMachine, MerlinROSPlanAssistant):
     Parameters are those of :class:`smach.StateMachine`.
 
     After a run, :attr:`reason` is the sentence that the last state left (states of MERLIN have a ``reason``),
-    also out of nested machines. A state that is aborted is logged with its reason, wherever its transition
-    leads: a machine that continues after a failure does not hide it.
+    also out of nested machines and of SMACH's own containers. A state that is aborted is logged with its
+    reason, wherever its transition leads: a machine that continues after a failure does not hide it.
 
     Each run begins clean: what an earlier one left in the userdata is gone.
     """
@@ -33,7 +33,7 @@ class MerlinSM(StateMachine, MerlinROSPlanAssistant):
         self._at: List[str] = []  # labels of the states that run
         self.register_start_cb(self.__begin)  # a name that subclasses, users' code, do not override by chance
         self.register_transition_cb(self.__left)
-        self.register_termination_cb(self._take_reason)
+        self.register_termination_cb(_take_reason, [self])
 
     def close(self) -> None:
         """Ends the construction.
@@ -43,6 +43,7 @@ class MerlinSM(StateMachine, MerlinROSPlanAssistant):
         """
         super().close()
         self.check_consistency()
+        _follow_reasons(self)
 
     @staticmethod
     def add(
@@ -90,14 +91,26 @@ class MerlinSM(StateMachine, MerlinROSPlanAssistant):
                 rospy.loginfo(f"{label_text(label)} was aborted: {reason}")
         self._at = list(active_states)
 
-    def _take_reason(self, userdata: Any, terminal_states: List[str], outcome: str) -> None:
-        children = self.get_children()
-        reasons = [getattr(children[label], "reason", "") for label in terminal_states if label in children]
-        self.reason = "; ".join(filter(None, reasons))
-        if outcome == "aborted" and not self.reason and terminal_states:
-            last = terminal_states[-1]
-            how = getattr(children.get(last), "outcome", "") or "some outcome"
-            self.reason = f"state {label_text(last)} ended with {how}, with which its machine is aborted"
+
+def _follow_reasons(machine: Any) -> None:
+    """Makes containers that know no reason, those of SMACH itself, take that of their last states."""
+    for child in machine.get_children().values():
+        if isinstance(child, Container) and not hasattr(child, "reason"):
+            _follow_reasons(child)
+            setattr(child, "reason", "")  # noqa: B010 - SMACH's class does not declare it
+            child.register_termination_cb(_take_reason, [child])
+
+
+def _take_reason(userdata: Any, terminal_states: List[str], outcome: str, machine: Any) -> None:
+    children = machine.get_children()
+    reasons = [getattr(children[label], "reason", "") for label in terminal_states if label in children]
+    said = list(filter(None, reasons))
+    # Of states that ran at once, the one that failed counts, not those that were preempted for it.
+    machine.reason = "; ".join([reason for reason in said if reason != "cancelled"] or said[:1])
+    if outcome == "aborted" and not machine.reason and terminal_states:
+        last = terminal_states[-1]
+        how = getattr(children.get(last), "outcome", "") or "an outcome"
+        machine.reason = f"state {label_text(last)} ended with {how}, with which its machine is aborted"
 
 
 def _note(
