@@ -301,8 +301,8 @@ class Faults(FaultsCase):
         finally:
             os.kill(host, signal.SIGCONT)
         self.assertOutcome(request.result, "CANCEL_TIMEOUT")
-        self.assertIn("(navigate", request.result.reason)
-        self.assertIn("did not stop; the guard has halted the base", request.result.reason)
+        words = r"^\(navigate .*\) did not stop: .*/actions/navigate .*; the guard has halted the base$"
+        self.assertRegex(request.result.reason, words)
         self.assertTrue(self.guard.halted.is_set())
         self.drives.wait_stopped()
         self.assertNextGoalWorks()

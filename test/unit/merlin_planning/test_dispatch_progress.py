@@ -153,7 +153,7 @@ def test_what_says_that_it_did_not_stop_is_named() -> None:
     progress.answered(2, 7, DispatchAnswer.FAILED, CANCELLED)
     result = progress.result(Reply(), "(navigate hall kitchen)", "cancelled by cancel_dispatch")
     assert result.cancelled
-    assert result.unstopped == ("(navigate hall kitchen)",)
+    assert (result.unstopped, result.held_up_by) == (("(navigate hall kitchen)",), STUCK["reason"])
 
 
 def test_what_did_not_stop_beside_a_failure_is_named_too() -> None:

@@ -72,6 +72,8 @@ class DispatchResult(NamedTuple):
     """Which actions another try cannot help, as PDDL text with ``*`` for any argument; empty: it may help."""
     of_robot: str = ""
     """The same operator by the robot whose action failed, likewise; empty: no robot is named."""
+    held_up_by: str = ""
+    """What did not stop below `unstopped`, as their interfaces say; empty: they do not say."""
 
 
 class Reply(NamedTuple):
@@ -144,7 +146,7 @@ class DispatchProgress:
         self._taken: Set[int] = set()
         self._early: Dict[int, List[EarlyAnswer]] = {}  # action id -> answers, the first of them TAKEN
         self._found: Set[int] = set()  # ids of actions that may still be seen to be dispatched
-        self._unstopped: List[str] = []
+        self._unstopped: Dict[str, str] = {}  # its text → what its interface says
         self._no_retry: Dict[str, str] = {}  # a failed action -> which actions cannot help
         self._of_robot: Dict[str, str] = {}  # likewise -> the same operator by its robot
         self._counted: Optional[Container[int]] = None  # actions whose failure counts; None: all
@@ -243,7 +245,7 @@ class DispatchProgress:
             return True
         reason = information.get("reason", NO_REASON)
         if information.get(STOPPED, "").lower() == NO:
-            self._unstopped.append(action.text)
+            self._unstopped[action.text] = "" if reason in (_CANCELLED, NO_REASON) else reason
         if self._counted is not None and action_id not in self._counted:
             return True
         final = information.get(FINAL, "")
@@ -331,9 +333,11 @@ class DispatchProgress:
             action, why = "", reply.refused or reply.gone
         named = action or ("" if reply.gone and not self.failed_by_itself else self.failed)
         rest = [found.get(ground_text(named), "") for found in (self._no_retry, self._of_robot)]
-        return DispatchResult(
+        said = "; ".join(filter(None, dict.fromkeys(self._unstopped.values())))
+        found = DispatchResult(
             False, cancelled, False, named, why, unstopped, bool(reply.gone), tuple(unmet), *rest
         )
+        return found._replace(held_up_by=said)
 
     def hung(self, dispatcher: str, deadline: float) -> DispatchResult:
         """The end of a dispatch whose dispatcher does not say that it has ended.

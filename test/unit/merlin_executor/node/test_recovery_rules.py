@@ -118,6 +118,14 @@ def test_why_it_had_to_stop_is_reported_too() -> None:
     assert unstopped(["(wave)"], HALTED, reported).reason == f"{reported}; the guard has halted the base"
 
 
+@pytest.mark.parametrize("why", ["", "(ask): no voice"])
+def test_the_server_that_does_not_stop_is_named(why: str) -> None:
+    server = "/move_base did not stop when navigate was cancelled"
+    verdict = unstopped(["(navigate a b)"], HALTED, why, server)
+    words = f"(navigate a b) did not stop: {server}"
+    assert verdict.reason == f"{why}{'; ' * bool(why)}{words}; the guard has halted the base"
+
+
 def test_a_cancel_is_not_complete_while_the_base_moves() -> None:
     verdict = still_moving(Verdict(Outcome.CANCELLED, "cancelled"), HALTED)
     assert verdict.outcome is Outcome.CANCEL_TIMEOUT

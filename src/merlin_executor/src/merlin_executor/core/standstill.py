@@ -38,15 +38,18 @@ def together(halts: Sequence[Halt]) -> Halt:
     return next((halt for halt in guarded if not halt.halted), guarded[0])
 
 
-def unstopped(names: Sequence[str], halt: Halt, reason: str = "") -> Verdict:
+def unstopped(names: Sequence[str], halt: Halt, reason: str = "", held_up_by: str = "") -> Verdict:
     """The verdict on a run of which something did not stop.
 
     :param names: what did not stop, as PDDL text.
     :param reason: a sentence that says so already, or why it had to stop; empty: its client wanted it to.
+    :param held_up_by: a sentence that names what did not stop below them, such as a server; empty: not known.
     """
     text = f"{', '.join(names)} did not stop"
     if reason:
         text = reason if "did not" in reason else f"{reason}; {text}"
+    if held_up_by:
+        text += f": {held_up_by}"
     return Verdict(Outcome.CANCEL_TIMEOUT, f"{text}; {halt.words}", ", ".join(names))
 
 

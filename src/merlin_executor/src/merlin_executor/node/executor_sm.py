@@ -152,7 +152,7 @@ class ExecutorSM(MerlinSM, Stages[Request]):
         verdict, dispatched = course.verdict(), course.dispatched
         if verdict.outcome is Outcome.CANCEL_TIMEOUT:
             reason = verdict.reason if dispatched.timed_out or not self.run.stopped else ""
-            verdict = unstopped(dispatched.unstopped, guard.halt(), reason)
+            verdict = unstopped(dispatched.unstopped, guard.halt(), reason, dispatched.held_up_by)
         elif course.may_move and self._stopped_early(verdict) and not guard.wait_standing():
             verdict = still_moving(verdict, guard.halt())
         if not course.unreachable and not dispatched.timed_out:
