@@ -86,6 +86,7 @@ def test_a_failure_is_said_once_and_a_second_one_again(progress: SendProgress, s
         ("DISPATCH_PLAN", [], "(drive) failed: blocked"),
         ("DISPATCH_PLAN", runs, "(drive) failed: blocked"),
         ("DISPATCH_PLAN", [], "(drive) failed: blocked"),
+        ("REPLAN", [], "(drive) failed: blocked"),  # of the plan before, until the new reason comes
         ("REPLAN", [], "(drive) failed: lost"),
     ):
         progress.feedback(ExecuteFeedback(stage=stage, running=running, reason=reason))
@@ -101,6 +102,13 @@ def test_a_base_that_is_held_is_named(progress: SendProgress, said: List[str]) -
     progress.executor(MINE)
     progress.guard(GuardStatus(state=GuardStatus.STOPPED, reason="stopped by Ana"))
     assert len(said) == 1 and "the base is held by Ana since " in said[0] and "merlin/release" in said[0]
+
+
+def test_a_robot_of_several_that_is_held_is_named(progress: SendProgress, said: List[str]) -> None:
+    progress.executor(ExecutorStatus(state=IDLE, waits="robot tom is held by Ana since 14:03:07"))
+    assert said == [
+        "robot tom is held by Ana since 14:03:07; `merlin/release` of that robot lets it move again"
+    ]
 
 
 def test_a_drive_that_goes_wrong_is_named_while_its_request_runs(

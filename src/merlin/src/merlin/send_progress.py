@@ -90,6 +90,8 @@ class SendProgress:
             return f"{held}; `rosservice call merlin/release` lets it move again"
         if status is None:
             return ""
+        if status.waits:  # of several robots, of which one is held
+            return f"{status.waits}; `merlin/release` of that robot lets it move again"
         if status.held:
             return f"held at the breakpoint {status.held}"
         if request.id in (status.request, *(other.request for other in status.together)):
@@ -108,7 +110,8 @@ class SendProgress:
             return ""
         if feedback.running:
             return ", ".join(map(step_text, feedback.running))
-        if feedback.reason and not (feedback.stage == "DISPATCH_PLAN" and feedback.reason == self._reason):
+        old = feedback.stage in ("DISPATCH_PLAN", "REPLAN") and feedback.reason == self._reason
+        if feedback.reason and not old:
             self._reason = feedback.reason
             return feedback.reason
         return "planning" if feedback.stage == "PLAN" else ""
