@@ -147,12 +147,22 @@ class Fake:
 
 
 @pytest.mark.parametrize(
-    "error, part", [(MemoryError(), "~memory_limit"), (OSError("gone"), "cannot be started")]
+    "error, part",
+    [
+        (MemoryError(), "~memory_limit"),
+        (OSError("gone"), "cannot be started"),
+        (TypeError("odd"), "TypeError: odd"),
+        (SystemExit(2), "SystemExit: 2"),
+    ],
 )
 def test_an_engine_that_fails_is_reported(tmp_path, error, part):
-    task = Task(Path("d"), Path("p"), "", "", tmp_path, PlannerSettings())
-    entry = PlannerRace([Fake("bad", error)], task).run()
-    assert entry.attempt.state == PlannerState.CRASHED and part in entry.attempt.reason
+    for rivals in ([], [Fake("good", None)]):
+        folder = tmp_path / str(len(rivals))
+        folder.mkdir()
+        task = Task(Path("d"), Path("p"), "", "", folder, PlannerSettings())
+        attempt = PlannerRace([Fake("bad", error), *rivals], task).run().attempt
+        assert part in attempt.reason
+        assert attempt.state == (PlannerState.NO_PLAN if rivals else PlannerState.CRASHED)
 
 
 @pytest.mark.parametrize(

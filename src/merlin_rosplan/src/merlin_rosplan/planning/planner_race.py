@@ -10,7 +10,7 @@ from typing import Callable, List, Optional, Sequence, Set
 
 from merlin_pddl.checks.kairos_check import PlanQuality, PlanValidator
 from merlin_pddl.plan_text import PlanStep
-from merlin_ros.work.threads import start_thread
+from merlin_ros.work.threads import log_failure, start_thread
 from merlin_rosplan.planning.planner import Attempt, Planner, Task
 from merlin_rosplan.planning.planning_outcome import PlannerState
 
@@ -108,6 +108,9 @@ class PlannerRace:
             entry = Entry(Attempt(planner.name, PlannerState.CRASHED, reason))
         except OSError as error:
             reason = f"{planner.name} cannot be started: {error}"
+            entry = Entry(Attempt(planner.name, PlannerState.CRASHED, reason))
+        except BaseException:  # the race waits for an entry of each engine
+            reason = f"{planner.name} failed: {log_failure(planner.name)}"
             entry = Entry(Attempt(planner.name, PlannerState.CRASHED, reason))
         with self._changed:
             self._entries.append(entry)
