@@ -34,17 +34,19 @@ class Problem:
     def changed(self, changes: Iterable[Condition]) -> "Problem":
         """A copy with other facts and values at its start.
 
-        :param changes: literals, and numbers as ``(= (battery) 20)``; of two that contradict the last counts.
-        :raises ValueError: one is something else.
+        :param changes: literals, and numbers as ``(= (battery) 20)``.
+        :raises ValueError: one is something else, or two cannot both be true.
         """
         facts = {fact.key: fact for fact in self.facts}
         values = {value.key: value for value in self.values}
+        given: Dict[Tuple[str, ...], float] = {}
         for change in changes:
             atom = change.part if isinstance(change, Not) else change
             if isinstance(atom, Atom):
                 fact = Fact(atom.name, atom.args)
                 facts.pop(fact.key, None)
-                if atom is change:
+                key, wanted = ("fact", *fact.key), float(atom is change)
+                if wanted:
                     facts[fact.key] = fact
             elif (
                 isinstance(change, Comparison)
@@ -54,6 +56,9 @@ class Problem:
             ):
                 value = FunctionValue(change.left.name, change.left.args, change.right.value)
                 values[value.key] = value
+                key, wanted = ("value", *value.key), value.value
             else:
                 raise ValueError(f"{to_pddl(change)} sets neither a fact nor a value; write (= (battery) 20)")
+            if given.setdefault(key, wanted) != wanted:
+                raise ValueError(f"({' '.join(key[1:])}) is given twice, and both cannot be true")
         return replace(self, facts=list(facts.values()), values=list(values.values()))

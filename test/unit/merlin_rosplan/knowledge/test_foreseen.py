@@ -97,7 +97,8 @@ def test_other_facts_and_values_take_the_place_of_those_that_are() -> None:
     text = """(define (problem p) (:domain d) (:objects a b - place)
       (:init (wet A) (= (battery) 50) (= (way a) 7)) (:goal (in a)))"""
     problem = parse_problem(text, domain)
-    with_facts(domain, problem, ["(not (wet a))", "(and (in b) (= (battery) 4))", "(= (way b) 2)"])
+    changes = ["(not (wet a))", "(and (in b) (= (battery) 4))", "(= (way b) 2)", "(in B)"]
+    with_facts(domain, problem, changes)
     assert facts_of(problem) == {"(in b)"}
     assert {value.text(): value.value for value in problem.values} == {
         "(battery)": 4.0,
@@ -107,7 +108,19 @@ def test_other_facts_and_values_take_the_place_of_those_that_are() -> None:
 
 
 @pytest.mark.parametrize(
-    "text", ["(in moon)", "(flies a)", "(in a", "(> (battery) 3)", "(or (in a) (in b))", "", "()", "(and)"]
+    "text",
+    [
+        "(in moon)",
+        "(flies a)",
+        "(in a",
+        "(> (battery) 3)",
+        "(or (in a) (in b))",
+        "",
+        "()",
+        "(and)",
+        "(and (in a) (not (in A)))",
+        "(and (= (battery) 3) (= (battery) 4))",
+    ],
 )
 def test_what_is_no_fact_is_said(text: str) -> None:
     domain = parse_domain(NUMBERS)
