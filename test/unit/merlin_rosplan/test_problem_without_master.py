@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The problem is written while there is no master, where it was written before."""
 
+import locale
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, Callable, Dict, List
@@ -19,6 +21,7 @@ from merlin_rosplan.transport import component
 
 DOMAIN = parse_domain("(define (domain d) (:predicates (p)))")
 PROBLEM = parse_problem("(define (problem q) (:domain d) (:init) (:goal (p)))", DOMAIN)
+PROBLEM.constraints.append("(always (küche))")  # as an original knowledge base takes it
 
 
 class Master:
@@ -36,7 +39,9 @@ class Master:
 
 
 @pytest.mark.parametrize("named", [True, False], ids=["with a file", "without one"])
-def test_a_problem_needs_no_master(named: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_problem_needs_no_master(
+    named: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
+) -> None:
     master = Master({"/without/problem_path": str(tmp_path / "problem.pddl")} if named else {})
     published: List[str] = []
     services: Dict[str, Callable[[Any], Any]] = {}
@@ -52,6 +57,8 @@ def test_a_problem_needs_no_master(named: bool, tmp_path: Path, monkeypatch: pyt
         return SimpleNamespace(snapshot=lambda: (DOMAIN, PROBLEM), shutdown=lambda: None)
 
     monkeypatch.setenv("ROS_MASTER_URI", "http://localhost:1/")
+    request.addfinalizer(partial(locale.setlocale, locale.LC_CTYPE, locale.setlocale(locale.LC_CTYPE)))
+    locale.setlocale(locale.LC_CTYPE, "C")  # the file is UTF-8 in each locale
     monkeypatch.setattr(master_link, "bounded_master", lambda: master)
     monkeypatch.setattr(component, "keep_params", lambda scope: {})
     monkeypatch.setattr(component, "Service", serve)
@@ -60,6 +67,6 @@ def test_a_problem_needs_no_master(named: bool, tmp_path: Path, monkeypatch: pyt
     interface = ProblemInterface("/without")
     for master.gone in (False, True):
         services["/without/problem_generation_server"](EmptyRequest())
-        assert not named or (tmp_path / "problem.pddl").read_text() == published[-1]
+        assert not named or (tmp_path / "problem.pddl").read_text(encoding="utf-8") == published[-1]
     assert len(published) == 2
     interface.shutdown()

@@ -188,6 +188,6 @@ def _graph(master: Any) -> Tuple[List[str], List[str]]:
 def _began(pid: int) -> str:
     """When a process began, in ticks since the machine started; empty: no such process."""
     try:
-        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[19]
+        return Path(f"/proc/{pid}/stat").read_text("utf-8", "replace").rsplit(")", 1)[1].split()[19]
     except OSError:
         return ""

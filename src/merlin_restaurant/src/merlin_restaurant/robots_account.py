@@ -99,7 +99,7 @@ def aligned(lines: Sequence[Sequence[str]]) -> List[str]:
 
 def write_rows(path: Path, columns: Sequence[str], rows: Sequence[Dict[str, object]]) -> None:
     """Writes a CSV file."""
-    with path.open("w", newline="") as file:
+    with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, columns)
         writer.writeheader()
         writer.writerows(rows)

@@ -247,7 +247,7 @@ def _write(folder: Path, units: Dict[str, str]) -> None:
     """
     files = {folder / f"{name}.service": text for name, text in units.items()}
     for file in files:
-        if file.exists() and not file.read_text(errors="replace").startswith(HEAD):
+        if file.exists() and not file.read_text(encoding="utf-8", errors="replace").startswith(HEAD):
             raise LaunchError(f"{file} was not written by this command; take another --folder or --name")
     for file, text in files.items():
         file.write_text(text, encoding="utf-8")

@@ -50,7 +50,8 @@ class Application:
             wait_for_robot(self._knowledge, MerlinExecutorClient(), None, (), READY)
         except NotReady as error:
             self.end()
-            raise LaunchError(f"{file.name}: {error}\n{Path(log.name).read_text()[-TAIL:]}") from error
+            said = Path(log.name).read_text(encoding="utf-8", errors="replace")
+            raise LaunchError(f"{file.name}: {error}\n{said[-TAIL:]}") from error
         self._begin = self._state()
 
     def restore(self) -> None:

@@ -124,7 +124,7 @@ class GoalNotes:
 
     def _replace(self, text: str, sync: bool) -> None:
         new = self.path.with_name(self.path.name + ".new")
-        with new.open("w") as file:
+        with new.open("w", encoding="utf-8") as file:
             file.write(text)
             file.flush()
             if sync:
@@ -146,7 +146,7 @@ class GoalNotes:
         :raises OSError: when the file cannot be read.
         :raises ValueError: when it holds something else; the text shows its beginning.
         """
-        text = self.path.read_text(errors="replace")
+        text = self.path.read_text(encoding="utf-8", errors="replace")
         try:
             noted = json.loads(text) if text else []
         except ValueError:

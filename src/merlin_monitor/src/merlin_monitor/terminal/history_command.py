@@ -56,7 +56,7 @@ def later_launch(logs: Path, wall: float) -> Optional[str]:
     """
     try:
         first = min(logs.glob("roslaunch-*.log"), key=lambda log: log.stat().st_mtime)
-        with first.open(errors="replace") as file:
+        with first.open(encoding="utf-8", errors="replace") as file:
             found = re.search(r"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d", file.readline())
     except (OSError, ValueError):
         return None

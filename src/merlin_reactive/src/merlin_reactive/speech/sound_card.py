@@ -57,7 +57,7 @@ class SoundCard:
 
 def _has_card() -> bool:
     try:
-        text = CARDS.read_text()
+        text = CARDS.read_text(encoding="utf-8", errors="replace")
     except OSError:
         return False
     return bool(text.strip()) and "no soundcards" not in text

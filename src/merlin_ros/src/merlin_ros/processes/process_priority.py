@@ -56,7 +56,7 @@ def _set_group(niceness: int) -> None:
     end = time.monotonic() + _LAST_TRY
     while True:
         try:
-            _AUTOGROUP.write_text(str(niceness))
+            _AUTOGROUP.write_text(str(niceness), encoding="utf-8")
             return
         except BlockingIOError:
             if time.monotonic() > end:

@@ -52,7 +52,7 @@ class CommandPlanner:
         if excess is not None:
             return Attempt(self.name, PlannerState.CRASHED, f"{self.name} was ended: {excess}")
         files = [
-            (path.name, path.read_text(errors="replace"))
+            (path.name, path.read_text(encoding="utf-8", errors="replace"))
             for path in task.folder.iterdir()
             if is_plan_file(path.name)
         ]

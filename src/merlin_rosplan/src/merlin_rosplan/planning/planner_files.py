@@ -34,7 +34,7 @@ def too_much(folder: Path, limit: float) -> Optional[str]:
 def keep(path: Path, content: str) -> Optional[str]:
     """Writes a file for the user; returns what is wrong if that fails: a planning does not fail for it."""
     try:
-        path.write_text(content)
+        path.write_text(content, encoding="utf-8")
     except OSError as error:
         return f"cannot write {path}: {error.strerror}"
     return None

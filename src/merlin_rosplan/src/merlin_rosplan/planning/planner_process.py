@@ -94,8 +94,8 @@ class PlannerProcess:
             self._timer.cancel()
         return ProcessResult(
             returncode,
-            self._output.read_text(errors="replace"),
-            self._errors.read_text(errors="replace"),
+            self._output.read_text(encoding="utf-8", errors="replace"),
+            self._errors.read_text(encoding="utf-8", errors="replace"),
             self._timed_out,
             self._stopped,
         )

@@ -78,8 +78,8 @@ def warm_up(folder: Path, last: Dict[str, Any]) -> None:
             own = folder / name
             own.mkdir()
             domain, problem = own / "domain.pddl", own / "problem.pddl"
-            domain.write_text(_DOMAIN)
-            problem.write_text(_PROBLEM)
+            domain.write_text(_DOMAIN, encoding="utf-8")
+            problem.write_text(_PROBLEM, encoding="utf-8")
             files = str(domain), str(problem)
             settings = PlannerSettings(time_limit=_WARM, memory_limit=0.0, output_limit=0.0)
             _plan(PlannerJob(*files, [engine], name, "", settings, _WARM), own)
@@ -176,7 +176,7 @@ def _written(folder: Path, domain: str, problem: str) -> Tuple[Path, Path]:
     """The files of a task that was changed."""
     files = folder / "domain_changed.pddl", folder / "problem_changed.pddl"
     for file, text in zip(files, (domain, problem)):
-        file.write_text(text)
+        file.write_text(text, encoding="utf-8")
     return files
 
 
@@ -209,7 +209,7 @@ def _solve(
 
 
 def _read(path: str) -> str:
-    return Path(path).read_text(errors="replace")
+    return Path(path).read_text(encoding="utf-8", errors="replace")
 
 
 def _why(attempt: Attempt, task: Task) -> Tuple[PlannerState, str]:

@@ -50,7 +50,7 @@ def load_robot(engine: Any, urdf: str) -> int:
 
     :param urdf: the text of its description.
     """
-    with NamedTemporaryFile("w", suffix=".urdf") as file:
+    with NamedTemporaryFile("w", suffix=".urdf", encoding="utf-8") as file:
         file.write(urdf)
         file.flush()
         with muted_output():
