@@ -10,12 +10,15 @@ import rosgraph.masterapi
 import rospy
 import tf2_ros
 from fakes.topics import Topics
-from geometry_msgs.msg import PoseWithCovarianceStamped, Quaternion, TransformStamped
+from geometry_msgs.msg import Point32, PoseWithCovarianceStamped, Quaternion, TransformStamped
+from merlin_msgs.msg import RobotWay
 from nav_msgs.msg import OccupancyGrid, Odometry
 from sensor_msgs.msg import LaserScan
 
 from merlin_reactive.localization import localization_node
 from merlin_reactive.navigation.navigation_node import _refuse_jump
+from merlin_reactive.navigation.right_of_way import ANNOUNCED, RightOfWay
+from merlin_reactive.navigation.way_exchange import WayExchange
 from merlin_reactive.pose import Pose
 from merlin_reactive.recognition.camera_placement import CameraPlacement
 from merlin_reactive.robot_state import StateError, rays_of, unusable
@@ -207,3 +210,15 @@ def test_a_camera_is_placed_by_a_frame_with_a_slash(monkeypatch: pytest.MonkeyPa
     placement = CameraPlacement("map")
     placement.set_transform(transform(Pose(2.0, 1.0), "map", "camera", rospy.Time(5)), "test")
     assert placement.at("/camera", rospy.Time(5), lambda: False)[:2, 3].tolist() == [2.0, 1.0]
+
+
+def test_of_a_way_without_end_its_beginning_counts(monkeypatch: pytest.MonkeyPatch) -> None:
+    topics = Topics(monkeypatch)
+    rules = RightOfWay("bob", 0.25)
+    WayExchange("/ways", "map", rules, lambda: 0.0)
+    way = RobotWay(robot="ann", radius=0.25, pose=pose_message(Pose(0.0, 0.0)), driving=True)
+    way.header.frame_id = "map"
+    way.way = [Point32(0.1 * step, 0.0, 0.0) for step in range(10 * ANNOUNCED)]
+    topics.send("/ways", way)
+    (ann,) = rules.others(0.0)
+    assert len(ann.way) == ANNOUNCED

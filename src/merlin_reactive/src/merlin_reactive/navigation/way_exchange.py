@@ -8,7 +8,7 @@ import rospy
 from geometry_msgs.msg import Point32
 from merlin_msgs.msg import RobotWay as WayMessage
 
-from merlin_reactive.navigation.right_of_way import RightOfWay, RobotWay
+from merlin_reactive.navigation.right_of_way import ANNOUNCED, RightOfWay, RobotWay
 from merlin_reactive.ros_messages import pose_message, pose_of
 from merlin_ros.publishing import publish
 
@@ -56,7 +56,7 @@ class WayExchange:
             publish(self._publisher, last)
 
     def _hear(self, message: WayMessage) -> None:
-        way = np.array([(point.x, point.y) for point in message.way]).reshape(-1, 2)
+        way = np.array([(point.x, point.y) for point in message.way[:ANNOUNCED]]).reshape(-1, 2)
         numbers = [message.radius, message.pose.position.x, message.pose.position.y]
         if not (np.isfinite(way).all() and np.isfinite(numbers).all() and message.radius > 0.0 and len(way)):
             rospy.logwarn_throttle(
