@@ -131,6 +131,22 @@ def test_a_change_that_was_missed_makes_it_read_everything_again(followed: Follo
     assert [followed.next()[0] for _ in range(2)] == ["domain", "replace"]
 
 
+def test_it_reads_again_after_an_answer_that_it_cannot_read(
+    followed: Followed, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    complaints: queue.Queue[str] = queue.Queue()
+    monkeypatch.setattr(rospy, "logwarn_throttle", lambda period, text: complaints.put(text))
+    monkeypatch.setattr(knowledge_panel, "READ_AGAIN", 0.01)
+    assert followed.next()[0] == "source"
+    answer, followed.client.propositions = followed.client.propositions, lambda: [][0]
+    followed.client.begun.get(timeout=LONG)
+    followed.client.go_on.release()
+    assert complaints.get(timeout=LONG).endswith("cannot be read: IndexError: list index out of range")
+    followed.client.propositions = answer
+    followed.client.go_on.release(2)
+    assert [followed.next()[0] for _ in range(2)] == ["domain", "replace"]
+
+
 def test_the_watch_goes_on_after_a_look_that_failed(monkeypatch: pytest.MonkeyPatch) -> None:
     master = SimpleNamespace(
         getSystemState=lambda: ([("/tick", ["/node", rospy.get_name()]), ("/mute", [])], [], []),

@@ -22,7 +22,7 @@ from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_planning.knowledge_client import KnowledgeClient
 from merlin_ros.alarms import Alarm, call_later
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
-from merlin_ros.work.threads import CallQueue
+from merlin_ros.work.threads import CallQueue, failure_text
 
 READ_AGAIN = 2.0  # s of wall time between two readings of a knowledge base that does not publish its changes
 SOON = 0.2  # s from an update to reading, so that one reading serves several updates
@@ -133,9 +133,10 @@ class KnowledgePanel(Panel):
             by, self._by = self._by, ""
         try:
             self._take(self._read(), self._domain(), by)
-        except ServiceError as error:
+        except Exception as error:  # what a foreign knowledge base answers may be odd, too
             if not rospy.is_shutdown():
-                rospy.logwarn_throttle(30.0, f"monitor: the knowledge cannot be read: {error}")
+                reason = error if isinstance(error, ServiceError) else failure_text(error)
+                rospy.logwarn_throttle(30.0, f"monitor: the knowledge cannot be read: {reason}")
             with self._lock:
                 self._reading = False
                 if self._address:
