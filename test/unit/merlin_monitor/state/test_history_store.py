@@ -2,16 +2,27 @@
 """The history survives restarts, stays bounded, and answers page by page."""
 
 import contextlib
+import json
+import shutil
 import sqlite3
+import threading
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, List, Optional
 
 import pytest
 
+from merlin_monitor.history import history_reader
+from merlin_monitor.history.history_reader import HistoryReader
 from merlin_monitor.panels.control import path_of_node
 from merlin_monitor.state.history_events import Event
-from merlin_monitor.state.history_store import NEWEST, HistoryError, HistorySection, HistoryStore
+from merlin_monitor.state.history_store import (
+    END_OF_TIME,
+    NEWEST,
+    HistoryError,
+    HistorySection,
+    HistoryStore,
+)
 from merlin_monitor.state.state_tree import StateTree
 from merlin_test import LONG
 
@@ -133,6 +144,52 @@ def test_two_monitors_may_share_a_file(tmp_path: Path) -> None:
     one.close()
     two.close()
     assert sqlite3.connect(str(tmp_path / "h")).execute("SELECT COUNT(*) FROM events").fetchone() == (2,)
+
+
+@pytest.mark.parametrize("left", [False, True], ids=["with its folder", "the file alone"])
+def test_a_file_that_was_removed_is_made_again(tmp_path: Path, left: bool) -> None:
+    path = tmp_path / "new" / "history.sqlite"
+    tree = StateTree(("plan",))
+    store = HistoryStore(path, 1000)
+    store.follow(tree, live=False)
+    store.add(Event("goal", "before", 0.0))
+    store.take()
+    assert texts(store.page().result(LONG)) == ["before"]
+    if left:
+        path.unlink()
+    else:
+        shutil.rmtree(path.parent)
+    for text in ("meanwhile", "after"):
+        store.add(Event("goal", text, 0.0))
+        assert texts(store.page().result(LONG))[-1] == text
+    tree.set("plan", "id", 7)
+    store.take()
+    reader = HistoryReader.of(path)  # as after a SIGKILL
+    assert texts(reader.page().result(LONG)) == ["before", "meanwhile", "after"]
+    reader.close()
+    store.close()
+    again = HistoryStore(path, 1000)
+    frames = json.loads(again.segment(store.run, END_OF_TIME).result(LONG) or "")["frames"]
+    assert frames[-1][2] == [[["plan", "id"], 7]] and again.run == store.run + 1
+    again.close()
+
+
+def test_its_end_waits_for_no_disk_that_hangs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(history_reader, "CLOSING", 0.01)
+    hangs, goes_on = threading.Event(), threading.Event()
+    store = HistoryStore(tmp_path / "h", 1000)
+    store.on_events = lambda events: hangs.set() or goes_on.wait(LONG)  # type: ignore[func-returns-value]
+    store.add(Event("goal", "first", 0.0))
+    assert hangs.wait(LONG)
+    for number in range(history_reader.WAITING):
+        store.add(Event("goal", str(number), 0.0))
+    closing = threading.Thread(target=store.close)
+    closing.start()
+    closing.join(LONG)
+    ended = not closing.is_alive()
+    goes_on.set()
+    closing.join(LONG)
+    assert ended
 
 
 def test_the_state_holds_the_newest_events_only() -> None:

@@ -71,10 +71,11 @@ class HistoryReader:
         return self._ask(lambda: self._recording.picture(name, version))
 
     def close(self) -> None:
-        """Finishes the waiting jobs and closes the file."""
+        """Finishes the waiting jobs and closes the file; a disk that hangs is waited for some seconds."""
         if self._thread.is_alive():
-            self._jobs.put(None)
-            self._thread.join(CLOSING)
+            with contextlib.suppress(queue.Full):
+                self._jobs.put(None, timeout=CLOSING)
+                self._thread.join(CLOSING)
 
     # --- in the thread of the history -----------------------------------------------------------------------
 

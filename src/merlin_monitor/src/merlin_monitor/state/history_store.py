@@ -3,9 +3,12 @@
 
 import concurrent.futures
 import json
+import logging
+import os
 import queue
 import sqlite3
 import threading
+import time
 import zlib
 from collections import deque
 from pathlib import Path
@@ -31,11 +34,14 @@ LONGEST_SEGMENT = 300.0  # s
 LARGEST_SEGMENT = 256 * 1024  # characters of changes, or as many as the whole state has
 LEFT_OUT = (SECTION,)  # sections that are in no frame: the events have a table of their own
 END_OF_TIME = 1e12  # s since 1970
+AGAIN = 10.0  # s between two tries to make a removed file again
 _COPIED = (
     ("events", "wall, at, kind, text, detail, mark"),
     ("segments", "number, began, ended, bytes"),
     ("frames", "segment, number, data"),
 )
+
+_log = logging.getLogger("rosout")
 
 
 class Frames:
@@ -140,6 +146,7 @@ class HistoryStore(HistoryReader):
         self.on_events: Callable[[List[Row]], None] = lambda events: None
         """Called with the events as they were stored, in the store's thread."""
         self._lost = 0
+        self._make_again_at = 0.0  # monotonic, s
         self._written = PRUNE_EVERY  # many short runs are looked at too
         self._frames: Optional[Frames] = None
         self._live = False  # whether frames are made by themselves
@@ -236,6 +243,7 @@ class HistoryStore(HistoryReader):
             if jobs:
                 self._leave_memory()
                 self.on_events(self._store(jobs))
+                self._make_again()
         except Exception as error:  # a full disk, or a strange event, must not end the monitor
             if self._frames is not None:
                 self._frames.begin_segment()
@@ -259,6 +267,25 @@ class HistoryStore(HistoryReader):
                 self._written = 0
                 self._log.prune(self._limit)
         return stored
+
+    def _make_again(self) -> None:
+        """The file was removed, as ``rosclean purge`` does: what follows would be lost with it."""
+        if self._in_memory or time.monotonic() < self._make_again_at or self.path.exists():
+            return
+        self._make_again_at = time.monotonic() + AGAIN
+        copy = f"{self.path}.copy"
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            self._connection.execute("VACUUM INTO ?", (copy,))
+            for left in ("-wal", "-shm"):  # of the file that was there: they do not fit the copy
+                Path(f"{self.path}{left}").unlink(missing_ok=True)
+            os.replace(copy, self.path)
+        except BaseException:
+            Path(copy).unlink(missing_ok=True)
+            raise
+        self._connection.close()  # first: it removes the log by its name
+        self._use(open_for_writing(str(self.path)))
+        _log.warning("the history %s was removed, and is made again", self.path)
 
     def _finish(self) -> None:
         self._leave_memory()
