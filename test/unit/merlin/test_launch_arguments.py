@@ -261,6 +261,7 @@ def test_an_argument_with_two_values_is_refused() -> None:
         ({"on": "serverz"}, "on:=serverz is none of simulator, robot, servers"),
         ({"robots": "ria,tom,tom"}, "robots:=tom,tom names tom twice"),
         ({"robots": "[ria, ria]"}, "robots:=.*ria.* names ria twice"),
+        ({"arm": "no"}, "arm:=no is neither true nor false"),
     ],
 )
 @pytest.mark.parametrize("file", ["application.launch", "robots.launch"])
@@ -268,6 +269,26 @@ def test_a_wrong_word_is_named_with_its_argument(file: str, wrong: dict, why: st
     points = {"points_of_interest": ROBOT["points_of_interest"]} if file == "robots.launch" else {}
     with pytest.raises(RLException, match=why):
         load(f"include/{file}", **points, **wrong)
+
+
+@pytest.mark.parametrize(
+    ("file", "arguments", "names"),
+    [
+        ("home.launch", {}, ("explain", "voice_questions")),
+        ("restaurant.launch", {}, ("explain", "voice_questions")),
+        ("include/robot.launch", ROBOT, ("explain", "voice_questions")),
+        ("include/application.launch", {"robots": "ria,tom"}, ("listen", "recognition")),
+    ],
+)
+@pytest.mark.parametrize("wrong", [0, 1])
+def test_a_text_is_not_taken_for_true(file: str, arguments: dict, names: tuple, wrong: int) -> None:
+    with pytest.raises(RLException, match="{}:= and {}:= are true or false".format(*names)):
+        load(file, **arguments, **{names[wrong]: "off"})
+
+
+def test_a_robot_is_not_taken_for_a_simulated_one() -> None:
+    with pytest.raises(RLException, match="simulated:=no is neither true nor false"):
+        load("include/guard.launch", simulated="no")
 
 
 def test_a_file_that_includes_itself_is_named_on_a_line_that_can_be_read(tmp_path: Path) -> None:
