@@ -2,6 +2,8 @@
 """The command: its table, and mistakes that are one sentence and exit code 2."""
 
 import importlib.metadata
+import os
+from pathlib import Path
 from typing import List
 
 import pytest
@@ -25,6 +27,15 @@ def test_a_run_comes_back_from_its_file() -> None:
 
 def missing(name: str) -> str:
     raise importlib.metadata.PackageNotFoundError(name)
+
+
+def test_ctrl_c_leaves_the_end_to_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    rosrun = tmp_path / "rosrun"
+    rosrun.write_text("#!/bin/sh\nkill -INT $PPID\nexit 130\n")
+    rosrun.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
+    monkeypatch.setattr(importlib.metadata, "version", lambda name: "5.0.1")
+    assert main(["--results", str(tmp_path), "--seeds", "2"]) == 130
 
 
 @pytest.mark.parametrize(

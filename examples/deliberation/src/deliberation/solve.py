@@ -3,6 +3,7 @@
 
 import argparse
 import json
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import List, Optional
 from deliberation.problems import PROBLEMS, Run, problem_of, run_of, table
 from deliberation.simulation import check_pyrobosim
 from deliberation.world_file import WorldError
+from merlin_ros.processes.tidy_end import handled
 
 MISTAKE = 2
 
@@ -75,7 +77,8 @@ def _run(asked: argparse.Namespace, number: int, seed: int, runs: List[Run]) -> 
     named += [f"{name}:={value}" for name in ("goals", "urgent") if (value := getattr(asked, name))]
     named += [f"planner_command:={asked.planner}"] if asked.planner else []
     command = ["rosrun", "merlin", "run", "deliberation", "deliberation.launch", *named]
-    code = subprocess.run(command, check=False).returncode
+    with handled({signal.SIGINT: lambda *_: None}):  # the run has got Ctrl-C too, and tidies up
+        code = subprocess.run(command, check=False).returncode
     if not file.is_file():
         if code not in (MISTAKE, 130):
             runs.append(Run(number, seed, False, 0, 0, None, 0.0, 0, 0.0, 0, 0, [f"ended with {code}"]))
