@@ -114,7 +114,7 @@ def test_a_second_call_replaces_its_units_and_nothing_else(
         ([*ROBOT, "guard:=perhaps"], "", "perhaps is not a 'bool' type"),
         ([*ROBOT, "--user", "no-such-user"], "", "there is no user no-such-user"),
         ([*ROBOT, "--name", "../x"], "", "--name ../x is not a name"),
-        ([*ROBOT, "--folder", "/proc/nothing"], "", "/proc/nothing"),
+        ([*ROBOT, "--folder", "/proc/nothing"], "", "/proc/nothing cannot be written: "),
         (ROBOT, "nonsense", "ROS_MASTER_URI=nonsense is not an address"),
     ],
 )
@@ -157,7 +157,6 @@ def test_systemd_takes_the_units(tmp_path: Path) -> None:
 
 def test_the_command_that_installs_them_can_be_pasted(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
     folder = tmp_path / "my units"
-    folder.mkdir()
     names = written(folder)
     line = next(line for line in capsys.readouterr().out.splitlines() if "sudo cp" in line)
     assert {Path(word).stem for word in shlex.split(line.partition("&&")[0])[2:-1]} == set(names)

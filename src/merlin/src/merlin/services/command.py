@@ -241,13 +241,17 @@ def _setup() -> Path:
 
 
 def _write(folder: Path, units: Dict[str, str]) -> None:
-    """Writes units; those of an earlier call are replaced, and no other file.
+    """Writes units into a folder, which is made; those of an earlier call are replaced, and no other file.
 
-    :raises LaunchError: another file is in the way.
+    :raises LaunchError: another file is in the way, or one cannot be written.
     """
     files = {folder / f"{name}.service": text for name, text in units.items()}
-    for file in files:
-        if file.exists() and not file.read_text(encoding="utf-8", errors="replace").startswith(HEAD):
-            raise LaunchError(f"{file} was not written by this command; take another --folder or --name")
-    for file, text in files.items():
-        file.write_text(text, encoding="utf-8")
+    try:
+        for file in files:
+            if file.exists() and not file.read_text(encoding="utf-8", errors="replace").startswith(HEAD):
+                raise LaunchError(f"{file} was not written by this command; take another --folder or --name")
+        folder.mkdir(parents=True, exist_ok=True)
+        for file, text in files.items():
+            file.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise LaunchError(f"{error.filename} cannot be written: {error.strerror}") from error
