@@ -17,7 +17,14 @@ from merlin_ros.actions import lease_watch
 from merlin_ros.actions.client_goal import ClientGoal
 from merlin_ros.actions.lease import LeaseState
 from merlin_ros.actions.lease_watch import LeaseWatch
-from merlin_ros.actions.peers import came_over_open, connected_peers, link_from, reaches, sender_of
+from merlin_ros.actions.peers import (
+    address_over,
+    came_over_open,
+    connected_peers,
+    link_from,
+    reaches,
+    sender_of,
+)
 from merlin_ros.alarms import Alarm
 from merlin_ros.work import threads
 from merlin_test import LONG
@@ -155,6 +162,17 @@ def test_a_message_of_a_connection_before_did_not_come_over_this_one(pair: Pair)
     assert not came_over_open(ann, {"callerid": "/ann"})
     assert not came_over_open(ann, None)
     assert connected_peers(SimpleNamespace(impl=None)) == set(), "the topic was shut down"
+
+
+def test_a_process_whose_connection_was_made_anew_is_still_there(pair: Pair) -> None:
+    ann = link(pair[0], "http://ann:4000/")
+    said, many = ann.header, topic(link(None, "http://bob:4000/"), ann)
+    address = address_over(many, said)
+    ann.header = dict(said)
+    assert not came_over_open(many, said) and address_over(many, said) == ""
+    assert reaches(many, address)
+    ann.endpoint_id = "http://ann:4001/"  # that of its next life
+    assert not reaches(many, address)
 
 
 def test_the_sender_is_known_where_a_message_has_come_from_another_process() -> None:

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A dispatcher that was stalled fails no plan: what came meanwhile is handled before a limit passes."""
+"""A stall of a dispatcher or of a network fails no plan: what comes late is handled before a limit passes."""
 
+import socket
 import time
 from types import SimpleNamespace
 from typing import Any, Iterator, List
@@ -9,6 +10,7 @@ import pytest
 import rospy
 from dispatch_world import LIGHT, Run, World, actions
 from fakes.topics import Topics
+from rosplan_dispatch_msgs.msg import ActionFeedback
 
 from merlin_pddl.breakpoints import Breakpoints
 from merlin_ros import deadline
@@ -48,8 +50,8 @@ class Stalled(World):
             subscriber=rospy.Subscriber,
         )
         ignored: Any = SimpleNamespace
-        topics = DispatchTopics(component, ignored, False, ignored, ignored, ignored, Breakpoints())
-        self.deadline = topics.deadline
+        self.topics = DispatchTopics(component, ignored, False, ignored, ignored, ignored, Breakpoints())
+        self.deadline = self.topics.deadline
 
     def _own(self, part: Any) -> Any:
         self._parts.append(part)
@@ -118,3 +120,25 @@ def test_an_action_that_was_cancelled_and_stopped_meanwhile_has_answered(world: 
     world.wait("looked", 0)
     run.feedback(0, FeedbackStatus.FAILED)
     assert not run.report().unanswered
+
+
+def link(end: socket.socket, address: str) -> Any:
+    return SimpleNamespace(socket=end, endpoint_id=address, header={"callerid": "/painter"})
+
+
+def test_an_interface_whose_connection_was_cut_and_made_anew_is_still_there(world: Stalled) -> None:
+    ours, theirs = socket.socketpair()
+    with ours, theirs:
+        painter = link(ours, "http://painter:4000/")
+        topic: Any = SimpleNamespace(impl=SimpleNamespace(connections=[painter]))
+        (paint,) = actions("paint")
+        message = ActionFeedback(action_id=paint.id)
+        message._connection_header = painter.header
+        world.topics.taken(message, topic)
+        assert not world.topics.has_left(paint)
+        topic.impl.connections = []
+        assert world.topics.has_left(paint)
+        topic.impl.connections = [link(ours, "http://painter:4000/")]
+        assert not world.topics.has_left(paint)
+        topic.impl.connections = [link(ours, "http://painter:4001/")]  # of its next life
+        assert world.topics.has_left(paint)

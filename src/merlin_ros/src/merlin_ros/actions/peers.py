@@ -33,13 +33,24 @@ def came_over_open(subscriber: rospy.Subscriber, header: Optional[Mapping[str, s
 
     :param header: of the message, its ``_connection_header``; None: there was no message.
     """
+    return bool(address_over(subscriber, header))
+
+
+def address_over(subscriber: rospy.Subscriber, header: Optional[Mapping[str, str]]) -> str:
+    """The address of the process from which a message came; empty: its connection is no longer open.
+
+    :param header: as of :func:`came_over_open`.
+    """
     links = _open(subscriber, lambda link: header is not None and getattr(link, "header", None) is header)
-    return next(links, None) is not None
+    return next((str(link.endpoint_id) for link in links), "")
 
 
-def reaches(publisher: rospy.Publisher, node: str) -> bool:
-    """Whether a connection to a node that subscribes is open."""
-    return next(_open(publisher, lambda link: link.endpoint_id == node), None) is not None
+def reaches(topic: Any, node: str) -> bool:
+    """Whether a connection to a node is open.
+
+    :param node: of a publisher: the name of a node that subscribes; of a subscriber: the address of one.
+    """
+    return next(_open(topic, lambda link: link.endpoint_id == node), None) is not None
 
 
 def sender_of(message: Any) -> str:

@@ -30,7 +30,7 @@ from merlin_planning.action_messages import OWN_MARK
 from merlin_planning.dispatch_progress import CANCEL_ACTION
 from merlin_planning.robot_roster import RobotRoster
 from merlin_ros.actions.lease_holder import LeaseHolder
-from merlin_ros.actions.peers import came_over_open, sender_of
+from merlin_ros.actions.peers import address_over, reaches, sender_of
 from merlin_ros.deadline import Deadline, LookedAt, running_time
 from merlin_ros.publishing import publish
 from merlin_ros.robot_values import AVAILABLE
@@ -140,10 +140,11 @@ class DispatchTopics(DispatchEnvironment):
         :param topic: on which it said so.
         """
         header = getattr(message, "_connection_header", None)
-        self._takers[message.action_id] = functools.partial(came_over_open, topic, header)
+        address = address_over(topic, header)  # a connection that was cut may be made anew
+        self._takers[message.action_id] = functools.partial(reaches, topic, address)
 
     def has_left(self, action: PlannedAction) -> bool:
-        """Looks at the connection over which the interface has taken the action."""
+        """Looks at the connections to the process that has taken the action."""
         connected = self._takers.get(action.id)
         return connected is not None and not connected()
 
