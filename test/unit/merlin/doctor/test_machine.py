@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from merlin.doctor.findings import judge_machine
 from merlin.doctor.machine import free_space, is_own, look_at_machine, sound_fault
 from merlin_pddl.checks import kairos_check
 
@@ -39,6 +40,12 @@ def test_the_address_and_the_master_that_the_user_gives(monkeypatch: pytest.Monk
     assert machine.address == "ROS_IP=192.0.2.7" and not machine.address_is_own
     assert machine.master_is_elsewhere and machine.host == socket.gethostname()
     assert not machine.missing
+
+
+def test_a_package_path_without_merlin_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ROS_PACKAGE_PATH", "/opt/ros/noetic/share")
+    found = [each.text for each in judge_machine(look_at_machine())]
+    assert any("does not find the package merlin" in text for text in found)
 
 
 def test_what_stands_in_for_kairos_is_a_planner(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

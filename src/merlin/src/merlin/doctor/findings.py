@@ -26,6 +26,8 @@ class Machine(NamedTuple):
     python: Tuple[int, int] = OLDEST_PYTHON
     missing: Sequence[str] = ()
     """Python modules that cannot be imported."""
+    packages: str = ""
+    """Why ROS does not find the package merlin, with what to do; empty: it does."""
     planner: bool = True
     free: Dict[str, int] = {}
     """MB by folder; a negative number: it cannot be written."""
@@ -98,6 +100,8 @@ def judge_machine(machine: Machine, planner_command: bool = False) -> Iterator[F
         yield Finding(
             f"Python cannot import {names}; run 'make build PROFILE=robot', source devel/setup.bash"
         )
+    if machine.packages:
+        yield Finding(machine.packages)
     if not machine.planner and not planner_command:
         what = f"kairos, which needs Python 3.10, is not installed for this {python}"
         yield Finding(f"there is no planner: {what}; install it, popf or lpg, or set planner_command:=")

@@ -15,6 +15,7 @@ import rospkg
 from rosgraph.network import parse_http_host_and_port
 
 from merlin.doctor.findings import Machine
+from merlin.launch_request import LaunchError, launch_folder
 from merlin.local_names import given_address, is_own, resolves
 from merlin_pddl.checks import installed_planners, kairos_check
 
@@ -35,6 +36,7 @@ def look_at_machine() -> Machine:
     return Machine(
         python=sys.version_info[:2],
         missing=[name for name in MODULES if importlib.util.find_spec(name) is None],
+        packages=package_fault(),
         planner=kairos_check.available() or installed_planners.stand_in() is not None,
         free={folder: free_space(Path(folder)) for folder in folders},
         host=host,
@@ -46,6 +48,15 @@ def look_at_machine() -> Machine:
         sound=sound_fault(SOUND),
         patient_tcp=PATIENT_TCP.exists(),
     )
+
+
+def package_fault() -> str:
+    """Why ROS does not find the package merlin, with what to do; empty: it does."""
+    try:
+        launch_folder()
+    except LaunchError as error:
+        return str(error)
+    return ""
 
 
 def free_space(folder: Path) -> int:
