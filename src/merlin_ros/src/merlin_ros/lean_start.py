@@ -141,6 +141,9 @@ def prepare() -> None:
     """Makes later imports lean; to be called before anything of ROS is imported, once or more often."""
     if any(isinstance(finder, LazyMessages) for finder in sys.meta_path):
         return
+    for name in ("ROS_HOME", "ROS_LOG_DIR"):  # empty, as the launch files take them; else: the current folder
+        if not os.environ.get(name):
+            os.environ.pop(name, None)
     sys.meta_path[:0] = [LazyMessages(), LazyModules()]
     if "numpy" not in sys.modules and "genpy" not in sys.modules:
         # genpy can do without: it knows fewer types of numbers when it says what is wrong with a message.

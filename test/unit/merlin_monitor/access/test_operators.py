@@ -4,10 +4,13 @@
 import json
 import os
 import re
+import subprocess
+import sys
 from pathlib import Path
 from typing import Dict, List, Tuple
 
 import pytest
+import rospkg
 from served import TOKEN, WEB, Served, ask
 
 from merlin_monitor.access import operators
@@ -109,6 +112,21 @@ def test_the_command_makes_and_removes_operators(
     assert command(monkeypatch, path, "ana", "--remove") == 2
     assert command(monkeypatch, path, "a\nb") == 2
     assert os.listdir(path.parent) == [path.name]
+
+
+@pytest.mark.processes
+def test_an_empty_ros_home_is_none(tmp_path: Path) -> None:
+    """As for the launch files, by which the monitor has its file."""
+    home, here = tmp_path / "home", tmp_path / "here"
+    here.mkdir()
+    for package, words in (("merlin_monitor", ["operator", "ana"]), ("merlin", ["history"])):
+        script = Path(rospkg.RosPack().get_path(package)) / "scripts" / words[0]
+        environment = {**os.environ, "ROS_HOME": "", "HOME": str(home)}
+        command = [sys.executable, str(script), *words[1:]]
+        done = subprocess.run(command, env=environment, cwd=here, capture_output=True, text=True)
+        assert done.returncode == (0 if package == "merlin_monitor" else 2)
+    assert (home / ".ros" / "merlin" / "operators.yaml").is_file() and not list(here.iterdir())
+    assert f"there is no history {home}/.ros/merlin/history.sqlite" in done.stderr
 
 
 def test_wrong_tokens_of_an_address_cost_more_and_more_and_are_reported_with_their_number() -> None:

@@ -159,7 +159,7 @@ def is_name(text: str) -> bool:
 
 def default_path() -> Path:
     """Where the launch files look for operators."""
-    return Path(os.environ.get("ROS_HOME", Path.home() / ".ros")) / "merlin" / "operators.yaml"
+    return Path(os.environ.get("ROS_HOME") or Path.home() / ".ros") / "merlin" / "operators.yaml"
 
 
 def main() -> int:
