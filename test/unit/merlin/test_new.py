@@ -176,6 +176,24 @@ def test_its_readme_starts_it_on_the_master_of_the_robot(tmp_path):
     assert "merlin run my_robot my_robot.launch on:=robot" not in text
 
 
+@pytest.mark.parametrize("new", [True, False], ids=["a new workspace", "an old workspace"])
+def test_of_two_that_write_one_package_at_once_the_second_is_refused(tmp_path, monkeypatch, new):
+    if not new:
+        (tmp_path / "ws" / "src").mkdir(parents=True)
+    rename = Path.rename
+
+    def meanwhile(source, target):
+        monkeypatch.setattr(Path, "rename", rename)
+        package_of(tmp_path)
+        return rename(source, target)
+
+    monkeypatch.setattr(Path, "rename", meanwhile)
+    with pytest.raises(ApplicationRefused, match="ws.* has come meanwhile; nothing is overwritten"):
+        package_of(tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["ws"]
+    assert [path.name for path in (tmp_path / "ws").iterdir()] == ["src"]
+
+
 def test_nothing_is_overwritten(tmp_path):
     package = package_of(tmp_path)
     (package / "README.md").write_text("mine")

@@ -123,7 +123,13 @@ def write_application(application: NewApplication, workspace: Path, python: str 
                 file.chmod(file.stat().st_mode | stat.S_IXUSR | stat.S_IXGRP | stat.S_IXOTH)
         folder.chmod(0o755)
         # A folder that came meanwhile is not replaced: renaming fails unless it is empty.
-        (folder if new else package).rename(workspace if new else target)
+        source, made = (folder, workspace) if new else (package, target)
+        try:
+            source.rename(made)
+        except OSError as error:
+            if not made.exists():
+                raise
+            raise ApplicationRefused(f"{made} has come meanwhile; nothing is overwritten") from error
     finally:
         shutil.rmtree(str(folder), ignore_errors=True)
     return target
