@@ -35,7 +35,7 @@ from merlin.running import announced
 from merlin.supervision import WRAPPER_SPAN, Restarts, end_children
 from merlin_ros.lean_start import end_lightly
 from merlin_ros.processes.process_tree import adopt_orphans, end_with
-from merlin_ros.processes.tidy_end import handled
+from merlin_ros.processes.tidy_end import handled, signal_name
 
 MISSION_NODE = "mission"
 #: The script that starts a node again which has died, as a launch-prefix.
@@ -286,7 +286,7 @@ class LaunchRun:
         node = self._parent.node_of(event.process)
         name = event.process.rsplit("-", 1)[0]
         if event.follows:
-            how = signal.Signals(-(event.exit_code or 0)).name
+            how = signal_name(-(event.exit_code or 0))
             self._say(f"the wrapper of node '{name}' was killed ({how}); {event.follows}")
         if event.again:
             return None

@@ -17,6 +17,7 @@ from typing import Callable, List, Optional, Set, Tuple
 
 from merlin_ros.alarms import TICK, TickClock
 from merlin_ros.processes.process_tree import adopt_orphans, children, end_with
+from merlin_ros.processes.tidy_end import signal_name
 from merlin_ros.work.threads import start_thread
 
 SI_KERNEL = 0x80
@@ -112,7 +113,7 @@ def supervise(run: Callable[[bool, Callable[[], None]], int], command: str) -> i
             _end_in_order()
             return 128 - code
         pause = restarts.died()
-        name = signal.Signals(-code).name
+        name = signal_name(-code)
         print(
             f"{command}: the run was killed ({name}), its nodes are ended; {restarts.words}", file=sys.stderr
         )

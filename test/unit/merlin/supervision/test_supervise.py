@@ -31,6 +31,21 @@ raise SystemExit(supervise(run, "test"))
     assert (done.returncode, done.stdout) == (137, "a life\n")
 
 
+def test_a_run_that_a_real_time_signal_has_ended_is_started_again() -> None:
+    code = """
+import os, signal
+from merlin.supervision import supervise
+def run(again, ends):
+    if not again:
+        os.kill(os.getpid(), signal.SIGRTMIN + 3)
+    return 7
+raise SystemExit(supervise(run, "test"))
+"""
+    done = subprocess.run([sys.executable, "-c", code], stderr=subprocess.PIPE, text=True, timeout=LIMIT)
+    said = f"test: the run was killed (signal {signal.SIGRTMIN + 3}), its nodes are ended; it is started"
+    assert done.returncode == 7 and done.stderr.startswith(said)
+
+
 def test_a_child_that_cannot_be_killed_is_named_and_left() -> None:
     """One that is traced, as by a debugger, stays after its kill until the tracer has seen its end."""
     code = """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Signals that end a command: it tidies up first, however it is ended."""
+"""Signals that end a process: their names; a command tidies up first, however it is ended."""
 
 import contextlib
 import signal
@@ -15,6 +15,13 @@ def handled(handlers: Dict[signal.Signals, Any]) -> Iterator[None]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def signal_name(number: int) -> str:
+    """``SIGKILL``; ``signal 37`` of a real-time signal, which has no name."""
+    with contextlib.suppress(ValueError):
+        return signal.Signals(number).name
+    return f"signal {number}"
 
 
 def _end(number: int, frame: Any) -> None:
