@@ -236,11 +236,12 @@ def check_host(found: Findings, config: LaunchConfig, namespace: str, host: Node
         raise ApplicationError(mistakes)
     wanted = sorted({server for need in needs for _, server in need.servers})
     there = "" if config.has_robot else ", which the robot has to serve"
-    found.fits[
-        f"{f'robot {robot}: ' if robot else ''}"
-        f"{len(domain.operators)} operators, {len(needs)} classes, {len(points)} points of interest fit; "
-        f"servers: {', '.join(wanted) or 'none'}{there}"
-    ] = None
+    if needs or not robots:  # of several robots each host has those of its own
+        found.fits[
+            f"{f'robot {robot}: ' if robot else ''}"
+            f"{len(domain.operators)} operators, {len(needs)} classes, {len(points)} points of interest fit; "
+            f"servers: {', '.join(wanted) or 'none'}{there}"
+        ] = None
     found.fits.update(dict.fromkeys(f"not looked at: {text}" for text in not_looked_at(needs, world)))
 
 
