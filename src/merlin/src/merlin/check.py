@@ -29,7 +29,7 @@ from merlin_executor.mission.readiness import servers_of
 from merlin_monitor.panel_board import foreign_panel, panel_paths, script_of
 from merlin_monitor.panels.control import NONE, SENTENCES, GoalListError, read_goals
 from merlin_monitor.text.sentences import SentencesError, domain_faults, read_sentences
-from merlin_pddl.checks.literals import literal_fault
+from merlin_pddl.checks.literals import calls_of, literal_fault
 from merlin_pddl.checks.portability import declared_twice
 from merlin_pddl.checks.values import missing_values
 from merlin_pddl.domain import Domain, Signature
@@ -37,7 +37,7 @@ from merlin_pddl.domain_reader import read_domain
 from merlin_pddl.problem import Problem
 from merlin_pddl.problem_reader import read_problem
 from merlin_pddl.text_reader import PddlError, suggestion
-from merlin_ros.class_path import load_function
+from merlin_ros.class_path import WITHOUT_BASE, load_function
 from merlin_ros.node import end_node, init_node
 from merlin_ros.parameters import ParameterError
 from merlin_ros.processes.process_priority import lower_priority
@@ -256,6 +256,8 @@ def check_mission(found: Findings, config: LaunchConfig, node: Node) -> None:
         mission = load_mission(path)
     except ValueError as error:
         raise LaunchError(f"node {own}: {error}; correct its mission:=package.module:Class") from error
+    if "__init__" in vars(mission) and not calls_of(mission, "__init__", mission.__mro__[1:]):
+        found.wrong(f"node {own}: {path} cannot be made: {WITHOUT_BASE}")
     robots = config.robots()
     served = [
         below + name

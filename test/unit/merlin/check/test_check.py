@@ -244,6 +244,25 @@ def test_a_mission_that_does_not_exist_and_an_object_declared_twice_are_named(
     assert "warning: 'kitchen' is declared in line" in done.stdout
 
 
+def test_a_mission_that_does_not_make_its_base_is_named(check: Any, tmp_path: Path) -> None:
+    launch = Path(application(tmp_path, f"{NAVIGATE}, {ASK}", points="kitchen bathroom dorm_room main_door"))
+    node = '<node pkg="merlin_executor" type="mission" name="mission" args="mission:=KIND"/>'
+    own = launch.read_text().replace("</launch>", f"{node}</launch>")
+    (tmp_path / "bare.py").write_text(
+        "from merlin_executor.mission import GoalDispatcher\n\n\n"
+        "class Made(GoalDispatcher):\n"
+        "    def __init__(self, rooms: int = 1):\n        super().__init__('made', rooms)\n\n"
+        "    def run(self):\n        pass\n\n\n"
+        "class Bare(Made):\n    def __init__(self, rooms: int = 1):\n        self.rooms = rooms\n\n\n"
+        "class Heir(Made):\n    pass\n"
+    )
+    for kind, wrong in (("Made", False), ("Bare", True), ("Heir", False)):
+        launch.write_text(own.replace("KIND", f"bare:{kind}"))
+        done = check(tmp_path, str(launch))
+        said = f"node /mission: bare:{kind} cannot be made: its __init__ does not call super().__init__()"
+        assert (done.returncode, said in done.stderr) == (2 if wrong else 0, wrong), done.stderr
+
+
 def test_a_day_is_checked_with_its_goals(check: Any, tmp_path: Path) -> None:
     launch = Path(application(tmp_path, f"{NAVIGATE}, {ASK}", points="kitchen bathroom dorm_room main_door"))
     day = tmp_path / "day.yaml"
