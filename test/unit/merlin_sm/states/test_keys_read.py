@@ -1,11 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A state whose function reads userdata that it does not list is refused when it is made."""
+"""A state whose function reads userdata that it does not list, or cannot be called, is refused when made."""
 
 from typing import Any, Callable
 
 import pytest
+from move_base_msgs.msg import MoveBaseAction, MoveBaseGoal
+from std_msgs.msg import String
+from std_srvs.srv import Empty
 
+from merlin_executor.mission.goal_state import GoalState
+from merlin_sm.states.action_state import ActionState
 from merlin_sm.states.function_state import FunctionState
+from merlin_sm.states.ros_calls import ServiceCallState, TopicState
 from merlin_sm.states.text_keys import keys_read
 
 
@@ -44,3 +50,34 @@ def test_a_key_that_is_not_listed_is_named() -> None:
     with pytest.raises(ValueError, match="decide, line 1.*'heard', .* the inputs of its state: x"):
         FunctionState(Machine().decide, ["x"], ["seen"])
     FunctionState(Machine().decide, ["heard"], ["seen"])
+
+
+def two(userdata: Any, more: Any) -> None:
+    pass
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda: FunctionState(two), "two, line .*, cannot be called with userdata: missing .*'more'"),
+        (lambda: FunctionState(lambda: None), "<lambda>, .* cannot be called with userdata: too many"),
+        (lambda: GoalState(two), "two, .* cannot be called with userdata: missing"),
+        (lambda: ServiceCallState("clear", Empty, two), "two, .* cannot be called with userdata: missing"),
+        (
+            lambda: ServiceCallState("clear", Empty, on_response=lambda userdata: None),
+            "<lambda>, .* cannot be called with userdata and response: too many",
+        ),
+        (lambda: TopicState("said", String, Machine().decide), "decide, .* with userdata and message"),
+        (
+            lambda: ActionState("drive", MoveBaseAction, lambda: MoveBaseGoal()),
+            "<lambda>, .* cannot be called with userdata: too many",
+        ),
+        (
+            lambda: ActionState("drive", MoveBaseAction, MoveBaseGoal(), on_result=lambda result: None),
+            "<lambda>, .* cannot be called with userdata and result: too many",
+        ),
+    ],
+)
+def test_a_function_with_other_parameters_is_named(make: Callable[[], Any], said: str) -> None:
+    with pytest.raises(ValueError, match=said):
+        make()

@@ -18,7 +18,7 @@ from merlin_planning.knowledge_text import PDDLSyntaxError
 from merlin_ros.service_proxy import ServiceError
 from merlin_sm.state_factory import MerlinStateFactory
 from merlin_sm.states.merlin_state import PREEMPTED, SUCCEEDED, MerlinState
-from merlin_sm.states.text_keys import keys_of
+from merlin_sm.states.text_keys import check_call, keys_of
 
 EXECUTOR_WAIT = 30.0  # s of running time for an Executor that is still starting
 NOTHING = "nothing"
@@ -40,6 +40,7 @@ class GoalState(MerlinState):
     :param options: priority, on_interrupt, deadline, alone, … of :meth:`MerlinExecutorClient.send`; times
         that are numbers are s from when the state begins.
     :raises TypeError: for an option that is none.
+    :raises ValueError: for a function with other parameters.
     """
 
     def __init__(
@@ -51,6 +52,8 @@ class GoalState(MerlinState):
         **options: Any,
     ) -> None:
         inspect.signature(MerlinExecutorClient.send).bind(None, goals, **options)
+        if callable(goals):
+            check_call(goals, "userdata")
         listed = [goals] if callable(goals) or isinstance(goals, str) else list(goals)
         self._keys = keys_of([goal for goal in listed if isinstance(goal, str)], keys)
         super().__init__([NOTHING] if callable(goals) else [], self._keys, ["outcome"])

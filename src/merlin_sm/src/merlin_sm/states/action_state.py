@@ -124,8 +124,8 @@ class ActionState(MerlinState):
         server_wait: float = SERVER_WAIT,
         cancel_limit: float = CANCEL_LIMIT,
     ) -> None:
-        for function in (goal, on_result):
-            check_keys(function, input_keys, output_keys, "input_keys")
+        check_keys(goal, input_keys, output_keys, "input_keys")
+        check_keys(on_result, input_keys, output_keys, "input_keys", "result")
         check_times(server_wait=server_wait, cancel_limit=cancel_limit)
         kind = goal_class(action_spec)
         if not callable(goal):

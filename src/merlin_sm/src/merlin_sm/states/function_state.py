@@ -18,7 +18,7 @@ class FunctionState(MerlinState):
     :param inputs: userdata keys that it reads.
     :param outputs: userdata keys that it sets.
     :param outcomes: that it may return besides succeeded.
-    :raises ValueError: when the function reads a key that is not listed.
+    :raises ValueError: when the function reads a key that is not listed, or has other parameters.
     """
 
     def __init__(

@@ -116,8 +116,8 @@ class ServiceCallState(MerlinState):
         wait: float = 5.0,
         timeout: Optional[float] = None,
     ) -> None:
-        for function in (request, on_response):
-            check_keys(function, input_keys, output_keys, "input_keys")
+        check_keys(request, input_keys, output_keys, "input_keys")
+        check_keys(on_response, input_keys, output_keys, "input_keys", "response")
         check_name("a service", name)
         check_times(wait=wait, timeout=0.0 if timeout is None else timeout)
         kind = getattr(service_class, "_request_class", None)
@@ -176,7 +176,7 @@ class TopicState(MerlinState):
         input_keys: Sequence[str] = (),
         output_keys: Sequence[str] = (),
     ) -> None:
-        check_keys(accept, input_keys, output_keys, "input_keys")
+        check_keys(accept, input_keys, output_keys, "input_keys", "message")
         check_name("a topic", topic)
         check_times(timeout=0.0 if timeout is None else timeout)
         if not (isinstance(message_class, type) and issubclass(message_class, genpy.Message)):

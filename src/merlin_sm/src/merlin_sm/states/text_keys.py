@@ -2,6 +2,7 @@
 """The userdata that a text with ``{key}`` names, and that a function reads. Pure."""
 
 import dis
+import inspect
 import re
 import string
 from typing import Any, Callable, List, Optional, Sequence
@@ -58,21 +59,43 @@ def keys_read(function: Callable[..., Any]) -> List[str]:
     return list(dict.fromkeys(found))
 
 
-def check_keys(function: Any, inputs: Sequence[str], outputs: Sequence[str], argument: str) -> None:
+def check_call(function: Any, *arguments: str) -> None:
+    """Whether a function that is given to a state can be called with these arguments.
+
+    :raises ValueError: it takes fewer or more; the text names it.
+    """
+    try:
+        inspect.signature(function).bind(*arguments)
+    except TypeError as error:
+        given = " and ".join(arguments)
+        raise ValueError(f"{_place(function)} cannot be called with {given}: {error}; correct it") from error
+    except ValueError:  # one of C has no signature
+        return
+
+
+def _place(function: Any) -> str:
+    name = getattr(function, "__name__", type(function).__name__)
+    return f"{name}, line {getattr(getattr(function, '__code__', None), 'co_firstlineno', 0)},"
+
+
+def check_keys(
+    function: Any, inputs: Sequence[str], outputs: Sequence[str], argument: str, *further: str
+) -> None:
     """Compares the userdata that a function reads with what its state declares.
 
     :param argument: of the state that lists the inputs.
-    :raises ValueError: for the first key that it reads and the state does not list.
+    :param further: with which the function is called behind the userdata.
+    :raises ValueError: for the first key that it reads and the state does not list; or it takes fewer or more
+        arguments.
     """
     if not callable(function):
         return
+    check_call(function, "userdata", *further)
     for key in keys_read(function):
         # SMACH lets a state read what it sets itself; a method of userdata is not a key.
         if key not in (*inputs, *outputs, "keys", "get", "items", "update"):
-            name = getattr(function, "__name__", type(function).__name__)
-            line = getattr(getattr(function, "__code__", None), "co_firstlineno", 0)
             given = ", ".join(inputs) or "none"
             raise ValueError(
-                f"{name}, line {line}, reads userdata {key!r}, which is not among the {argument} of its "
+                f"{_place(function)} reads userdata {key!r}, which is not among the {argument} of its "
                 f"state: {given}; add it"
             )
