@@ -163,6 +163,13 @@ SECTIONS = {
     "(:event b :effect (q))": False,
     "(:constraints (always (p)))": True,
     "(:constraints)": False,
+    "(:constraints always)": False,
+    "(:constraints (always))": False,
+    "(:constraints (always (q)))": False,
+    "(:constraints (sometimes (p)))": False,
+    "(:constraints (within soon (p)))": False,
+    "(:constraints (and (sometime (p)) (preference soft (within 5 (> (n) 1)))))": True,
+    "(:predicates (r ?x)) (:constraints (forall (?x) (sometime (r ?x))) (sometime (r of-a-problem)))": True,
     "(:constants c - (either object (either object object)))": False,
 }
 

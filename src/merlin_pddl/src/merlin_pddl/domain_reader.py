@@ -3,8 +3,9 @@
 
 import hashlib
 import os
-from typing import Callable, Dict, List, Optional, Tuple, Union
+from typing import Callable, Dict, Iterator, List, Mapping, Optional, Tuple, Union
 
+from merlin_pddl.constraint_reader import ConstraintReader
 from merlin_pddl.domain import Derived, Domain, Duration, Operator, Signature, self_negating
 from merlin_pddl.formula import OVER_ALL, START, Effect, TimedCondition, Variable, terms
 from merlin_pddl.formula_reader import (
@@ -17,7 +18,7 @@ from merlin_pddl.formula_reader import (
     typed_list,
 )
 from merlin_pddl.text_reader import Expression, Node, Word, name_of, read_expression, read_file
-from merlin_pddl.type_hierarchy import TypeCycleError
+from merlin_pddl.type_hierarchy import OBJECT, TypeCycleError
 
 OBJECT_FLUENTS = (
     "only functions of numbers are known: ROSPlan's messages carry no object as a value; "
@@ -66,6 +67,22 @@ def open_definition(node: Expression, kind: str) -> Tuple[Word, List[Expression]
     return name_of(title[1], f"the name of the {kind}"), sections
 
 
+class _AnyObject(Mapping[str, Tuple[str, ...]]):
+    """The objects of a problem that is not known: each name may be that of one, which may have any type."""
+
+    def __init__(self, domain: Domain) -> None:
+        self._types = (OBJECT, *domain.types)
+
+    def __getitem__(self, name: str) -> Tuple[str, ...]:
+        return self._types
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(())
+
+    def __len__(self) -> int:
+        return 0
+
+
 class DomainReader:
     """Turns the expression of a domain into the model. Use it once."""
 
@@ -89,9 +106,8 @@ class DomainReader:
             ":functions": self._functions,
         }
         actions = (":action", ":durative-action", *_BY_ITSELF)
-        passed = (":requirements", ":constraints")  # the planner's business
         for section in self._sections:
-            if section.head not in (*readers, *actions, *passed, ":derived"):
+            if section.head not in (*readers, *actions, ":requirements", ":constraints", ":derived"):
                 raise section.error(f"unknown section '{section.head}'")
             if section.head == ":constraints" and len(section) == 1:
                 raise section.error("expected (:constraints <constraint>)")
@@ -110,6 +126,10 @@ class DomainReader:
         for section in self._sections:
             if section.head in actions:
                 self._operator(section)
+            elif section.head == ":constraints":  # the planner obeys them
+                formulas = FormulaReader(self._domain, _AnyObject(self._domain))
+                for node in section[1:]:
+                    ConstraintReader(self._domain, formulas).read(node)
         return self._domain
 
     def _types(self, section: Expression) -> None:
