@@ -286,9 +286,16 @@ def test_a_text_is_not_taken_for_true(file: str, arguments: dict, names: tuple, 
         load(file, **arguments, **{names[wrong]: "off"})
 
 
-def test_a_robot_is_not_taken_for_a_simulated_one() -> None:
-    with pytest.raises(RLException, match="simulated:=no is neither true nor false"):
-        load("include/guard.launch", simulated="no")
+@pytest.mark.parametrize(
+    ("file", "wrong", "why"),
+    [
+        ("include/guard.launch", {"simulated": "no"}, "simulated:=no is neither true nor false"),
+        ("home.launch", {"approach": "naiv"}, "approach:=naiv is neither merlin nor naive"),
+    ],
+)
+def test_what_would_begin_another_robot_is_refused(file: str, wrong: dict, why: str) -> None:
+    with pytest.raises(RLException, match=why):
+        load(file, **wrong)
 
 
 def test_a_file_that_includes_itself_is_named_on_a_line_that_can_be_read(tmp_path: Path) -> None:
