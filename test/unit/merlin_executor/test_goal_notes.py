@@ -2,6 +2,7 @@
 """Goals that are noted in a file: after a power cut it holds the old list or the new one."""
 
 import os
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +40,13 @@ def test_that_nothing_is_left_need_not_be_on_the_disk(
     monkeypatch.setattr(os, "fsync", lambda number: pytest.fail("a sync costs time"))
     notes.write([])
     assert notes.read() == []
+
+
+def test_a_folder_that_was_removed_is_made_again(tmp_path: Path) -> None:
+    notes = GoalNotes(str(tmp_path / "robot" / "goals"))
+    shutil.rmtree(tmp_path / "robot")
+    notes.write(["(checked hall)"])
+    assert GoalNotes(str(notes.path)).read() == ["(checked hall)"]
 
 
 def test_of_a_full_disk_the_file_is_named(tmp_path: Path) -> None:

@@ -123,6 +123,7 @@ class GoalNotes:
             raise OSError(f"{self.path} cannot be written: {error.strerror}") from error
 
     def _replace(self, text: str, sync: bool) -> None:
+        self.path.parent.mkdir(parents=True, exist_ok=True)  # it may have been removed since
         new = self.path.with_name(self.path.name + ".new")
         with new.open("w", encoding="utf-8") as file:
             file.write(text)
