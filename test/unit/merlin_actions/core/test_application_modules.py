@@ -100,6 +100,20 @@ def test_what_the_process_had_before_stays(package: Path) -> None:
     assert sys.modules["hospital_courier.words"] is words
 
 
+def test_a_module_of_a_package_that_the_process_had_before_is_read_anew(package: Path) -> None:
+    import hospital_courier
+
+    modules = ApplicationModules()
+    from hospital_courier import words as old
+
+    modules.note()
+    (package / "words.py").write_text('HELLO = "good morning"\n')
+    with modules.renewed():
+        from hospital_courier import words as new
+    assert (old.HELLO, new.HELLO) == ("hello", "good morning")
+    assert hospital_courier.words is new
+
+
 def test_generated_messages_are_not_edits(package: Path) -> None:
     (package / "msg").mkdir()
     (package / "msg" / "__init__.py").write_text("from hospital_courier.msg._Order import *\n")
