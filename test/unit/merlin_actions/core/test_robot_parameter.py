@@ -7,7 +7,7 @@ import pytest
 
 from merlin_actions.actions.navigate import Navigate
 from merlin_actions.core.application_check import ApplicationError, ApplicationWorld
-from merlin_actions.core.robot_parameter import with_robot
+from merlin_actions.core.robot_parameter import robot_parameter, with_robot
 from merlin_actions.machine_survey import fitted
 from merlin_actions.merlin_action_sm import MerlinActionSM
 from merlin_sm.states.function_state import FunctionState
@@ -39,6 +39,10 @@ PARENTS = {"waiter": "robot", "robot": "object", "place": "object"}
 )
 def test_a_fact_gets_the_robot_that_the_domain_has(text: str, wanted: str) -> None:
     assert with_robot(text, "bob", FACTS, PARENTS) == wanted
+
+
+def test_types_of_a_foreign_knowledge_base_that_form_a_ring_are_not_robots() -> None:
+    assert robot_parameter("open", [PLACE], {"place": "object", "object": "place"}) == ""
 
 
 class Serve(MerlinActionSM):
