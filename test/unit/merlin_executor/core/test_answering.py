@@ -2,9 +2,15 @@
 """The results that a client gets, and the status that the Executor publishes."""
 
 import pytest
+from merlin_msgs.msg import ExecuteResult
 
 from merlin_executor.core.outcome import LONGEST_REASON, Outcome, Verdict, end_words
 from merlin_ros.actions.action_server import ServerGoal
+
+
+def test_numbers_are_those_of_the_message() -> None:
+    for name, outcome in Outcome.__members__.items():  # one that has the number of another is listed too
+        assert getattr(ExecuteResult, name) == outcome
 
 
 @pytest.mark.parametrize("outcome", list(Outcome))
