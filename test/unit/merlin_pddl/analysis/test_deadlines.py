@@ -136,6 +136,10 @@ def test_the_one_that_is_due_first_uses_the_window_first(order):
 def test_what_time_alone_makes_true_is_reached_then():
     _, found = solved(SATELLITE, SKY, [Due(("(visible dish)",), 40.0)])
     assert found.reached[0] == pytest.approx(20.0, abs=SLACK)
+    # also when the planner marks it later
+    task = DeadlineTask(SATELLITE, SKY.replace("sent star", "ready Sat1"), [Due(("(visible dish)",), 40.0)])
+    late = [PlanStep(25.0, "collect-0", ())]
+    assert task.unmarked(late, PlanValidator(task.domain, task.problem).fault).reached == (20.0,)
 
 
 def test_names_of_the_task_are_left_alone():
