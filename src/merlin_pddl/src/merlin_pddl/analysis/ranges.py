@@ -23,7 +23,7 @@ POSITIVE = Range(0.0, math.inf)
 NEGATED = {">": "<=", ">=": "<", "<": ">=", "<=": ">"}
 
 
-def can_compare(op: str, left: Range, right: Range, negated: bool = False) -> bool:
+def can_compare(op: str, left: Range, right: Range, negated: bool) -> bool:
     """Whether a comparison can hold, or with `negated` can fail, for some numbers of two ranges."""
     if op == "=":
         if negated:
