@@ -174,6 +174,12 @@ def test_constants_before_untyped_ones_keep_their_types():
     assert found.reached == (pytest.approx(2.0, abs=SLACK),) * 2
 
 
+def test_new_sections_stand_where_planners_want_them():
+    domain = DeadlineTask(TOUR, rooms(2, lambda a, b: 5), [Due(("(seen r1)",), 6.0)]).domain
+    heads = [":requirements", ":types", ":constants", ":predicates"]  # of the constants there were none
+    assert sorted(heads, key=domain.index) == heads
+
+
 @pytest.mark.parametrize(
     ("due", "why"),
     [
