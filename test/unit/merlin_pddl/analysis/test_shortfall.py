@@ -11,12 +11,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from merlin_pddl.analysis.leave_out import leave_out
+from merlin_pddl.analysis.plan_run import PlanRun
 from merlin_pddl.analysis.ranges import Range, arithmetic, can_compare
 from merlin_pddl.analysis.reachability import Reachability
 from merlin_pddl.analysis.shortfall import CUT_OFF, TOGETHER, shortfall
 from merlin_pddl.domain_reader import parse_domain
 from merlin_pddl.evaluation import compare
-from merlin_pddl.formula import Atom
+from merlin_pddl.plan_text import PlanStep
 from merlin_pddl.problem_reader import parse_problem
 from merlin_test import LONG
 
@@ -176,23 +177,62 @@ def test_a_comparison_that_holds_somewhere_can_hold(
         assert can_compare(op, a, b, negated)
 
 
-@settings(max_examples=60, deadline=None)
-@given(
-    st.lists(st.tuples(st.integers(0, 4), st.integers(0, 4)), max_size=8),
-    st.lists(st.integers(0, 30), min_size=1, max_size=6),
+LAMPS = """(define (domain lamps) (:types place)
+  (:predicates (at ?p - place) (door ?a ?b - place) (locked ?p - place) (lit ?p - place) (bright))
+  (:functions (power) (needed ?p - place))
+  (:derived (bright) (forall (?p - place) (or (lit ?p) (locked ?p))))
+  (:action go :parameters (?a ?b - place)
+    :precondition (and (at ?a) (or (door ?a ?b) (door ?b ?a)) (not (= ?a ?b)) (not (locked ?b)))
+    :effect (and (at ?b) (not (at ?a))))
+  (:durative-action unlock :parameters (?p - place) :duration (= ?duration (needed ?p))
+    :condition (at start (exists (?q - place) (and (at ?q) (door ?q ?p))))
+    :effect (and (at end (not (locked ?p))) (at end (decrease (power) (* 0.5 ?duration)))))
+  (:action light :parameters ()
+    :effect (forall (?p - place) (when (and (not (locked ?p)) (>= (power) (needed ?p))) (lit ?p))))
+  (:action charge :parameters () :precondition (< (power) 3) :effect (assign (power) 3))
+  (:action halve :parameters () :precondition (bright) :effect (scale-down (power) 2))
+  (:action save :parameters () :precondition (> (power) 1) :effect (scale-up (power) 2)))"""
+PLACES = ["p0", "p1", "p2"]
+place = st.sampled_from(PLACES)
+step = st.one_of(
+    st.tuples(st.just("go"), place, place),
+    st.tuples(st.just("unlock"), place),
+    st.tuples(st.sampled_from(["light", "charge", "halve", "save"])),
 )
-def test_every_place_of_a_walk_can_be_reached(doors: list, choices: list) -> None:
-    objects = " ".join(f"p{number}" for number in range(5))
-    facts = " ".join(f"(door p{a} p{b}) (= (needed p{a} p{b}) {a})" for a, b in set(doors))
-    problem = f"""(define (problem walk) (:domain courier) (:objects {objects} - place box_1 - box)
-      (:init (at p0) (= (battery) 10) {facts}) (:goal (safe)))"""
-    domain = parse_domain(COURIER)
-    reach = Reachability(domain, parse_problem(problem, domain), time.thread_time() + LONG)
+GOALS = " ".join(
+    [
+        *(f"({head} {name}) (not ({head} {name}))" for head in ("at", "locked", "lit") for name in PLACES),
+        *(f"({op} (power) {number})" for op in ("<", "<=", "=", ">=", ">") for number in (-1, 1.5, 3, 4, 6)),
+        "(bright) (not (bright)) (forall (?p - place) (lit ?p)) (exists (?p - place) (lit ?p))",
+        "(not (exists (?p - place) (locked ?p))) (not (and (lit p0) (at p0))) (not (< (power) 2))",
+    ]
+)
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    doors=st.sets(st.tuples(place, place), max_size=4),
+    locked=st.sets(place),
+    power=st.one_of(st.none(), st.integers(0, 6)),
+    needed=st.lists(st.integers(1, 8), min_size=len(PLACES), max_size=len(PLACES)),
+    steps=st.lists(step, max_size=10),
+)
+def test_all_that_a_plan_reaches_can_be_reached(doors, locked, power, needed, steps) -> None:
+    facts = [f"(door {one} {other})" for one, other in doors] + [f"(locked {name})" for name in locked]
+    facts += [f"(= (needed {name}) {number})" for name, number in zip(PLACES, needed)]
+    facts += [f"(= (power) {power})"] if power is not None else []
+    domain = parse_domain(LAMPS)
+    problem = parse_problem(
+        f"""(define (problem p) (:domain lamps) (:objects {" ".join(PLACES)} - place)
+        (:init (at p0) {" ".join(facts)}) (:goal (and {GOALS})))""",
+        domain,
+    )
+    lasts = dict(zip(PLACES, map(float, needed)))
+    plan = [
+        PlanStep(10.0 * number, name, tuple(arguments), lasts[arguments[0]] if name == "unlock" else 0.0)
+        for number, (name, *arguments) in enumerate(steps, 1)
+    ]
+    reach = Reachability(domain, problem, time.thread_time() + LONG)
     reach.run()
-    place, battery = 0, 10
-    for choice in choices:
-        ways = [to for begin, to in sorted(set(doors)) if begin == place and battery >= begin]
-        if not ways:
-            break
-        place, battery = ways[choice % len(ways)], battery - 1
-        assert reach.state.can(Atom("at", (f"p{place}",)), {})
+    for goal in PlanRun(domain, problem, plan).run(falling=True).reached:
+        assert reach.state.can(goal, {}), goal
