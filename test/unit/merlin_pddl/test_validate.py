@@ -58,6 +58,14 @@ def test_errors_name_file_line_and_column(capsys, tmp_path):
     assert code == 1 and "missing.pddl: cannot be read: No such file" in output
 
 
+def test_kairos_checks_a_domain_for_itself_too(capsys, tmp_path):
+    pytest.importorskip("kairos")
+    domain = tmp_path / "domain.pddl"
+    domain.write_text("(define (domain d) (:types place) (:predicates (seen ?p - place)))")
+    code, output = run(capsys, domain)
+    assert code == 0 and "warning: uses typing but :requirements does not include :typing" in output
+
+
 @pytest.mark.parametrize(
     "arguments",
     [
