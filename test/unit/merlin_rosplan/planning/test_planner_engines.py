@@ -187,6 +187,18 @@ def test_planners_may_have_an_environment_of_their_own(tmp_path, monkeypatch, na
     assert "DOMAIN" in words and "PROBLEM" in words and installed_planners.is_preset(name)
 
 
+def test_a_planner_may_be_a_package_of_this_python(tmp_path, monkeypatch):
+    file = tmp_path / "up_symk" / "symk" / "fast-downward.py"
+    file.parent.mkdir(parents=True)
+    (tmp_path / "up_symk" / "__init__.py").touch()
+    monkeypatch.setenv("PATH", "/nowhere")
+    monkeypatch.delenv("MERLIN_PLANNERS", raising=False)
+    monkeypatch.syspath_prepend(tmp_path)
+    assert installed_planners.expand("symk").startswith("symk ")
+    file.touch()
+    assert installed_planners.expand("symk").startswith(f"{sys.executable} {file} DOMAIN")
+
+
 def test_a_planner_that_is_nowhere_keeps_its_name(monkeypatch):
     monkeypatch.setenv("PATH", "/nowhere")
     monkeypatch.delenv("MERLIN_PLANNERS", raising=False)
