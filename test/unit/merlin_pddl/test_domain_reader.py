@@ -48,6 +48,12 @@ def test_types_keep_order_and_hierarchy(rich):
     assert rich.constants == {"home": ("room",)}
 
 
+def test_constants_of_types_below_belong_to_a_type(rich):
+    assert rich.constants_of("room") == rich.constants_of("object") == ["home"]
+    assert rich.constants_of("object", subtypes=False) == []
+    assert rich.only_constant(("object",)) == "home" and rich.only_constant(("agent",)) is None
+
+
 def test_signatures(rich):
     assert [p.label for p in rich.predicates["at"].parameters] == ["a", "r"]
     assert rich.predicates["holds"].parameters[0].types == ("door", "table")
