@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a problem says of its objects: of the types that are asked for, and declared once."""
+"""What a problem says of its objects: their types, each declared once, and other facts of them."""
 
 import pytest
 
 from merlin_pddl.checks.portability import declared_twice
 from merlin_pddl.domain_reader import parse_domain
-from merlin_pddl.problem_reader import parse_problem
+from merlin_pddl.problem_reader import parse_condition, parse_problem
 from merlin_pddl.text_reader import PddlError
 
 DOMAIN = parse_domain("""(define (domain d)
     (:requirements :typing) (:types place item - object room - place)
-    (:predicates (at ?p - place) (ordered ?i - item ?r - room))
+    (:predicates (at ?p - place) (ordered ?i - item ?r - room)) (:functions (battery))
     (:action tidy :parameters (?p - place ?i - item) :precondition (ordered ?i ?p) :effect (at ?p)))""")
 
 
@@ -34,3 +34,17 @@ def test_objects_that_are_declared_twice_are_named():
     text = problem("lobby - (either place item)\ntowel lobby\n - item\nroom_1 place - room", "(at lobby)")
     (twice,) = declared_twice(text, "p.pddl")
     assert twice.startswith("p.pddl:4:7: warning: 'lobby' is declared in line 3 already")
+
+
+def test_a_copy_has_other_facts_and_values_at_its_start():
+    before = parse_problem(problem("lobby hall - place", "(at lobby) (= (battery) 5)"), DOMAIN)
+    objects = before.typed(DOMAIN.constants)
+
+    def after(*changes):
+        found = before.changed([parse_condition(change, DOMAIN, objects) for change in changes])
+        return [fact.text() for fact in found.facts], [value.value for value in found.values]
+
+    assert after("(not (at lobby))", "(at hall)", "(= (battery) 20)") == (["(at hall)"], [20.0])
+    assert after("(at hall)", "(not (at hall))") == after() == (["(at lobby)"], [5.0])
+    with pytest.raises(ValueError, match=r"\(> \(battery\) 3\) sets neither a fact nor a value"):
+        after("(> (battery) 3)")
