@@ -200,10 +200,13 @@ def test_what_has_left_makes_room_first():
     assert book.heard("/c") is Word.COUNTS and list(book) == ["/a", "/c"]
 
 
-def test_without_a_time_to_keep_the_one_that_is_silent_for_longest_makes_room():
+@pytest.mark.parametrize("last", [Liveness.heard, Liveness.expect])
+def test_without_a_time_to_keep_the_one_that_is_silent_for_longest_makes_room(last):
     book = peers(room=2)
-    for name in ("/a", "/b", "/a", "/c"):
-        book.heard(name)
+    book.heard("/a")
+    book.heard("/b")
+    last(book, "/a")
+    book.heard("/c")
     assert list(book) == ["/a", "/c"]
 
 
