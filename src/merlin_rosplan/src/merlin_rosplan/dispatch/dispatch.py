@@ -190,7 +190,7 @@ class PlanDispatch:
         """Starts what may start; returns the ROS time at which it looked last."""
         tried: Set[int] = set()
         now = self._environment.now()
-        while not self._cancelled.is_set():
+        while self._failure is None and not self._cancelled.is_set():
             self._see_starts(now)
             if self._suspended.is_set() or self._robot_left is not None or self._leaving:
                 return now
@@ -204,8 +204,7 @@ class PlanDispatch:
             if not ready:
                 break
             tried.update(action.id for action in ready)
-            if not self._start_all(ready):
-                return now
+            self._start_all(ready)
             now = self._environment.now()
         waits = self._breakpoints.held or self._cancelled.is_set() or self._coming.expected
         idle = not self._running and not waits
@@ -241,8 +240,8 @@ class PlanDispatch:
             if self._running[action_id].start_applied(self._environment):
                 self._schedule.seen(action_id, now)
 
-    def _start_all(self, ready: List[PlannedAction]) -> bool:
-        """Starts those whose conditions hold; whether to continue."""
+    def _start_all(self, ready: List[PlannedAction]) -> None:
+        """Starts those whose conditions hold, up to one that cannot start."""
         records = [
             Running.make(action, self._environment.operator(action), self._environment, self._limits)
             for action in ready
@@ -256,16 +255,15 @@ class PlanDispatch:
             self._send(together)
             together = []
             if self._cancelled.is_set():
-                return False
+                return
             robot = self._environment.robot_left(record.action, unmet)  # no action brings it back
             running = self._running.values()
             if not robot and self._coming.may_come(record.action, unmet, self._began, running):
                 continue
             self._environment.publish_feedback(record.action, FeedbackStatus.PRECONDITION_FALSE)
             self._fail(f"{record.action} cannot start: {unmet.as_false()}", record.action, robot)
-            return False
+            return
         self._send(together)
-        return not self._cancelled.is_set()
 
     def _send(self, records: List[Running]) -> None:
         if not records or self._cancelled.is_set():
