@@ -102,6 +102,8 @@ def test_rounded_times_do_not_turn_the_order_round():
 def test_whoever_deletes_a_condition_waits_for_its_user():
     graph = build_graph(*plan((0, "ask", "a", 5), (5, "move", "ab", 5)))
     assert edges(graph)[2, 3].type == EdgeType.INTERFERENCE  # move starts after ask has ended
+    graph = build_graph(*plan((5, "move", "ab", 5), (0, "ask", "a", 5)))  # lines in another order
+    assert edges(graph)[4, 1].type == EdgeType.INTERFERENCE
 
 
 def test_independent_actions_only_hang_on_the_start():
