@@ -255,6 +255,14 @@ def test_goals(store):
     assert texts(store.goals()) == ["(not (idle))"]
 
 
+def test_an_instance_goal_without_a_name_removes_those_of_its_type(store):
+    with store.transaction() as change:
+        for item in Instance("poi", "kitchen"), Instance("poi", "hall"), Instance("robot", "r1"):
+            change.add_goal(StoredGoal(instance=item))
+        change.remove_goal(StoredGoal(instance=Instance("poi", "")))
+    assert [goal.instance.name for goal in store.goals()] == ["r1"]
+
+
 def test_changes_are_reported_in_order(store):
     reported = []
     store.listen(reported.append)
