@@ -398,6 +398,8 @@ def test_what_is_planned_ahead_says_when_each_request_ends(agenda: "Agenda[Erran
     assert dict(agenda.outlooks())[first] == Outlook(150.0, 180.0)
     assert dict(agenda.outlooks())[second] == Outlook(180.0, 220.0)
     assert dict(agenda.outlooks())[third] == Outlook(), "it is not planned yet"
+    third.forecast = Forecast((0, 1, 2), 0.5)
+    assert dict(agenda.outlooks())[third] == Outlook(220.0, 220.5)
     running.ends = 165.0
     late = "it is expected to begin at 165.0 s and takes 30 s, and its deadline is 190.0 s"
     assert dict(agenda.outlooks())[first] == Outlook(165.0, 195.0, late)
