@@ -7,7 +7,6 @@ import time
 import pytest
 from dispatch_world import GUARDED, LIGHT, PLAN_ID, WORK, Run, World, actions, parallel
 
-from merlin_pddl.plan_text import PlanStep
 from merlin_rosplan.dispatch.dispatch import PlanDispatch
 from merlin_rosplan.dispatch.dispatch_environment import (
     DispatchLimits,
@@ -16,11 +15,8 @@ from merlin_rosplan.dispatch.dispatch_environment import (
     KnowledgeChanged,
     Tick,
 )
-from merlin_rosplan.dispatch.dispatch_graph import GraphSchedule
 from merlin_rosplan.dispatch.dispatch_schedule import SequentialSchedule
-from merlin_rosplan.dispatch.operator_model import ActionModel, PlanTerm, TimedEffects
-from merlin_rosplan.dispatch.plan_graph import TimedLiteral
-from merlin_rosplan.dispatch.plan_graph_builder import build_graph
+from merlin_rosplan.dispatch.operator_model import PlanTerm
 from merlin_test import LONG
 
 
@@ -371,98 +367,3 @@ def test_an_answer_in_the_middle_of_sending_is_not_lost(world):
     holder.append(Run(world, SequentialSchedule(actions(*["work"] * 50))))
     dispatch_ready.set()
     assert holder[0].report().steps_done == 50
-
-
-def test_a_parallel_action_waits_for_the_start_effects_it_builds_on(world):
-    world.facts = {PlanTerm("safe", ("o1",))}
-    run = Run(world, parallel(["work", "guarded"]), settle=LONG)
-    world.wait("action", 0)
-    run.feedback(0, FeedbackStatus.ENABLED)
-    world.wait_answers(2)
-    assert set(world.wakes) <= {None}  # waits for the change, no time is asked for
-    world.facts = {
-        PlanTerm("safe", ("o1",)),
-        PlanTerm("free", ("o1",)),
-    }  # what the interface of work has applied
-    run.dispatch.put(KnowledgeChanged())
-    world.wait("action", 1)
-    run.feedback(0, FeedbackStatus.SUCCEEDED)
-    run.feedback(1, FeedbackStatus.SUCCEEDED)
-    assert run.report().success
-
-
-def test_a_parallel_action_whose_condition_stays_false_is_refused(world):
-    run = Run(world, parallel(["work", "guarded"]), settle=0.05, cancel=0.05)
-    world.wait("action", 0)
-    report = run.report()
-    assert report.state == DispatchState.FAILED and "(guarded o1) cannot start" in report.reason
-
-
-OPEN = ActionModel(
-    "open", ("x",), start_effects=TimedEffects(add=(PlanTerm("free", ("o1",)),)), durative=False
-)
-
-
-def opened_and_guarded(world):
-    """The run of ROSPlan's graph, which has the effects of a plain action at its start."""
-    world.operators["open"] = OPEN
-    steps = [PlanStep(float(i), name, (f"o{i}",), 1.0) for i, name in enumerate(["open", "guarded"])]
-    ground = [OPEN, GUARDED.ground({"x": "o1"})]
-    schedule = GraphSchedule(build_graph(steps, ground, as_rosplan=True), actions("open", "guarded"))
-    world.facts = {PlanTerm("safe", ("o1",))}
-    return Run(world, schedule, settle=0.0)
-
-
-def test_an_action_waits_for_a_plain_one_whose_effects_come_at_its_end(world):
-    run = opened_and_guarded(world)
-    world.wait_answers(2)
-    world.facts |= {PlanTerm("free", ("o1",))}
-    run.feedback(0, FeedbackStatus.SUCCEEDED)
-    world.wait("action", 1)
-    run.feedback(1, FeedbackStatus.SUCCEEDED)
-    assert run.report().success
-
-
-def test_a_plain_action_that_ends_without_what_it_promised_is_waited_for_no_longer(world):
-    run = opened_and_guarded(world)
-    world.wait_answers(2)
-    run.feedback(0, FeedbackStatus.SUCCEEDED)
-    report = run.report()
-    assert report.state == DispatchState.FAILED and "(guarded o1) cannot start" in report.reason
-
-
-def after_a_timed_literal():
-    """A plan of one guarded action whose `free` comes true 1 ms after the start."""
-    graph = build_graph(
-        [PlanStep(0.01, "guarded", ("o0",), 1.0)],
-        [GUARDED.ground({"x": "o0"})],
-        [TimedLiteral(0.001 + 1e-4, PlanTerm("free", ("o0",)))],
-    )
-    return GraphSchedule(graph, actions("guarded"))
-
-
-def started(world, run):
-    """Waits until the time of the literal has come, as an alarm would say, and the action was tried."""
-    while not world.answers:
-        run.dispatch.put(Tick())
-        with world.changed_event:
-            world.changed_event.wait(0.005)
-
-
-def test_a_timed_literal_that_the_knowledge_base_applies_a_little_later_is_waited_for(world):
-    world.facts = {PlanTerm("safe", ("o0",))}
-    run = Run(world, after_a_timed_literal(), settle=LONG)
-    started(world, run)
-    world.facts = {PlanTerm("safe", ("o0",)), PlanTerm("free", ("o0",))}
-    run.dispatch.put(KnowledgeChanged())
-    world.wait("action", 0)
-    run.feedback(0, FeedbackStatus.SUCCEEDED)
-    assert run.report().success
-
-
-def test_a_timed_literal_that_does_not_come_is_named(world):
-    world.facts = {PlanTerm("safe", ("o0",))}
-    run = Run(world, after_a_timed_literal(), settle=0.05)
-    started(world, run)
-    report = run.report()
-    assert report.state == DispatchState.FAILED and "(free o0) does not hold" in report.reason
