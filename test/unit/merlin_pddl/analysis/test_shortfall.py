@@ -82,6 +82,11 @@ def test_it_names_the_condition_and_by_how_much_it_is_missed(goal: str, init: st
     assert shortfall(COURIER, task(goal, init), LONG) == (True, expected)
 
 
+def test_of_many_goals_two_are_named() -> None:
+    found, why = shortfall(COURIER, task("(safe) (at roof) (dirty) (in box_1 roof)"), LONG)
+    assert found and why.startswith("cannot be reached: (safe); ") and why.endswith("; and 2 more goals")
+
+
 def test_objects_that_do_not_belong_together_are_no_reason() -> None:
     museum = """(define (domain museum) (:types place picture door)
       (:predicates (at ?p - place) (shown_in ?o - picture ?p - place) (joins ?a ?b - place ?d - door)
@@ -204,7 +209,7 @@ GOALS = " ".join(
         *(f"({head} {name}) (not ({head} {name}))" for head in ("at", "locked", "lit") for name in PLACES),
         *(f"({op} (power) {number})" for op in ("<", "<=", "=", ">=", ">") for number in (-1, 1.5, 3, 4, 6)),
         "(bright) (not (bright)) (forall (?p - place) (lit ?p)) (exists (?p - place) (lit ?p))",
-        "(not (exists (?p - place) (locked ?p))) (not (and (lit p0) (at p0))) (not (< (power) 2))",
+        "(not (exists (?p - place) (locked ?p))) (not (and (lit p0) (at p0))) (< (- (power)) -2)",
     ]
 )
 
