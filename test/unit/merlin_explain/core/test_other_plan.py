@@ -64,6 +64,7 @@ def test_a_plan_that_is_so_already_says_so():
     "wish",
     [
         Wish(include=["(drive hall yard)"]),
+        Wish(include=["(drive hall yard)", "(drive yard ward)"]),
         Wish(without=["(drive hall ward)"]),
         Wish(["(light hall)"], ["(drive * yard)"]),
     ],
