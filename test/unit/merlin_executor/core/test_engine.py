@@ -13,6 +13,7 @@ from merlin_executor.core.agenda import Agenda
 from merlin_executor.core.engine import Engine, Stages
 from merlin_executor.core.outcome import Outcome, Verdict
 from merlin_executor.core.ticket import Ticket
+from merlin_executor.core.time_window import TimeWindow
 from merlin_executor.goal_check import GoalError, check_atom
 from merlin_executor.goals.goal_ledger import GoalNotes
 from merlin_test import LONG
@@ -204,6 +205,17 @@ def test_a_queue_and_a_status_that_cannot_be_published_keep_no_answer() -> None:
     engine.decide(lambda agenda: agenda.receive(third))
     engine.shutdown(LONG)
     assert [wish.verdicts[0].outcome for wish in (first, second, third)] == [Outcome.CANCELLED] * 3
+
+
+def test_it_asks_to_look_when_a_request_may_begin() -> None:
+    times: List[Optional[float]] = []
+    engine: Engine[Wish] = Engine(Steady(), *[lambda *_: None] * 4, Agenda(), times.append)  # type: ignore[list-item]
+    later = Wish(1)
+    later.window = TimeWindow(not_before=30.0)
+    engine.decide(lambda agenda: agenda.receive(later))
+    assert times == [30.0]
+    engine.decide_on(later.__eq__, lambda agenda, found: agenda.cancel(found))
+    assert times == [30.0, None]
 
 
 @pytest.mark.parametrize("part", ["begin", "prepare", "end", "cancel"])
