@@ -2,6 +2,7 @@
 import os
 import signal
 import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -31,6 +32,17 @@ def test_home_domain_is_valid(capsys):
 def test_goal_with_a_plan(capsys):
     code, output = run(capsys, DOMAIN, PROBLEM, "(checked kitchen)")
     assert code == 0 and "(navigate anywhere kitchen)" in output and "(ask kitchen)" in output
+
+
+def test_a_node_that_has_used_kairos_ends_without_a_word():
+    pytest.importorskip("kairos")
+    node = (
+        "import atexit, gc, sys; atexit.register(gc.freeze)\n"  # as nodes do
+        "from merlin_pddl.checks.kairos_check import load\n"
+        "load().solve(*(open(name).read() for name in sys.argv[1:]))"
+    )
+    command = [sys.executable, "-c", node, DOMAIN, PROBLEM]
+    assert subprocess.run(command, stderr=subprocess.PIPE, check=True, timeout=LONG).stderr == b""
 
 
 @pytest.mark.parametrize(
