@@ -50,6 +50,7 @@ def test_a_suspended_dispatch_starts_nothing_until_it_goes_on(world):
     run.dispatch.put(Tick())
     with world.changed_event:
         assert world.changed_event.wait_for(lambda: any(each.steps_done == 1 for each in world.reports), LONG)
+    assert world.reports[-1].state == DispatchState.RUNNING
     assert ("action", 1) not in world.published and not run.dispatch.ended.is_set()
     run.dispatch.suspend(False)
     world.wait("action", 1)
