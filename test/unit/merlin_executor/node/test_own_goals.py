@@ -79,6 +79,7 @@ def test_goals_that_cannot_be_noted_are_not_added(knowledge: Knowledge, tmp_path
     goals = own(knowledge, tmp_path / "folder" / "goals")
     (tmp_path / "folder" / "goals").unlink()
     (tmp_path / "folder").rmdir()
+    (tmp_path / "folder").touch()
     with pytest.raises(OSError):
         goals.add(parse_goal("(checked kitchen)"))
     assert knowledge.texts == []
