@@ -120,6 +120,25 @@ assert plain.wait_for_result(rospy.Duration(300.0))
 print("END", plain.get_state(), plain.get_result().text, flush=True)
 """
 
+AHEAD = """
+import sys, time
+import rospy
+from merlin_msgs.msg import ListenAction, ListenGoal
+from merlin_ros.actions.action_client import ActionClient
+
+wall, back = time.time, [0.0]
+time.time = lambda: wall() - back[0]
+rospy.init_node("client")
+client = ActionClient("listen", ListenAction)
+for _ in range(2):
+    assert client.wait_for_server(300.0)
+    goal = client.send(ListenGoal())
+    print("AHEAD", goal.goal_id.stamp.to_sec() > time.time() + 1.0, flush=True)
+    assert goal.wait(300.0)
+    back[0] = 86400.0
+    sys.stdin.readline()
+"""
+
 pytestmark = pytest.mark.processes
 
 
@@ -136,6 +155,18 @@ def test_a_clock_that_is_set_back_refuses_no_goal(master: Any, kind: str, end: s
     client.ended()
     again = run(master, CLIENT, "86400", *options)  # its process begins after the step
     assert [again.expect("END"), again.expect("END")] == [end, end]
+
+
+def test_a_server_that_was_restarted_takes_goals_with_the_stamps_of_a_clock_that_was_set_back(
+    master: Any,
+) -> None:
+    """A stamp of before would have it refuse the goals of all other clients until the clock has caught up."""
+    server, client = run(master, SERVER), run(master, AHEAD)
+    assert client.expect("AHEAD") == "AHEAD False"
+    server.end()
+    run(master, SERVER).expect("serves")
+    client.say("go on")
+    assert client.expect("AHEAD") == "AHEAD False"
 
 
 @pytest.mark.parametrize(("kind", "end"), [("merlin", "END (3, 'heard')"), ("smach", "END succeeded")])

@@ -17,7 +17,7 @@ import itertools
 import math
 import re
 import threading
-from typing import Any, Callable, ClassVar, Dict, List, Mapping, Optional
+from typing import Any, Callable, ClassVar, Dict, List, Mapping, Optional, Tuple
 
 import rospy
 from actionlib_msgs.msg import GoalID, GoalStatus, GoalStatusArray
@@ -56,7 +56,7 @@ class ActionClient:
     :param action_spec: the generated ``...Action`` class.
     """
 
-    _stamps: ClassVar[Dict[str, rospy.Time]] = {}  # of the last goal, by action
+    _stamps: ClassVar[Dict[str, Tuple[str, rospy.Time]]] = {}  # process and stamp of the last goal, by action
     _stamps_lock: ClassVar[threading.Lock] = threading.Lock()  # guards _stamps
 
     def __init__(self, name: str, action_spec: type) -> None:
@@ -207,8 +207,13 @@ class ActionClient:
         :param on_feedback: called with the goal and each feedback, likewise.
         """
         now = rospy.Time.now()
+        process = getattr(link_from(self._result_subscriber, self._server), "endpoint_id", "")
         with self._stamps_lock:
-            stamp = self._stamps[self.name] = max(now, self._taken, self._stamps.get(self.name, now))
+            served, last = self._stamps.get(self.name, ("", now))
+            if process and served and process != served:
+                last = now  # a server that was started anew has taken none
+            stamp = max(now, self._taken, last)
+            self._stamps[self.name] = process or served, stamp
         if (stamp - now).to_sec() > AHEAD:
             rospy.logwarn_throttle(
                 60.0,
