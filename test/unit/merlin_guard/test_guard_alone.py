@@ -102,6 +102,49 @@ for line in sys.stdin:
     active.set() if line.strip() == "drive" else active.clear()
 """
 
+# A simulator of another kind at a tenth of real time, and a plain motion server in it: its status
+# comes five times per second of the simulation. It prints whether the base goes on through three of them.
+SLOW = """
+import rospy
+from actionlib_msgs.msg import GoalID, GoalStatus, GoalStatusArray
+from geometry_msgs.msg import Twist
+from rosgraph_msgs.msg import Clock
+from merlin_test.topic_links import init_node
+
+init_node("slow")
+moved = []
+
+def receive(velocity):
+    moves = velocity.linear.x > 0
+    if moved[-1:] != [moves]:
+        moved.append(moves)
+
+rospy.Subscriber("cmd_vel", Twist, receive)
+clock = rospy.Publisher("/clock", Clock, queue_size=1)
+status = rospy.Publisher("move_base/status", GoalStatusArray, queue_size=1)
+velocity = rospy.Publisher("cmd_vel_in", Twist, queue_size=1)
+active = GoalStatusArray(status_list=[GoalStatus(GoalID(id="by hand"), GoalStatus.ACTIVE, "")])
+command = Twist()
+command.linear.x = 0.3
+steps = 0
+
+def step():
+    global steps
+    steps += 1
+    clock.publish(rospy.Time.from_sec(100.0 + 0.005 * steps))
+    velocity.publish(command)
+    rospy.rostime.wallsleep(0.05)
+
+while True not in moved:
+    status.publish(active)
+    step()
+for number in range(120):
+    if number % 40 == 0:
+        status.publish(active)
+    step()
+print("MOVED", moved[moved.index(True):] == [True], flush=True)
+"""
+
 STOPPER = """
 import rospy
 from std_srvs.srv import Trigger
@@ -135,6 +178,13 @@ def test_it_passes_what_has_a_goal_and_ends_as_a_node_does(
     driver.expect("STANDS")
     assert alone.end(number) == code
     assert "Traceback" not in alone.output
+
+
+def test_in_a_slow_simulation_that_is_not_merlins_the_clock_counts(master: Any) -> None:
+    master.api.setParam("/test", "/use_sim_time", True)
+    guard, world = master.node(GUARD), master.node(SLOW)
+    world.expect("MOVED True")
+    assert "its status has been silent" not in guard.output
 
 
 def test_a_wrong_parameter_ends_it_with_the_reason(master: Any) -> None:

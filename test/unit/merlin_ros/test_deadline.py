@@ -117,8 +117,24 @@ def test_a_pause_is_not_believed_while_the_clock_goes_on(watch, rate):
     assert paused.paused_time() == pytest.approx(max(0.0, 10.0 - 10.0 * rate) + 1.0)
 
 
+@pytest.mark.parametrize("rate", [0.0, 0.2, 1.0, 5.0])
+def test_below_a_simulator_that_says_nothing_time_is_as_slow_as_the_clock(watch, rate):
+    paused, simulator, clock = watch
+    for step in range(1000):
+        clock.now += 0.01
+        if step % 10 == 9:  # the clock comes in steps
+            clock.ros += 0.1 * rate
+        paused.paused_time()
+    assert 10.0 - paused.paused_time() == pytest.approx(10.0 * min(1.0, max(0.1, rate)), abs=0.2)
+    simulator.says(paused=False)  # it is MERLIN's
+    before = paused.paused_time()
+    clock.now += 5.0
+    assert paused.paused_time() == before
+
+
 @pytest.mark.parametrize("simulated", [True, False])
 def test_a_robot_does_not_listen_to_a_simulator(monkeypatch, simulated):
+    monkeypatch.setattr(deadline.rospy, "get_time", lambda: 7.0)
     simulator = Simulator(monkeypatch, simulated)
     deadline.PauseWatch().paused_time()
     assert simulator.topics == ([deadline.SIM_STATUS_TOPIC] if simulated else [])

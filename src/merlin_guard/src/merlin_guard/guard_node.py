@@ -19,7 +19,7 @@ from merlin_guard.guard_parameters import GuardParameters, read_parameters
 from merlin_guard.motion_permit import GuardState, MotionPermit, PermitDecision, Send, View
 from merlin_guard.motion_server import GoalReport
 from merlin_guard.surroundings import Surroundings
-from merlin_ros.deadline import SIM_STATUS_TOPIC, simulated
+from merlin_ros.deadline import SIM_STATUS_TOPIC, SLOWEST, simulated
 from merlin_ros.master.master_link import MasterSilent, get_param, set_param
 from merlin_ros.node import run_node
 from merlin_ros.parameters import ParameterError
@@ -32,7 +32,6 @@ NAME = "merlin_guard"
 PRIORITY = -10
 TICK = 0.05  # s of wall time between two looks at the limits
 STATUS_PERIOD = 0.5  # s of wall time between two statuses without a change
-SLOWEST = 0.1  # factor of a simulation below which a slow one counts as this slow
 WARN_AFTER = 0.25  # s; an owner releases a goal some moments before the end of the goal is published
 REMEMBER = 0.5  # s to wait for the master to keep a stop; one that hangs must not hold up its confirmation
 STOPPED_PARAM, SINCE_PARAM = "~stopped", "~stopped_since"  # keep a stop over a restart of the node
@@ -78,6 +77,10 @@ class GuardNode:
         }
         self._velocity.publish(Twist())
         self._apply(self._permit.tick(time.monotonic()))
+        # A simulator that is not MERLIN's says nothing of its speed: its world is as fast as /clock.
+        self._foreign = simulated()
+        if self._foreign:
+            self._permit.world_rate(SLOWEST, time.monotonic())
         rospy.on_shutdown(self._shutdown)
         self._services = [
             rospy.Service("merlin/stop", Trigger, self._serve_stop),
@@ -182,6 +185,7 @@ class GuardNode:
     def _receive_simulation(self, status: SimStatus) -> None:
         rate = 0.0 if status.paused else max(SLOWEST, status.achieved_factor or 1.0)
         with self._lock:
+            self._foreign = False
             self._apply(self._permit.world_rate(rate, time.monotonic()))
 
     def _stop(self, reason: str) -> None:
@@ -287,7 +291,7 @@ class GuardNode:
         while not self._over.wait(TICK):
             with self._lock:
                 clients = {server: _connected(topic) for server, topic in self._leases.items()}
-                simulator = self._simulator is not None and bool(_connected(self._simulator))
+                simulator = self._foreign or bool(self._simulator and _connected(self._simulator))
                 self._look_at_clock()
                 decision = self._permit.tick(time.monotonic(), clients, simulator)
                 self._commands.look()

@@ -3,8 +3,9 @@
 
 A paused simulator stops ``/clock``: servers that time themselves by ROS time fall silent and look dead. So
 waits for software count *running time*, the monotonic time less the time spent paused. Where ROS time is no
-simulator's, or goes on, nothing is paused, whatever the topic says. A wait counts the
-ticks of the thread that waits (:mod:`.alarms`): what that thread misses comes on top.
+simulator's, or goes on, nothing is paused, whatever the topic says. Below a simulator that is not MERLIN's,
+which says nothing of a pause, running time is as slow as ``/clock``, down to :data:`SLOWEST`. A wait counts
+the ticks of the thread that waits (:mod:`.alarms`): what that thread misses comes on top.
 """
 
 import math
@@ -19,6 +20,8 @@ from merlin_ros.alarms import INSTANT, TICK, Alarm, Alarms, TickClock
 from merlin_ros.master.master_link import lost
 
 SIM_STATUS_TOPIC = "/merlin_sim/status"
+SLOWEST = 0.1  # s of running time per s of wall time, where no simulator says that it is paused
+AHEAD = 0.5  # s by which ROS time, which comes in steps, may be ahead of running time, or behind it
 LONGEST_SLEEP = 1.0  # s of wall time between two looks for a shutdown where nothing else passes
 
 
@@ -41,7 +44,9 @@ class PauseWatch:
         self._lock = threading.Lock()  # guards all fields below
         self._started = False
         self._paused = False
-        self._looked = (0.0, 0.0)  # monotonic and ROS time at the last look in a pause, s
+        self._foreign = False  # whether ROS time is that of a simulator that says nothing of itself
+        self._ahead = 0.0  # s
+        self._looked = (0.0, 0.0)  # monotonic and ROS time at the last look, s
         self._total = 0.0
 
     def paused_time(self) -> float:
@@ -61,8 +66,9 @@ class PauseWatch:
             if self._started:
                 return
             self._started = True
-        if not simulated():
-            return
+            if not simulated():
+                return
+            self._looked, self._foreign = (time.monotonic(), rospy.get_time()), True
         # Not under the lock: where the topic is subscribed already, rospy calls `_update` within this.
         # Without a simulator there is no publisher here, and the time simply runs.
         self._subscriber = rospy.Subscriber(SIM_STATUS_TOPIC, SimStatus, self._update, queue_size=10)
@@ -72,14 +78,19 @@ class PauseWatch:
             self._look()
             if status.paused and not self._paused:
                 self._looked = time.monotonic(), rospy.get_time()
-            self._paused = status.paused
+            self._paused, self._foreign = status.paused, False
 
     def _look(self) -> None:
         """Adds what was paused since the last look; called with the lock held."""
-        if self._paused:
-            (before, ros_before), self._looked = self._looked, (time.monotonic(), rospy.get_time())
-            passed, ros_passed = self._looked[0] - before, self._looked[1] - ros_before
-            self._total += max(0.0, passed - max(0.0, ros_passed))
+        if not (self._paused or self._foreign):
+            return
+        (before, ros_before), self._looked = self._looked, (time.monotonic(), rospy.get_time())
+        passed, ran = self._looked[0] - before, max(0.0, self._looked[1] - ros_before)
+        if self._foreign:
+            self._ahead = min(AHEAD, self._ahead + ran)
+            ran = max(SLOWEST * passed, min(passed, self._ahead))
+            self._ahead = max(-AHEAD, self._ahead - ran)
+        self._total += max(0.0, passed - ran)
 
     def _gone(self) -> bool:
         """Whether no connection to a simulator is open; rospy counts one that died for a while."""
