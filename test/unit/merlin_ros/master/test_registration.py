@@ -42,6 +42,9 @@ class Master:
 
     registerPublisher = registerSubscriber = registerService = _register
 
+    def getSystemState(self) -> List[List[Tuple[str, List[str]]]]:
+        return [[(thing, [name]) for name, thing in self.registered], [], []]
+
 
 @pytest.fixture
 def errors(monkeypatch: pytest.MonkeyPatch) -> List[str]:
@@ -104,14 +107,20 @@ class Nodes:
         return SimpleNamespace(getPublications=topics, getSubscriptions=topics, publisherUpdate=update)
 
     def restore(self, master: Master) -> List[str]:
-        try:
-            return self.foreign.restore(master, lambda: True)  # type: ignore[arg-type]
-        finally:
-            self.known = {name: name for name, _ in master.registered}
+        return self.foreign.restore(master, lambda: True)  # type: ignore[arg-type]
 
 
 def topics(master: Master, name: str) -> List[str]:
     return [thing for node, thing in master.registered if node == name]
+
+
+def test_a_node_that_has_only_asked_the_new_master_for_a_parameter_is_registered(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    nodes, master = Nodes(monkeypatch, "/logs"), Master()
+    nodes.known = {"/logs": "/logs"}  # rospy asks with each line that it logs
+    assert nodes.restore(master) == ["/logs"]
+    assert nodes.restore(master) == []
 
 
 def test_a_node_that_is_registered_in_part_is_registered_again_and_keeps_no_other_one(

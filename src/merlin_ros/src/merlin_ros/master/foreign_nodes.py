@@ -39,8 +39,7 @@ class ForeignNodes:
         :raises OSError: when it does not answer.
         """
         state = master.getSystemState()
-        nodes = sorted({node for part in state for _, names in part for node in names})
-        addresses = master_link.ask_each(master, "lookupNode", nodes)
+        addresses = master_link.ask_each(master, "lookupNode", sorted(_nodes(state)))
         if (state, addresses) == (self._state, self._addresses):
             return
         self._services = master_link.ask_each(master, "lookupService", [service for service, _ in state[2]])
@@ -55,7 +54,8 @@ class ForeignNodes:
         :raises RegistrationError: when a node is done in part only, or did not answer for the first time, the
             others as far as possible; likewise.
         """
-        known = master_link.ask_each(master, "lookupNode", list(self._addresses))
+        # Not by its address: rospy asks for a parameter with each line of its log, and then has one there.
+        known = _nodes(master.getSystemState())
         done: List[str] = []
         fault: Optional[RegistrationError] = None
         for name, uri in self._addresses.items():
@@ -96,3 +96,8 @@ class ForeignNodes:
 
     def _topics(self, part: int, name: str) -> Set[str]:
         return {thing for thing, nodes in self._state[part] if name in nodes}
+
+
+def _nodes(state: Any) -> Set[str]:
+    """Names of the nodes that have a topic or a service."""
+    return {node for part in state for _, names in part for node in names}
