@@ -80,7 +80,7 @@ class TypeHierarchy:
 
     def is_a(self, name: str, ancestor: str) -> bool:
         """Whether `name` is `ancestor` or below it."""
-        return ancestor == OBJECT or name == ancestor or name in self.subtypes(ancestor)
+        return ancestor == OBJECT or name in self.subtypes(ancestor)
 
     def overlap(self, some: Iterable[str], others: Iterable[str]) -> bool:
         """Whether there may be an object of one of `some` and of one of `others`."""
