@@ -3,7 +3,7 @@ import pytest
 
 from merlin_pddl.domain import depends_on
 from merlin_pddl.domain_reader import parse_domain
-from merlin_pddl.formula import END, OVER_ALL, START, Atom, Comparison, Forall, to_pddl
+from merlin_pddl.formula import END, OVER_ALL, START, And, Atom, Comparison, Forall, to_pddl
 from merlin_pddl.problem_reader import parse_problem
 from merlin_pddl.text_reader import PddlError, read_text
 
@@ -45,6 +45,7 @@ def test_types_keep_order_and_hierarchy(rich):
     assert list(rich.types) == ["room", "robot", "person", "agent", "door", "table"]
     assert rich.types.subtypes("agent") == {"agent", "robot", "person"}
     assert rich.types.is_a("robot", "object") and not rich.types.is_a("agent", "robot")
+    assert rich.types.is_a("undeclared", "object")
     assert rich.constants == {"home": ("room",)}
 
 
@@ -71,6 +72,11 @@ def test_plain_operator(rich):
     leave = tidy.effects[-1]
     assert leave.negative and leave.atom == Atom("at", ("?p", "?place"))
     assert leave.variables[0].types == ("person",) and leave.conditions[0].when == START
+
+
+def test_an_empty_condition_always_holds():
+    domain = parse_domain("(define (domain d) (:action go :parameters () :precondition () :effect (and)))")
+    assert [timed.condition for timed in domain.operators["go"].conditions] == [And()]
 
 
 def test_durative_operator(rich):
