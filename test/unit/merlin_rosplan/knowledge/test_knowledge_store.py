@@ -261,6 +261,7 @@ def test_an_instance_goal_without_a_name_removes_those_of_its_type(store):
             change.add_goal(StoredGoal(instance=item))
         change.remove_goal(StoredGoal(instance=Instance("poi", "")))
     assert [goal.instance.name for goal in store.goals()] == ["r1"]
+    assert [goal.name for goal in store.snapshot()[1].instance_goals] == ["r1"]
 
 
 def test_changes_are_reported_in_order(store):
