@@ -177,7 +177,7 @@ def test_constants_before_untyped_ones_keep_their_types():
 def test_new_sections_stand_where_planners_want_them():
     domain = DeadlineTask(TOUR, rooms(2, lambda a, b: 5), [Due(("(seen r1)",), 6.0)]).domain
     heads = [":requirements", ":types", ":constants", ":predicates"]  # of the constants there were none
-    assert sorted(heads, key=domain.index) == heads
+    assert sorted(heads, key=domain.index) == heads and [domain.count(head) for head in heads] == [1] * 4
 
 
 @pytest.mark.parametrize(
