@@ -57,7 +57,7 @@ def test_what_is_left_out_is_reported_once_for_a_result():
 
 @pytest.mark.parametrize(
     "result",
-    [np.zeros(2), np.array(["a"]), "yes", {"a": 1}, [("ann", True)], [("a:b", "yes")], ["a:b"], object()],
+    [np.zeros(2), np.array(["a"]), "yes", {1: 1}, [("a", True)], [("a:b", "yes")], ["a:b"], object(), np.add],
 )
 def test_results_that_make_no_sense_are_refused(result):
     with pytest.raises(SensingError):
