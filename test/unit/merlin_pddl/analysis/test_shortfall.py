@@ -117,6 +117,19 @@ def test_an_action_that_was_left_out_is_named() -> None:
 
 def test_what_can_be_reached_for_itself_is_not_called_unreachable() -> None:
     assert shortfall(COURIER, task("(at ward) (at hall)"), LONG) == (False, TOGETHER)
+    assert shortfall(COURIER, task("(<= (battery) 3)"), LONG) == (False, TOGETHER)
+
+
+@pytest.mark.parametrize(("goal", "row"), [("(safe)", "(safe)"), ("(>= (battery) 20)", "(= (battery) 20)")])
+def test_what_comes_at_a_time_can_be_reached(goal: str, row: str) -> None:
+    assert shortfall(COURIER, task(goal, f"{INIT} (at 5 {row})"), LONG) == (False, TOGETHER)
+
+
+def test_places_that_lead_to_each_other_only_are_no_reason() -> None:
+    doors = "(door ward roof) (door roof ward) (= (needed ward roof) 5) (= (needed roof ward) 5)"
+    init = INIT.replace("(door hall ward)", doors)
+    found, why = shortfall(COURIER, task("(at roof)", init), LONG)
+    assert found and why.startswith("(at roof) cannot be reached, it needs (door hall ")
 
 
 def test_it_ends_in_time_and_says_so() -> None:
