@@ -65,7 +65,7 @@ def test_a_condition_on_two_terms_waits_for_the_last_that_it_needs() -> None:
 
 
 def test_after_a_change_of_an_action_only_values_behind_it_are_waited_for() -> None:
-    values = charge(2.0, 4.0), charge(6.0, 5.0)
+    values = charge(2.0, 4.0), charge(4.0, 4.5), charge(6.0, 5.0)
     assert since(ENOUGH, 9.0, *values, changed={CHARGE.key: 3.0}) == 6.0
     assert since(ENOUGH, 9.0, *values, changed={CHARGE.key: 7.0}) is None
     assert since(ENOUGH, 9.0, *values, changed={LOAD.key: 7.0}) == 2.0
