@@ -47,6 +47,14 @@ def test_a_goal_that_no_executor_took_is_sent_again_whatever_its_client_wants() 
     assert resending.ended(lost=True) is not None
 
 
+def test_a_goal_that_is_cancelled_before_an_executor_took_it_ends_as_cancelled() -> None:
+    resending = Resending(RESEND)
+    resending.cancel()
+    said = resending.ended(lost=True, untaken=True)
+    verdict = resending.verdict(GoalStatus.LOST, "the action server never acknowledged the goal", "", said)
+    assert verdict == Verdict(Outcome.CANCELLED, "cancelled before the executor took it")
+
+
 def test_an_executor_that_stays_away_is_named() -> None:
     resending = Resending(RESEND)
     resending.ended(lost=True)

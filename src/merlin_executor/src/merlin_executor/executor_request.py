@@ -190,7 +190,7 @@ class ExecutorRequest:
         goes_down = sent.status != GoalStatus.LOST and not client_was_lost(self._why)
 
         def hear(status: GoalStatusArray) -> None:
-            # An Executor that goes down tells for a while yet of the goal that it has ended. It would refuse
+            # An Executor that goes down names for a while yet the goal that it has ended. It would refuse
             # the next one.
             ended = [entry.goal_id.id for entry in status.status_list if entry.status in TERMINAL]
             if not goes_down or sent.id not in ended:

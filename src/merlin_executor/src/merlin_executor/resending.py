@@ -114,6 +114,8 @@ class Resending:
         :return: why it ends, as a sentence; empty: the Executor's own reason stands. None: the return of the
             Executor is waited for.
         """
+        if lost and untaken and self.given_up:
+            return "cancelled before the executor took it"
         if not lost or not (self._resend or untaken) or self.given_up:
             return ""
         left = self._absence.lost(self._clock(), self._limit)
