@@ -100,6 +100,15 @@ def test_an_interruption_ends_although_a_number_is_gone(courier):
     assert store.executions() == [] and value(store, "battery") == 45
 
 
+def test_an_interruption_says_which_continuous_effect_it_cannot_apply(courier):
+    store, clock = courier
+    apply(store, "start", "t", "drive", WAY)
+    with store.transaction() as change:
+        change.remove(FunctionValue("heat", (), 0.0))
+    clock.seconds = 2.0
+    assert "heat" in apply(store, "interrupt", "t") and facts(store) == {"(at a)"}
+
+
 @pytest.mark.parametrize(
     ("text", "reason"),
     [
