@@ -3,6 +3,7 @@
 
 import threading
 import time
+from dataclasses import replace
 
 import pytest
 from dispatch_world import GUARDED, LIGHT, PLAN_ID, WORK, Run, World, actions, parallel
@@ -16,7 +17,7 @@ from merlin_rosplan.dispatch.dispatch_environment import (
     Tick,
 )
 from merlin_rosplan.dispatch.dispatch_schedule import SequentialSchedule
-from merlin_rosplan.dispatch.operator_model import PlanTerm
+from merlin_rosplan.dispatch.operator_model import PlanTerm, TimedEffects
 from merlin_test import LONG
 
 
@@ -135,6 +136,17 @@ def test_an_action_may_end_its_own_over_all_condition(world):
     world.wait_answers(2)  # before the start, and once it runs
     world.facts = set()  # the end effects, before the interface reports the end
     run.dispatch.put(KnowledgeChanged())
+    run.feedback(0, FeedbackStatus.SUCCEEDED)
+    assert run.report().success
+
+
+def test_an_over_all_condition_that_the_start_brings_about_may_come_later(world):
+    world.operators["keep"] = replace(LIGHT, name="keep", end_effects=TimedEffects())
+    run = Run(world, SequentialSchedule(actions("keep")))
+    world.wait("action", 0)
+    run.feedback(0, FeedbackStatus.ENABLED)
+    run.dispatch.put(KnowledgeChanged())
+    world.wait_answers(2)  # before the start, and once it runs
     run.feedback(0, FeedbackStatus.SUCCEEDED)
     assert run.report().success
 
