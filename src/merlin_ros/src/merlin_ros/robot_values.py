@@ -1,12 +1,26 @@
 # SPDX-License-Identifier: Apache-2.0
 """Several robots: names that are agreed, and what a launch file says for all or for each. Without ROS."""
 
-from typing import Any, List, Sequence
+from typing import Any, List, Mapping, Sequence
 
 #: Parameter, beside the planning system: the robots of ``robots:=``; an empty list: one without a name.
 ROBOTS = "merlin/robots"
 #: Predicate of which the bridges keep the truth: the robot takes actions.
 AVAILABLE = "available"
+#: Type of the parameter that says which robot runs an action.
+ROBOT_TYPE = "robot"
+
+
+def is_robot(kind: str, parents: Mapping[str, str]) -> bool:
+    """Whether a type is ``robot`` or below it."""
+    above = {name.lower(): parent.lower() for name, parent in parents.items()}
+    kind, seen = kind.lower(), set()
+    while kind and kind not in seen:
+        if kind == ROBOT_TYPE:
+            return True
+        seen.add(kind)
+        kind = above.get(kind, "")
+    return False
 
 
 def of_robot(name: str, value: Any, robot: str, robots: Sequence[str]) -> Any:

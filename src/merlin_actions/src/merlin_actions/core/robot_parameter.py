@@ -4,10 +4,10 @@
 import re
 from typing import Mapping, Sequence, Tuple
 
+from merlin_ros.robot_values import is_robot
+
 Parameters = Sequence[Tuple[str, str]]  # variable without '?', type
 
-#: Type of the robots of a domain.
-ROBOT_TYPE = "robot"
 _FACT = re.compile(r"\(\s*([A-Za-z][\w-]*)((?:\s+[^\s()]+)*)\s*\)")
 
 
@@ -58,15 +58,3 @@ def with_robot(text: str, variable: str, facts: Mapping[str, Parameters], parent
         return f"({' '.join([name, *arguments])})"
 
     return _FACT.sub(put, text)
-
-
-def is_robot(kind: str, parents: Mapping[str, str]) -> bool:
-    """Whether a type is ``robot`` or below it."""
-    above = {name.lower(): parent.lower() for name, parent in parents.items()}
-    kind, seen = kind.lower(), set()
-    while kind and kind not in seen:
-        if kind == ROBOT_TYPE:
-            return True
-        seen.add(kind)
-        kind = above.get(kind, "")
-    return False

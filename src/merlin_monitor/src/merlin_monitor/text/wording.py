@@ -22,9 +22,9 @@ from merlin_monitor.text.sentences import (
     filled_parts,
     has_blank,
 )
+from merlin_ros.robot_values import is_robot
 
 NO_SENTENCES = Sentences()
-ROBOT = "robot"  # the type of the parameter that says which robot runs an action
 _TOKEN = re.compile(r"[()]|[^\s()]+")
 _NAMES = re.compile(r"[\w\s()<>=?:.+*/@#-]*\Z")  # what else there is, is not PDDL
 _COMPARISONS = {">=": "≥", "<=": "≤", ">": ">", "<": "<", "=": "="}
@@ -53,7 +53,7 @@ class Wording:
         self._labels = {name: [label.lower() for label, _ in pairs] for name, pairs in atoms.items()}
         self._operators = {name: [label for label, _ in pairs] for name, pairs in domain["operators"].items()}
         for name, pairs in domain["operators"].items():
-            robots = [label for label, kind in pairs if _is_robot(kind, types)]
+            robots = [label for label, kind in pairs if is_robot(kind, types)]
             self.run_by({name: robots[0]} if robots else {})
         return domain_faults(self.sentences, {"functions": {}, "predicates": {}, **domain})
 
@@ -238,11 +238,3 @@ def _with_words(text: str, found: Mapping[str, Any], key: str) -> str:
         return f"“{words[key] if isinstance(words, dict) and key in words else in_english(words)}”"
 
     return _ATOM.sub(put, text)
-
-
-def _is_robot(kind: str, types: Mapping[str, str]) -> bool:
-    for _ in range(len(types) + 1):  # a foreign hierarchy may be a ring
-        if kind == ROBOT or not kind:
-            break
-        kind = types.get(kind, "")
-    return kind == ROBOT
