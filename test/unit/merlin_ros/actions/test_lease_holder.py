@@ -2,14 +2,16 @@
 """What a holder of leases publishes: one message for each change, and one for each period."""
 
 import threading
-from typing import Callable, Iterator, List
+from types import MethodType, SimpleNamespace
+from typing import Any, Callable, Iterator, List
 
 import pytest
 from merlin_msgs.msg import Lease
 
 from merlin_ros.actions import lease_holder
-from merlin_ros.actions.lease_holder import LeaseHolder
+from merlin_ros.actions.lease_holder import LIFE, LeaseHolder
 from merlin_ros.alarms import Alarm
+from merlin_ros.publishing import OnSubscriber
 from merlin_test import LONG
 
 
@@ -39,6 +41,30 @@ def test_goals_are_exchanged_in_one_message(holder: LeaseHolder, published: List
     holder.hold("7/1")
     holder.exchange(["7/2", "7/3"], ["7/1"])
     assert published == [["7/1"], ["7/2", "7/3"]]
+
+
+def test_a_server_that_connects_hears_at_once_what_is_held_and_of_which_life(
+    published: List[List[str]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    listeners: List[OnSubscriber] = []
+
+    def topic(*_: Any, subscriber_listener: OnSubscriber, **__: Any) -> Any:
+        listeners.append(subscriber_listener)
+        return SimpleNamespace(unregister=lambda: None)
+
+    monkeypatch.setattr(lease_holder.rospy, "Publisher", topic)
+    holder = LeaseHolder("/dispatcher/lease")
+    heard: List[Lease] = []
+    server = SimpleNamespace(acquire=lambda: None, release=lambda: None)
+    everyone = MethodType(lambda self, message: None, server)
+    for goals in ([], ["7/1"]):
+        for goal in goals:
+            holder.hold(goal)
+        listeners[0].peer_subscribe("/dispatcher/lease", everyone, heard.append)
+        assert (heard[-1].owner, heard[-1].life, heard[-1].held) == ("/client", LIFE, goals)
+    holder.shutdown()
+    listeners[0].peer_subscribe("/dispatcher/lease", everyone, heard.append)
+    assert len(heard) == 2
 
 
 def test_releasing_what_is_not_held_says_nothing(holder: LeaseHolder, published: List[List[str]]) -> None:

@@ -3,14 +3,14 @@
 
 import threading
 import uuid
-from typing import ClassVar, Collection, Dict, Optional, Tuple
+from typing import Callable, ClassVar, Collection, Dict, Optional, Tuple
 
 import rospy
 from merlin_msgs.msg import Lease
 
 from merlin_ros.actions.ownership import ownership
 from merlin_ros.alarms import Alarm, every
-from merlin_ros.publishing import publish, unregister
+from merlin_ros.publishing import OnSubscriber, publish, unregister
 
 PERIOD = 0.15  # s of wall time between two renewals
 LIFE = uuid.uuid4().hex[:12]  #: names this process
@@ -73,12 +73,13 @@ class _Lease:
 
     def __init__(self, topic: str) -> None:
         self.users = 0
-        self.publisher = rospy.Publisher(topic, Lease, queue_size=10)
         self._lock = threading.Lock()  # guards the fields below and the order of messages
         # goal -> its holder, and the goal on whose behalf it was sent
         self._held: Dict[str, Tuple[LeaseHolder, Optional[str]]] = {}
         self._stopped = False
         self._beat: Optional[Alarm] = None
+        listener = OnSubscriber(self._greet)
+        self.publisher = rospy.Publisher(topic, Lease, subscriber_listener=listener, queue_size=10)
         ownership.listen(self._renew)
 
     def release_all(self, holder: LeaseHolder) -> None:
@@ -116,8 +117,17 @@ class _Lease:
                 self._beat.cancel()
                 self._beat = None
 
+    def _greet(self, publish_to_peer: Callable[[Lease], None]) -> None:
+        """Names this life to a server that has connected: what an earlier one left there ends now."""
+        with self._lock:
+            if not self._stopped:
+                publish_to_peer(self._message())
+
     def _publish(self) -> None:
         """Called with the lock held."""
+        publish(self.publisher, self._message())
+
+    def _message(self) -> Lease:
         message = Lease(
             owner=rospy.get_name(),
             life=LIFE,
@@ -125,4 +135,4 @@ class _Lease:
             suspended=[goal for goal, (_, owner) in self._held.items() if ownership.suspended(owner)],
         )
         message.header.stamp = rospy.Time.now()
-        publish(self.publisher, message)
+        return message
