@@ -332,12 +332,21 @@ class DispatchProgress:
         if reply.refused or reply.gone:
             action, why = "", reply.refused or reply.gone
         named = action or ("" if reply.gone and not self.failed_by_itself else self.failed)
-        rest = [found.get(ground_text(named), "") for found in (self._no_retry, self._of_robot)]
+        no_retry, of_robot = (found.get(ground_text(named), "") for found in (self._no_retry, self._of_robot))
         said = "; ".join(filter(None, dict.fromkeys(self._unstopped.values())))
-        found = DispatchResult(
-            False, cancelled, False, named, why, unstopped, bool(reply.gone), tuple(unmet), *rest
+        return DispatchResult(
+            False,
+            cancelled,
+            False,
+            named,
+            why,
+            unstopped,
+            bool(reply.gone),
+            tuple(unmet),
+            no_retry,
+            of_robot,
+            said,
         )
-        return found._replace(held_up_by=said)
 
     def hung(self, dispatcher: str, deadline: float) -> DispatchResult:
         """The end of a dispatch whose dispatcher does not say that it has ended.
