@@ -147,6 +147,19 @@ def test_reading_keeps_the_time_limit_too(capsys, tmp_path):
     assert code == 1 and f"reading {problem} takes more than {limit:g} s" in output
 
 
+def test_a_misspelt_supertype_is_named_before_the_errors_that_come_of_it(capsys, tmp_path):
+    domain = tmp_path / "domain.pddl"
+    domain.write_text(
+        "(define (domain d) (:requirements :typing)\n(:types place - object\n"
+        "poi - plase room - (either place area))\n(:predicates (at ?p - place))\n"
+        "(:action go :parameters (?p - poi) :precondition () :effect (at ?p)))"
+    )
+    status, out = run(capsys, str(domain))
+    first, *errors = out.splitlines()
+    assert first == f"{domain}:3:7: warning: the type 'plase' is declared nowhere (did you mean 'place'?)"
+    assert status == 1 and errors and "'area'" not in out  # allowed, and like no other name
+
+
 def test_names_that_other_parsers_do_not_read_are_warned_of(capsys, tmp_path):
     domain, problem = tmp_path / "domain.pddl", tmp_path / "problem.pddl"
     lines = (

@@ -30,13 +30,13 @@ from merlin_monitor.panel_board import foreign_panel, panel_paths, script_of
 from merlin_monitor.panels.control import NONE, SENTENCES, GoalListError, read_goals
 from merlin_monitor.text.sentences import SentencesError, domain_faults, read_sentences
 from merlin_pddl.checks.literals import calls_of, literal_fault
-from merlin_pddl.checks.portability import declared_twice
+from merlin_pddl.checks.portability import declared_twice, misspelt_supertypes
 from merlin_pddl.checks.values import missing_values
 from merlin_pddl.domain import Domain, Signature
-from merlin_pddl.domain_reader import read_domain
+from merlin_pddl.domain_reader import parse_domain
 from merlin_pddl.problem import Problem
 from merlin_pddl.problem_reader import read_problem
-from merlin_pddl.text_reader import PddlError, suggestion
+from merlin_pddl.text_reader import PddlError, suggestion, text_of
 from merlin_ros.class_path import WITHOUT_BASE, load_function
 from merlin_ros.node import end_node, init_node
 from merlin_ros.parameters import ParameterError
@@ -138,12 +138,15 @@ class Findings:
         :raises PddlError: when one of them is not PDDL.
         """
         if name not in self._tasks:
-            domain = read_domain(config.file(f"{name}/domain_path"))
+            source = config.file(f"{name}/domain_path")
+            text = text_of(source)
+            self.fits.update(dict.fromkeys(misspelt_supertypes(text, str(source))))
+            domain = parse_domain(text, str(source))
             problem = Problem("", domain.name)
             if config.param(f"{name}/problem_path"):
                 file = config.file(f"{name}/problem_path")
                 problem = read_problem(file, domain)
-                warnings = declared_twice(file.read_text(encoding="utf-8-sig"), str(file))
+                warnings = declared_twice(text_of(file), str(file))
                 warnings += [f"{file}: warning: {text}" for text in missing_values(domain, problem)]
                 self.fits.update(dict.fromkeys(warnings))
             self._tasks[name] = Task(domain, problem)

@@ -244,6 +244,18 @@ def test_a_mission_that_does_not_exist_and_an_object_declared_twice_are_named(
     assert "warning: 'kitchen' is declared in line" in done.stdout
 
 
+def test_a_misspelt_supertype_is_named(check: Any, tmp_path: Path) -> None:
+    launch = Path(application(tmp_path, f"{NAVIGATE}, {ASK}", points="kitchen bathroom dorm_room main_door"))
+    home = Path(__file__).resolve().parents[4] / "pddl" / "home" / "domain.pddl"
+    domain = tmp_path / "domain.pddl"
+    domain.write_text(home.read_text().replace("(:types", "(:types cellar - plase", 1))
+    launch.write_text(launch.read_text().replace("$(find merlin)/pddl/home/domain.pddl", str(domain)))
+    assert (
+        "warning: the type 'plase' is declared nowhere (did you mean 'place'?)"
+        in check(tmp_path, str(launch)).stdout
+    )
+
+
 def test_a_mission_that_does_not_make_its_base_is_named(check: Any, tmp_path: Path) -> None:
     launch = Path(application(tmp_path, f"{NAVIGATE}, {ASK}", points="kitchen bathroom dorm_room main_door"))
     node = '<node pkg="merlin_executor" type="mission" name="mission" args="mission:=KIND"/>'

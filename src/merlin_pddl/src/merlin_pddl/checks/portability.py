@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What other parsers do not read although it is valid here: keywords as names, and an empty goal."""
+"""What is valid here and yet seldom meant, or not read by other parsers."""
 
-from typing import Dict, Iterator, List
+from typing import Dict, Iterator, List, Set
 
 from merlin_pddl.domain_reader import open_definition
 from merlin_pddl.formula_reader import TRAJECTORY
-from merlin_pddl.text_reader import Expression, Node, Word, read_expression
+from merlin_pddl.text_reader import Expression, Node, Word, read_expression, suggestion
+from merlin_pddl.type_hierarchy import OBJECT
 
 #: Words with a meaning of their own in PDDL. ``at`` is not among them: every parser takes it as a predicate.
 KEYWORDS = TRAJECTORY | {
@@ -37,6 +38,30 @@ def warnings(text: str, source: str) -> List[str]:
         if section.head == ":goal" and len(section) == 2 and _empty(section[1]):
             found.append(f"{_place(section)}: warning: the goal is empty: POPF and ROSPlan refuse it")
     return found
+
+
+def misspelt_supertypes(text: str, source: str) -> List[str]:
+    """Supertypes that are declared nowhere and look like a type that is; PDDL allows them.
+
+    :param text, source: as of :func:`warnings`.
+    :raises PddlError: it is not a domain.
+    """
+    _, sections = open_definition(read_expression(text, source), "domain")
+    declared: Set[str] = {OBJECT}
+    parents: List[Word] = []
+    for section in sections:
+        nodes = section[1:] if section.head == ":types" else []
+        for before, node in zip(["", *nodes], nodes):
+            if before == "-":
+                parents.extend(_words(node[1:] if isinstance(node, Expression) else [node]))
+            elif isinstance(node, Word):
+                declared.add(str(node))
+    return [
+        f"{_place(word)}: warning: the type '{word}' is declared nowhere{hint}"
+        for word in parents
+        for hint in [suggestion(str(word), declared)]
+        if word not in declared and hint
+    ]
 
 
 def declared_twice(text: str, source: str) -> List[str]:

@@ -87,6 +87,8 @@ class Validation:
     def _check_domain(self, text: str, path: str) -> Domain:
         if self._kairos is not None:
             self._report(self._kairos.check_domain(text, path), path, self._kairos.Severity.ERROR)
+        # before the errors that come of them
+        self.messages[:0] = portability.misspelt_supertypes(text, path)
         domain = parse_domain(text, path)
         self.messages.extend(portability.warnings(text, path))
         if self.valid:
