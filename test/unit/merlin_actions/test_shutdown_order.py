@@ -173,7 +173,6 @@ def test_all_bridges_of_a_node_are_told_to_stop_before_one_is_waited_for(
     dispatcher = Dispatcher(monkeypatch)
     made: Dict[str, Any] = {
         "run_node": lambda name, start, *_, **__: start(),
-        "get_param": lambda name, default: default,
         "graph_name": lambda name, default: default,
         "number": lambda name, default, least: default,
         "flag": lambda name: False,

@@ -82,23 +82,6 @@ sys.exit(run_node("client", start))
 """
 
 
-# The bridges, which wait for the knowledge base.
-BRIDGES = """
-import os, sys
-from merlin_actions.nodes import bridges
-from merlin_ros.node import on_master_replaced
-
-def wait(*_):
-    on_master_replaced(lambda: print("BACK", flush=True))
-    print("WAITS", flush=True)
-    sys.stdin.readline()
-    os._exit(0)
-
-bridges.wait_for_knowledge_base = wait
-bridges.main()
-"""
-
-
 @pytest.fixture
 def nodes(master: Any) -> Tuple[Any, Any]:
     master.api.setParam("/test", "/use_sim_time", False)
@@ -138,16 +121,18 @@ def test_nodes_work_together_at_a_master_that_was_started_anew(master: Any, node
     assert not any(name in str(master.api.getSystemState("/test")) for name in ("/server", "/client"))
 
 
-def test_the_robots_of_a_plan_are_known_at_a_master_that_was_started_anew(master: Any) -> None:
-    """A mission that begins there would look for the servers of one robot without a name."""
+def test_what_a_launch_file_says_to_all_nodes_is_known_at_a_master_that_was_started_anew(master: Any) -> None:
+    """A mission that begins there would look for the servers of one robot, and a drive for no guard."""
     master.api.setParam("/test", "/use_sim_time", False)
-    master.api.setParam("/test", "/merlin/robots", ["ria", "tom"])
-    node = master.node(BRIDGES)
-    node.expect("WAITS")
+    said = {"robots": ["ria", "tom"], "guard_expected": True, "panels": {"why": "merlin_explain:WhyPanel"}}
+    master.api.setParam("/test", "/merlin", said)
+    node = master.node(SERVER)
+    node.expect("started")
     master.kill()
+    node.expect("LOST")
     master.start()
     node.expect("BACK")
-    assert master.api.getParam("/test", "/merlin/robots")[2] == ["ria", "tom"]
+    assert master.api.getParam("/test", "/merlin")[2] == said
 
 
 def test_a_parameter_that_was_set_anew_is_left_alone(master: Any, nodes: Tuple[Any, Any]) -> None:

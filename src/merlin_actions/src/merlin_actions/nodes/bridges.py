@@ -23,10 +23,8 @@ from merlin_planning.knowledge_client import (
     wait_for_knowledge_base,
 )
 from merlin_ros.health import OK, WARN, Health, HealthReporter
-from merlin_ros.master.master_link import get_param
 from merlin_ros.node import on_master_lost, run_node
 from merlin_ros.parameters import ParameterError, flag, graph_name, number
-from merlin_ros.robot_values import ROBOTS
 
 
 def make_bridges(
@@ -75,7 +73,6 @@ def main() -> int:
 
 
 def _start() -> None:
-    get_param(ROBOTS, [])  # a master that is started anew gets it, for what begins there: missions, the page
     knowledge_base = graph_name("~knowledge_base", DEFAULT_KNOWLEDGE_BASE)
     wait_for_knowledge_base(knowledge_base, number("~knowledge_base_wait", 30.0, 0.0))
     gone_after = number("~gone_after", GONE_AFTER, WORD_PERIOD)

@@ -122,6 +122,7 @@ class MasterKeeper:
     def __init__(self, name: str, uri: str) -> None:
         self._parameters = KeptParameters()
         self._parameters.keep(name)
+        self._parameters.keep(rospy.resolve_name("merlin"))  # what a launch file says to all nodes of a robot
         self._name = name
         self._watch = MasterWatch(uri)
         self._master_uri = rosgraph.get_master_uri()
