@@ -112,6 +112,23 @@ def test_a_domain_that_exists_is_kept_as_it_is(tmp_path):
     assert (package / "src" / "my_cafe" / "actions" / "order_to_barman.py").is_file()
 
 
+def test_a_navigate_of_the_domain_that_is_not_that_of_merlin_gets_a_class(tmp_path):
+    domain, problem = tmp_path / "domain.pddl", tmp_path / "problem.pddl"
+    domain.write_text(
+        "(define (domain lab) (:requirements :typing) (:types bench - object)\n"
+        "(:predicates (robot_at ?b - bench))\n(:action navigate :parameters (?from ?to - bench)\n"
+        ":precondition (robot_at ?from) :effect (robot_at ?to)))"
+    )
+    problem.write_text(
+        "(define (problem p) (:domain lab) (:objects a b - bench) (:init (robot_at a)) (:goal (robot_at b)))"
+    )
+    application = application_of("my_lab", domain, problem)
+    assert [(action.operator, action.parameters) for action in application.actions] == [
+        ("navigate", ("from", "to"))
+    ]
+    assert "[my_lab.actions.navigate:Navigate]" in files_of(application)["launch/my_lab.launch"]
+
+
 @pytest.mark.parametrize(
     "name", ["", "a", "My", "2a", "a-b", "a__b", "class", "json", "test", "all", "merlin_sm", "x" * 31]
 )

@@ -232,7 +232,7 @@ def application_of(
     for operator in domain.operators.values():
         if operator is navigate and navigates:
             continue
-        check_operator(operator.name)
+        check_operator(operator.name, {})
         variables = tuple(_labels(operator, domain, robots))
         actions.append(NewAction(operator.name, variables, ()))
     _check_modules(actions)

@@ -5,7 +5,7 @@ import importlib.util
 import keyword
 import re
 import sys
-from typing import Collection
+from typing import Collection, Mapping
 
 from merlin_pddl.checks.portability import KEYWORDS
 
@@ -55,14 +55,15 @@ def check_package(name: str, known: Collection[str] = ()) -> None:
         raise NameRefused(f"package '{name}' would hide the Python module {name}; take another name")
 
 
-def check_operator(name: str) -> None:
+def check_operator(name: str, ready: Mapping[str, str] = READY) -> None:
     """Checks the name of an action.
 
+    :param ready: what its domain has already → what that is; a domain that exists has nothing else.
     :raises NameRefused: when PDDL, Python or a ready action is in the way.
     """
     _check_form("action", name, _OPERATOR, "lower case, digits, _ and -, beginning with a letter")
-    if name in READY:
-        raise NameRefused(f"action '{name}' {READY[name]}; leave it out, or take another name")
+    if name in ready:
+        raise NameRefused(f"action '{name}' {ready[name]}; leave it out, or take another name")
     _check_pddl("action", name)
     _check_keyword("action", module_name(name))
     _check_keyword("action", class_name(name))
