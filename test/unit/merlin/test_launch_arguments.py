@@ -13,6 +13,8 @@ from roslaunch.xmlloader import XmlLoader
 
 from merlin.launch_config import LaunchConfig
 from merlin.launch_request import LaunchError, LaunchRequest, known_arguments
+from merlin_actions.merlin_action_server import CANCEL_LIMIT
+from merlin_restaurant.recorded_evening import RecordedEvening
 
 LAUNCH = Path(rospkg.RosPack().get_path("merlin")) / "launch"
 ROBOT = {
@@ -296,6 +298,14 @@ def test_a_text_is_not_taken_for_true(file: str, arguments: dict, names: tuple, 
 def test_what_would_begin_another_robot_is_refused(file: str, wrong: dict, why: str) -> None:
     with pytest.raises(RLException, match=why):
         load(file, **wrong)
+
+
+def test_the_launch_files_leave_limits_as_they_are_documented() -> None:
+    for robots, host in (("", "/merlin_fsm_host"), ("ann,bob", "/bob/merlin_fsm_host")):
+        config = load("include/robot.launch", **ROBOT, robots=robots)
+        assert config.params[f"{host}/cancel_limit"].value == CANCEL_LIMIT
+    evening = load("restaurant.launch").params["/mission/startup_timeout"]
+    assert evening.value == RecordedEvening.startup_timeout
 
 
 def test_a_file_that_includes_itself_is_named_on_a_line_that_can_be_read(tmp_path: Path) -> None:
