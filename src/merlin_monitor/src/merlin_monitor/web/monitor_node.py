@@ -31,6 +31,8 @@ def main() -> int:
 def _start() -> None:
     host = str(rospy.get_param("~host", "127.0.0.1"))
     port = whole("~port", 8080, 0, 65535)
+    open_look = flag("~open_look")
+    open_stop = flag("~open_stop", True)
     limit = whole("~history_limit", 100_000, 100, 100_000_000)
     own = RosSystem()
     path = path_of_node(own, "~history")
@@ -42,7 +44,6 @@ def _start() -> None:
     ros = ReplayedSystem() if flag("~replayed") else own
     panels = PanelBoard(state, panel_paths(rospy.get_param("~panels", [])), offered=True, ros=ros)
     operators = operators_of_node(own)
-    open_look = flag("~open_look")
     check_lookers(host, operators is not None, open_look)
     # Operators may come later; the files of a monitor that never has any stay unwritten.
     control = RobotControl(state, panels.requests) if operators is not None else None
@@ -50,7 +51,7 @@ def _start() -> None:
     tls = _tls(own)
     server = WebServer(
         state,
-        WebAccess(host, names, operators, bool(rospy.get_param("~open_stop", True)), open_look=open_look),
+        WebAccess(host, names, operators, open_stop, open_look=open_look),
         control,
         host,
         port,
