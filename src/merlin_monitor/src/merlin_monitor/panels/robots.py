@@ -32,7 +32,6 @@ class RobotsSection:
         self._hosts: Dict[str, Liveness[str]] = {}  # robot -> nodes of its hosts
         self._looked = 0.0  # s of wall time
         self._out: Dict[str, str] = {}
-        self._away: Dict[str, str] = {}
         self._parameters: Dict[str, str] = {}  # operator -> variable
         self._running: List[Any] = []
         self._roster = RobotRoster()
@@ -68,7 +67,7 @@ class RobotsSection:
         """Takes a message with the fields of merlin_msgs/DispatchStatus."""
         self._running = list(message.running)
         for robot in self._hosts:
-            self._show(robot)
+            self._show(robot, self._tree.get(SECTION, "robots", robot, "away", default=""))
 
     def check_silence(self, at: float, wall: float) -> None:
         """Notices hosts that are silent."""
@@ -82,8 +81,8 @@ class RobotsSection:
         self._looked = wall
 
     def _forget(self, robot: str) -> None:
-        for kept in (self._hosts, self._out, self._away):
-            kept.pop(robot, None)
+        self._hosts.pop(robot, None)
+        self._out.pop(robot, None)
         self._tree.remove(SECTION, "robots", robot)
 
     def _judge(self, robot: str, at: float) -> None:
@@ -95,10 +94,16 @@ class RobotsSection:
             away = f"two hosts say that they are it: {' and '.join(there)}"
         elif not there:
             away = f"its host {'is silent' if Presence.GONE in found.values() else 'has ended'}"
-        if away != self._away.get(robot):
-            self._put(robot, away, at)
+        before = self._tree.get(SECTION, "robots", robot, "away")
+        if away != before:
+            self._show(robot, away)
+            if away:
+                said = with_reason(say("robot {robot} takes no actions", robot=robot), away)
+                self._report(sentence("health", said, at, "failure"))
+            elif before:
+                self._report(sentence("health", say("robot {robot} takes actions again", robot=robot), at))
 
-    def _show(self, robot: str) -> None:
+    def _show(self, robot: str, away: str) -> None:
         """Shows what a robot does: in PDDL, and in words that do not name it again."""
         does: List[str] = []
         words: List[Phrase] = []
@@ -107,19 +112,7 @@ class RobotsSection:
             if values.get(self._parameters.get(action.name, "")) == robot:
                 does.append(atom_text(action.name, list(values.values())))
                 words.append(self._wording.action(action.name, list(values.items()), subject=False))
-        self._tree.set(
-            SECTION, "robots", robot, {"away": self._away.get(robot, ""), "does": does, "words": words}
-        )
-
-    def _put(self, robot: str, away: str, at: float) -> None:
-        before = self._away.get(robot)
-        self._away[robot] = away
-        self._show(robot)
-        if away:
-            said = with_reason(say("robot {robot} takes no actions", robot=robot), away)
-            self._report(sentence("health", said, at, "failure"))
-        elif before:
-            self._report(sentence("health", say("robot {robot} takes actions again", robot=robot), at))
+        self._tree.put(SECTION, "robots", robot, away=away, does=does, words=words)
 
 
 class RobotsPanel(Panel):

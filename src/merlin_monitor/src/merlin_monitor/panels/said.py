@@ -71,8 +71,6 @@ class SaidSection:
         self._tree = tree
         self._report = report
         self._pictures = pictures
-        self._entries: List[Dict[str, Any]] = []
-        self._number = 0
         tree.set("said", "entries", [])
 
     def spoken(self, request: Any, at: float, robot: str = "") -> None:
@@ -113,10 +111,10 @@ class SaidSection:
         self._tree.put("said", picture=self._pictures.put("seen", picture), looked=robot)
 
     def _add(self, kind: str, words: Phrase, at: float, robot: str, said: Phrase) -> None:
-        self._number += 1
-        entry = {"number": self._number, "kind": kind, "words": words, "at": at, "robot": robot}
-        self._entries = [entry, *self._entries][:MOST]
-        self._tree.set("said", "entries", self._entries)
+        before = self._tree.get("said", "entries")
+        number = before[0]["number"] + 1 if before else 1
+        entry = {"number": number, "kind": kind, "words": words, "at": at, "robot": robot}
+        self._tree.set("said", "entries", [entry, *before][:MOST])
         said = say("{node} {what}", node=robot, what=said) if robot else said
         self._report(sentence("sight" if kind == "seen" else "speech", said, at))
 

@@ -7,12 +7,10 @@ import logging
 import os
 import queue
 import sqlite3
-import threading
 import time
 import zlib
-from collections import deque
 from pathlib import Path
-from typing import Any, Callable, Deque, Dict, List, Optional
+from typing import Any, Callable, Dict, List, Optional
 
 from merlin_monitor.history.event_log import Row, row_of
 from merlin_monitor.history.frames import Frame
@@ -317,18 +315,13 @@ class HistorySection:
 
     def __init__(self, tree: StateTree) -> None:
         self._tree = tree
-        self._lock = threading.Lock()  # guards _shown: the first page comes from another thread
-        self._shown: Deque[str] = deque()
         tree.set(SECTION, "events", {})
 
     def add(self, events: List[Dict[str, Any]]) -> None:
-        """Shows stored events."""
-        with self._lock:
-            for event in events[-NEWEST:]:
-                key = str(event["id"])
-                self._tree.set(SECTION, "events", key, event)
-                if key in self._shown:  # it could not be written, once more
-                    self._shown.remove(key)
-                self._shown.append(key)
-            while len(self._shown) > NEWEST:
-                self._tree.remove(SECTION, "events", self._shown.popleft())
+        """Shows stored events; the first page comes from another thread."""
+        for event in events[-NEWEST:]:
+            key = str(event["id"])
+            self._tree.remove(SECTION, "events", key)  # where it could not be written, once more
+            self._tree.set(SECTION, "events", key, event)
+        for old in self._tree.keys(SECTION, "events")[:-NEWEST]:
+            self._tree.remove(SECTION, "events", old)

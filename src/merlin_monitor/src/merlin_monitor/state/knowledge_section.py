@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The section of what the robot knows: objects, facts, numeric values, goals, and their last changes."""
 
-from collections import deque
-from typing import Any, Deque, Dict, Iterable, List, NamedTuple, Optional, Tuple
+from typing import Any, Dict, Iterable, List, NamedTuple, Optional, Tuple
 
 from merlin_monitor.state.history_events import Reporter, sentence
 from merlin_monitor.state.state_tree import StateTree
@@ -40,7 +39,6 @@ class KnowledgeSection:
         self._wording = wording or Wording()
         self._tree = tree
         self._report = report
-        self._recent: Deque[str] = deque()
         self._number = 0
         self._version: Dict[str, int] = {}  # of the change that is taken in, as a field; empty: not known
         self._clear({kind: {} for kind in KINDS})
@@ -70,7 +68,6 @@ class KnowledgeSection:
         if first:
             self._clear(new)
             self._tree.set(SECTION, "recent", {})
-            self._recent.clear()
             return
         changes: Changes = []
         self._version = {}
@@ -135,14 +132,12 @@ class KnowledgeSection:
             if kind == "values":
                 text = f"{key} = {number_text(entry['value'])}"
         self._number += 1
-        number = str(self._number)
-        self._recent.append(number)
         change = {"sign": sign, "kind": kind, "text": text, "by": by, "at": at, **self._version}
         if text != key:
             change.update(key=key, value=entry["value"])
-        self._tree.set(SECTION, "recent", number, change)
-        while len(self._recent) > RECENT:
-            self._tree.remove(SECTION, "recent", self._recent.popleft())
+        self._tree.set(SECTION, "recent", str(self._number), change)
+        for old in self._tree.keys(SECTION, "recent")[:-RECENT]:
+            self._tree.remove(SECTION, "recent", old)
 
     def _report_changes(self, changes: Changes, by: str, at: float) -> None:
         if not changes:

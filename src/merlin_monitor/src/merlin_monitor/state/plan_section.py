@@ -55,7 +55,6 @@ class PlanSection:
         self._edges: Edges = []
         self._dispatch = 0  # number of the dispatch the steps' states belong to; 0: not known
         self._plans = 0
-        self._replans: List[Dict[str, Any]] = []
         self._early: Dict[Tuple[int, int], Tuple[int, str, float]] = {}  # feedback that came before its plan
         self._status: Any = None  # the dispatcher's last one
         self._status_at = 0.0  # s of ROS time
@@ -298,14 +297,13 @@ class PlanSection:
     def replanned(self, reason: str, at: float) -> None:
         """A failed plan is replaced."""
         said = self.wording.reason(reason)
-        self._replans = [*self._replans, {"at": at, "reason": said}][-MOST_REPLANS:]
-        self._tree.set(SECTION, "replans", self._replans)
+        replans = [*self._tree.get(SECTION, "replans"), {"at": at, "reason": said}]
+        self._tree.set(SECTION, "replans", replans[-MOST_REPLANS:])
         why = said or say("the plan failed")
         self._report(sentence("plan", say("planning again: {why}", why=why), at, "replan", reason=reason))
 
     def request_changed(self) -> None:
         """Another request is served: replans count anew, and the plan of the last one is over."""
-        self._replans = []
         self._tree.set(SECTION, "replans", [])
 
     def carried_out(self, request: str, steps: int) -> None:
