@@ -116,9 +116,9 @@ class NowSection:
             "request": message.request,
             "goals": list(message.goals),
             "words": words,
-            "together": [self._with(words, each, at) for each in getattr(message, "together", ())],
+            "together": [self._with(words, each, at) for each in message.together],
             "priority": message.priority,
-            "by": getattr(message, "by", ""),  # a bag may be older
+            "by": message.by,
             "stage": message.stage,
             "done": message.steps_done,
             "total": message.steps_total,
@@ -126,7 +126,7 @@ class NowSection:
             "reason": message.reason,
             "paused": message.paused,
             "held": message.held,
-            "waits": getattr(message, "waits", ""),
+            "waits": message.waits,
             "breakpoints": list(message.breakpoints),
             **self._running_times(message, words, at),
             "running": [
@@ -217,10 +217,10 @@ class NowSection:
                 "on_interrupt": ON_INTERRUPT.get(request.on_interrupt, "resume"),
                 "interrupted": request.interrupted,
                 "queued": request.queued.to_sec(),
-                "by": getattr(request, "by", ""),
-                "survives": getattr(request, "survives", False),
+                "by": request.by,
+                "survives": request.survives,
                 **self._waiting_times(request),
-                "kept": self._wording.reason(getattr(request, "waits", "")),
+                "kept": self._wording.reason(request.waits),
             }
             for request in message.requests
         ]
@@ -493,7 +493,7 @@ class NowSection:
 
     def _times(self, message: Any, *names: str) -> Dict[str, Any]:
         """Times of a request, s without what the clock was set by; zero: none. And why it is late."""
-        times = {name: getattr(message, name, None) for name in names}  # a bag may be older
-        late, jump = getattr(message, "late", ""), self._tree.get("meta", "clock_set") or 0.0
+        jump = self._tree.get("meta", "clock_set") or 0.0
+        times = {name: getattr(message, name) for name in names}
         shown = {name: time.to_sec() - jump if time else 0.0 for name, time in times.items()}
-        return {**shown, "late": self._wording.reason(late) if late else ""}
+        return {**shown, "late": self._wording.reason(message.late)}
