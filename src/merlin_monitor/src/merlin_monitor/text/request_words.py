@@ -4,25 +4,12 @@
 import re
 from typing import Sequence, Tuple
 
+from merlin_executor.core.outcome import Outcome
 from merlin_monitor.text.phrase import Phrase, say
 
 MISSION_STATES = ("starting", "running", "paused", "succeeded", "failed", "cancelled")
 EXECUTOR_STATES = ("idle", "running", "cancelling")
-OUTCOMES = (
-    "succeeded",
-    "already true",
-    "cancelled",
-    "dropped",
-    "refused",
-    "unsolvable",
-    "planner timeout",
-    "planner error",
-    "action failed",
-    "cancel timeout",
-    "internal",
-    "no plan",
-    "late",
-)
+OUTCOMES = tuple(outcome.name.replace("_", " ").lower() for outcome in Outcome)
 #: Outcomes that are not failures → what the time bar takes them for.
 MARKS = {"succeeded": "", "already true": "", "cancelled": "cancel", "dropped": "cancel"}
 #: What becomes of a request when a more urgent one comes.
