@@ -150,7 +150,7 @@ class LayoutError(RuntimeError):
     """The graph cannot be drawn; the text says why."""
 
 
-def layout(graph: DrawnGraph, command: str = "dot") -> Dict[str, Any]:
+def layout(graph: DrawnGraph) -> Dict[str, Any]:
     """Lays a graph out.
 
     :return: width and height (px), nodes with their centres and sizes, clusters with their frames, edges with
@@ -160,9 +160,9 @@ def layout(graph: DrawnGraph, command: str = "dot") -> Dict[str, Any]:
     source, node_names, cluster_names = _dot(graph)
     try:
         try:
-            process = _run([command], source, CAREFUL)
+            process = _run(source, CAREFUL)
         except subprocess.TimeoutExpired:
-            process = _run([command, *HURRY], source, TIMEOUT)
+            process = _run(source, TIMEOUT, *HURRY)
     except FileNotFoundError as error:
         raise LayoutError("Graphviz is missing; install the package graphviz") from error
     except subprocess.TimeoutExpired as error:
@@ -172,8 +172,8 @@ def layout(graph: DrawnGraph, command: str = "dot") -> Dict[str, Any]:
     return _read(json.loads(process.stdout), graph, node_names, cluster_names)
 
 
-def _run(command: List[str], source: str, timeout: float) -> "subprocess.CompletedProcess[str]":
-    command = [*command, "-Tjson0", "-y"]
+def _run(source: str, timeout: float, *options: str) -> "subprocess.CompletedProcess[str]":
+    command = ["dot", *options, "-Tjson0", "-y"]
     return subprocess.run(command, input=source, capture_output=True, timeout=timeout, text=True, check=False)
 
 
