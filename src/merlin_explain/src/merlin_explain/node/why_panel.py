@@ -57,8 +57,6 @@ class WhyPanel(Panel):
         self._service = ServiceProxy("merlin/explain", Explain, timeout=LIMIT)
         self._lock = threading.Lock()  # guards the field below
         self._asking: Optional[CallScope] = None
-        self._answers: List[Dict[str, Any]] = []
-        self._number = 0  # of the last answer
         self._domain: Any = self  # with which the files were read; not yet
         if state.history is not None:
             self.set("clock", round(state.history.now() - time.monotonic(), 3))
@@ -146,16 +144,15 @@ class WhyPanel(Panel):
         claims = [
             {"text": claim.text, "evidence": list(map(_shown, claim.evidence))} for claim in answer.claims
         ]
-        self._number += 1
+        before = self.state.tree.get(PANEL, "answers", default=[])
         shown = {
             **asked,
-            "number": self._number,
+            "number": before[0]["number"] + 1 if before else 1,
             "ok": answer.ok,
             "sentence": answer.sentence,
             "claims": claims,
         }
-        self._answers = [shown, *self._answers][:KEPT]
-        self.set("answers", self._answers)
+        self.set("answers", [shown, *before][:KEPT])
         self.set("asked", None)
         what = " ".join(filter(None, [asked["question"], asked["about"], *asked["facts"], *asked["goals"]]))
         self.report("control", say("{client} asks: {what}", client=asked["by"], what=what), asked["at"])
