@@ -4,15 +4,15 @@
 import math
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Dict, List, Optional
+from typing import TYPE_CHECKING, Dict, List, Optional, Set
 
 import numpy as np
 
-from merlin_reactive.pose import Pose
+from merlin_reactive.navigation.path_follower import Path as Way
+from merlin_reactive.pose import Point, Pose
 from merlin_sim.engine.physics import Physics
 from merlin_sim.engine.scene import Scene
 from merlin_sim.engine.world_control import WorldControl
-from merlin_sim.engine.world_events import WorldEvents
 from merlin_sim.rendering.shot import Shot
 from merlin_sim.robot.camera import CAMERA_LINK, Camera, CameraError, CameraModel
 from merlin_sim.robot.diff_drive import (
@@ -23,7 +23,7 @@ from merlin_sim.robot.diff_drive import (
     WheelOdometry,
 )
 from merlin_sim.robot.lidar import Lidar, LidarModel
-from merlin_sim.world.world_model import World
+from merlin_sim.world.world_model import DoorEvent, World, WorldEvent
 from merlin_sim.world.world_places import ROBOT, ROBOT_RADIUS
 
 if TYPE_CHECKING:
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 
 PHYSICS_RATE = 100  # steps per simulated second
 ODOMETRY_EVERY = 5  # steps
+DOOR_ROOM = 0.15  # m that a door's leaf keeps from a robot
 
 
 @dataclass(frozen=True)
@@ -76,6 +77,42 @@ class WorldRobot:
         self._last = pose
 
 
+class WorldEvents:
+    """What the file of a world says will happen: doors that open and close, furniture that is moved.
+
+    Everything happens at moments of simulated time; only a door waits, as it does not close on a robot.
+    """
+
+    def __init__(self, world: World, scene: Scene) -> None:
+        self._world = world
+        self._scene = scene
+        self._pending: List[WorldEvent] = list(world.events)
+
+    def step(self, now: float, robots: List[Point]) -> None:
+        """Applies the events that are due at a time, s."""
+        waiting: Set[str] = set()  # doors, whose later events wait as well
+        for event in [event for event in self._pending if event.at <= now]:
+            door = event.door if isinstance(event, DoorEvent) else ""
+            if door not in waiting and self._happen(event, robots):
+                self._pending.remove(event)
+            elif door:
+                waiting.add(door)
+
+    def _happen(self, event: WorldEvent, robots: List[Point]) -> bool:
+        """Plays an event; False when a robot is in its way."""
+        world, keep = self._world, ROBOT_RADIUS + DOOR_ROOM
+        if isinstance(event, DoorEvent):
+            door = next(door for door in world.doors if door.name == event.door)
+            way = Way([door.start, door.end])
+            if not event.open and any(way.nearest(robot, 0.0, way.length)[1] < keep for robot in robots):
+                return False
+            self._scene.put_solid(door.leaf(world.wall_thickness, world.wall_height), not event.open)
+            return True
+        thing = next(solid for solid in world.furniture + world.unmapped if solid.name == event.thing)
+        self._scene.put_solid(thing.moved(event.to), True)
+        return True
+
+
 class Simulation:
     """Owns the physics and the simulated time.
 
@@ -98,7 +135,7 @@ class Simulation:
         self.scene = Scene(world, self.physics, bodies)
         self.control = WorldControl(world, self.scene)
         self._pictures: Optional[PictureEngine] = None  # of this process
-        self._events = WorldEvents(world, self.scene.put_solid)
+        self._events = WorldEvents(world, self.scene)
 
     @property
     def time(self) -> float:
@@ -123,7 +160,7 @@ class Simulation:
                 robot.measure(self.tick)
             places = [robot.body.pose().point for robot in self.robots.values()]
             self.scene.follow()
-            self._events.step(self.time, places, ROBOT_RADIUS)
+            self._events.step(self.time, places)
             self.control.step(self.time, ODOMETRY_EVERY / PHYSICS_RATE)
 
     def scan(self, robot: WorldRobot) -> np.ndarray:
