@@ -54,7 +54,7 @@ def reachable(free: np.ndarray, starts: Iterable[Tuple[int, int]]) -> np.ndarray
     return free & np.isin(parts, [parts[start] for start in starts if free[start]])
 
 
-def mark(grid: OccupancyGrid, solid: Solid, value: int = OCCUPIED) -> None:
+def mark(grid: OccupancyGrid, solid: Solid) -> None:
     """Marks every cell whose centre lies in a thing."""
     corners = np.array(solid.corners())
     low = np.floor((corners.min(axis=0) - grid.origin) / grid.resolution).astype(int)
@@ -72,4 +72,4 @@ def mark(grid: OccupancyGrid, solid: Solid, value: int = OCCUPIED) -> None:
         cos, sin = math.cos(solid.pose.yaw), math.sin(solid.pose.yaw)
         along, across = np.abs(cos * x + sin * y), np.abs(cos * y - sin * x)
         within = (along <= half_x + 1e-9) & (across <= half_y + 1e-9)
-    grid.cells[np.ix_(rows, columns)] = np.where(within, value, grid.cells[np.ix_(rows, columns)])
+    grid.cells[np.ix_(rows, columns)] = np.where(within, OCCUPIED, grid.cells[np.ix_(rows, columns)])
