@@ -43,8 +43,8 @@ class GraphSchedule(Schedule):
         self._started: Set[int] = set()
         self._completed: Set[int] = set()  # actions that ended; their end node may still wait for others
         self._candidates: Set[int] = set()  # nodes with all edges active that have not happened
-        self._unseen: Set[int] = set()  # start nodes of dispatched actions whose effects were not seen
-        self._sent: Dict[int, float] = {}  # when those were dispatched
+        # Start nodes of dispatched actions whose effects were not seen, and when those were dispatched.
+        self._unseen: Dict[int, float] = {}
         self._unseen_into = [0] * len(graph.nodes)  # edges from those
         self._blocked: Set[int] = set()  # nodes that wait for nothing else
         self._too_late: Set[int] = set()  # edges whose sink happened before their source was dispatched
@@ -101,8 +101,7 @@ class GraphSchedule(Schedule):
             self._happen(node.id, now)
             return
         self._candidates.discard(node.id)
-        self._unseen.add(node.id)
-        self._sent[node.id] = now
+        self._unseen[node.id] = now
         for sink in self._others_after(node):
             self._unseen_into[sink] += 1
             self._block(sink)
@@ -111,23 +110,23 @@ class GraphSchedule(Schedule):
         """The start node happens."""
         node = self._start_of[action_id]
         if node.id in self._unseen:
-            self._unseen.discard(node.id)
+            sent = self._unseen.pop(node.id)
             for sink in self._others_after(node):
                 self._unseen_into[sink] -= 1
             self._happen(node.id, self._clock.look(now))
-            self._time[node.id] = self._sent[node.id]  # it is looked for only when something waits for it
+            self._time[node.id] = sent  # it is looked for only when something waits for it
 
     def awaited(self) -> List[int]:
         """Actions whose start node is all that another start, or the end of an ended action, waits for."""
-        sources = {
+        awaited = {
             edge.source
             for sink in self._blocked
             if self._graph.nodes[sink].type == NodeType.ACTION_START or sink in self._overtaking
             for edge in self._graph.into(sink)
         }
-        if self._bounds:  # the time of an end counts from its start
-            sources = self._unseen
-        return sorted(self._actions[self._graph.nodes[node].action].id for node in sources & self._unseen)
+        # With bounds each is awaited: the time of an end counts from its start.
+        nodes = [node for node in self._unseen if self._bounds or node in awaited]
+        return sorted(self._actions[self._graph.nodes[node].action].id for node in nodes)
 
     def ended(self, action_id: int, now: float) -> None:
         """The end node happens, once its other edges allow it."""
