@@ -30,7 +30,7 @@ from merlin_rosplan.messages.wire_items import AnyItem, UpdateArray, bounded, re
 from merlin_rosplan.nodes.goal_leases import GoalLeases
 from merlin_rosplan.nodes.state_services import DomainServices, ExecutionServices, StateServices
 from merlin_rosplan.storage.state_file import StateFile, StateFileError
-from merlin_rosplan.transport.component import KNOWLEDGE_BASE, Component, ComponentError
+from merlin_rosplan.transport.component import Component, ComponentError
 
 #: Items that one request may have: others wait for an array while it is stored.
 MAX_ITEMS = 20_000
@@ -54,7 +54,7 @@ class KnowledgeBase(Component):
     :raises ComponentError: no domain, or the state file cannot be used.
     """
 
-    def __init__(self, scope: str = KNOWLEDGE_BASE) -> None:
+    def __init__(self, scope: str) -> None:
         super().__init__(scope)
         self.domain = self._read_domain()
         self.strict = self.flag("strict", True)

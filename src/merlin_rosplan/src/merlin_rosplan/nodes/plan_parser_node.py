@@ -19,7 +19,6 @@ from merlin_rosplan.transport.handover import Handover, digest_service
 if TYPE_CHECKING:  # what reads a plan is imported when the node serves
     from merlin_rosplan.nodes.plan_reader import PlanReader
 
-SCOPE = "rosplan_parsing_interface"
 IN_FLIGHT = 0.5  # s for which a call waits for a plan that may be on its way
 ANSWER = 0.8  # s of wall time for the whole answer to clients of ROSPlan: many wait one second
 
@@ -29,7 +28,7 @@ class PlanParser(Component):
 
     plan_class: Type[Any] = CompletePlan
 
-    def __init__(self, scope: str = SCOPE) -> None:
+    def __init__(self, scope: str) -> None:
         super().__init__(scope)
         self._state = threading.Condition()  # guards the two fields below
         self._text = ""

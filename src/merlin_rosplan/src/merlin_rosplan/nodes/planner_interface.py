@@ -32,8 +32,6 @@ if TYPE_CHECKING:  # what plans is imported when the node serves
     from merlin_rosplan.nodes.preview_service import PreviewService
     from merlin_rosplan.supervision.supervised_planning import Planning
 
-SCOPE = "rosplan_planner_interface"
-
 
 class PlannerInterface(Component):
     """Plans on request, one problem at a time.
@@ -43,7 +41,7 @@ class PlannerInterface(Component):
     ``planner_status``, both latched.
     """
 
-    def __init__(self, scope: str = SCOPE) -> None:
+    def __init__(self, scope: str) -> None:
         super().__init__(scope)
         self._planning_lock = threading.Lock()  # held while a planning runs: there is one at a time
         self._state = threading.Condition()  # guards the fields below

@@ -21,8 +21,6 @@ if TYPE_CHECKING:  # what reads and writes a problem is imported when the node s
     from merlin_pddl.problem import Problem
     from merlin_rosplan.nodes.world_reader import WorldReader
 
-PROBLEM_INTERFACE = "rosplan_problem_interface"
-
 
 class ProblemWriteError(Exception):
     """The problem cannot be generated; the text says why."""
@@ -34,7 +32,7 @@ class ProblemInterface(Component):
     :raises ComponentError: another planning language than PDDL is asked for.
     """
 
-    def __init__(self, scope: str = PROBLEM_INTERFACE) -> None:
+    def __init__(self, scope: str) -> None:
         super().__init__(scope)
         language = str(self.param("planning_language", "")).lower()
         extension = os.path.splitext(self._path(""))[1].lower()

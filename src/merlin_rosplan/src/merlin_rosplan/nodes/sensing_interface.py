@@ -25,7 +25,6 @@ from merlin_rosplan.knowledge.sensed_facts import facts_of, is_wildcard, paramet
 from merlin_rosplan.transport.component import Component, ComponentError
 from merlin_rosplan.transport.sensed_updater import LOG_PERIOD, SensedUpdater
 
-SCOPE = "rosplan_sensing_interface"
 KNOWLEDGE_BASE_WAIT = 30.0  # s of wall time
 
 
@@ -50,7 +49,7 @@ class SensingInterface(Component):
     News is sent at once, in batches of at most ``~main_rate`` per second.
     """
 
-    def __init__(self, scope: str = SCOPE) -> None:
+    def __init__(self, scope: str) -> None:
         super().__init__(scope)
         period = 1.0 / self.number("main_rate", 10.0, 0.001)
         self._knowledge = knowledge_client(self.knowledge_base)
