@@ -24,7 +24,7 @@ from merlin_ros.ports.service_server import Unanswered
 from merlin_ros.ros_alarm import RosAlarm
 from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
 from merlin_rosplan.knowledge.knowledge_store import JournalError, KnowledgeStore
-from merlin_rosplan.knowledge.transaction import StateChange
+from merlin_rosplan.knowledge.transaction import StateChange, Transaction
 from merlin_rosplan.messages.knowledge_messages import KnowledgeReader, KnowledgeWriter, UpdateReader
 from merlin_rosplan.messages.wire_items import AnyItem, UpdateArray, bounded, refuse_too_many
 from merlin_rosplan.nodes.goal_leases import GoalLeases
@@ -205,25 +205,30 @@ class KnowledgeBase(Component):
 
     def _apply(self, service: str, kinds: List[int], items: Sequence[AnyItem], client: str) -> bool:
         """All of the updates, or none of them."""
-        if len(kinds) != len(items) and self.strict:
-            self._refused(service, client, f"{len(kinds)} update types for {len(items)} items")
-            return False
-        number = 0
+
+        def update(transaction: Transaction) -> None:
+            if len(kinds) != len(items) and self.strict:
+                raise UpdateRefused(f"{len(kinds)} update types for {len(items)} items")
+            for number, (kind, item) in enumerate(zip(kinds, items)):
+                try:
+                    self._updates.apply(transaction, kind, item)
+                except UpdateRefused as error:
+                    place = f"item {number}: " if len(items) > 1 else ""
+                    raise UpdateRefused(f"{place}{error}") from error
+
+        return self._change(service, client, update)
+
+    def _change(self, service: str, client: str, change: Callable[[Transaction], None]) -> bool:
+        """Whether a change counts; where it is refused, the client can ask for the reason."""
         try:
             with self.store.transaction(client) as transaction:
-                for kind, item in zip(kinds, items):
-                    self._updates.apply(transaction, kind, item)
-                    number += 1
+                change(transaction)
         except UpdateRefused as error:
-            place = f"item {number}: " if len(items) > 1 else ""
-            self._refused(service, client, f"{place}{error}")
+            self._refusals.note(client, str(error))
+            sender = shortened(client, 200)
+            rospy.logwarn("%s/%s refused what %s sent: %s", self.scope, service, sender, error)
             return False
         return True
-
-    def _refused(self, service: str, client: str, reason: str) -> None:
-        sender = shortened(client, 200)
-        self._refusals.note(client, reason)
-        rospy.logwarn("%s/%s refused what %s sent: %s", self.scope, service, sender, reason)
 
     def _clear(self, request: EmptyRequest) -> EmptyResponse:
         try:
@@ -237,30 +242,23 @@ class KnowledgeBase(Component):
         self, request: srv.KnowledgeUpdateServiceArrayRequest
     ) -> srv.KnowledgeUpdateServiceArrayResponse:
         """Stores a group of facts of which one is true. As in ROSPlan, no service uses it."""
-        client = sender_of(request)
-        try:
-            with self.store.transaction(client) as transaction:
-                items = [self._reader.item(message).text() for message in request.knowledge]
-                state = transaction.state
-                transaction.note(state.oneof, " ".join(items), {"items": items})
-        except UpdateRefused as error:
-            self._refused("update_constraints_oneof", client, str(error))
-            return srv.KnowledgeUpdateServiceArrayResponse(False)
-        return srv.KnowledgeUpdateServiceArrayResponse(True)
+
+        def store(transaction: Transaction) -> None:
+            items = [self._reader.item(message).text() for message in request.knowledge]
+            transaction.note(transaction.state.oneof, " ".join(items), {"items": items})
+
+        stored = self._change("update_constraints_oneof", sender_of(request), store)
+        return srv.KnowledgeUpdateServiceArrayResponse(stored)
 
     def _sensed(self, request: srv.SetNamedBoolRequest) -> srv.SetNamedBoolResponse:
-        client = sender_of(request)
         name = request.name.lower()
-        if self.strict and name not in self.domain.predicates and name not in self.domain.functions:
-            self._refused("update_sensed_predicates", client, f"unknown predicate '{request.name}'")
-            return srv.SetNamedBoolResponse(False)
-        try:
-            with self.store.transaction(client) as transaction:
-                transaction.note(transaction.state.sensed, name, {} if request.value else None)
-        except UpdateRefused as error:
-            self._refused("update_sensed_predicates", client, str(error))
-            return srv.SetNamedBoolResponse(False)
-        return srv.SetNamedBoolResponse(True)
+
+        def mark(transaction: Transaction) -> None:
+            if self.strict and name not in self.domain.predicates and name not in self.domain.functions:
+                raise UpdateRefused(f"unknown predicate '{request.name}'")
+            transaction.note(transaction.state.sensed, name, {} if request.value else None)
+
+        return srv.SetNamedBoolResponse(self._change("update_sensed_predicates", sender_of(request), mark))
 
     # --- for components of the same process ------------------------------------------------------
 
