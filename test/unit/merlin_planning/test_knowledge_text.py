@@ -48,6 +48,16 @@ def test_comparisons_survive(text: str) -> None:
     assert to_pddl(item) == text
 
 
+@given(st.floats(allow_nan=False, allow_infinity=False))
+def test_a_number_survives_with_all_its_digits(number: float) -> None:
+    item = KnowledgeItem(
+        knowledge_type=KnowledgeItem.FUNCTION, attribute_name="odometer", function_value=number
+    )
+    (goal,) = parse_goal(to_pddl(item))
+    assert goal.ineq.RHS.tokens[0].constant == number
+    assert to_pddl(goal) == to_pddl(item)
+
+
 @pytest.mark.parametrize(
     "text, part",
     [

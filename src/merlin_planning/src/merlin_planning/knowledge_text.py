@@ -11,6 +11,7 @@ from typing import Any, Dict, Iterator, List, Optional, Sequence, Tuple
 from diagnostic_msgs.msg import KeyValue
 from rosplan_knowledge_msgs.msg import DomainFormula, DomainInequality, ExprBase, ExprComposite, KnowledgeItem
 
+from merlin_pddl.formula import numeric_text
 from merlin_pddl.plan_text import call_text
 from merlin_pddl.text_reader import Node, PddlError, Word, is_name, read_expression
 
@@ -80,7 +81,7 @@ def to_pddl(item: KnowledgeItem) -> str:
         return f"{item.optimization} {_expression_text(item.expr)}"
     formula = call_text(item.attribute_name, [value.value for value in item.values])
     if item.knowledge_type == KnowledgeItem.FUNCTION:
-        return f"(= {formula} {item.function_value:g})"
+        return f"(= {formula} {numeric_text(item.function_value)})"
     return f"(not {formula})" if item.is_negative else formula
 
 
@@ -184,7 +185,7 @@ def _expression_text(expression: ExprComposite) -> str:
 
     for token in reversed(expression.tokens):
         if token.expr_type == ExprBase.CONSTANT:
-            text = f"{token.constant:g}"
+            text = numeric_text(token.constant)
         elif token.expr_type == ExprBase.FUNCTION:
             arguments = [value.value for value in token.function.typed_parameters]
             text = call_text(token.function.name, arguments)
