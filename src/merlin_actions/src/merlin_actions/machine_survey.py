@@ -14,6 +14,7 @@ from merlin_sm.states.action_state import ActionState
 from merlin_sm.states.knowledge import KnowledgeState
 from merlin_sm.states.navigation import NavigationState
 from merlin_sm.states.ros_calls import ServiceCallState
+from merlin_sm.userdata_keys import given_keys, remapping_of
 
 
 def fitted(machine: MerlinActionSM, world: ApplicationWorld) -> MerlinActionSM:
@@ -75,7 +76,7 @@ def _states(
     """Each innermost state: its path, and its userdata key → key of the outermost machine."""
     for label, child in container.get_children().items():
         here = [*path, label_text(label)]
-        own = getattr(child, "remapping", {})
+        own = remapping_of(container, child)
         keys = {key: names.get(own.get(key, key), own.get(key, key)) for key in _keys(child)}
         if isinstance(child, smach.Container):
             yield from _states(child, here, keys)
@@ -89,15 +90,15 @@ def _keys(state: smach.State) -> List[str]:
 
 def _unset(container: Any, path: Sequence[str]) -> Iterator[str]:
     """Userdata that states read although nothing sets it."""
-    there = {*container.get_registered_input_keys(), *container.userdata.keys()}
+    there = {*container.get_registered_input_keys(), *container.userdata.keys(), *given_keys(container)}
     children = container.get_children()
     for child in children.values():
-        own = getattr(child, "remapping", {})
+        own = remapping_of(container, child)
         there.update(getattr(child, "constants", ()))
         there.update(own.get(key, key) for key in child.get_registered_output_keys())
     for label, child in children.items():
         here = [*path, label_text(label)]
-        own = getattr(child, "remapping", {})
+        own = remapping_of(container, child)
         for key in child.get_registered_input_keys():
             name = own.get(key, key)
             if name not in there:

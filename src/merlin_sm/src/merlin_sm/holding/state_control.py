@@ -4,6 +4,8 @@
 import threading
 from typing import Any, Callable, Dict, List, Optional, Sequence
 
+from merlin_sm.userdata_keys import remapping_of
+
 #: Where the run of a state is: it does not run; it is held before it is entered; it runs; it has ended, and
 #: waits until an operator confirms its outcome.
 OUT, HELD, RUNS, ENDED = range(4)
@@ -63,6 +65,6 @@ class StateControl:
     def unset(self) -> List[str]:
         """The output keys of the state that nothing has set in the userdata of its machine."""
         userdata = self.within[-1].userdata
-        names = getattr(self.state, "remapping", {})
+        names = remapping_of(self.within[-1], self.state)
         keys = self.state.get_registered_output_keys()
         return [key for key in keys if names.get(key, key) not in userdata]

@@ -39,7 +39,6 @@ class WhileSM(Concurrence):
         )
         self.reason = ""
         self.register_termination_cb(self._take_reason)
-        setattr(run, "remapping", names)  # noqa: B010 - SMACH's class does not declare it
         with self:
             Concurrence.add("RUN", run, names)
             Concurrence.add("WATCH", watch)
