@@ -93,8 +93,8 @@ def test_any_text_gives_goals_or_a_reason(text: str) -> None:
         assert str(error)
 
 
-def test_variables_are_bound() -> None:
-    items = parse_literals(["(robot_at ?to)", "(not (robot_at ?from))"], {"to": "kitchen", "from": "hall"})
+def test_variables_are_bound_in_any_case() -> None:
+    items = parse_literals(["(robot_at ?To)", "(not (robot_at ?from))"], {"to": "kitchen", "From": "hall"})
     assert [to_pddl(item) for item in items] == ["(robot_at kitchen)", "(not (robot_at hall))"]
 
 

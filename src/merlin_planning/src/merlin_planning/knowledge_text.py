@@ -52,10 +52,11 @@ def parse_goal(text: str) -> List[KnowledgeItem]:
 def parse_literals(texts: Sequence[str], binding: Optional[Dict[str, str]] = None) -> List[KnowledgeItem]:
     """Facts, positive and negative, with ``?variables`` replaced.
 
-    :param binding: variable without ``?`` → object.
+    :param binding: variable without ``?``, in any case → object.
     :raises PDDLSyntaxError: for other PDDL, or for a variable that is not bound.
     """
     items: List[KnowledgeItem] = []
+    objects = {name.lower(): value for name, value in (binding or {}).items()}
     for text in texts:
         for item in parse_goal(text):
             if item.knowledge_type != KnowledgeItem.FACT:
@@ -63,9 +64,9 @@ def parse_literals(texts: Sequence[str], binding: Optional[Dict[str, str]] = Non
             for value in item.values:
                 if value.value.startswith("?"):
                     name = value.value[1:]
-                    if binding is None or name not in binding:
+                    if name.lower() not in objects:
                         raise PDDLSyntaxError(f"{text!r}: nothing is bound to ?{name}")
-                    value.value = binding[name]
+                    value.value = objects[name.lower()]
             items.append(item)
     return items
 

@@ -14,11 +14,11 @@ def test_numbers_are_told_from_facts() -> None:
 
 
 def test_variables_are_bound_and_the_duration_stays() -> None:
-    text = "(decrease (battery) (* (cost ?from ?to-day) (/ #t ?duration)))"
+    text = "(decrease (battery) (* (cost ?From ?to-day) (/ #t ?duration)))"
     assert bound(text, {"from": "hall", "to-day": "attic"}) == (
         "(decrease (battery) (* (cost hall attic) (/ #t ?duration)))"
     )
-    with pytest.raises(ValueError, match=r"\?from"):
+    with pytest.raises(ValueError, match=r"\?From"):
         bound(text, {"to-day": "attic"})
 
 

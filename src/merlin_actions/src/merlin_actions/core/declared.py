@@ -22,18 +22,19 @@ def numeric_apart(texts: Sequence[str]) -> Tuple[List[str], List[str]]:
 
 
 def bound(text: str, binding: Mapping[str, str]) -> str:
-    """A numeric effect with objects for its variables; ``?duration`` stays.
+    """A numeric effect with objects for its variables, in any case; ``?duration`` stays.
 
     :raises ValueError: for a variable that is not bound.
     """
+    objects = {name.lower(): value for name, value in binding.items()}
 
     def replace(match: "re.Match[str]") -> str:
         name = match.group(1)
         if name.lower() == DURATION:
             return match.group(0)
-        if name not in binding:
+        if name.lower() not in objects:
             raise ValueError(f"{text!r}: nothing is bound to ?{name}")
-        return binding[name]
+        return objects[name.lower()]
 
     return _VARIABLE.sub(replace, text)
 
