@@ -2,7 +2,6 @@
 """What the check of an application sees of machines that are made of SMACH's own containers."""
 
 import smach
-
 from merlin_actions.machine_survey import survey
 from merlin_actions.merlin_action_sm import MerlinActionSM
 from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, SUCCEEDED
