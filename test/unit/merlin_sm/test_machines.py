@@ -102,6 +102,28 @@ def test_a_reason_comes_out_of_the_containers_of_smach() -> None:
     assert outer.reason == "the door is shut"
 
 
+def test_containers_of_smach_without_a_reason_are_named_with_how_they_ended() -> None:
+    both = Concurrence([*OUTCOMES, "hot"], ABORTED, outcome_map={"hot": {"ONE": SUCCEEDED}})
+    with both:
+        Concurrence.add("ONE", Wait(SUCCEEDED))
+        Concurrence.add("TWO", Wait(SUCCEEDED))
+    outer = MerlinSM(OUTCOMES)
+    with outer:
+        outer.add("BOTH", both, {"hot": ABORTED})
+    assert outer.execute(UserData()) == ABORTED
+    assert outer.reason == "state BOTH ended with hot, with which its machine is aborted"
+
+
+def test_of_states_that_ended_together_without_a_reason_none_is_blamed_alone() -> None:
+    both = Concurrence(OUTCOMES, ABORTED)
+    with both:
+        Concurrence.add("ONE", Wait(SUCCEEDED))
+        Concurrence.add("TWO", Wait(SUCCEEDED))
+    outer = machine(both)
+    assert outer.execute(UserData()) == ABORTED
+    assert outer.reason == "states ONE and TWO ended with outcomes with which their machine is aborted"
+
+
 def test_a_machine_can_be_cancelled_before_it_runs_and_runs_again_after_prepare() -> None:
     made = machine(Wait(SUCCEEDED))
     made.prepare()

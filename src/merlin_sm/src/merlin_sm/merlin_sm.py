@@ -108,9 +108,16 @@ def _take_reason(userdata: Any, terminal_states: List[str], outcome: str, machin
     # Of states that ran at once, the one that failed counts, not those that were preempted for it.
     machine.reason = "; ".join([reason for reason in said if reason != "cancelled"] or said[:1])
     if outcome == "aborted" and not machine.reason and terminal_states:
-        last = terminal_states[-1]
-        how = getattr(children.get(last), "outcome", "") or "an outcome"
-        machine.reason = f"state {label_text(last)} ended with {how}, with which its machine is aborted"
+        last = " and ".join(map(label_text, terminal_states))
+        ended = children.get(terminal_states[-1])
+        how = getattr(ended, "outcome", "") or getattr(ended, "ended_with", "")
+        one = len(terminal_states) == 1  # those of a Concurrence ended together
+        machine.reason = (
+            f"state {last} ended with {how or 'an outcome'}, with which its machine is aborted"
+            if one
+            else f"states {last} ended with outcomes with which their machine is aborted"
+        )
+    machine.ended_with = outcome
 
 
 def _note(
