@@ -46,7 +46,7 @@ class Server:
         if mode == SUCCEED:
             goal.set_succeeded(TestResult(result=7))
         elif mode == ABORT:
-            goal.set_aborted()
+            goal.set_aborted(text="the hose has burst")
 
     def on_cancel(self, goal):
         with self.changed:
@@ -93,6 +93,7 @@ class ActionStates(unittest.TestCase):
         self.assertEqual(run.end(), "succeeded")
         self.assertEqual((run.ud.result, run.ud.whole), (7, TestResult(result=7)))
         self.assertEqual(Run(state, goal=ABORT).end(), "aborted")
+        self.assertEqual(state.reason, "Action tempers: the goal ended with status 4: the hose has burst")
         self.assertEqual(Run(state).end(), "aborted")  # no key, no goal
         self.assertEqual(self.interrupted(self.action(OBEY)), "preempted")
 

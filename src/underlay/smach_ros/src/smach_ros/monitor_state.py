@@ -84,7 +84,7 @@ class MonitorState(WaitingState):
             try:
                 answer = self._cond_cb(ud, message)
             except Exception:
-                rospy.logerr(f"MonitorState of {self._topic}: cond_cb failed\n{traceback.format_exc()}")
+                self._report(f"MonitorState of {self._topic}: cond_cb failed\n{traceback.format_exc()}")
                 answer = False
             if self.preempt_requested():
                 return self._preempted()

@@ -101,7 +101,7 @@ class ServiceState(WaitingState):
                 ud,
             )
         except Exception:
-            rospy.logerr(f"Service {self._service_name}: no request could be made\n{traceback.format_exc()}")
+            self._report(f"Service {self._service_name}: no request could be made\n{traceback.format_exc()}")
             return "aborted"
         if self.preempt_requested():
             return self._not_called()
@@ -113,10 +113,10 @@ class ServiceState(WaitingState):
         if not done:
             call.give_up()
             if not self.preempt_requested() and not rospy.is_shutdown():
-                rospy.logerr(f"Service {self._service_name}: no answer within {self._call_timeout} s")
+                self._report(f"Service {self._service_name}: no answer within {self._call_timeout} s")
             return self._not_called()
         if call.error is not None:
-            rospy.logerr(f"Service {self._service_name} failed: {call.error}")
+            self._report(f"Service {self._service_name} failed: {call.error}")
             return "aborted"
         return self._outcome(ud, call.response)
 
@@ -133,7 +133,7 @@ class ServiceState(WaitingState):
             if _offered(self._service_name):
                 return True
             if deadline.remaining() <= 0.0:
-                rospy.logerr(
+                self._report(
                     f"Service {self._service_name}: not offered within {self._server_wait_timeout} s "
                     "(server_wait_timeout)"
                 )
@@ -149,7 +149,7 @@ class ServiceState(WaitingState):
         try:
             outcome = self._response_cb(ud, response)
             if outcome is not None and outcome not in self.get_registered_outcomes():
-                rospy.logerr(
+                self._report(
                     f"Service {self._service_name}: response_cb returned {outcome!r}, which is "
                     "not one of the "
                     f"outcomes {list(self.get_registered_outcomes())}"
@@ -160,7 +160,7 @@ class ServiceState(WaitingState):
             for slot in self._response_slots:
                 ud[slot] = getattr(response, slot)
         except Exception:
-            rospy.logerr(
+            self._report(
                 f"Service {self._service_name}: the response cannot be used\n{traceback.format_exc()}"
             )
             return "aborted"

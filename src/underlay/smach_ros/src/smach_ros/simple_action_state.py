@@ -9,17 +9,17 @@ import rospy
 from actionlib_msgs.msg import GoalStatus
 
 import smach
-from smach.execution import run_context
 from smach.state import names
 from smach_ros.action_connection import ActionConnection, SentGoal
 from smach_ros.user_callback import UserCallback, check_slots, fill
 from smach_ros.waiting import Duration, RosDeadline, WallDeadline, wait
+from smach_ros.waiting_state import ReportingState
 
 MINUTE = rospy.Duration(60.0)
 LOOK = 0.5  # s of wall time between looks whether the server still lives
 
 
-class SimpleActionState(smach.State):
+class SimpleActionState(ReportingState):
     """Sends a goal to an action server and ends with its result.
 
     Outcomes: ``succeeded``, ``aborted``, ``preempted`` and those of ``result_cb`` and ``outcomes``.
@@ -123,12 +123,10 @@ class SimpleActionState(smach.State):
 
     def execute(self, ud: Any) -> str:
         """Sends the goal and waits for its end."""
-        by_container = run_context.begin_run(self)
         try:
-            return self._execute(ud)
+            return super().execute(ud)
         finally:
             self._status = self.INACTIVE
-            run_context.end_run(self, by_container)
 
     def _execute(self, ud: Any) -> str:
         connection = self._connect()
@@ -138,7 +136,7 @@ class SimpleActionState(smach.State):
         try:
             goal = fill(self._goal_type, self._goal, self._goal_key, self._goal_slots, self._goal_cb, ud)
         except Exception:
-            rospy.logerr(f"Action {self._action_name}: no goal could be made\n{traceback.format_exc()}")
+            self._report(f"Action {self._action_name}: no goal could be made\n{traceback.format_exc()}")
             return "aborted"
         with connection.changed:
             # A preempting thread sets the flag first, then looks for a goal to cancel, under the same lock.
@@ -147,7 +145,7 @@ class SimpleActionState(smach.State):
             try:
                 self._sent = sent = connection.send(goal)
             except Exception:
-                rospy.logerr(f"Action {self._action_name}: the goal cannot be sent\n{traceback.format_exc()}")
+                self._report(f"Action {self._action_name}: the goal cannot be sent\n{traceback.format_exc()}")
                 return "aborted"
             self._status = self.ACTIVE
         try:
@@ -182,7 +180,7 @@ class SimpleActionState(smach.State):
             if connection.ready():
                 return True
         if not rospy.is_shutdown():
-            rospy.logerr(
+            self._report(
                 f"Action {self._action_name}: no server within {self._server_wait_timeout} s "
                 "(server_wait_timeout)"
             )
@@ -198,7 +196,7 @@ class SimpleActionState(smach.State):
             deadline = RosDeadline(self._exec_timeout)
             wait(connection.changed, lambda: self._over(connection, sent, False), deadline, LOOK)
             if not sent.done and deadline.remaining() <= 0.0 and self._status == self.ACTIVE:
-                rospy.logwarn(f"Action {self._action_name}: cancelled after exec_timeout")
+                self._report(f"Action {self._action_name}: cancelled after exec_timeout", rospy.logwarn)
                 timed_out = True
                 self._status = self.PREEMPTING
                 connection.cancel(sent)
@@ -210,12 +208,12 @@ class SimpleActionState(smach.State):
                     not wait(connection.changed, lambda: self._over(connection, sent, True), deadline, LOOK)
                     and not rospy.is_shutdown()
                 ):
-                    rospy.logerr(
+                    self._report(
                         f"Action {self._action_name}: the server did not end the cancelled goal within "
                         "preempt_timeout; leaving it"
                     )
             if not sent.done and connection.why_lost(sent):
-                rospy.logerr(f"Action {self._action_name}: {connection.why_lost(sent)}")
+                self._report(f"Action {self._action_name}: {connection.why_lost(sent)}")
         return timed_out
 
     def _over(self, connection: ActionConnection, sent: SentGoal, preempting: bool) -> bool:
@@ -234,7 +232,7 @@ class SimpleActionState(smach.State):
         try:
             outcome = self._result_cb(ud, sent.status, result)
             if outcome is not None and outcome not in self.get_registered_outcomes():
-                rospy.logerr(
+                self._report(
                     f"Action {self._action_name}: result_cb returned {outcome!r}, which is not "
                     "one of the outcomes "
                     f"{list(self.get_registered_outcomes())}"
@@ -245,7 +243,7 @@ class SimpleActionState(smach.State):
             for slot in self._result_slots:
                 ud[slot] = getattr(result, slot)
         except Exception:
-            rospy.logerr(f"Action {self._action_name}: the result cannot be used\n{traceback.format_exc()}")
+            self._report(f"Action {self._action_name}: the result cannot be used\n{traceback.format_exc()}")
             outcome = "aborted"
         by_status = "aborted"
         if sent.status == GoalStatus.SUCCEEDED and not timed_out:
@@ -253,9 +251,10 @@ class SimpleActionState(smach.State):
         elif sent.status in (GoalStatus.PREEMPTED, GoalStatus.RECALLED) and self.preempt_requested():
             # Otherwise the goal ended by itself, and the request continues to the states that follow.
             by_status = self._preempted()
-        if by_status == "aborted" and outcome is None:
-            rospy.logwarn(
-                f"Action {self._action_name}: the goal ended with status {sent.status}: "
-                f"{sent.text or 'no text'}"
-            )
+        if by_status == "aborted" and outcome != "succeeded":
+            late = "cancelled after exec_timeout, " if timed_out else ""
+            ended = f"{late}the goal ended with status {sent.status}: {sent.text or 'no text'}"
+            # What result_cb has named is expected.
+            log = rospy.logwarn if outcome is None else rospy.logdebug
+            self._report(f"Action {self._action_name}: {ended}", log)
         return outcome if outcome is not None else by_status
