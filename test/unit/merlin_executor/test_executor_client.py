@@ -108,11 +108,19 @@ def test_a_priority_that_no_message_holds_is_named(away: Away, priority: Any) ->
         MerlinExecutorClient().send("(checked hall)", priority=priority)
 
 
-@pytest.mark.parametrize("value", [1e39, 1e-46, 0.0, -1.0, float("nan")])
-def test_a_value_that_no_message_holds_is_named(away: Away, value: float) -> None:
+@pytest.mark.parametrize("value", [1e39, 1e-46, 0.0, -1.0, float("nan"), "high"])
+def test_a_value_that_no_message_holds_is_named(away: Away, value: Any) -> None:
     away.calls = 0
     with pytest.raises(RequestTooLarge, match="a number above 0, from 1e-30 to 1e30"):
         MerlinExecutorClient().send("(checked hall)", value=value)
+
+
+@pytest.mark.parametrize("field", ["on_interrupt", "on_client_lost"])
+@pytest.mark.parametrize("choice", [9, -1, "drop"])
+def test_a_choice_that_the_message_does_not_know_is_named(away: Away, field: str, choice: Any) -> None:
+    away.calls = 0
+    with pytest.raises(RequestTooLarge, match=f"{field} of the request is {choice!r}; it has to be one of"):
+        MerlinExecutorClient().send("(checked hall)", **{field: choice})
 
 
 @pytest.mark.parametrize("value", [1e-30, 1e30])

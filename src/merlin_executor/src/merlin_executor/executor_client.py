@@ -9,7 +9,14 @@ from merlin_msgs.msg import ExecuteAction, ExecuteFeedback, ExecuteGoal, Execute
 from rosplan_knowledge_msgs.msg import KnowledgeItem
 
 from merlin_executor.core.outcome import outcome_name
-from merlin_executor.core.request_limits import check_priority, check_size, check_value
+from merlin_executor.core.request_limits import (
+    ON_CLIENT_LOST,
+    ON_INTERRUPT,
+    check_choice,
+    check_priority,
+    check_size,
+    check_value,
+)
 from merlin_executor.executor_request import ExecutorRequest
 from merlin_executor.goal_check import GoalError, check_goals
 from merlin_executor.request_times import When, ros_time
@@ -130,13 +137,15 @@ class MerlinExecutorClient:
             more under the same name, also in its next life. Empty: it gets a name of its own.
         :raises ValueError: for a time that is not one, or not in the future, or a value that is not above 0.
         :raises PDDLSyntaxError: for text that is not a PDDL goal.
-        :raises RequestTooLarge: for more than the Executor takes, or a priority that is no int32.
+        :raises RequestTooLarge: for more than the Executor takes, a priority that is no int32, or an
+            `on_interrupt` or `on_client_lost` that is not one of its constants.
         :raises GoalError: for goals that the domain or the world does not know.
         :raises merlin_ros.service_proxy.ServiceError: when the knowledge base does not answer.
         """
         texts, items = _split(goals)
         check_size(texts, len(items))
         on_lost = on_lost or self.on_lost
+        on_client_lost = self._on_client_lost if on_client_lost is None else on_client_lost
         knowledge = self._knowledge
         if knowledge is not None:
             checked_items = [*(item for text in texts for item in parse_goal(text)), *items]
@@ -150,8 +159,8 @@ class MerlinExecutorClient:
             goals=texts,
             items=items,
             priority=check_priority(priority),
-            on_interrupt=on_interrupt,
-            on_client_lost=self._on_client_lost if on_client_lost is None else on_client_lost,
+            on_interrupt=check_choice("on_interrupt", on_interrupt, ON_INTERRUPT),
+            on_client_lost=check_choice("on_client_lost", on_client_lost, ON_CLIENT_LOST),
             by=by,
             not_before=ros_time(not_before, "not_before"),
             deadline=ros_time(deadline, "deadline"),

@@ -215,6 +215,13 @@ def test_a_comparison_that_no_knowledge_base_takes_is_refused(bench: Bench) -> N
     assert goal.end()[1] == "SUCCEEDED"
 
 
+@pytest.mark.parametrize("field", ["on_interrupt", "on_client_lost"])
+def test_a_choice_that_the_message_does_not_know_is_refused(bench: Bench, field: str) -> None:
+    status, outcome, reason = bench.send(Goal("(checked hall)", **{field: 9})).end()
+    assert (status, outcome) == (GoalStatus.REJECTED, "REFUSED")
+    assert reason.startswith(f"{field} of the request is 9; it has to be one of")
+
+
 def test_a_name_without_end_is_refused_in_few_words(bench: Bench) -> None:
     endless = KnowledgeItem(knowledge_type=KnowledgeItem.FACT, attribute_name="x" * 1_000_000)
     outcome, reason = bench.send(Goal(items=[endless])).end()[1:]

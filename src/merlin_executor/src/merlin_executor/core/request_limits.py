@@ -4,7 +4,7 @@
 Pure.
 """
 
-from typing import Sequence
+from typing import Mapping, Sequence
 
 MAX_GOALS = 1000  #: Goals of a request, texts and items.
 MAX_TEXT = 65536  #: Characters of all goal texts of a request together.
@@ -12,6 +12,8 @@ MAX_TOKENS = 1000  #: Tokens of an expression in a knowledge item.
 MAX_OF_CLIENT = 200  #: Requests of one client that wait.
 MAX_WAITING = 1000  #: Requests of all clients that wait.
 MAX_PRIORITY = 2**31 - 1  #: That of an int32.
+ON_INTERRUPT = {"RESUME": 0, "DROP": 1, "NEVER": 2}  #: Those of merlin_msgs/Execute.
+ON_CLIENT_LOST = {"GO_ON": 0, "CANCEL": 1}  #: Likewise.
 LEAST_VALUE, LARGEST_VALUE = 2.0**-100, 2.0**100  #: Exact in a float32, with room beyond.
 
 
@@ -42,9 +44,9 @@ def check_value(value: float) -> float:
 
     :raises RequestTooLarge: when it is not a number above 0, or one that the message cannot hold.
     """
-    if not LEAST_VALUE <= value <= LARGEST_VALUE:
+    if not (isinstance(value, (int, float)) and LEAST_VALUE <= value <= LARGEST_VALUE):
         raise RequestTooLarge(
-            f"the value of the request is {value:g}; it has to be a number above 0, from 1e-30 to 1e30"
+            f"the value of the request is {value!r}; it has to be a number above 0, from 1e-30 to 1e30"
         )
     return value
 
@@ -60,6 +62,19 @@ def check_priority(priority: int) -> int:
             f"-{MAX_PRIORITY} to {MAX_PRIORITY}"
         )
     return priority
+
+
+def check_choice(field: str, number: int, choices: Mapping[str, int]) -> int:
+    """Returns the number of a choice in a request.
+
+    :param field: of the message, for the error.
+    :param choices: name → number.
+    :raises RequestTooLarge: for another number.
+    """
+    if number not in choices.values():
+        known = ", ".join(f"{name} ({known})" for name, known in choices.items())
+        raise RequestTooLarge(f"{field} of the request is {number!r}; it has to be one of {known}")
+    return number
 
 
 def why_full(waiting: Sequence[str], client: str) -> str:

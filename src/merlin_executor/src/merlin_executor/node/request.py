@@ -21,7 +21,13 @@ from rosplan_knowledge_msgs.msg import KnowledgeItem
 
 from merlin_executor.core.course import DISPATCH_PLAN, Course
 from merlin_executor.core.outcome import StopKind, Verdict
-from merlin_executor.core.request_limits import check_size, check_value
+from merlin_executor.core.request_limits import (
+    ON_CLIENT_LOST,
+    ON_INTERRUPT,
+    check_choice,
+    check_size,
+    check_value,
+)
 from merlin_executor.core.ticket import Ticket
 from merlin_executor.core.time_window import Outlook, PlanTimes, TimeWindow, outlook_running
 from merlin_pddl.plan_text import PlanTextError, parse_plan
@@ -48,6 +54,8 @@ class Request(Ticket):
         on_end: Callable[[str], None] = lambda goal_id: None,
     ) -> None:
         wanted: ExecuteGoal = goal.goal
+        check_choice("on_interrupt", wanted.on_interrupt, ON_INTERRUPT)
+        check_choice("on_client_lost", wanted.on_client_lost, ON_CLIENT_LOST)
         super().__init__(
             order,
             wanted.priority,
