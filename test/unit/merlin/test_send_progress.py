@@ -152,7 +152,7 @@ def test_ctrl_c_before_the_node_has_begun_gives_no_traceback() -> None:
     assert process.returncode == -signal.SIGINT and errors == ""
 
 
-@pytest.mark.parametrize("timeout", ["nan", "0", "-3"])
+@pytest.mark.parametrize("timeout", ["nan", "0", "-3", "soon"])
 def test_a_timeout_that_is_not_a_time_is_refused(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture, timeout: str
 ) -> None:

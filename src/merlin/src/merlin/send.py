@@ -14,6 +14,7 @@ from merlin_executor.executor_request import GOES_ON, ExecutorRequest
 from merlin_executor.goal_check import GoalError
 from merlin_executor.request_times import Written, at_time, read_time
 from merlin_planning.knowledge_client import DEFAULT_KNOWLEDGE_BASE, KnowledgeError
+from merlin_ros.processes.option_number import option_number
 from merlin_ros.service_proxy import ServiceError
 
 EXIT_NOT_ACHIEVED = 1
@@ -30,7 +31,12 @@ def main() -> int:
     )
     parser.add_argument("goal", nargs="*", help='PDDL, one or many: "(checked kitchen)"')
     parser.add_argument("--priority", type=int, default=0, help="a higher one interrupts what runs")
-    parser.add_argument("--timeout", type=_seconds, metavar="S", help="cancel them after this time")
+    parser.add_argument(
+        "--timeout",
+        type=option_number("a number of seconds above 0", above=0.0),
+        metavar="S",
+        help="cancel them after this time",
+    )
     parser.add_argument(
         "--not-before", type=_time, metavar="TIME", help="begin then: 10min from now, or 14:30"
     )
@@ -111,13 +117,6 @@ def _time(text: str) -> Written:
         return read_time(text)
     except ValueError as error:
         raise argparse.ArgumentTypeError(str(error)) from error
-
-
-def _seconds(text: str) -> float:
-    seconds = float(text)
-    if not seconds > 0.0:
-        raise argparse.ArgumentTypeError(f"{text} is not a number of seconds above 0")
-    return seconds
 
 
 def _leave(request: ExecutorRequest) -> None:

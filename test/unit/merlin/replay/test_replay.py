@@ -288,7 +288,7 @@ def test_a_replay_that_is_ended_while_it_reads_leaves_nothing(tmp_path: Path, nu
     assert "Traceback" not in run.stderr and not list(scratch.iterdir())
 
 
-@pytest.mark.parametrize("option", ["--start=nan", "--start=-1", "--rate=nan"])
+@pytest.mark.parametrize("option", ["--start=nan", "--start=-1", "--rate=nan", "--rate=slow"])
 def test_a_number_that_is_not_a_time_is_refused(option: str, monkeypatch: Any, capsys: Any) -> None:
     monkeypatch.setattr("sys.argv", ["replay", "run.bag", option])
     with pytest.raises(SystemExit):

@@ -309,8 +309,8 @@ def test_mistakes_are_one_clear_line(
 @pytest.mark.parametrize(
     ("option", "message"),
     [
-        (("--begin-by", "soon"), "argument --begin-by: soon is not a number"),
-        (("--begin-by", "-1"), "argument --begin-by: -1 is not a time in the future"),
+        (("--begin-by", "soon"), "argument --begin-by: soon is not a number of seconds in the future"),
+        (("--begin-by", "-1"), "argument --begin-by: -1 is not a number of seconds in the future"),
         (
             ("--deadline", "600"),
             "is not done by a time; --begin-by 600 ends it unless it is begun then",

@@ -2,7 +2,6 @@
 """The command `rosrun merlin_fleet fleet`: sends, lists, cancels and follows goals, without ROS."""
 
 import argparse
-import math
 import os
 import sys
 from pathlib import Path
@@ -16,6 +15,7 @@ from merlin_fleet.fleet_client import ACHIEVED, DEFAULT_FLEET, OVER, FleetClient
 from merlin_fleet.fleet_request import FleetRequest, GoalNews
 from merlin_fleet.hub import DEFAULT_ENDPOINT
 from merlin_monitor.access.operators import default_path
+from merlin_ros.processes.option_number import option_number
 
 EXIT_NOT_ACHIEVED = 1
 EXIT_MISTAKES = 2
@@ -61,9 +61,16 @@ def _parser() -> argparse.ArgumentParser:
     actions = parser.add_subparsers(dest="what", required=True)
     send = actions.add_parser("send", parents=[hub], help="send a goal; prints its id")
     send.add_argument("goal", nargs="+", help='PDDL, one or many: "(checked kitchen)"')
-    send.add_argument("--begin-by", type=_seconds, metavar="S", help="not begun by then, it ends as MISSED")
+    send.add_argument(
+        "--begin-by",
+        type=option_number("a number of seconds in the future", above=0.0),
+        metavar="S",
+        help="not begun by then, it ends as MISSED",
+    )
     send.add_argument("--deadline", type=_no_deadline, help=argparse.SUPPRESS)
-    send.add_argument("--value", type=_number, default=0.0, metavar="V", help="greater ones come first")
+    send.add_argument(
+        "--value", type=option_number("a number"), default=0.0, metavar="V", help="greater ones come first"
+    )
     send.add_argument("--robot", default="", metavar="NAME", help="the only robot that may do it")
     send.add_argument("--group", action="append", default=[], help="for a robot of it; may be repeated")
     send.add_argument(
@@ -142,23 +149,6 @@ def _port(text: str) -> int:
     if not 0 <= port <= 65535:
         raise argparse.ArgumentTypeError(f"{text} is not a port: 0 to 65535")
     return port
-
-
-def _number(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise argparse.ArgumentTypeError(f"{text} is not a number")
-    return value
-
-
-def _seconds(text: str) -> float:
-    value = _number(text)
-    if value <= 0.0:
-        raise argparse.ArgumentTypeError(f"{text} is not a time in the future")
-    return value
 
 
 def _no_deadline(text: str) -> float:

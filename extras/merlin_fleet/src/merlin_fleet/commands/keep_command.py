@@ -11,6 +11,7 @@ from typing import Iterator
 
 from merlin_fleet.core.retention import Keeper, Retention
 from merlin_fleet.fleet_client import FleetClient, FleetError
+from merlin_ros.processes.option_number import option_number
 
 KEPT = Retention()
 LOOK = 60.0  # s between two looks; each removes what is due
@@ -19,7 +20,10 @@ LOOK = 60.0  # s between two looks; each removes what is due
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of the command."""
     parser.add_argument(
-        "--hours", type=_amount, default=KEPT.hours, help="kept after a goal's end (%(default)g); 0: any time"
+        "--hours",
+        type=option_number("a number from 0 on", 0.0),
+        default=KEPT.hours,
+        help="kept after a goal's end (%(default)g); 0: any time",
     )
     parser.add_argument(
         "--goals", type=_count, default=KEPT.goals, help="the last ones kept (%(default)d); 0: any number"
@@ -75,13 +79,3 @@ def _count(text: str) -> int:
     if not text.isdecimal():
         raise argparse.ArgumentTypeError(f"{text} is not a whole number from 0 on")
     return int(text)
-
-
-def _amount(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = -1.0
-    if not 0.0 <= value < float("inf"):
-        raise argparse.ArgumentTypeError(f"{text} is not a number from 0 on")
-    return value

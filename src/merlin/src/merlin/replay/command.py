@@ -2,7 +2,6 @@
 """The command `rosrun merlin replay`: shows the page as it was while a bag was recorded."""
 
 import argparse
-import math
 import sys
 import tempfile
 from pathlib import Path
@@ -15,6 +14,7 @@ from merlin.launch_request import LaunchError, LaunchRequest, launch_folder
 from merlin.launch_runner import EXIT_REFUSED, LaunchRun
 from merlin_monitor.bag.recording import BagRecording, RecordingError, parameter_tree
 from merlin_ros.lean_start import end_lightly
+from merlin_ros.processes.option_number import option_number
 from merlin_ros.processes.tidy_end import TIDY, handled
 
 EXIT_INTERRUPTED = 130
@@ -85,26 +85,23 @@ def _arguments(words: List[str]) -> argparse.Namespace:
         default=last,
         help=f"the bag, or the results folder with run.bag ({last})",
     )
-    parser.add_argument("--rate", type=_rate, default=1.0, help="s of the recording per s; 1 by default")
-    parser.add_argument("--start", type=_begin, default=0.0, metavar="S", help="begin after S seconds")
+    parser.add_argument(
+        "--rate",
+        type=option_number("a number above 0, up to 1000", above=0.0, most=1000.0),
+        default=1.0,
+        help="s of the recording per s; 1 by default",
+    )
+    parser.add_argument(
+        "--start",
+        type=option_number("a number of seconds from 0 on", 0.0),
+        default=0.0,
+        metavar="S",
+        help="begin after S seconds",
+    )
     parser.add_argument("--pause", action="store_true", help="begin paused; space goes on")
     parser.add_argument("--keep", action="store_true", help="stay at the end, until Ctrl-C")
     parser.add_argument("--port", type=int, default=8080, help="of the page, or the next free one")
     return parser.parse_args(words)
-
-
-def _rate(text: str) -> float:
-    rate = float(text)
-    if not 0.0 < rate <= 1000.0:
-        raise argparse.ArgumentTypeError(f"{text} is not a number above 0, up to 1000")
-    return rate
-
-
-def _begin(text: str) -> float:
-    begin = float(text)
-    if not 0.0 <= begin < math.inf:
-        raise argparse.ArgumentTypeError(f"{text} is not a number of seconds from 0 on")
-    return begin
 
 
 def _request(recording: BagRecording, folder: Path, given: argparse.Namespace) -> LaunchRequest:
