@@ -3,11 +3,12 @@
 
 import pytest
 from actionlib_msgs.msg import GoalStatus
-from merlin_msgs.msg import DispatchStatus, GuardStatus, PlannerStatus, SimPerson
+from merlin_msgs.msg import DispatchStatus, ExecuteGoal, GuardStatus, PlannerStatus, SimPerson
 from merlin_msgs.srv import ApplyEffectsRequest
 from rosplan_dispatch_msgs.msg import ActionFeedback, EsterelPlanEdge, EsterelPlanNode
 
 from merlin_actions.core.ending import Closing
+from merlin_executor.core.request_limits import ON_CLIENT_LOST, ON_INTERRUPT
 from merlin_guard.motion_permit import GuardState
 from merlin_planning.dispatch_progress import DispatchAnswer
 from merlin_ros.work.goal_end import GoalEnd
@@ -60,3 +61,8 @@ def test_each_number_is_that_of_the_message(copied, message, others):
     names = {member: others.get(member.name, member.name) for member in copied}
     wanted = {name: member.value for member, name in names.items() if name is not None}
     assert wanted == {name: getattr(message, name) for name in wanted}
+
+
+@pytest.mark.parametrize("choices", [ON_INTERRUPT, ON_CLIENT_LOST])
+def test_each_choice_has_the_number_of_the_message(choices):
+    assert choices == {name: getattr(ExecuteGoal, name) for name in choices}
