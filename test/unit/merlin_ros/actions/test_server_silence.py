@@ -64,8 +64,11 @@ class Client:
 
 def test_the_page_for_robots_says_how_long_a_server_may_be_silent() -> None:
     page = (Path(__file__).resolve().parents[4] / "docs" / "real-robot.md").read_text(encoding="utf-8")
-    said = f"silent for {SILENCE:g} s and whose connections are closed counts as dead"
-    assert said in " ".join(page.split()) and f"stays connected has {CONNECTED_SILENCE:g} s." in page
+    said = (
+        f"counts as dead after {GONE_SILENCE:g} s of silence, one that lacks another connection after "
+        f"{SILENCE:g} s, one that is connected after {CONNECTED_SILENCE:g} s;"
+    )
+    assert said in " ".join(page.split())
 
 
 @pytest.fixture
