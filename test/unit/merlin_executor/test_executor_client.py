@@ -17,6 +17,7 @@ from merlin_executor import executor_client
 from merlin_executor.core.request_limits import RequestTooLarge, check_value
 from merlin_executor.executor_client import MerlinExecutorClient
 from merlin_executor.executor_request import ExecutorRequest
+from merlin_executor.goal_check import GoalError
 from merlin_executor.mission import GoalDispatcher, goal_dispatcher
 from merlin_executor.resending import RESEND
 from merlin_ros import service_proxy
@@ -123,6 +124,12 @@ def test_a_choice_that_the_message_does_not_know_is_named(away: Away, field: str
         MerlinExecutorClient().send("(checked hall)", **{field: choice})
 
 
+@pytest.mark.parametrize("goals", [5, None, ["(checked hall)", 5]])
+def test_goals_that_are_none_are_named(away: Away, goals: Any) -> None:
+    with pytest.raises(GoalError, match="goals are PDDL text or knowledge items"):
+        MerlinExecutorClient().send(goals)
+
+
 @pytest.mark.parametrize("value", [1e-30, 1e30])
 def test_the_bounds_of_a_value_hold_at_the_executor_too(value: float) -> None:
     (received,) = struct.unpack("<f", struct.pack("<f", value))
@@ -143,6 +150,19 @@ def test_a_cancelled_mission_does_not_wait_for_the_knowledge_base(
     with pytest.raises(ServiceUnavailable, match="its node does not run"):
         mission.run()
     assert away.calls == 10**9 - 1
+
+
+@pytest.mark.parametrize("timeout", [float("nan"), 0, -1.0, "soon", True])
+def test_a_timeout_that_never_passes_is_refused(
+    away: Away, monkeypatch: pytest.MonkeyPatch, timeout: Any
+) -> None:
+    class Round(GoalDispatcher):
+        def run(self) -> None:
+            self.achieve("(checked hall)", timeout=timeout)
+
+    monkeypatch.setattr(goal_dispatcher, "MissionReporter", lambda *_: SimpleNamespace(paused=None))
+    with pytest.raises(ValueError, match="timeout is .*; it has to be a number of seconds above 0"):
+        Round().run()
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,7 @@
 """MerlinExecutorClient: sends goals to the Executor and takes them back (paper, section 3.2.2)."""
 
 import threading
-from typing import Any, Callable, List, Optional, Sequence, Tuple, Union
+from typing import Any, Callable, Iterable, List, Optional, Sequence, Tuple, Union
 
 import rospy
 from merlin_msgs.msg import ExecuteAction, ExecuteFeedback, ExecuteGoal, ExecuteResult
@@ -220,7 +220,8 @@ def lasting_id(name: str) -> str:
 
 
 def _split(goals: Goals) -> Tuple[List[str], List[KnowledgeItem]]:
-    parts = [goals] if isinstance(goals, (str, KnowledgeItem)) else list(goals)
+    several = isinstance(goals, Iterable) and not isinstance(goals, str)
+    parts = list(goals) if several else [goals]
     texts = [part for part in parts if isinstance(part, str)]
     items = [part for part in parts if isinstance(part, KnowledgeItem)]
     if len(texts) + len(items) != len(parts):

@@ -41,6 +41,16 @@ def ros_time(when: Optional[When], name: str) -> rospy.Time:
     return rospy.Time.from_sec(at)
 
 
+def check_timeout(timeout: Optional[float]) -> None:
+    """Checks a time after which goals are cancelled.
+
+    :raises ValueError: it is not a number of seconds above 0, nor None.
+    """
+    number = isinstance(timeout, (int, float)) and not isinstance(timeout, bool)
+    if timeout is not None and not (number and timeout > 0.0):
+        raise ValueError(f"timeout is {timeout!r}; it has to be a number of seconds above 0")
+
+
 def with_ros_times(options: Dict[str, Any]) -> Dict[str, Any]:
     """Options of :meth:`MerlinExecutorClient.send` whose times stay the same when they are sent again.
 

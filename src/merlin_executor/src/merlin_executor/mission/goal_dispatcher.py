@@ -31,7 +31,7 @@ from merlin_executor.mission.goal_state import ACHIEVED, EXECUTOR_WAIT, GoalStat
 from merlin_executor.mission.mission_node import MissionNode
 from merlin_executor.mission.mission_pause import WAIT, MissionPause
 from merlin_executor.mission.mission_reporter import MissionReporter
-from merlin_executor.request_times import with_ros_times
+from merlin_executor.request_times import check_timeout, with_ros_times
 from merlin_executor.resending import RESEND
 from merlin_planning.knowledge_client import KnowledgeError
 from merlin_ros.ros_alarm import call_after
@@ -129,13 +129,15 @@ class GoalDispatcher(MissionNode):
         :param options: priority, on_interrupt, deadline, alone, … of :meth:`MerlinExecutorClient.send`.
         :return: the Executor's result; CANCELLED for goals that an operator has cancelled, with SKIP.
         :raises MissionFailed: when they do not.
+        :raises ValueError: for a `timeout` that is not a number above 0, and as :meth:`send`.
         """
-        text = goals if isinstance(goals, str) else " ".join(map(str, goals))
+        check_timeout(timeout)
         options = with_ros_times(options)
         again = True
         while again:
             self._pause.wait(self._cancelled.is_set)
             request = self.send(goals, **options)
+            text = goals if isinstance(goals, str) else " ".join(map(str, goals))
             patience = None if timeout is None else call_after(timeout, request.cancel, f"timeout of {text}")
             request.wait()
             if patience is not None:
