@@ -85,13 +85,14 @@ def test_a_condition_that_a_timed_fact_makes_true(scenario: RobotScenario) -> No
     assert kinds(ask(scenario)) == ["condition"]
 
 
-def test_a_number_that_is_too_low(scenario: RobotScenario) -> None:
-    scenario.changes("/battery", battery=2.0)
+@pytest.mark.parametrize(("battery", "shown"), [(2.0, "2"), (4.9999999, "4.9999999")])
+def test_a_number_that_is_too_low(scenario: RobotScenario, battery: float, shown: str) -> None:
+    scenario.changes("/battery", battery=battery)
     scenario.runs(RUNNING, ["(tidy kitchen)"])
     scenario.plans((DRIVE, 0.0, 10.0))
     (claim,) = ask(scenario).claims
     assert "(>= (battery) 5)" in claim.text
-    assert [each.text for each in claim.evidence][1] == "(= (battery) 2)"
+    assert [each.text for each in claim.evidence][1] == f"(= (battery) {shown})"
 
 
 def test_a_breakpoint_holds_a_step(scenario: RobotScenario) -> None:

@@ -8,7 +8,7 @@ from typing import Any, Dict, Iterator, List, Mapping, NamedTuple, Optional, Seq
 from merlin_explain.claims import FACT, REQUEST, STEP, VALUE, Claim, Evidence, QuestionError, Words
 from merlin_pddl.domain import Domain, Operator
 from merlin_pddl.evaluation import Evaluator, WorldState
-from merlin_pddl.formula import END, Atom, Condition, Not, conjuncts, ground, terms, to_pddl
+from merlin_pddl.formula import END, Atom, Condition, Not, conjuncts, ground, numeric_text, terms, to_pddl
 from merlin_pddl.knowledge import Key
 from merlin_ros.work.passed_time import clock_text
 
@@ -204,7 +204,7 @@ class Moment(WorldState):
         """A fact or a value as it is."""
         entry = self.entry(text) or {}
         if entry.get("value") is not None:  # else it is no finite number
-            text = f"(= {text} {entry['value']:g})"
+            text = f"(= {text} {numeric_text(entry['value'])})"
         version = int(entry.get("version") or self.version)
         return Evidence(VALUE if "value" in entry else FACT, text, 0, version, float(entry.get("at") or 0.0))
 
