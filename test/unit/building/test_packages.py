@@ -76,6 +76,7 @@ def test_a_user_with_sudo_keeps_the_proxy(tmp_path: Path) -> None:
     asked = (tmp_path / ".apt.log").read_text(encoding="utf-8").splitlines()
     assert "http_proxy=http://proxy:3128 apt-get install" in asked[-1]
     assert "https_proxy" not in asked[-1]
+    assert "DPkg::Lock::Timeout=" in asked[-1], "another apt-get is waited for"
 
 
 NOT_ON_A_ROBOT = (
