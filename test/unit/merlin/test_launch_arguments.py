@@ -201,6 +201,14 @@ def test_an_application_of_a_robot_needs_no_simulator(tmp_path: Path):
     assert "/world/points_of_interest/kitchen/x" in config.params
 
 
+@pytest.mark.parametrize("on", ["simulator", "servers"])
+@pytest.mark.parametrize("robots", ["", "ann,bob"])
+def test_one_seed_is_that_of_all_that_is_simulated(on: str, robots: str) -> None:
+    config = load("include/application.launch", on=on, robots=robots, seed="7", answers="[yes]", arm="true")
+    seeds = {name: parameter.value for name, parameter in config.params.items() if name.endswith("/seed")}
+    assert len(seeds) >= 2 and set(seeds.values()) == {7}, seeds
+
+
 def test_an_application_takes_the_arguments_of_a_robot() -> None:
     """A robot in a simulator that is not MERLIN's, another planner, and a folder of its own."""
     config = LaunchConfig(
