@@ -104,7 +104,9 @@ class Client:
     def ask(self, command):
         self.process.stdin.write(command + "\n")
         self.process.stdin.flush()
-        return self.process.stdout.readline().strip()
+        answer = self.process.stdout.readline().strip()
+        assert answer, f"{self.process.args} has ended"
+        return answer
 
     def end(self):
         self.process.kill()

@@ -8,12 +8,15 @@ Reads commands from its input, one a line, and answers each with a line: `drive`
 
 import sys
 import threading
+import time
 import uuid
 
 import rospy
 from actionlib_msgs.msg import GoalID
 from merlin_msgs.msg import Lease
 from move_base_msgs.msg import MoveBaseActionGoal
+
+from merlin_test import LONG
 
 rospy.init_node("motion_client", disable_signals=True)
 goals = rospy.Publisher("move_base/goal", MoveBaseActionGoal, queue_size=1)
@@ -40,8 +43,10 @@ for line in sys.stdin:
     answer = line.strip()
     with changed:
         if answer in ("drive", "drive suspended"):
+            end = time.monotonic() + LONG
             while not (reaches(goals, "/base", "/merlin_guard") and reaches(leases, "/merlin_guard")):
                 changed.wait(0.02)
+                assert time.monotonic() < end, "neither base nor guard has connected"
             held[:] = [f"goal-{uuid.uuid4().hex}"]
             suspended[:] = held if answer == "drive suspended" else []
             (answer,) = held

@@ -9,6 +9,8 @@ from typing import List
 LEAN = (
     "import gc; gc.set_threshold(50_000)\n"  # Python looks through all that is imported less often
     "from merlin_ros.lean_start import prepare; prepare()\n"
+    # A call to a node that has ended comes to whatever has its port now. rospy alone would wait for its end.
+    "from merlin_ros.ports.tcpros_port import use_entrance; use_entrance()\n"
 )
 
 

@@ -6,6 +6,7 @@ import socket
 import threading
 from typing import Any
 
+import pytest
 from rospy.exceptions import TransportException
 from rospy.impl import tcpros_base
 from rospy.impl.tcpros_service import TCPROSServiceClient
@@ -50,3 +51,26 @@ def test_a_greeting_on_a_connection_that_is_closed_meanwhile_ends(monkeypatch: A
         greets.start()
         greets.join(LONG)
         assert not greets.is_alive()
+
+
+TALKER = """
+import rospy
+from std_msgs.msg import Empty
+
+rospy.init_node("talker")
+words = rospy.Publisher("/words", Empty, queue_size=1)
+print("ready", flush=True)
+rospy.spin()
+"""
+
+
+@pytest.mark.processes
+def test_a_call_that_is_meant_for_another_node_keeps_none_from_a_test(master: Any) -> None:
+    """The port of a node that was killed may be the next one's, and a master calls it without a limit."""
+    master.node(TALKER).expect("ready")
+    with master.subscribed("/talker", "/words") as peer:
+        address = peer.getpeername()
+    with socket.create_connection(address, LONG) as stale:
+        stale.sendall(b"POST /RPC2 HTTP/1.1\r\nContent-Length: 400\r\n\r\n")
+        with master.subscribed("/talker", "/words"):
+            pass
