@@ -286,6 +286,23 @@ def test_a_wait_for_the_knowledge_does_not_count_a_stall_of_its_own(monkeypatch:
     assert not knowledge.available["r1"]
 
 
+def test_a_robot_whose_host_is_gone_is_waited_for(announce: Announce) -> None:
+    watch = RobotWatch(Knowledge("r1"))  # type: ignore[arg-type]
+    never: Callable[[], bool] = lambda: False  # noqa: E731
+    announce("r1")
+    assert watch.wait("r1", 0.0, never) == ""
+    watch.suspect("r1", "its process is gone")
+    gone = "robot r1 is gone: its process is gone"
+    assert watch.wait("r1", 0.1, never) == f"{gone}, and it did not come back within 0.1 s"
+    assert watch.wait("r1", LONG, lambda: True) == gone
+    waits, answers = threading.Event(), Queue()  # type: ignore[var-annotated]
+    waiter = threading.Thread(target=lambda: answers.put(watch.wait("r1", LONG, waits.set)), daemon=True)
+    waiter.start()
+    assert waits.wait(LONG)
+    announce("r1")
+    assert answers.get(timeout=LONG) == ""
+
+
 def test_a_robot_that_is_forgotten_is_reported_to_those_that_listen(
     announce: Announce, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -78,21 +78,26 @@ class RobotWatch:
             return {robot: self._book.why_not(robot) for robot in self._book.robots}
 
     def wait(self, robot: str, seconds: float, unless: Callable[[], bool]) -> str:
-        """Waits for the first message of a robot; returns why it takes no actions, or nothing.
+        """Waits for a robot without a host, or until one says why it takes no actions.
 
         :param seconds: of the caller's own time.
         :param unless: ends the wait when it is true; call :meth:`wake` when that changes.
+        :return: why it takes no actions; empty when it does.
         """
 
-        def known() -> bool:
-            return self._book.available(robot) or bool(self._book.why_not(robot)) or unless()
+        def over() -> bool:
+            heard = robot in self._book.robots and not self._book.is_gone(robot)
+            return heard or unless() or rospy.is_shutdown()
 
         with self._changed:
-            over = lambda: known() or rospy.is_shutdown()  # noqa: E731
-            if not wait_ticks(lambda tick: self._changed.wait_for(over, tick), seconds) or not known():
-                there = ", ".join(self._book.robots) or "none"
-                return f"no host says that it is robot {robot} ({seconds:g} s); there are: {there}"
-            return self._book.why_not(robot)
+            in_time = wait_ticks(lambda tick: self._changed.wait_for(over, tick), seconds)
+            why = self._book.why_not(robot)
+            if in_time and (robot in self._book.robots or unless()):
+                return why
+            if why:
+                return f"{why}, and it did not come back within {seconds:g} s"
+            there = ", ".join(self._book.robots) or "none"
+            return f"no host says that it is robot {robot} ({seconds:g} s); there are: {there}"
 
     def wake(self) -> None:
         """Wakes a :meth:`wait`, so that it re-checks `unless`."""

@@ -57,6 +57,16 @@ def test_a_silent_robot_is_gone_and_one_that_speaks_again_is_back(book):
     assert book.hear(ANN) == [RobotChange("ann", True)]
 
 
+def test_only_a_robot_that_was_heard_and_does_not_answer_is_gone(book):
+    assert not book.is_gone("ann") and not book.is_gone("bob")
+    book.hear(ann(out="is taken out"))
+    assert not book.is_gone("ann")
+    book.pass_time(GONE_AFTER + 0.1)
+    assert book.is_gone("ann")
+    book.hear(ANN)
+    assert not book.is_gone("ann")
+
+
 def test_a_book_may_wait_longer():
     book = RobotBook(gone_after=60.0)
     book.hear(ANN)

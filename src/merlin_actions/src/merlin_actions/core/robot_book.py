@@ -66,6 +66,10 @@ class RobotBook:
         """Why a robot takes no actions; empty when it does, or has sent no message."""
         return self._robots[robot].reported.reason if robot in self._robots else ""
 
+    def is_gone(self, robot: str) -> bool:
+        """Whether it was heard and no host of it answers any more; one may come back."""
+        return robot in self._robots and not (self.available(robot) or self._robots[robot].reported.answers)
+
     def namespace(self, robot: str) -> str:
         """Where its actions are, with a slash at the end; empty: it has sent no message."""
         return self._robots[robot].namespace if robot in self._robots else ""
