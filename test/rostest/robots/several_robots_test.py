@@ -270,6 +270,21 @@ class SeveralRobots(unittest.TestCase):
                 self.failed(dispatch)["reason"], f"no host says that it is robot {robot} .*ann, bob"
             )
 
+    def test_a_request_for_one_robot_goes_on_when_its_host_is_back(self):
+        available = rospy.ServiceProxy("bob/merlin/available", SetBool)
+        available(False)
+        self.until(lambda: not self.knowledge.holds("(available bob)"), "bob is out")
+        request = self.client.send("(visited kitchen)")
+        self.driving("ann")
+        os.kill(self.pid("/ann/merlin_fsm_host"), signal.SIGKILL)
+        self.until(lambda: not self.knowledge.holds("(available ann)") or request.done, "ann is gone")
+        self.until_true("(available ann)")
+        self.driving("ann")
+        request.cancel()
+        self.assertTrue(request.wait(LONG))
+        self.assertEqual(outcome_name(request.result.outcome), "CANCELLED", request.result.reason)
+        available(True)
+
     def test_a_plan_goes_on_without_the_robot_that_has_left(self):
         began = rospy.Time.now()
         request = self.client.send("(and (visited dorm_room) (visited bathroom) (visited kitchen))")

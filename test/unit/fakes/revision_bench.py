@@ -23,6 +23,7 @@ from merlin_executor.node.executor_sm import ExecutorSM
 from merlin_executor.node.joint_run import PlanningSystem
 from merlin_executor.node.own_goals import OwnGoals
 from merlin_executor.node.request import Request
+from merlin_executor.node.robot_return import RobotReturn
 from merlin_planning.dispatch_progress import DispatchResult, unmet_reason
 from merlin_planning.knowledge_client import ADD_GOAL
 from merlin_planning.knowledge_text import parse_goal, step_text, to_pddl
@@ -46,6 +47,7 @@ class Robot:
     """A robot that drives and checks, with its knowledge base, planner and dispatcher; all calls are seen."""
 
     can_exchange = True
+    predicates = dict
 
     def __init__(self) -> None:
         self.changed = threading.Condition(threading.RLock())  # guards the fields below
@@ -343,7 +345,7 @@ class Bench:
         )
         recovery = SimpleNamespace(rest=lambda interruptible: "", meanwhile=lambda: frozenset())
         system: Any = PlanningSystem(  # type: ignore[arg-type]
-            robot, planning, robot, recovery, guard, 0.1, leave_limit=leave_limit
+            robot, planning, robot, recovery, guard, RobotReturn(robot, 0.1), 0.1, leave_limit=leave_limit
         )
         self.machine = ExecutorSM(system, own, lambda: None, lambda: self.engine)
         robot.on_change = self.machine.dispatch_changed

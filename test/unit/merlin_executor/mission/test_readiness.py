@@ -16,12 +16,13 @@ import sys, threading
 from types import SimpleNamespace
 import rospy
 from merlin_msgs.msg import RobotHost
+from merlin_executor import announced
 from merlin_executor.mission import readiness
 from merlin_ros.node import init_node
 
 init_node("mission")
 rospy.set_param("merlin/robots", ["ria", "tom"])
-readiness.PATIENCE = 0.2
+announced.PATIENCE = 0.2
 known, connected = {"tom"}, threading.Event()
 
 class Connected(rospy.SubscribeListener):
@@ -46,7 +47,7 @@ def query(items):
     print("asked for", robot, flush=True)
     return [robot in known]
 
-counted = SimpleNamespace(typed_parameters=["r"])
+counted = SimpleNamespace(typed_parameters=[SimpleNamespace(key="r", value="robot")])
 knowledge = SimpleNamespace(
     name="/kb",
     predicates=lambda: {"available": counted},

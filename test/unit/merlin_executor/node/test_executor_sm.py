@@ -18,6 +18,7 @@ from merlin_executor.node import executor_stages
 from merlin_executor.node.executor_sm import ExecutorSM
 from merlin_executor.node.executor_stages import GOALS_GONE
 from merlin_executor.node.joint_run import PlanningSystem
+from merlin_executor.node.robot_return import RobotReturn
 from merlin_planning.dispatch_progress import DispatchResult
 from merlin_planning.knowledge_text import parse_goal, to_pddl
 from merlin_planning.planning_client import Planned, PlanningResult
@@ -37,6 +38,8 @@ class Wanted(SimpleNamespace):
 
 class Knowledge:
     """A knowledge base of which some calls hang until they are given up."""
+
+    predicates = dict
 
     def __init__(self) -> None:
         self.hanging = ""
@@ -129,15 +132,11 @@ class Bench:
             steps_done=0,
             hand_over=lambda owner: None,
         )
+        recovery = SimpleNamespace(rest=self._rest)
+        robots = RobotReturn(self.knowledge, 0.1)  # type: ignore[arg-type]
+        parts: Any = self.knowledge, planning, self.dispatcher, recovery, self, robots, 0.1
         self.machine = ExecutorSM(
-            PlanningSystem(
-                self.knowledge,  # type: ignore[arg-type]
-                planning,  # type: ignore[arg-type]
-                self.dispatcher,  # type: ignore[arg-type]
-                SimpleNamespace(rest=self._rest),  # type: ignore[arg-type]
-                self,  # type: ignore[arg-type]
-                0.1,
-            ),
+            PlanningSystem(*parts),
             self.own,  # type: ignore[arg-type]
             lambda: None,
             lambda: self,  # type: ignore[arg-type, return-value]

@@ -1,24 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """Waits until all parts of the robot that a mission needs are up."""
 
-import threading
-from typing import Any, Callable, List, Optional, Sequence, Tuple
+from typing import List, Optional, Sequence
 
 import rospy
 from actionlib_msgs.msg import GoalStatusArray
-from merlin_msgs.msg import RobotHost
 from rosplan_knowledge_msgs.msg import DomainFormula
 
+from merlin_executor.announced import missing_robots, wait_announced
 from merlin_executor.core.awaited import Awaited
 from merlin_executor.executor_client import MerlinExecutorClient
 from merlin_executor.mission.literal_goals import goal_faults_now
-from merlin_planning.knowledge_client import KnowledgeClient, KnowledgeError, fact
-from merlin_ros.deadline import Deadline
-from merlin_ros.late_topics import subscribe_by
-from merlin_ros.robot_values import AVAILABLE, ROBOTS
-from merlin_ros.service_proxy import ServiceError
-
-PATIENCE = 5.0  # s of running time, after which a mission says what it waits for
+from merlin_planning.knowledge_client import KnowledgeClient
+from merlin_ros.robot_values import ROBOTS
 
 
 class NotReady(RuntimeError):
@@ -54,7 +48,7 @@ def wait_for_robot(
     if missing:
         raise NotReady(f"no action interface for {', '.join(missing)} {after}")
     robots = robots_of_plan()
-    gone = missing_robots(knowledge, robots, timeout)
+    gone = missing_robots(knowledge, robots, timeout, "the mission waits for the robots")
     if robots and len(gone) == len(robots):
         raise NotReady(f"no host of the robots {', '.join(gone)} takes actions {after}; are they launched?")
     if gone and not rospy.is_shutdown():
@@ -75,8 +69,8 @@ def missing_interfaces(knowledge: KnowledgeClient, timeout: float) -> List[str]:
     """
     awaited = Awaited(sorted(knowledge.operators()))
     topic = f"{knowledge.name}/pddl_action_parameters"
-    return _wait(
-        "the action interface of",
+    return wait_announced(
+        "the mission waits for the action interface of",
         awaited,
         [(topic, DomainFormula, lambda formula: awaited.heard(formula.name))],
         timeout,
@@ -96,32 +90,6 @@ def servers_of(names: Sequence[str], robots: Sequence[str]) -> List[str]:
     return [server for servers in each for server in servers]
 
 
-def missing_robots(knowledge: KnowledgeClient, robots: Sequence[str], timeout: float) -> List[str]:
-    """Waits until each robot takes actions and the knowledge says so, or its operator has taken it out.
-
-    :param knowledge: of the domain; it has to be up already.
-    :param timeout: s of running time for all of them.
-    :return: those that did not come, in the given order.
-    """
-    if not robots:
-        return []
-    predicate = knowledge.predicates().get(AVAILABLE)
-    known = predicate is not None and len(predicate.typed_parameters) == 1
-    awaited = Awaited(robots)
-
-    def heard(word: RobotHost) -> None:
-        if word.leaving or word.robot not in robots:
-            return
-        try:
-            there = word.out or not known or knowledge.query([fact(AVAILABLE, word.robot)])[0]
-        except (KnowledgeError, ServiceError):
-            return  # the next message of the host asks again
-        if there:
-            awaited.heard(word.robot)
-
-    return _wait("the robots", awaited, [(f"{knowledge.name}/robots", RobotHost, heard)], timeout)
-
-
 def missing_servers(names: Sequence[str], timeout: float) -> List[str]:
     """Waits for action servers.
 
@@ -134,19 +102,4 @@ def missing_servers(names: Sequence[str], timeout: float) -> List[str]:
         (f"{rospy.resolve_name(name)}/status", GoalStatusArray, lambda _, name=name: awaited.heard(name))
         for name in names
     ]
-    return _wait("the action server", awaited, topics, timeout)
-
-
-def _wait(
-    what: str, awaited: Awaited, topics: Sequence[Tuple[str, type, Callable[[Any], None]]], timeout: float
-) -> List[str]:
-    deadline, never = Deadline(timeout), threading.Event()
-    subscribers = [subscribe_by(deadline, never, *topic) for topic in topics]
-    missing = awaited.wait(Deadline(min(PATIENCE, timeout)).wait)
-    if missing and not deadline.expired:
-        rospy.logwarn(f"the mission waits for {what} {', '.join(missing)}, for {timeout:g} s in all")
-        missing = awaited.wait(deadline.wait)
-    for subscriber in subscribers:
-        if subscriber is not None:
-            subscriber.unregister()
-    return missing
+    return wait_announced("the mission waits for the action server", awaited, topics, timeout)

@@ -34,6 +34,7 @@ from merlin_executor.node.own_goals import OwnGoals
 from merlin_executor.node.pause_services import offer_pause
 from merlin_executor.node.recovery import Recovery
 from merlin_executor.node.request import Request
+from merlin_executor.node.robot_return import RobotReturn
 from merlin_executor.node.survivors import Survivors
 from merlin_pddl.text_reader import shortened
 from merlin_planning.breakpoint_service import BreakpointService
@@ -77,7 +78,7 @@ class Executor:
     :param max_replans: how often a failed plan is replaced.
     :param same_failures, replan_wait: as of :class:`merlin_executor.core.replanning.Replanning`.
     :param goals_file: where it notes the goals it added; empty: on the parameter server.
-    :param return_wait: s of running time for a planning system that was ended to return.
+    :param return_wait: s of running time for a planning system that was ended, or for a robot, to return.
     :param stand_wait: s of running time for the base to come to rest after everything has ended.
     :param stuck_after: s of running time without an action under way, after which a plan is given up at a
         dispatcher that would wait for ever; zero or less: never.
@@ -124,6 +125,7 @@ class Executor:
             self._dispatcher,
             self._recovery,
             self._guard,
+            RobotReturn(knowledge, return_wait),
             return_wait,
             look_ahead,
             leave_limit,

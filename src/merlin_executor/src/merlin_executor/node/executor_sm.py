@@ -17,7 +17,7 @@ from merlin_executor.core.course import REPLAN, Course, StageEnd
 from merlin_executor.core.engine import Engine, Stages
 from merlin_executor.core.outcome import Outcome, StopKind, Verdict
 from merlin_executor.core.standstill import still_moving, unstopped
-from merlin_executor.node.executor_stages import KNOWLEDGE_BASE
+from merlin_executor.node.executor_stages import KNOWLEDGE_BASE, ROBOT_BACK
 from merlin_executor.node.joint_run import JointRun, PlanningSystem
 from merlin_executor.node.own_goals import OwnGoals
 from merlin_executor.node.request import Request
@@ -122,7 +122,7 @@ class ExecutorSM(MerlinSM, Stages[Request]):
         stage("SETTLE", make("settle", system), "ADD_GOALS")
         stage("ADD_GOALS", make("add_goals", system, self._own, self), "GENERATE_PROBLEM")
         stage("GENERATE_PROBLEM", make("generate_problem", planning), "PLAN")
-        stage("PLAN", make("plan_in_time", system, self), "PARSE_PLAN")
+        stage("PLAN", make("plan_in_time", system, self), "PARSE_PLAN", **{ROBOT_BACK: "SETTLE"})
         stage("PARSE_PLAN", make("parse_plan", planning, self._take_plan), "DISPATCH_PLAN")
         dispatch = make("dispatch_goals", system, self)
         stage("DISPATCH_PLAN", dispatch, REMOVE_GOALS, **{FAILED: REPLAN})

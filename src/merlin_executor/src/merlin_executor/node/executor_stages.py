@@ -26,7 +26,14 @@ from merlin_ros.deadline import Deadline, running_time
 from merlin_ros.service_proxy import ServiceError, ServiceUnavailable
 from merlin_sm.state_factory import MerlinStateFactory
 from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, SUCCEEDED
-from merlin_sm.states.planning import FAILED, DispatchPlanState, PlanningState, PlanState
+from merlin_sm.states.planning import (
+    FAILED,
+    NO_PLAN,
+    UNSOLVABLE,
+    DispatchPlanState,
+    PlanningState,
+    PlanState,
+)
 
 if TYPE_CHECKING:
     from merlin_executor.node.executor_sm import ExecutorSM
@@ -35,6 +42,7 @@ ALREADY_TRUE = "already_true"
 HOLDS_ALREADY = "the goal holds already"
 EXHAUSTED = "exhausted"
 LATE = "late"
+ROBOT_BACK = "robot_back"
 KNOWLEDGE_BASE = "the planning system's knowledge base"
 GOALS_GONE = "its goals were removed from the knowledge base: this executor was silent, or another client did"
 
@@ -100,12 +108,12 @@ class AddGoals(PlanningState):
 
 class PlanInTime(PlanState):
     """Plans. Where that plan ends after a deadline, the planner has to find one in time, or proves that
-    there is none: late.
+    there is none: late. Where there is no plan, but a robot whose host was gone is back: robot_back.
     """
 
     def __init__(self, system: PlanningSystem, run: "ExecutorSM") -> None:
         super().__init__(system.planning, lambda: run.course.without)
-        self.register_outcomes([LATE])
+        self.register_outcomes([LATE, ROBOT_BACK])
         self._system = system
         self._run = run
 
@@ -114,6 +122,9 @@ class PlanInTime(PlanState):
         run, planning = self._run.run, self._system.planning
         run.reached = {}
         outcome = super().run(userdata)
+        if outcome in (UNSOLVABLE, NO_PLAN):
+            back = self._system.robots.wait(self.interruptible, run.robots_waited_for)
+            return PREEMPTED if self.preempt_requested() else ROBOT_BACK if back else outcome
         limited = [request for request in run.requests if request.window.is_limited and self._system.proves]
         if outcome != SUCCEEDED or not limited:
             return outcome

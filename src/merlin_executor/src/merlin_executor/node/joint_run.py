@@ -2,7 +2,7 @@
 """The requests of one run: their goals, and the end of each whose goals hold before the plan ends."""
 
 import threading
-from typing import Callable, Dict, FrozenSet, List, NamedTuple, Optional, Sequence
+from typing import Callable, Dict, FrozenSet, List, NamedTuple, Optional, Sequence, Set
 
 import rospy
 from rosplan_knowledge_msgs.msg import KnowledgeItem
@@ -15,6 +15,7 @@ from merlin_executor.node.own_goals import OwnGoals
 from merlin_executor.node.plan_revision import PlanRevision
 from merlin_executor.node.recovery import Recovery
 from merlin_executor.node.request import Request, goals_of
+from merlin_executor.node.robot_return import RobotReturn
 from merlin_planning.dispatch_client import DispatchClient
 from merlin_planning.knowledge_client import KnowledgeClient, KnowledgeError
 from merlin_planning.knowledge_text import to_pddl
@@ -36,6 +37,7 @@ class PlanningSystem(NamedTuple):
     dispatcher: DispatchClient
     recovery: Recovery
     guard: GuardClient
+    robots: RobotReturn
     return_wait: float
     """s of running time for a part that was ended to return."""
     proves: bool = True
@@ -67,6 +69,8 @@ class JointRun:
         self.revision = PlanRevision(self, system, own, engine)
         self.reached: Dict[Request, float] = {}
         """s from the begin of the plan that was made last until goals hold that do so before its end."""
+        self.robots_waited_for: Set[str] = set()
+        """Whose return this run has waited for already."""
         self._steps_done = 0
         self._looks = CallQueue("goals that hold")
         self._calls: Optional[CallScope] = None  # of a look under way

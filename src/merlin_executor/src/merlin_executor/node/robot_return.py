@@ -1,0 +1,55 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Without a robot there may be no plan: one whose host is gone is waited for before the request ends."""
+
+from typing import List, Set
+
+import rospy
+
+from merlin_executor.announced import missing_robots, type_of_available
+from merlin_planning.knowledge_client import KnowledgeClient, KnowledgeError
+from merlin_planning.planning_client import Interruptible
+from merlin_ros.robot_values import AVAILABLE
+from merlin_ros.service_proxy import ServiceError
+
+
+class RobotReturn:
+    """Waits for robots that take no actions. One that its operator has taken out is not waited for.
+
+    A robot that did not come is waited for again only when it has been back. Used by one thread.
+
+    :param knowledge: with the facts ``(available ?robot)``; without these no robot is waited for.
+    :param limit: s of running time.
+    """
+
+    def __init__(self, knowledge: KnowledgeClient, limit: float) -> None:
+        self._knowledge, self._limit = knowledge, limit
+        self._in_vain: Set[str] = set()
+
+    def wait(self, interruptible: Interruptible, waited_for: Set[str]) -> bool:
+        """Whether a robot has come back.
+
+        :param interruptible: is given what ends the wait.
+        :param waited_for: the robots of which this run knows that they went; further ones are added.
+        """
+        try:
+            away = self._away()
+            self._in_vain &= set(away)
+            awaited = [robot for robot in away if robot not in self._in_vain | waited_for]
+            if not awaited:
+                return False
+            waited_for.update(awaited)
+            rospy.logwarn(f"there is no plan without {', '.join(awaited)}; waits {self._limit:g} s at most")
+            waiting = "the request waits for one of the robots"
+            missing = missing_robots(self._knowledge, awaited, self._limit, waiting, interruptible, one=True)
+            self._in_vain.update(missing)
+            return not set(awaited) <= set(self._away())
+        except (KnowledgeError, ServiceError) as error:
+            rospy.logwarn(f"no robot is waited for: {error}")
+            return False
+
+    def _away(self) -> List[str]:
+        robot_type = type_of_available(self._knowledge)
+        if not robot_type:
+            return []
+        there = {item.values[0].value for item in self._knowledge.propositions(AVAILABLE)}
+        return [robot for robot in self._knowledge.instances(robot_type) if robot not in there]
