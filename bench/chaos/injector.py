@@ -61,6 +61,9 @@ class Injector:
         self._stroke.strike()
         for pid in self._pids.values():
             processes.send(pid, SIGNALS[fault.signal])
+        if fault.signal == "STOP":
+            for pid in self._pids.values():
+                processes.wait_stopped(pid)
         self._system.log.add(Event(at, events.FAULT, {"fault": fault.name, "targets": list(fault.targets)}))
         if fault.lasts is not None:
             # Ends with the fault, or by end().

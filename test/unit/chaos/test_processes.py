@@ -80,6 +80,31 @@ def test_the_node_is_meant_and_not_the_script_that_starts_it_again() -> None:
         process.communicate()
 
 
+BUSY = """
+import threading
+for _ in range(20):
+    threading.Thread(target=exec, args=("while True: pass",)).start()
+print("busy", flush=True)
+"""
+
+
+def test_a_process_that_was_stopped_does_nothing_more() -> None:
+    busy = subprocess.Popen([sys.executable, "-c", BUSY], stdout=subprocess.PIPE)
+    try:
+        assert busy.stdout is not None and busy.stdout.readline() == b"busy\n"
+        for _ in range(20):
+            os.kill(busy.pid, signal.SIGSTOP)
+            processes.wait_stopped(busy.pid)
+            threads = list(Path(f"/proc/{busy.pid}/task").iterdir())
+            states = {(thread / "stat").read_text().rsplit(")", 1)[1].split()[0] for thread in threads}
+            assert len(threads) == 21 and states == {"T"}
+            os.kill(busy.pid, signal.SIGCONT)
+    finally:
+        busy.kill()
+        busy.communicate()
+    processes.wait_stopped(busy.pid)  # it has ended, and nothing is waited for
+
+
 def test_processes_of_another_run_are_left_alone() -> None:
     node = start("other", "__name:=one")
     try:
