@@ -13,6 +13,7 @@ from chaos.striking.kinds import STROKES
 from chaos.striking.stroke import NotRunning, Stroke
 from chaos.under_test import processes
 from chaos.under_test.system import System
+from merlin_test.process_signals import wait_stopped
 
 SIGNALS = {"KILL": signal.SIGKILL, "STOP": signal.SIGSTOP, "TERM": signal.SIGTERM}
 
@@ -63,7 +64,7 @@ class Injector:
             processes.send(pid, SIGNALS[fault.signal])
         if fault.signal == "STOP":
             for pid in self._pids.values():
-                processes.wait_stopped(pid)
+                wait_stopped(pid)
         self._system.log.add(Event(at, events.FAULT, {"fault": fault.name, "targets": list(fault.targets)}))
         if fault.lasts is not None:
             # Ends with the fault, or by end().

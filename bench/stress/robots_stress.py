@@ -24,6 +24,7 @@ from merlin_executor.executor_client import ExecutorRequest, MerlinExecutorClien
 from merlin_ros.actions.peers import connected_peers
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 from merlin_sm.states.navigation import POINTS_PARAM
+from merlin_test.process_signals import strike
 from stress.process_usage import pid_of
 from stress.robots_record import ANYWHERE, RobotsRecord
 from stress.stress_cycles import Cycle, Violation, arguments_of, draw, places_of, twice
@@ -157,7 +158,7 @@ class RobotsStress:
                 self._killed.add(self._lives[cycle.victim])
         if cycle.how:
             host = pid_of(f"/{cycle.victim}/merlin_fsm_host")
-            os.kill(host, signal.SIGKILL if cycle.how == "kill" else signal.SIGSTOP)
+            strike(host, signal.SIGKILL if cycle.how == "kill" else signal.SIGSTOP)
             if cycle.how == "stop":
                 return lambda: os.kill(host, signal.SIGCONT)
         return lambda: None

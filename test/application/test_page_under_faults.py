@@ -19,6 +19,7 @@ from merlin_monitor.panel_board import CHECKS
 from merlin_monitor.state import guard_section, health_section
 from merlin_ros import health
 from merlin_test.chromium import Visit, chromium
+from merlin_test.process_signals import hang
 from merlin_test.stalled_link import StalledLink
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -177,7 +178,7 @@ class Scene:
     def hang(self, node: str) -> End:
         pid = self.system.pid(node)
         assert pid is not None, f"{node} does not run"
-        processes.send(pid, signal.SIGSTOP)
+        hang(pid)
         return lambda: processes.send(pid, signal.SIGCONT)
 
     def kill(self, node: str) -> End:
@@ -185,7 +186,7 @@ class Scene:
         assert pid is not None, f"{node} does not run"
         again = processes.respawner(pid)
         assert again is not None, f"nothing starts {node} again"
-        processes.send(again, signal.SIGSTOP)
+        hang(again)
         processes.send(pid, signal.SIGKILL)
         return lambda: processes.send(again, signal.SIGCONT)
 

@@ -21,6 +21,7 @@ from merlin.local_names import master_uri
 from merlin_test import LONG
 from merlin_test.node_path import LEAN
 from merlin_test.ports import free_ports, release
+from merlin_test.process_signals import strike
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
@@ -81,9 +82,8 @@ class Process:
 
     def send(self, number: int) -> None:
         """Sends a signal; one that stops it has stopped all of its threads when this returns."""
-        self.process.send_signal(number)
-        if number == signal.SIGSTOP:
-            os.waitid(os.P_PID, self.process.pid, os.WSTOPPED | os.WEXITED | os.WNOWAIT)
+        if self.process.poll() is None:
+            strike(self.process.pid, number)
 
     def end(self, number: int = signal.SIGINT) -> int:
         """Sends a signal, waits for the end and returns the exit code; `output` is complete then."""

@@ -138,16 +138,6 @@ def send(pid: int, number: int) -> bool:
     return True
 
 
-def wait_stopped(pid: int, proc: Path = Path("/proc")) -> None:
-    """Waits until a process that was sent SIGSTOP stands: the thread that gets the signal stops the others.
-
-    On a busy machine these go on for some hundredths of a second, and could answer what comes meanwhile.
-    """
-    end = time.monotonic() + END_LIMIT
-    while time.monotonic() < end and not _stands(proc, pid):
-        time.sleep(0.001)  # the kernel reports it to the parent only
-
-
 def reap() -> None:
     """Takes away ended grandchildren that this process has adopted.
 
@@ -183,14 +173,6 @@ def _stat(proc: Path, pid: int) -> List[str]:
         return (proc / str(pid) / "stat").read_text().rsplit(")", 1)[1].split()
     except (OSError, IndexError):
         return []
-
-
-def _stands(proc: Path, pid: int) -> bool:
-    task = proc / str(pid) / "task"
-    try:
-        return all(_stat(task, thread)[:1] in ([], ["T"], ["Z"], ["X"]) for thread in ids(task))
-    except OSError:  # it has ended
-        return True
 
 
 def _parent(proc: Path, pid: int) -> int:

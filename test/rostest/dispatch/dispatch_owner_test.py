@@ -20,6 +20,7 @@ from merlin_planning.knowledge_client import fact
 from merlin_ros.actions.lease_holder import LeaseHolder
 from merlin_test import LONG
 from merlin_test.node_path import lean_script
+from merlin_test.process_signals import hang
 from merlin_test.topic_links import patient_service, sends
 
 VICTIM = Path(__file__).with_name("victim_owner.py")
@@ -118,7 +119,7 @@ class Owner(Owners, unittest.TestCase):
         self.leases.wait(lambda lease: lease.held and not lease.suspended)
         self.owners.wait_renewed()
         self.leases.forget()
-        owner.send_signal(signal.SIGSTOP)
+        hang(owner.pid)
         self.leases.has_heard(lambda lease: lease.suspended == lease.held != [])
         first = self.interfaces.wait(named("paint"))
         self.interfaces.answer(first, 2)
@@ -195,7 +196,7 @@ class Limits(Owners, unittest.TestCase):
         self.two_steps()
         owner = self.owner()
         self.owners.wait_renewed()
-        owner.send_signal(signal.SIGSTOP)
+        hang(owner.pid)
         self.interfaces.wait(named("cancel_action"))
         self.assertIn("is gone: its client", self.last_status().reason)
 

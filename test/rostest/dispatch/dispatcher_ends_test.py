@@ -25,6 +25,7 @@ from merlin_planning.action_messages import OWN_MARK
 from merlin_planning.dispatch_client import DispatchClient
 from merlin_ros.service_proxy import ServiceError
 from merlin_test import LONG
+from merlin_test.process_signals import strike
 from merlin_test.topic_links import patient_service, wait_for_connections, wait_for_publishers
 
 
@@ -106,7 +107,7 @@ class DispatcherEnds(unittest.TestCase):
             changes.get(timeout=LONG)
         uri = rosnode.get_api_uri(rosgraph.Master(rospy.get_name()), dispatcher)
         _, _, pid = ServerProxy(uri).getPid("/test")
-        os.kill(pid, sent)
+        strike(pid, sent)
         if sent == signal.SIGSTOP:
             self.addCleanup(os.kill, pid, signal.SIGCONT)
         return client, interfaces, result

@@ -23,6 +23,7 @@ from merlin_executor.executor_client import MerlinExecutorClient
 from merlin_executor.resending import RESEND
 from merlin_planning.knowledge_client import ADD_GOAL, REMOVE_GOAL, Update, fact
 from merlin_test import LONG
+from merlin_test.process_signals import hang
 from merlin_test.topic_links import pid_of
 
 PLANNER = "rosplan_planner_interface/planner_command"
@@ -126,7 +127,7 @@ class Faults(FaultsCase):
         changes = Changes("(checked kitchen)")
         request = self.driving()
         node = pid_of("/merlin_executor")
-        os.kill(node, signal.SIGSTOP)
+        hang(node)
         try:
             self.drives.wait_stopped()
             changes.wait_removed()
@@ -146,7 +147,7 @@ class Faults(FaultsCase):
             kill(client)  # so that nothing but the Executor itself decides about the request
             node = pid_of("/merlin_executor")
             stopped = rospy.Time.now()
-            os.kill(node, signal.SIGSTOP)
+            hang(node)
             try:
                 changes.wait_removed()
                 self.dispatch.wait_idle(stopped)
@@ -169,7 +170,7 @@ class Faults(FaultsCase):
         self.assertNextGoalWorks()
 
     def test_a_request_that_met_a_dying_executor_is_carried_out_by_the_next(self):
-        os.kill(pid_of("/merlin_executor"), signal.SIGSTOP)
+        hang(pid_of("/merlin_executor"))
         request = self.client.send("(robot_at kitchen)")
         kill(self.executor)
         self.start_executor()
@@ -216,7 +217,7 @@ class Faults(FaultsCase):
 
     def test_a_hung_planning_system_is_told_within_ten_seconds_of_the_cancel(self):
         request = self.driving()  # the planning system may take its time: until then it waits for the cancel
-        os.kill(self.planning.pid, signal.SIGSTOP)
+        hang(self.planning.pid)
         try:
             self.drives.wait_stopped()  # nothing owns the drive any more
             request.cancel()
@@ -232,7 +233,7 @@ class Faults(FaultsCase):
         client = MerlinExecutorClient(knowledge_base=None)
         self.assertTrue(client.wait_for_executor(LONG))
         statuses = Watch("merlin/execute/status", GoalStatusArray)
-        os.kill(self.planning.pid, signal.SIGSTOP)
+        hang(self.planning.pid)
         try:
             request = client.send("(checked kitchen)")
             statuses.wait(lambda status: request.id in [goal.goal_id.id for goal in status.status_list])
@@ -252,7 +253,7 @@ class Faults(FaultsCase):
         begun = rospy.Time.now()
         newcomer = MerlinExecutorClient().send("(checked main_door)")
         planned.wait(lambda status: status.state == PlannerStatus.RUNNING, begun)
-        os.kill(self.planning.pid, signal.SIGSTOP)
+        hang(self.planning.pid)
         try:
             newcomer.cancel()
             self.assertTrue(newcomer.wait(LONG))
@@ -291,7 +292,7 @@ class Faults(FaultsCase):
         self.guard.wait_heard()
         self.assertFalse(self.guard.braked.is_set())
         host = pid_of("/merlin_fsm_host")
-        os.kill(host, signal.SIGSTOP)
+        hang(host)
         try:
             request.cancel()
             # At once, though what has to end the drive hangs.

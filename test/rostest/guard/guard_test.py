@@ -22,6 +22,7 @@ from merlin_sm.states.merlin_state import ABORTED
 from merlin_sm.states.navigation import NavigationState
 from merlin_test import LONG
 from merlin_test.node_path import node_path
+from merlin_test.process_signals import hang
 from merlin_test.topic_links import pid_of
 
 
@@ -64,7 +65,7 @@ class Guard(GuardCase):
     def test_an_owner_that_hangs_stops_the_base_until_it_goes_on(self):
         client = self.start_client()
         goal = self.drive(client)
-        client.process.send_signal(signal.SIGSTOP)
+        hang(client.process.pid)
         self.witness.has_said(HOLDING, "silent")
         self.zero()
         client.process.send_signal(signal.SIGCONT)
@@ -75,7 +76,7 @@ class Guard(GuardCase):
     def test_an_owner_that_hangs_for_long_loses_its_goal(self):
         client = self.start_client()
         goal = self.drive(client)
-        client.process.send_signal(signal.SIGSTOP)
+        hang(client.process.pid)
         self.ended(goal)
         self.zero()
 
@@ -201,7 +202,7 @@ class Guard(GuardCase):
         simulator.publish(SimStatus(paused=True, achieved_factor=1.0))
         self.drive()
         pid = pid_of("/base")
-        os.kill(pid, signal.SIGSTOP)
+        hang(pid)
         try:
             self.witness.has_said(HOLDING, "status has been silent for 1 s")
             self.zero()
@@ -253,7 +254,7 @@ class Guard(GuardCase):
         self.call("merlin/release")
         self.witness.state(IDLE)
         pid = pid_of("/merlin_guard")
-        os.kill(pid, signal.SIGSTOP)
+        hang(pid)
         try:
             while watch.why_not(lambda: True) != guard_watch.SILENT:  # what it said before counts for a while
                 rospy.rostime.wallsleep(0.05)

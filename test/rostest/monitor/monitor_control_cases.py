@@ -15,6 +15,7 @@ from std_srvs.srv import Trigger
 from merlin_executor.executor_client import outcome_name
 from merlin_test import LONG
 from merlin_test.node_path import node_path
+from merlin_test.process_signals import hang
 from merlin_test.topic_links import pid_of
 
 LONG_GOAL = "(and (checked kitchen) (checked bathroom) (checked dorm_room) (checked main_door))"
@@ -38,7 +39,7 @@ class ControlCases(PageCases):
     def test_5_a_monitor_that_hangs_is_not_live(self):
         visit = self.operator()
         visit.wait_text("#connection", "live")
-        self.monitor.process.send_signal(signal.SIGSTOP)
+        hang(self.monitor.process.pid)
         try:
             visit.wait_text("#connection", "no news since")
             self.assertEqual(visit.page.evaluate("document.body.dataset.news"), "none")
@@ -52,7 +53,7 @@ class ControlCases(PageCases):
         visit = self.operator()
         doing = visit.text("#now-doing")
         pid = pid_of("/merlin_executor")
-        os.kill(pid, signal.SIGSTOP)
+        hang(pid)
         try:
             visit.wait_text("#now-doing", "not known: the Executor does not answer")
             visit.wait_text("#queue .silent", "no news since")
@@ -64,7 +65,7 @@ class ControlCases(PageCases):
         visit.wait_text("#now-doing", doing)
         visit.wait("() => !document.querySelector('[data-silent]')")
         respawn = parent_of(pid)
-        os.kill(respawn, signal.SIGSTOP)
+        hang(respawn)
         try:
             os.kill(pid, signal.SIGKILL)
             visit.wait_text("#now-doing", "not known: the Executor is gone")
@@ -79,7 +80,7 @@ class ControlCases(PageCases):
     def test_5_a_server_that_hangs_is_named_in_the_headline(self):
         visit = self.operator()
         pid = pid_of("/merlin_fsm_host")
-        os.kill(pid, signal.SIGSTOP)
+        hang(pid)
         try:
             visit.wait_text(
                 "#now-trouble", "the process of the state machines (merlin_fsm_host) does not answer"

@@ -14,6 +14,7 @@ from std_srvs.srv import Trigger
 from merlin_executor.executor_client import outcome_name
 from merlin_ros.actions.server_silence import CONNECTED_SILENCE
 from merlin_test import LONG
+from merlin_test.process_signals import hang
 from merlin_test.topic_links import pid_of
 
 
@@ -48,7 +49,7 @@ class StopCases(ControlCases):
         self.assertTrue(self.guard.wait(lambda status: status.moving))
         pid = pid_of("/merlin_executor")
         hangs_since = time.monotonic()
-        os.kill(pid, signal.SIGSTOP)
+        hang(pid)
         try:
             page.click("#stop")  # without a token
             visit.wait_text("#control-said", "confirmed by the guard")
@@ -101,7 +102,7 @@ class StopCases(ControlCases):
     def test_7_a_stop_that_the_guard_does_not_confirm_is_reported(self):
         visit = self.operator()
         pid = pid_of("/merlin_guard")
-        os.kill(pid, signal.SIGSTOP)
+        hang(pid)
         try:
             visit.page.click("#stop")
             visit.wait_text("#control-said[data-bad]", "NOT confirmed")

@@ -22,7 +22,7 @@ from merlin_ros.actions.action_client import ActionClient
 from merlin_ros.service_proxy import ServiceError
 from merlin_test import LONG
 from merlin_test.failure_texts import named_case
-from merlin_test.process_end import gone
+from merlin_test.process_signals import gone
 from merlin_test.topic_links import patient_service
 
 NODE = "/stages/rosplan_planner_interface"

@@ -33,6 +33,7 @@ from merlin_planning.knowledge_client import REMOVE, Update, fact, knowledge_cli
 from merlin_test import LONG
 from merlin_test.etcd_process import DIRECT, EtcdProcess
 from merlin_test.node_path import node_path
+from merlin_test.process_signals import hang
 from merlin_test.topic_links import init_node, wait_for_publishers
 
 POINTS = ("kitchen", "bathroom", "dorm_room", "main_door")
@@ -187,7 +188,7 @@ class Fleet(unittest.TestCase):
         # A guard that hangs confirms nothing, and the page says so until it does.
         pid = node_pid("/r2/merlin_guard")
         self.addCleanup(os.kill, pid, signal.SIGCONT)
-        os.kill(pid, signal.SIGSTOP)
+        hang(pid)
         said = "r2: the stop is NOT confirmed: its guard has not confirmed it. Use the button on the robot."
         self.assertEqual(self.press_stop(page), (False, said))
         # The stop stays while the robot's part in the fleet is away, and when it is back.

@@ -32,6 +32,7 @@ from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 from merlin_test import LONG
 from merlin_test.announced_interfaces import wait_for_interfaces
 from merlin_test.node_path import node_path
+from merlin_test.process_signals import strike
 from merlin_test.topic_links import init_node, sends, wait_for_publisher
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[3] / "bench"))  # not installed
@@ -250,7 +251,7 @@ class SeveralRobots(unittest.TestCase):
             host = self.pid("/ann/merlin_fsm_host")
             ann, bob = self.drive("ann"), self.drive("bob")
             self.driving("ann")
-            os.kill(host, number)
+            strike(host, number)
             said = self.failed(ann)
             self.assertIn(reason, said["reason"])
             self.assertEqual(said["robot"], "ann")

@@ -2,7 +2,6 @@
 """The simulated camera as its users see it: capture and stream."""
 
 import math
-import os
 import signal
 import threading
 import unittest
@@ -19,6 +18,7 @@ from std_srvs.srv import Trigger
 
 from merlin_sim.rendering.picture_worker import NAME
 from merlin_test import LONG
+from merlin_test.process_signals import strike
 from merlin_test.topic_links import patient_service
 
 
@@ -79,7 +79,7 @@ class Camera(unittest.TestCase):
         for number in (signal.SIGKILL, signal.SIGSTOP):
             self.assertTrue(self.capture().success)
             process = picture_process()
-            os.kill(process, number)
+            strike(process, number)
             answer = self.capture()
             self.assertTrue(answer.success, answer.message)
             self.check(answer.image, answer.info)

@@ -23,6 +23,7 @@ from merlin_ros.actions.action_client import ActionClient
 from merlin_ros.publishing import OnSubscriber
 from merlin_test import LONG
 from merlin_test.conversation import wait_for_conversation
+from merlin_test.process_signals import hang
 from merlin_test.topic_links import patient_service
 
 ORDERS = "#JSGF V1.0; grammar order; public <order> = [please] bring me (a | the) (coffee | tea) [please];"
@@ -92,7 +93,7 @@ class Listen(unittest.TestCase):
         self.addCleanup(os.kill, recognizer, signal.SIGCONT)
         goal = self.say(
             "bring me the tea",
-            on_speech=lambda: os.kill(recognizer, signal.SIGSTOP),  # so that it thinks for long enough
+            on_speech=lambda: hang(recognizer),  # so that it thinks for long enough
             on_silence=thinking.set,
         )
         self.assertTrue(thinking.wait(LONG))

@@ -29,6 +29,7 @@ from rosplan_knowledge_msgs.srv import (
 from std_srvs.srv import Trigger
 
 from merlin_test import LONG
+from merlin_test.process_signals import hang
 from merlin_test.topic_links import wait_for_publisher
 
 KB = "/robot/rosplan_knowledge_base"
@@ -113,7 +114,7 @@ class KnowledgeTransportTest(unittest.TestCase):
         uri = rosgraph.Master(rospy.get_name()).lookupNode(KB)
         pid = xmlrpc.client.ServerProxy(uri).getPid(rospy.get_name())[2]
         waiting = []
-        os.kill(pid, signal.SIGSTOP)
+        hang(pid)
         try:  # what is not let in at once comes again after a second
             waiting.extend(socket.create_connection(address("domain/name"), 0.9) for _ in range(60))
         finally:

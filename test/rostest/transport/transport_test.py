@@ -26,6 +26,7 @@ from merlin_ros.actions.serial_action_server import SerialActionServer
 from merlin_ros.actions.server_silence import SILENCE
 from merlin_test import LONG
 from merlin_test.knowledge_fixture import Received
+from merlin_test.process_signals import hang
 
 
 class Deadlines(unittest.TestCase):
@@ -228,7 +229,7 @@ class Actions(unittest.TestCase):
         self.addCleanup(victim.wait)
         self.addCleanup(victim.kill)
         client, sent = self.wait_for_the_victim()
-        victim.send_signal(signal.SIGSTOP)
+        hang(victim.pid)
         self.assertFalse(sent.wait(SILENCE + 1.5), sent.text)
         self.assertTrue(client.alive)
         victim.send_signal(signal.SIGCONT)
@@ -312,7 +313,7 @@ class Owners(unittest.TestCase):
 
     def test_the_goal_of_a_client_that_hangs_is_suspended_and_then_cancelled(self):
         client = self.owned_goal()
-        client.send_signal(signal.SIGSTOP)
+        hang(client.pid)
         self.wait_for(lambda: self.was_suspended)
         self.assertIn(LeaseState.SUSPENDED, self.seen)
         self.wait_for(lambda: self.stopped)
@@ -320,7 +321,7 @@ class Owners(unittest.TestCase):
 
     def test_a_client_that_hangs_for_a_moment_loses_nothing(self):
         client = self.owned_goal(lose_after=LONG)
-        client.send_signal(signal.SIGSTOP)
+        hang(client.pid)
         self.wait_for(lambda: LeaseState.SUSPENDED in self.seen)
         client.send_signal(signal.SIGCONT)
         self.wait_for(lambda: self.seen[-1] is LeaseState.HELD and not ownership.suspended())
@@ -370,7 +371,7 @@ class Owners(unittest.TestCase):
         client = self.owned_goal(LONG)
         sent = [onward.send(Goal(), owner=owner) for owner in (self.goals[0].id, "another goal")]
         self.wait_for(lambda: self.held.issuperset(goal.id for goal in sent))
-        client.send_signal(signal.SIGSTOP)
+        hang(client.pid)
         self.wait_for(lambda: (sent[0].id, LeaseState.SUSPENDED) in self.below)
         client.send_signal(signal.SIGCONT)
         # More than once where the client has no processor for a while.

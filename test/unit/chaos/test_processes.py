@@ -10,6 +10,8 @@ from pathlib import Path
 import pytest
 from chaos.under_test import processes
 
+from merlin_test.process_signals import hang, wait_stopped
+
 pytestmark = pytest.mark.everywhere
 
 SLEEP = "import sys; print('up', flush=True); sys.stdin.read()"
@@ -93,8 +95,7 @@ def test_a_process_that_was_stopped_does_nothing_more() -> None:
     try:
         assert busy.stdout is not None and busy.stdout.readline() == b"busy\n"
         for _ in range(20):
-            os.kill(busy.pid, signal.SIGSTOP)
-            processes.wait_stopped(busy.pid)
+            hang(busy.pid)
             threads = list(Path(f"/proc/{busy.pid}/task").iterdir())
             states = {(thread / "stat").read_text().rsplit(")", 1)[1].split()[0] for thread in threads}
             assert len(threads) == 21 and states == {"T"}
@@ -102,7 +103,7 @@ def test_a_process_that_was_stopped_does_nothing_more() -> None:
     finally:
         busy.kill()
         busy.communicate()
-    processes.wait_stopped(busy.pid)  # it has ended, and nothing is waited for
+    wait_stopped(busy.pid)  # it has ended, and nothing is waited for
 
 
 def test_processes_of_another_run_are_left_alone() -> None:

@@ -19,7 +19,7 @@ import pytest
 from merlin.launch_config import Loader
 from merlin.launch_runner import CHECK
 from merlin_test.node_path import LEAN
-from merlin_test.process_end import gone
+from merlin_test.process_signals import gone, hang
 
 pytestmark = pytest.mark.processes
 
@@ -451,7 +451,7 @@ def test_nodes_end_in_order_when_run_and_supervisor_are_killed_together(tmp_path
     started.read_until("ready")
     killed = (started.process.pid, started.runner())
     for process in killed:
-        os.kill(process, signal.SIGSTOP)  # neither sees the end of the other
+        hang(process)  # neither sees the end of the other
     nodes = set(started.living()) - set(killed)
     for process in killed:
         os.kill(process, signal.SIGKILL)

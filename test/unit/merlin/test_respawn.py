@@ -13,7 +13,7 @@ from typing import Callable, List, Sequence
 import pytest
 
 from merlin_test import LONG
-from merlin_test.process_end import gone
+from merlin_test.process_signals import gone
 
 pytestmark = pytest.mark.processes
 

@@ -11,7 +11,7 @@ import pytest
 from merlin_pddl.checks.validate import validate
 from merlin_ros.processes.process_tree import descendants
 from merlin_test import LONG
-from merlin_test.process_end import gone
+from merlin_test.process_signals import gone
 
 pytestmark = pytest.mark.processes
 

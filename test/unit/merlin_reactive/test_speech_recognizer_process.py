@@ -13,6 +13,7 @@ import pytest
 from merlin_reactive.listening.speech_recognizer import GrammarError
 from merlin_reactive.listening.speech_recognizer_process import SpeechRecognizerLost, SpeechRecognizerProcess
 from merlin_reactive.speech.speech_synthesizer import SpeechSynthesizer
+from merlin_test.process_signals import hang
 
 pytestmark = pytest.mark.processes
 
@@ -49,7 +50,7 @@ def test_other_threads_go_on_while_it_decodes(recognizer: SpeechRecognizerProces
         target=lambda: understood.append(recognizer.understand(order).text), daemon=True
     )
     process = recognizer.pid
-    os.kill(process, signal.SIGSTOP)
+    hang(process)
     try:
         caller.start()
         caller.join(1.0)

@@ -16,7 +16,7 @@ import pytest
 from merlin_ros.processes import child_process
 from merlin_ros.processes.child_process import ChildProcess, receive, send
 from merlin_test import LONG
-from merlin_test.process_end import gone
+from merlin_test.process_signals import gone, hang
 
 pytestmark = pytest.mark.processes
 
@@ -53,7 +53,7 @@ def test_an_answer_is_waited_for_as_long_as_it_takes() -> None:
         child = ChildProcess("child_of_a_test", "word")
     finally:
         socket.setdefaulttimeout(None)
-    os.kill(child.pid, signal.SIGSTOP)
+    hang(child.pid)
     send(child.channel, "a")
     threading.Timer(0.2, os.kill, (child.pid, signal.SIGCONT)).start()
     assert receive(child.channel) == ("word", child.pid, "a")
@@ -69,7 +69,7 @@ def test_it_ends_when_its_socket_closes() -> None:
 
 def test_one_that_hangs_is_killed_and_who_waits_for_it_returns() -> None:
     child = ChildProcess("child_of_a_test", "word")
-    os.kill(child.pid, signal.SIGSTOP)
+    hang(child.pid)
     ends: List[BaseException] = []
 
     def wait() -> None:

@@ -10,7 +10,7 @@ import pytest
 
 from merlin_ros.processes import process_tree
 from merlin_ros.processes.process_tree import children, descendants
-from merlin_test.process_end import gone
+from merlin_test.process_signals import gone
 
 pytestmark = pytest.mark.processes
 

@@ -20,7 +20,7 @@ from merlin_rosplan.planning.planner_process import PlannerProcess
 from merlin_rosplan.planning.planning_outcome import PlannerState
 from merlin_rosplan.supervision.supervised_planning import Planning
 from merlin_test import LONG
-from merlin_test.process_end import gone
+from merlin_test.process_signals import gone
 
 DOMAIN = Path(__file__).parents[4] / "pddl" / "home" / "domain.pddl"
 PROBLEM = (DOMAIN.parent / "problem.pddl").read_text()

@@ -21,7 +21,7 @@ from merlin_rosplan.supervision import planner_host
 from merlin_rosplan.supervision.planner_host import HostError, PlannerHost, PlannerHosts
 from merlin_rosplan.supervision.supervised_planning import Planning
 from merlin_test import LONG
-from merlin_test.process_end import gone
+from merlin_test.process_signals import gone, hang
 
 pytestmark = pytest.mark.processes
 
@@ -296,7 +296,7 @@ def test_the_child_that_waits_ends_with_its_killed_supervisor(tmp_path, monkeypa
 
 def test_a_supervisor_that_hangs_ends_the_wait_for_its_answer():
     host = PlannerHost()
-    os.kill(host.pid, signal.SIGSTOP)
+    hang(host.pid)
     try:
         host.begin({"time_limit": 0.0})
         with pytest.raises(HostError, match=f"process {host.pid} does not answer: it hangs"):
@@ -311,7 +311,7 @@ def test_a_stall_of_the_node_does_not_use_up_the_wait_for_an_answer(monkeypatch)
     looks = itertools.count(0.0, 10.0)  # the node is stalled for 10 s before each look at the clock
     monkeypatch.setattr(planner_host, "TickClock", lambda: TickClock(lambda: next(looks)))
     host = PlannerHost()
-    os.kill(host.pid, signal.SIGSTOP)
+    hang(host.pid)
     try:
         host.begin({"time_limit": 0.0})
         with pytest.raises(HostError, match="it hangs"):

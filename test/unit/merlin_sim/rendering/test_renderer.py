@@ -23,6 +23,7 @@ from merlin_sim.robot.camera import CameraModel
 from merlin_sim.world.world_file import load_world
 from merlin_sim.world.world_model import DoorEvent, Solid
 from merlin_test import LONG
+from merlin_test.process_signals import hang, strike
 
 pytestmark = pytest.mark.processes
 
@@ -137,7 +138,7 @@ def test_a_process_that_died_or_hangs_is_replaced(simulate, number):
         simulation = simulate(model=CameraModel(64, 48))
         picture(renderer, simulation)
         first = renderer.pid
-        os.kill(first, number)
+        strike(first, number)
         check_equal(renderer, simulation)
         assert renderer.pid != first and not Path(f"/proc/{first}").exists()
         assert len(lost) == 1 and "another one makes the picture" in lost[0], lost
@@ -205,7 +206,7 @@ def test_when_it_closes_pictures_that_wait_fail_and_the_process_ends(simulate):
     shot = simulation.shot(simulation.robots["ann"])
     renderer.take(shot).result(LONG)
     process = renderer.pid
-    os.kill(process, signal.SIGSTOP)  # so that they wait
+    hang(process)  # so that they wait
     waiting = [renderer.take(shot) for _ in range(3)]
     renderer.close()
     for future in [*waiting, renderer.take(shot)]:
@@ -240,7 +241,7 @@ def test_the_process_ends_with_a_simulator_that_is_killed(stopped):
     try:
         process = int(victim.stdout.readline().split()[-1])
         if stopped:
-            os.kill(process, signal.SIGSTOP)
+            hang(process)
         victim.kill()
         victim.wait()
         # Both write to one pipe, which closes with the later one.
