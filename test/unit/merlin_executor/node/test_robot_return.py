@@ -63,7 +63,7 @@ for line in sys.stdin:
 def test_a_robot_that_comes_back_is_used_and_waited_for_once_in_a_run(master: Any) -> None:
     executor = master.node(EXECUTOR, "600", "available")
     executor.say("wait")
-    executor.expect("there is no plan without ria, ann; waits 600 s at most")
+    executor.expect("no plan without ria, ann; waits 600 s at most")
     executor.expect("it waits")
     executor.say("ria heard")  # the knowledge does not say so yet
     executor.say("ria available")
@@ -89,7 +89,7 @@ def test_a_robot_that_was_taken_out_is_not_waited_for(master: Any) -> None:
 def test_what_did_not_come_is_waited_for_again_when_it_has_been_back(master: Any) -> None:
     executor = master.node(EXECUTOR, "0.2", "available")
     executor.say("wait")
-    executor.expect("there is no plan without ria, ann; waits 0.2 s at most")
+    executor.expect("no plan without ria, ann; waits 0.2 s at most")
     executor.expect("back: False")
     for state in ("lost", "available", "gone"):
         executor.say("run")

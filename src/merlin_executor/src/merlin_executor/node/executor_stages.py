@@ -108,7 +108,7 @@ class AddGoals(PlanningState):
 
 class PlanInTime(PlanState):
     """Plans. Where that plan ends after a deadline, the planner has to find one in time, or proves that
-    there is none: late. Where there is no plan, but a robot whose host was gone is back: robot_back.
+    there is none: late. robot_back: it found none, and a robot whose host was gone is back.
     """
 
     def __init__(self, system: PlanningSystem, run: "ExecutorSM") -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Without a robot there may be no plan: one whose host is gone is waited for before the request ends."""
+"""A request that cannot be planned waits for robots whose hosts are gone: with these it may be planned."""
 
 from typing import List, Set
 
@@ -29,7 +29,7 @@ class RobotReturn:
         """Whether a robot has come back.
 
         :param interruptible: is given what ends the wait.
-        :param waited_for: the robots of which this run knows that they went; further ones are added.
+        :param waited_for: the robots for which the run has waited; these are added.
         """
         try:
             away = self._away()
@@ -38,7 +38,7 @@ class RobotReturn:
             if not awaited:
                 return False
             waited_for.update(awaited)
-            rospy.logwarn(f"there is no plan without {', '.join(awaited)}; waits {self._limit:g} s at most")
+            rospy.logwarn(f"no plan without {', '.join(awaited)}; waits {self._limit:g} s at most")
             waiting = "the request waits for one of the robots"
             missing = missing_robots(self._knowledge, awaited, self._limit, waiting, interruptible, one=True)
             self._in_vain.update(missing)
