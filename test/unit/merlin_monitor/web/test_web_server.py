@@ -2,6 +2,7 @@
 """The web server as browsers and others reach it: what is served, and how changes arrive."""
 
 import asyncio
+import contextlib
 import json
 import socket
 import threading
@@ -10,6 +11,7 @@ from pathlib import Path
 from typing import Any, Awaitable, Callable, Dict, List
 
 import aiohttp
+import aiohttp.web
 import pytest
 from served import WEB, Served, ask
 
@@ -200,6 +202,21 @@ def test_without_ipv6_localhost_is_served_on_ipv4(monkeypatch: pytest.MonkeyPatc
 def test_an_address_that_cannot_be_used_is_named(host: str, port: int) -> None:
     with pytest.raises(ServerError, match=host.replace(".", r"\.")):
         listen(host, port)
+
+
+def test_a_server_that_ends_cuts_no_task_off(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    ended = []
+
+    class Lingering(connections.SilentConnections):
+        async def watch(self, runner: aiohttp.web.AppRunner) -> None:
+            for _ in range(2):
+                with contextlib.suppress(asyncio.CancelledError):  # it ends some turns later
+                    await asyncio.sleep(LONG)
+            ended.append(True)
+
+    monkeypatch.setattr(web_server, "SilentConnections", Lingering)
+    Served(tmp_path, "").stop()
+    assert ended
 
 
 def test_the_server_ends_at_once_and_closes_its_pages(tmp_path: Path) -> None:

@@ -40,6 +40,7 @@ from merlin_ros.work.threads import start_thread
 
 FILES = (".html", ".css", ".js", ".json", ".svg")
 GOODBYE = 0.5  # s for a page to answer when it is closed
+CUT_OFF = 0.3  # s for what was cancelled to end
 PING = 20.0  # s between two signs of life of a page
 OLD_CHECK = 1.5  # s since the model's last check, after which it counts as hung
 LONGEST_REQUEST = 64 * 1024  # bytes
@@ -164,7 +165,15 @@ class WebServer:
             self._failed = f"the web server failed: {type(error).__name__}: {error}"
         finally:
             self._started.set()
+            self._end_tasks()
             self._loop.close()
+
+    def _end_tasks(self) -> None:
+        left = asyncio.all_tasks(self._loop)
+        for task in left:
+            task.cancel()
+        if left:
+            self._loop.run_until_complete(asyncio.wait(left, timeout=CUT_OFF))
 
     async def _serve(self) -> None:
         self._stop = asyncio.Event()
