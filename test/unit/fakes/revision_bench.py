@@ -47,7 +47,6 @@ class Robot:
     """A robot that drives and checks, with its knowledge base, planner and dispatcher; all calls are seen."""
 
     can_exchange = True
-    predicates = dict
 
     def __init__(self) -> None:
         self.changed = threading.Condition(threading.RLock())  # guards the fields below
@@ -345,7 +344,7 @@ class Bench:
         )
         recovery = SimpleNamespace(rest=lambda interruptible: "", meanwhile=lambda: frozenset())
         system: Any = PlanningSystem(  # type: ignore[arg-type]
-            robot, planning, robot, recovery, guard, RobotReturn(robot, 0.1), 0.1, leave_limit=leave_limit
+            robot, planning, robot, recovery, guard, RobotReturn(robot, [], 0.1), 0.1, leave_limit=leave_limit
         )
         self.machine = ExecutorSM(system, own, lambda: None, lambda: self.engine)
         robot.on_change = self.machine.dispatch_changed

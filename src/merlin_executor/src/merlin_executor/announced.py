@@ -12,17 +12,21 @@ from merlin_planning.knowledge_client import KnowledgeClient, KnowledgeError, fa
 from merlin_planning.planning_client import Interruptible
 from merlin_ros.deadline import Deadline
 from merlin_ros.late_topics import subscribe_by
-from merlin_ros.robot_values import AVAILABLE
+from merlin_ros.robot_values import AVAILABLE, ROBOTS
 from merlin_ros.service_proxy import ServiceError
 
 PATIENCE = 5.0  # s of running time, after which the log says what is waited for
 
 
-def type_of_available(knowledge: KnowledgeClient) -> str:
-    """The type of what can be available; empty: the domain has no fact ``(available ?robot)``."""
+def robots_of_plan() -> List[str]:
+    """The robots of ``robots:=``; empty: one robot without a name."""
+    return [str(robot) for robot in rospy.get_param(ROBOTS, [])]
+
+
+def knows_available(knowledge: KnowledgeClient) -> bool:
+    """Whether the domain has the fact ``(available ?robot)``, which the bridges keep."""
     predicate = knowledge.predicates().get(AVAILABLE)
-    parameters = predicate.typed_parameters if predicate is not None else []
-    return parameters[0].value if len(parameters) == 1 else ""
+    return predicate is not None and len(predicate.typed_parameters) == 1
 
 
 def missing_robots(
@@ -44,7 +48,7 @@ def missing_robots(
     """
     if not robots:
         return []
-    known = type_of_available(knowledge)
+    known = knows_available(knowledge)
     awaited, interrupted = Awaited(robots), threading.Event()
 
     def heard(word: RobotHost) -> None:

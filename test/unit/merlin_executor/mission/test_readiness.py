@@ -47,7 +47,7 @@ def query(items):
     print("asked for", robot, flush=True)
     return [robot in known]
 
-counted = SimpleNamespace(typed_parameters=[SimpleNamespace(key="r", value="robot")])
+counted = SimpleNamespace(typed_parameters=["r"])
 knowledge = SimpleNamespace(
     name="/kb",
     predicates=lambda: {"available": counted},

@@ -39,8 +39,6 @@ class Wanted(SimpleNamespace):
 class Knowledge:
     """A knowledge base of which some calls hang until they are given up."""
 
-    predicates = dict
-
     def __init__(self) -> None:
         self.hanging = ""
         self.hangs = threading.Event()
@@ -133,7 +131,7 @@ class Bench:
             hand_over=lambda owner: None,
         )
         recovery = SimpleNamespace(rest=self._rest)
-        robots = RobotReturn(self.knowledge, 0.1)  # type: ignore[arg-type]
+        robots = RobotReturn(self.knowledge, [], 0.1)  # type: ignore[arg-type]
         parts: Any = self.knowledge, planning, self.dispatcher, recovery, self, robots, 0.1
         self.machine = ExecutorSM(
             PlanningSystem(*parts),

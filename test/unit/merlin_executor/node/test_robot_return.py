@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Without a plan, a robot whose host is gone is waited for; one that cannot be back soon is not."""
 
-from typing import Any
+from typing import Any, Sequence
 
 import pytest
 
@@ -26,14 +26,13 @@ class Connected(rospy.SubscribeListener):
         connected.set()
 
 publisher = rospy.Publisher("/kb/robots", RobotHost, Connected(), queue_size=10)
-counted = SimpleNamespace(typed_parameters=[SimpleNamespace(key="r", value="robot")])
+counted = SimpleNamespace(typed_parameters=["r"])
 robots = RobotReturn(SimpleNamespace(
     name="/kb",
-    predicates=lambda: {"available": counted} if sys.argv[2:] else {},
-    instances={"robot": ["ria", "ann", "tom"]}.__getitem__,
+    predicates=lambda: {"available": counted} if "available" in sys.argv else {},
     propositions=lambda name: [fact(name, robot) for robot in known],
     query=lambda items: [item.values[0].value in known for item in items],
-), float(sys.argv[1]))
+), ["ria", "ann", "tom"] if "one" not in sys.argv else [], float(sys.argv[1]))
 
 def interruptible(cancel):
     if cancel:
@@ -99,8 +98,9 @@ def test_what_did_not_come_is_waited_for_again_when_it_has_been_back(master: Any
     assert executor.output.count("it waits") == 2
 
 
-def test_without_the_fact_no_robot_is_waited_for(master: Any) -> None:
-    executor = master.node(EXECUTOR, "600")
+@pytest.mark.parametrize("words", [(), ("available", "one")], ids=["no such fact", "another's fact"])
+def test_only_what_the_bridges_say_of_robots_counts(master: Any, words: Sequence[str]) -> None:
+    executor = master.node(EXECUTOR, "600", *words)
     executor.say("wait")
     executor.expect("back: False")
     assert "it waits" not in executor.output

@@ -12,9 +12,9 @@ from typing import Type
 import rospy
 from rosgraph.names import load_mappings
 
+from merlin_executor.announced import robots_of_plan
 from merlin_executor.core.robot_lines import Screen
 from merlin_executor.mission.mission_node import MissionNode, run_mission
-from merlin_executor.mission.readiness import robots_of_plan
 from merlin_executor.mission.robot_log import RobotLog
 from merlin_ros.class_path import load_class
 from merlin_ros.node import CANNOT_BEGIN, init_node

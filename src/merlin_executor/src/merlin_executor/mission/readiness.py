@@ -7,12 +7,11 @@ import rospy
 from actionlib_msgs.msg import GoalStatusArray
 from rosplan_knowledge_msgs.msg import DomainFormula
 
-from merlin_executor.announced import missing_robots, wait_announced
+from merlin_executor.announced import missing_robots, robots_of_plan, wait_announced
 from merlin_executor.core.awaited import Awaited
 from merlin_executor.executor_client import MerlinExecutorClient
 from merlin_executor.mission.literal_goals import goal_faults_now
 from merlin_planning.knowledge_client import KnowledgeClient
-from merlin_ros.robot_values import ROBOTS
 
 
 class NotReady(RuntimeError):
@@ -75,11 +74,6 @@ def missing_interfaces(knowledge: KnowledgeClient, timeout: float) -> List[str]:
         [(topic, DomainFormula, lambda formula: awaited.heard(formula.name))],
         timeout,
     )
-
-
-def robots_of_plan() -> List[str]:
-    """The robots of ``robots:=``; empty: one robot without a name."""
-    return [str(robot) for robot in rospy.get_param(ROBOTS, [])]
 
 
 def servers_of(names: Sequence[str], robots: Sequence[str]) -> List[str]:

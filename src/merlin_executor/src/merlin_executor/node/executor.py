@@ -79,6 +79,7 @@ class Executor:
     :param same_failures, replan_wait: as of :class:`merlin_executor.core.replanning.Replanning`.
     :param goals_file: where it notes the goals it added; empty: on the parameter server.
     :param return_wait: s of running time for a planning system that was ended, or for a robot, to return.
+    :param robots: of which one whose host is gone is waited for.
     :param stand_wait: s of running time for the base to come to rest after everything has ended.
     :param stuck_after: s of running time without an action under way, after which a plan is given up at a
         dispatcher that would wait for ever; zero or less: never.
@@ -100,6 +101,7 @@ class Executor:
         max_replans: int = 3,
         goals_file: str = "",
         return_wait: float = 8.0,
+        robots: Sequence[str] = (),
         stand_wait: float = STAND_WAIT,
         stuck_after: float = STUCK_AFTER,
         overtake_limit: float = OVERTAKE_LIMIT,
@@ -125,7 +127,7 @@ class Executor:
             self._dispatcher,
             self._recovery,
             self._guard,
-            RobotReturn(knowledge, return_wait),
+            RobotReturn(knowledge, robots, return_wait),
             return_wait,
             look_ahead,
             leave_limit,

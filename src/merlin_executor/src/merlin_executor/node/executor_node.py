@@ -6,6 +6,7 @@ from typing import Collection, List, Mapping
 
 import rospy
 
+from merlin_executor.announced import robots_of_plan
 from merlin_executor.core.agenda import TOGETHER
 from merlin_executor.core.replanning import REPLAN_WAIT, SAME_FAILURES
 from merlin_executor.core.standstill import STAND_WAIT
@@ -55,6 +56,7 @@ def _start() -> None:
             replan_wait=number("~replan_wait", REPLAN_WAIT, 0.0),
             goals_file=str(rospy.get_param("~goals_file", "")),
             return_wait=number("~planning_system_return", 8.0, 0.0),
+            robots=robots_of_plan(),
             stand_wait=number("~stand_wait", STAND_WAIT, 0.0),
             stuck_after=number("~stuck_after", STUCK_AFTER, -math.inf),
             overtake_limit=number("~overtake_limit", OVERTAKE_LIMIT, 0.0),

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """A request that cannot be planned waits for robots whose hosts are gone: with these it may be planned."""
 
-from typing import List, Set
+from typing import List, Sequence, Set
 
 import rospy
 
-from merlin_executor.announced import missing_robots, type_of_available
+from merlin_executor.announced import knows_available, missing_robots
 from merlin_planning.knowledge_client import KnowledgeClient, KnowledgeError
 from merlin_planning.planning_client import Interruptible
 from merlin_ros.robot_values import AVAILABLE
@@ -18,11 +18,12 @@ class RobotReturn:
     A robot that did not come is waited for again only when it has been back. Used by one thread.
 
     :param knowledge: with the facts ``(available ?robot)``; without these no robot is waited for.
+    :param robots: their names; none for one robot without a name.
     :param limit: s of running time.
     """
 
-    def __init__(self, knowledge: KnowledgeClient, limit: float) -> None:
-        self._knowledge, self._limit = knowledge, limit
+    def __init__(self, knowledge: KnowledgeClient, robots: Sequence[str], limit: float) -> None:
+        self._knowledge, self._robots, self._limit = knowledge, robots, limit
         self._in_vain: Set[str] = set()
 
     def wait(self, interruptible: Interruptible, waited_for: Set[str]) -> bool:
@@ -48,8 +49,7 @@ class RobotReturn:
             return False
 
     def _away(self) -> List[str]:
-        robot_type = type_of_available(self._knowledge)
-        if not robot_type:
+        if not self._robots or not knows_available(self._knowledge):
             return []
         there = {item.values[0].value for item in self._knowledge.propositions(AVAILABLE)}
-        return [robot for robot in self._knowledge.instances(robot_type) if robot not in there]
+        return [robot for robot in self._robots if robot not in there]
