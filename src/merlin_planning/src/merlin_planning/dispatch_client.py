@@ -208,7 +208,7 @@ class DispatchClient:
         """Dispatches the present plan and waits for its end. The interruption cancels it.
 
         :param plan: what is meant. ROSPlan's dispatchers may still hold an older plan when they are called;
-            one that begins with another action, or with none, is cancelled and dispatched again.
+            one that begins with none of the actions that begin this plan is cancelled and dispatched again.
         :param owner: id of the goal of this process's own server on whose behalf it is dispatched.
         """
         foreign = self._foreign_wait()  # for all plans of others together

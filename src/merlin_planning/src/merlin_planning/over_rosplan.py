@@ -47,25 +47,30 @@ class PlainProgress(DispatchProgress):
 
     :param stuck_after: s of running time without an action under way, after which the dispatch is given up;
         zero or less: never.
-    :param first: the action that the plan begins with; None: not known.
+    :param plan: that is meant; empty: not known.
     :param takers: operators whose interfaces say when they take an action; those of this dispatch are added.
     """
 
-    def __init__(self, stuck_after: float, first: Optional[Ground], takers: Set[str]) -> None:
+    def __init__(self, stuck_after: float, plan: Sequence[ActionDispatch], takers: Set[str]) -> None:
         super().__init__()
-        self._stuck_after, self._first, self._takers = limit(stuck_after), first, takers
+        self._stuck_after, self._takers = limit(stuck_after), takers
+        self._plan = {step.action_id: step for step in plan}
+        # Any that begin before one has ended may be seen first: what ROSPlan's dispatchers send close before
+        # another message is dropped by their queue of one.
+        end = min((step.dispatch_time + step.duration for step in plan), default=0.0)
+        self._first = {ground_action(step) for step in plan if step.dispatch_time <= end}
 
     @property
     def other_plan(self) -> bool:
         """It may still have held an older plan when it was called; also when nothing was dispatched."""
-        return self._first is not None and self._seen != self._first
+        return bool(self._first) and self._seen not in self._first
 
     @property
     def patience(self) -> Optional[float]:
         """A limit while nothing is under way, as far as the answers say: the dispatcher would wait for ever.
 
-        An action that nothing has taken does not count where its interface would have said so: ROSPlan's
-        dispatchers publish with a queue of one, which drops what is sent close behind another message.
+        An action that nothing has taken does not count where its interface would have said so: the message
+        may be lost.
         """
         running = any(
             action.id in self._taken or action.name.lower() not in self._takers
@@ -77,8 +82,13 @@ class PlainProgress(DispatchProgress):
     def answered(
         self, action_id: int, plan_id: int, answer: DispatchAnswer, information: Mapping[str, str]
     ) -> bool:
-        """Notes too which interfaces say that they take an action."""
+        """Notes too which interfaces say that they take an action, and a failure of one that was not seen."""
         ends = super().answered(action_id, plan_id, answer, information)
+        missed, answers = self._plan.get(action_id), self._early.get(action_id, ())
+        if missed is not None and answer is DispatchAnswer.FAILED and len(answers) > 1:
+            self.dispatched(dispatched_action(missed))
+            self._found.add(action_id)
+            return True
         action = self.running.get(action_id)
         if action is not None and action_id in self._taken:
             self._takers.add(action.name.lower())
@@ -122,7 +132,7 @@ class SilentDispatcher(DispatcherKind):
     def begin(self, plan: Sequence[ActionDispatch]) -> DispatchProgress:
         """Nothing is remembered of an earlier dispatch."""
         self._plan = plan
-        return PlainProgress(self._stuck_after, ground_action(plan[0]) if plan else None, self._takers)
+        return PlainProgress(self._stuck_after, plan, self._takers)
 
     def wait(self, plan: Sequence[ActionDispatch], interrupted: Callable[[], bool]) -> str:
         """For the action interfaces, and for the plan; whether it is there itself shows when it is called."""
