@@ -2,6 +2,7 @@
 """What a client expects of ROSPlan's dispatchers, which publish no status, and of those of MERLIN."""
 
 import threading
+from queue import Queue
 from typing import Any, List
 from unittest.mock import Mock
 
@@ -11,9 +12,11 @@ from hypothesis import strategies as st
 from merlin_msgs.msg import DispatchStatus
 from rosplan_dispatch_msgs.msg import ActionFeedback
 
+from merlin_planning import over_rosplan
 from merlin_planning.dispatch_progress import Action, DispatchAnswer, DispatchProgress, Reply
 from merlin_planning.dispatcher_kind import ReportingDispatcher
 from merlin_planning.over_rosplan import FAILURE_GRACE, SilentDispatcher
+from merlin_test import LONG
 
 IDLE = DispatchStatus(state=DispatchStatus.IDLE)
 RUNNING = DispatchStatus(state=DispatchStatus.RUNNING)
@@ -52,6 +55,30 @@ def test_each_running_action_is_cancelled_where_the_dispatcher_passes_no_cancel_
 ) -> None:
     assert silent.cancel(progress(DRIVE, SAY)) == [DRIVE, SAY]
     assert not reporting(RUNNING).cancel(progress(DRIVE, SAY))
+
+
+def test_an_action_that_no_interface_takes_is_sent_again_while_its_dispatch_lasts(
+    silent: SilentDispatcher, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(over_rosplan, "SEND_AGAIN", 0.01)
+    sent: Queue[str] = Queue()
+    lost = Action(2, 1, "drive", ("bath",))
+
+    def dispatched(book: DispatchProgress, *actions: Action) -> None:
+        for action in actions:
+            book.dispatched(action)
+            silent.dispatched(action.id, lambda action=action: sent.put(action.text))  # type: ignore[misc]
+
+    book = silent.begin([])
+    dispatched(book, DRIVE, SAY._replace(id=3))
+    book.answered(DRIVE.id, DRIVE.plan_id, DispatchAnswer.TAKEN, {})
+    dispatched(book, lost)
+    assert sent.get(timeout=LONG) == "(drive bath)", "nothing has ever said that it takes (say hello)"
+    dispatched(book, lost)
+    silent.end(False)
+    book = silent.begin([])
+    dispatched(book, lost._replace(arguments=("attic",)))
+    assert sent.get(timeout=LONG) == "(drive attic)", "what was lost in a dispatch that has ended stays lost"
 
 
 @pytest.mark.parametrize("slack", [6.0, None])

@@ -462,6 +462,7 @@ class DispatchClient:
                 return
             first = not self._progress.begun
             self._progress.dispatched(dispatched_action(dispatch))
+            self._kind.dispatched(dispatch.action_id, partial(publish, self._cancel_publisher, dispatch))
             if first and self._progress.other_plan and not self._kind.reports:
                 self._cancelling = True
             self._changed.notify_all()

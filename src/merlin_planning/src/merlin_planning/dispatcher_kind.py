@@ -42,6 +42,13 @@ class DispatcherKind(ABC):
         """
 
     @abstractmethod
+    def dispatched(self, action_id: int, send: Callable[[], object]) -> None:
+        """An action of the present dispatch was seen.
+
+        :param send: sends it once more.
+        """
+
+    @abstractmethod
     def send(self, ended: Callable[[object], None], owner: Optional[str]) -> None:
         """Gives it the plan.
 
@@ -116,6 +123,9 @@ class ReportingDispatcher(DispatcherKind):
         """For the connection to its action server."""
         there = self._server.wait_for_server(SERVER_WAIT, interrupted)
         return "" if there else self._server.missing
+
+    def dispatched(self, action_id: int, send: Callable[[], object]) -> None:
+        """It sends again by itself what no interface takes."""
 
     def send(self, ended: Callable[[object], None], owner: Optional[str]) -> None:
         """A goal, which is leased."""

@@ -19,6 +19,7 @@ from std_msgs.msg import String
 from merlin_planning.action_messages import dispatched_action, ground_action
 from merlin_planning.dispatch_progress import Action, DispatchAnswer, DispatchProgress, Ground, ground
 from merlin_planning.dispatcher_kind import DispatcherKind
+from merlin_ros.alarms import call_later
 from merlin_ros.deadline import Deadline, limit
 from merlin_ros.late_topics import subscribe
 from merlin_ros.master.master_link import ERRORS, bounded_master
@@ -29,6 +30,7 @@ from merlin_ros.work.threads import start_thread
 FAILURE_GRACE = 0.5
 INTERFACE_WAIT = 3.0  # s of running time for the action interfaces of a plan to announce themselves
 DRAWING_WAIT = 2.0  # s of running time for a dispatcher that draws its plans to draw the new one
+SEND_AGAIN = 2.0  # s of wall time after which an action is sent again that no interface has taken
 ANNOUNCED = 1000  # operators whose interfaces are remembered; any node may announce some
 _START = re.compile(r'^\s*(\d+)\s*\[\s*label="([^"\\(]*)_start\\n\(([^"]*)\)"', re.MULTILINE)
 
@@ -79,6 +81,13 @@ class PlainProgress(DispatchProgress):
         over = not running and all(len(answers) > 1 for answers in self._early.values())
         return self._stuck_after if over else None
 
+    def untaken(self, action_id: int) -> str:
+        """An action that nothing has taken though its interface would say so, as PDDL text; else nothing."""
+        action = self.running.get(action_id)
+        if action is None or self._stopping or action_id in self._taken:
+            return ""
+        return action.text if action.name.lower() in self._takers else ""
+
     def answered(
         self, action_id: int, plan_id: int, answer: DispatchAnswer, information: Mapping[str, str]
     ) -> bool:
@@ -122,6 +131,7 @@ class SilentDispatcher(DispatcherKind):
         self._drawn: Optional[List[Ground]] = None  # the plan that the dispatcher has received last
         self._subscriber: Optional[rospy.Subscriber] = None
         self._plan: Sequence[ActionDispatch] = ()  # of the present dispatch
+        self._progress: Optional[PlainProgress] = None  # likewise
         self._takers: Set[str] = set()  # operators whose interfaces say when they take an action
         rospy.Subscriber(f"{knowledge_base}/pddl_action_parameters", DomainFormula, self._receive_interface)
 
@@ -132,7 +142,21 @@ class SilentDispatcher(DispatcherKind):
     def begin(self, plan: Sequence[ActionDispatch]) -> DispatchProgress:
         """Nothing is remembered of an earlier dispatch."""
         self._plan = plan
-        return PlainProgress(self._stuck_after, plan, self._takers)
+        self._progress = PlainProgress(self._stuck_after, plan, self._takers)
+        return self._progress
+
+    def dispatched(self, action_id: int, send: Callable[[], object]) -> None:
+        """Has an action sent again after a while when no interface takes it: the message to it is lost."""
+        progress = self._progress
+
+        def look() -> None:
+            with self._changed:
+                lost = progress.untaken(action_id) if progress and progress is self._progress else ""
+            if lost:
+                rospy.logwarn(f"nothing takes {lost}; it is sent again")
+                send()
+
+        call_later(SEND_AGAIN, look)
 
     def wait(self, plan: Sequence[ActionDispatch], interrupted: Callable[[], bool]) -> str:
         """For the action interfaces, and for the plan; whether it is there itself shows when it is called."""
@@ -169,6 +193,7 @@ class SilentDispatcher(DispatcherKind):
 
     def end(self, hangs: bool) -> None:
         """The next dispatch gets a connection of its own while the call hangs in its thread."""
+        self._progress = None
         if hangs:
             self._service = ServiceProxy(f"{self._name}/dispatch_plan", DispatchService)
 
