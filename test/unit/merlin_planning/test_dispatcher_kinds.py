@@ -71,10 +71,14 @@ def test_an_action_that_no_interface_takes_is_sent_again_while_its_dispatch_last
 
     book = silent.begin([])
     dispatched(book, DRIVE, SAY._replace(id=3))
-    book.answered(DRIVE.id, DRIVE.plan_id, DispatchAnswer.TAKEN, {})
+    for answer in (DispatchAnswer.TAKEN, DispatchAnswer.SUCCEEDED):
+        book.answered(DRIVE.id, DRIVE.plan_id, answer, {})
     dispatched(book, lost)
     assert sent.get(timeout=LONG) == "(drive bath)", "nothing has ever said that it takes (say hello)"
-    dispatched(book, lost)
+    heard = book.messages
+    dispatched(book, lost)  # as its client hears it, too
+    assert book.messages == heard, "it does not count as a sign of life"
+    dispatched(book, lost._replace(id=4, arguments=("cellar",)))
     silent.end(False)
     book = silent.begin([])
     dispatched(book, lost._replace(arguments=("attic",)))

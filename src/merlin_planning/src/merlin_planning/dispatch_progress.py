@@ -199,7 +199,7 @@ class DispatchProgress:
 
     def dispatched(self, action: Action) -> None:
         """An action was dispatched; what has been answered to it before counts now."""
-        if action.id in self._found:
+        if action.id in self._found or action.id in self.running:  # it was sent again
             return
         self.messages += 1
         if self._seen is None:

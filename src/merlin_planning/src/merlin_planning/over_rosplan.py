@@ -50,13 +50,16 @@ class PlainProgress(DispatchProgress):
     :param stuck_after: s of running time without an action under way, after which the dispatch is given up;
         zero or less: never.
     :param plan: that is meant; empty: not known.
-    :param takers: operators whose interfaces say when they take an action; those of this dispatch are added.
+    :param takers: operators whose interfaces say when they take an action, and whether one was seen to take
+        another beside it; those of this dispatch are added.
     """
 
-    def __init__(self, stuck_after: float, plan: Sequence[ActionDispatch], takers: Set[str]) -> None:
+    def __init__(self, stuck_after: float, plan: Sequence[ActionDispatch], takers: Dict[str, bool]) -> None:
         super().__init__()
         self._stuck_after, self._takers = limit(stuck_after), takers
         self._plan = {step.action_id: step for step in plan}
+        self.watched: Set[int] = set()
+        """Ids of actions that may be sent again."""
         # Any that begin before one has ended may be seen first: what ROSPlan's dispatchers send close before
         # another message is dropped by their queue of one.
         end = min((step.dispatch_time + step.duration for step in plan), default=0.0)
@@ -82,11 +85,20 @@ class PlainProgress(DispatchProgress):
         return self._stuck_after if over else None
 
     def untaken(self, action_id: int) -> str:
-        """An action that nothing has taken though its interface would say so, as PDDL text; else nothing."""
+        """An action that nothing has taken though its interface would say so, as PDDL text; else nothing.
+
+        An interface may take one action after the other, and would carry out both messages of the next one.
+        """
         action = self.running.get(action_id)
         if action is None or self._stopping or action_id in self._taken:
             return ""
-        return action.text if action.name.lower() in self._takers else ""
+        several = self._takers.get(action.name.lower())
+        return action.text if several or (several is not None and not self._beside(action)) else ""
+
+    def _beside(self, action: Action) -> bool:
+        """Whether an interface has taken another action of this operator, which runs."""
+        others = (each for each in self.running.values() if each.id in self._taken and each.id != action.id)
+        return any(each.name.lower() == action.name.lower() for each in others)
 
     def answered(
         self, action_id: int, plan_id: int, answer: DispatchAnswer, information: Mapping[str, str]
@@ -100,7 +112,8 @@ class PlainProgress(DispatchProgress):
             return True
         action = self.running.get(action_id)
         if action is not None and action_id in self._taken:
-            self._takers.add(action.name.lower())
+            name = action.name.lower()
+            self._takers[name] = self._takers.get(name, False) or self._beside(action)
         return ends
 
 
@@ -132,7 +145,7 @@ class SilentDispatcher(DispatcherKind):
         self._subscriber: Optional[rospy.Subscriber] = None
         self._plan: Sequence[ActionDispatch] = ()  # of the present dispatch
         self._progress: Optional[PlainProgress] = None  # likewise
-        self._takers: Set[str] = set()  # operators whose interfaces say when they take an action
+        self._takers: Dict[str, bool] = {}  # operators whose interfaces say when they take an action
         rospy.Subscriber(f"{knowledge_base}/pddl_action_parameters", DomainFormula, self._receive_interface)
 
     def available(self) -> bool:
@@ -146,12 +159,15 @@ class SilentDispatcher(DispatcherKind):
         return self._progress
 
     def dispatched(self, action_id: int, send: Callable[[], object]) -> None:
-        """Has an action sent again after a while when no interface takes it: the message to it is lost."""
+        """Has an action sent again, once, when no interface takes it: the message to it is lost."""
         progress = self._progress
+        if progress is None or action_id in progress.watched:
+            return
+        progress.watched.add(action_id)
 
         def look() -> None:
             with self._changed:
-                lost = progress.untaken(action_id) if progress and progress is self._progress else ""
+                lost = progress.untaken(action_id) if progress is self._progress else ""
             if lost:
                 rospy.logwarn(f"nothing takes {lost}; it is sent again")
                 send()
