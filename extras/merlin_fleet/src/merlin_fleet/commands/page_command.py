@@ -2,6 +2,7 @@
 """`rosrun merlin_fleet fleet page`: serves the fleet's page until Ctrl-C."""
 
 import argparse
+import contextlib
 import re
 import sys
 
@@ -61,14 +62,15 @@ def _serve(client: FleetClient, given: argparse.Namespace) -> None:
         server.start()
         if given.port and server.port != given.port:
             print(f"fleet page: port {given.port} is taken, using {server.port}", file=sys.stderr)
-        print(f"{server.address}  (Ctrl-C ends it)", flush=True)
-        if given.operators and not operators.names:
-            print(
-                f"It only shows, since {given.operators} names no operator; "
-                "rosrun merlin_monitor operator NAME makes one, also now.",
-                flush=True,
-            )
-        wait_for_end(key=False)
+        with contextlib.suppress(KeyboardInterrupt):  # which may come before the wait begins
+            print(f"{server.address}  (Ctrl-C ends it)", flush=True)
+            if given.operators and not operators.names:
+                print(
+                    f"It only shows, since {given.operators} names no operator; "
+                    "rosrun merlin_monitor operator NAME makes one, also now.",
+                    flush=True,
+                )
+            wait_for_end(key=False)
     finally:
         server.stop()
         page.stop()
