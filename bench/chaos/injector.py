@@ -58,6 +58,7 @@ class Injector:
         fault = self._fault
         for respawner in self._respawners.values():
             processes.send(respawner, signal.SIGSTOP)
+            wait_stopped(respawner)
         at = time.monotonic()
         self._stroke.strike()
         for pid in self._pids.values():
