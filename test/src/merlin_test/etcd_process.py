@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import List, Optional, Sequence
 
 from merlin_test.ports import free_ports, release
+from merlin_test.process_signals import hang
 
 BEGIN = 60.0  # s for it to answer
 DIRECT = urllib.request.build_opener(urllib.request.ProxyHandler({}))  # whatever proxy this machine has
@@ -71,7 +72,8 @@ class EtcdProcess:
 
     def hang(self) -> None:
         """Stops it without an end."""
-        self._signal(signal.SIGSTOP)
+        assert self._process is not None
+        hang(self._process.pid)
 
     def resume(self) -> None:
         """Continues the stopped process."""
