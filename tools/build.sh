@@ -40,7 +40,8 @@ install_apt() {
   local log=$workspace/.apt.log
   as_root apt-get update -q >"$log" 2>&1 || true   # an old list may do; the install decides
   # shellcheck disable=SC2086
-  as_root apt-get install -y -q -o DPkg::Lock::Timeout=300 --no-install-recommends $missing >>"$log" 2>&1 || {
+  as_root apt-get install -y -q -o DPkg::Lock::Timeout=300 --no-install-recommends $missing 2>&1 | tee -a "$log" |
+    sed -un '0,/^Waiting for cache lock/s/^Waiting for cache lock.*held by \(.*[^.]\)\.*$/build: waiting, 300 s at most, until \1 has installed its packages/p' || {
     tail -n 5 "$log" >&2
     fail "apt-get could not install the packages of apt.txt (network? Debian 12 or 13?); the whole log is $log"
   }
