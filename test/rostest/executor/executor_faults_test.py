@@ -177,6 +177,18 @@ class Faults(FaultsCase):
         self.assertTrue(request.wait(LONG))
         self.assertOutcome(request.result, "SUCCEEDED")
 
+    def test_the_command_send_says_that_it_waits_for_an_executor_that_hangs(self):
+        node = pid_of("/merlin_executor")
+        hang(node)
+        try:
+            send = start("merlin", "send", "(robot_at kitchen)", output=subprocess.PIPE)
+            self.addCleanup(kill, send)
+            self.assertIn("waiting for the Executor", send.stdout.readline())
+        finally:
+            os.kill(node, signal.SIGCONT)
+        output, _ = send.communicate(timeout=LONG)
+        self.assertEqual(send.returncode, 0, output)
+
     def test_a_second_executor_names_the_first_and_does_not_serve(self):
         second = start("merlin_executor", "executor", "__name:=another", output=subprocess.PIPE)
         output, _ = second.communicate(timeout=LONG)

@@ -20,6 +20,7 @@ from merlin_ros.service_proxy import ServiceError
 EXIT_NOT_ACHIEVED = 1
 EXIT_INTERRUPTED = 130
 LIMIT = 30.0  # s for the Executor to answer
+SILENT = 2.0  # s of them that pass without a line
 STOP_LIMIT = 10.0  # s for a cancelled goal to end
 
 
@@ -69,8 +70,10 @@ def main() -> int:
 
 def _send(given: argparse.Namespace, robot: str) -> int:
     client = MerlinExecutorClient(f"{robot}merlin/execute", f"{robot}{DEFAULT_KNOWLEDGE_BASE}")
-    if not client.wait_for_executor(LIMIT):
-        raise ServiceError(f"the Executor does not answer within {LIMIT:g} s")
+    if not client.wait_for_executor(SILENT):
+        print(f"  waiting for the Executor, {LIMIT:g} s at most", flush=True)
+        if not client.wait_for_executor(LIMIT - SILENT):
+            raise ServiceError(f"the Executor does not answer within {LIMIT:g} s")
     not_before = at_time(given.not_before, "--not-before")
     progress = SendProgress(lambda line: print(line, flush=True))
     known = given.cancel or given.follow
