@@ -4,6 +4,7 @@
 The next plan is made at the answer. It must not be given the robot once more.
 """
 
+import time
 from typing import Any, List, Optional, Type
 
 import pytest
@@ -13,7 +14,9 @@ from rosplan_dispatch_msgs.msg import ActionFeedback
 from merlin_actions import merlin_action
 from merlin_actions.core.ending import Ending
 from merlin_actions.core.execution import Execution
+from merlin_actions.core.robot_book import RobotChange
 from merlin_actions.merlin_action import MerlinAction
+from merlin_test import LONG
 
 OUT = "robot ann was taken out by its operator"
 
@@ -40,6 +43,12 @@ class Servers:
 class Drive(MerlinAction):
     def ready(self, execution: Execution) -> Optional[Ending]:
         return Ending(False, "/ann/actions/drive aborted", begun=False)
+
+
+class Waiting(MerlinAction):
+    def ready(self, execution: Execution) -> Optional[Ending]:
+        execution.cancelled.wait(LONG)
+        return Ending(False, execution.cancel_reason, begun=False)
 
 
 class Staying(Servers):
@@ -76,3 +85,20 @@ def test_the_answer_waits_for_the_knowledge(monkeypatch: pytest.MonkeyPatch) -> 
 def test_the_answer_of_a_robot_that_stays_says_what_is_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
     (said,) = answers(monkeypatch, Staying)
     assert said == "reason: /ann/actions/drive aborted, of_robot: (navigate hall)"
+
+
+def test_what_a_robot_did_before_its_action_came_does_not_fail_that(monkeypatch: pytest.MonkeyPatch) -> None:
+    dispatcher = Dispatcher(monkeypatch)
+    monkeypatch.setattr(merlin_action, "ActionServers", lambda *_: Staying([]))
+    drive = Waiting("navigate")
+    drive.start()
+    dispatcher.wait_announced()
+    earlier = RobotChange("ann", False, "the host of robot ann was restarted", at=time.monotonic())
+    dispatcher.dispatch(2)
+    (execution,) = drive.executions()
+    drive.robot_changed(earlier)
+    assert not execution.cancelled.is_set()
+    drive.robot_changed(RobotChange("ann", False, OUT, True, at=time.monotonic()))
+    assert execution.cancelled.is_set() and execution.cancel_reason == OUT
+    dispatcher.end()
+    drive.shutdown()

@@ -180,7 +180,8 @@ class MerlinAction(ActionInterface):
                 self._servers.client(change.robot)  # connects meanwhile
             return
         for execution in self.executions():
-            if execution.lane != change.robot:
+            # The knowledge may say that the robot is back before this is read, and the next plan begins.
+            if execution.lane != change.robot or execution.arrived > change.at:
                 continue
             if not change.answers:
                 execution.lost = change.reason

@@ -132,7 +132,7 @@ class RobotWatch:
         for change in changes:
             self._facts.put(change.robot, change.available)
             for call in (_log, *self._listeners):
-                self._calls.put(call, change)
+                self._calls.put(call, change._replace(at=time.monotonic()))
         if changes:
             self._changed.notify_all()
 

@@ -3,6 +3,7 @@
 
 import itertools
 import threading
+import time
 from typing import Any, Callable, Dict, NamedTuple, Optional, Sequence, Tuple, Union
 
 from merlin_pddl.plan_text import call_text
@@ -62,6 +63,7 @@ class Execution:
     def __init__(self, dispatch: Any, parameters: Sequence[Any], life: str = "") -> None:
         self.dispatch = dispatch
         self.parameters = list(parameters)
+        self.arrived = time.monotonic()
         self.cancelled = threading.Event()
         self.cancel_reason = "cancelled"
         self.left_queue = threading.Event()

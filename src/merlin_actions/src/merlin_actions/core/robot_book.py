@@ -5,6 +5,7 @@ A host says every 0.25 s that it lives. One robot has one host: where two say th
 nothing is sent to either. A robot is known as soon as its host was heard once.
 """
 
+import math
 from typing import Any, Dict, List, NamedTuple
 
 from merlin_ros.work.liveness import Limits, Liveness, Presence, Word
@@ -30,6 +31,8 @@ class RobotChange(NamedTuple):
     """Whether a host lives that answers a cancel."""
     forgotten: bool = False
     """Whether it is forgotten for another one: it has been silent for long."""
+    at: float = math.inf
+    """When, s of the monotonic clock: an action that comes later is not meant."""
 
 
 class _Robot:
