@@ -87,6 +87,8 @@ def pytest_configure(config: pytest.Config) -> None:
     if hasattr(config, "workerinput"):
         # Python would look through all that was collected, and kairos' bindings would print what is left.
         atexit.register(os._exit, 0)
+    else:
+        os.environ[processes.SUITE_MARK] = str(os.getpid())
     if config.getoption("numprocesses", None):
         compile_tests(config, (Path(each.split("::", 1)[0]) for each in config.args))
     use_loopback()
@@ -106,9 +108,10 @@ def pytest_collection() -> Generator[None, object, object]:
 
 
 def pytest_unconfigure(config: pytest.Config) -> None:
-    """Else kairos' bindings would print what is left of them; a worker ends before they can."""
+    """No process outlives an interrupted run; without the rest kairos' bindings would print what is left."""
     if not hasattr(config, "workerinput"):
-        gc.unfreeze()
+        processes.kill_marked(str(os.getpid()), processes.SUITE_MARK)
+        gc.unfreeze()  # a worker ends before they can
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: List[pytest.Item]) -> None:

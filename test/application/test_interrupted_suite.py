@@ -5,6 +5,7 @@ What another run of it has written stays.
 """
 
 import fcntl
+import os
 import signal
 import subprocess
 import sys
@@ -13,7 +14,8 @@ from pathlib import Path
 
 from chaos.under_test import processes
 
-SUITE = Path(__file__).parents[1] / "rostest" / "knowledge" / "timed_knowledge.test"
+TESTS = Path(__file__).parents[1]
+SUITE = TESTS / "rostest" / "knowledge" / "timed_knowledge.test"
 LIMIT = 200.0
 
 
@@ -47,3 +49,29 @@ def test_no_node_outlives_its_suite(tmp_path: Path) -> None:
         pytest_process.kill()
         pytest_process.wait()
         processes.kill_marked(run)
+
+
+def test_no_process_of_a_test_outlives_an_interrupted_run(tmp_path: Path) -> None:
+    starts = "import subprocess\n\ndef test_starts():\n    command = ['sleep', '1000']\n"
+    begin = "    subprocess.Popen(command, start_new_session=True)\n"
+    wait = "    print('begun', flush=True)\n    subprocess.run(command)\n"
+    (tmp_path / "test_sleep.py").write_text(starts + begin + wait)
+    command = [sys.executable, "-m", "pytest", "-s", "-p", "no:xdist", "-p", "conftest", str(tmp_path)]
+    run = subprocess.Popen(
+        command,
+        env=dict(os.environ, PYTHONPATH=os.pathsep.join([str(TESTS), os.environ.get("PYTHONPATH", "")])),
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    mark = processes.SUITE_MARK
+    try:
+        assert run.stdout is not None
+        assert any("begun" in line for line in run.stdout)
+        assert processes.marked(str(run.pid), mark=mark)
+        run.send_signal(signal.SIGINT)
+        run.communicate(timeout=LIMIT)
+        assert processes.marked(str(run.pid), mark=mark) == []
+    finally:
+        run.kill()
+        run.wait()
+        processes.kill_marked(str(run.pid), mark)

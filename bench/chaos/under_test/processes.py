@@ -14,6 +14,8 @@ from typing import List, NamedTuple, Optional, Sequence
 
 #: Environment variable with the name of the run.
 MARK = "MERLIN_CHAOS_RUN"
+#: The same with the process of a run of tests.
+SUITE_MARK = "MERLIN_TEST_SUITE"
 #: s that a killed process may take to disappear.
 END_LIMIT = 5.0
 #: State of a socket in /proc/net/tcp that takes connections.
@@ -29,14 +31,14 @@ class Usage(NamedTuple):
     sockets: int
 
 
-def marked(run: str, proc: Path = Path("/proc")) -> List[int]:
+def marked(run: str, proc: Path = Path("/proc"), mark: str = MARK) -> List[int]:
     """Ids of all living processes of a run, this one not among them."""
-    return [pid for pid in ids(proc) if is_marked(run, pid, proc)]
+    return [pid for pid in ids(proc) if is_marked(run, pid, proc, mark)]
 
 
-def is_marked(run: str, pid: int, proc: Path = Path("/proc")) -> bool:
+def is_marked(run: str, pid: int, proc: Path = Path("/proc"), mark: str = MARK) -> bool:
     """Whether a process belongs to a run and is not this one."""
-    return pid != os.getpid() and f"{MARK}={run}".encode() in _fields(proc / str(pid) / "environ")
+    return pid != os.getpid() and f"{mark}={run}".encode() in _fields(proc / str(pid) / "environ")
 
 
 def ids(proc: Path = Path("/proc")) -> List[int]:
@@ -113,12 +115,12 @@ def listening_ports(pid: int, proc: Path = Path("/proc")) -> List[int]:
     return sorted(ports)
 
 
-def kill_marked(run: str) -> int:
+def kill_marked(run: str, mark: str = MARK) -> int:
     """Kills every process of a run, those that they start meanwhile included; returns how many."""
     killed = set()
     end = time.monotonic() + END_LIMIT
     while time.monotonic() < end:
-        left = [pid for pid in marked(run) if not _zombie(pid)]
+        left = [pid for pid in marked(run, mark=mark) if not _zombie(pid)]
         if not left:
             break
         for pid in left:
