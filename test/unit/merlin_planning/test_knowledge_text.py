@@ -71,8 +71,11 @@ def test_a_number_survives_with_all_its_digits(number: float) -> None:
         ("(or (a) (b))", "'or'"),
         ("(not (a) (b))", "one fact"),
         ("(not (not (a)))", "plain fact"),
+        ("(not (and (a) (b)))", "plain fact"),
+        ("(not (and))", "plain fact"),
+        ("(not (> (n) 3))", "plain fact"),
         ("(> (battery))", "two expressions"),
-        ("(> (battery) full)", "neither a number nor a function"),
+        ("(> (battery) ?level)", "neither a number nor a function"),
         ("(9lives)", "not a name"),
     ],
 )
@@ -96,6 +99,21 @@ def test_any_text_gives_goals_or_a_reason(text: str) -> None:
 def test_variables_are_bound_in_any_case() -> None:
     items = parse_literals(["(robot_at ?To)", "(not (robot_at ?from))"], {"to": "kitchen", "From": "hall"})
     assert [to_pddl(item) for item in items] == ["(robot_at kitchen)", "(not (robot_at hall))"]
+
+
+def test_a_goal_of_any_kind_has_its_text() -> None:
+    (compared,) = parse_goal("(= (n) 3)")
+    compared.is_negative = True
+    text = "(forall (?p - poi) (checked ?p))"
+    expression = KnowledgeItem(knowledge_type=KnowledgeItem.EXPRESSION, attribute_name=text)
+    assert [to_pddl(compared), to_pddl(expression)] == ["(not (= (n) 3))", text]
+    expression.is_negative = True
+    assert to_pddl(expression) == f"(not {text})"
+
+
+def test_functions_without_arguments_and_long_sums_may_be_written_as_in_pddl() -> None:
+    (goal,) = parse_goal("(> battery (+ (a) 1 (* 2 (b) (c))))")
+    assert to_pddl(goal) == "(> (battery) (+ (+ (a) 1) (* (* 2 (b)) (c))))"
 
 
 def test_an_unbound_variable_is_named() -> None:

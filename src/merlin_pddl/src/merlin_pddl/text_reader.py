@@ -9,7 +9,7 @@ import difflib
 import os
 import re
 import unicodedata
-from typing import Iterable, List, Optional, Union
+from typing import Iterable, Iterator, List, Optional, Tuple, Union
 
 #: Deeper nesting than any domain needs; keeps every later recursion within Python's limit.
 MAX_DEPTH = 100
@@ -156,6 +156,42 @@ def read_expression(text: str, source: str = "", depth: int = MAX_DEPTH) -> Expr
     if len(nodes) > 1:
         raise nodes[1].error("nothing may follow the closing parenthesis")
     return nodes[0]
+
+
+def head_of(node: Node) -> Tuple[Word, List[Node]]:
+    """The name of an expression, and what is behind it.
+
+    :raises PddlError: it is a word, or has no name.
+    """
+    if isinstance(node, Word):
+        raise node.error(f"expected '(' before {node.written!r}")
+    if not node or not isinstance(node[0], Word):
+        raise node.error("an empty or nested pair of parentheses where a name is expected")
+    return node[0], node[1:]
+
+
+def simple_goals(node: Node) -> Iterator[Tuple[Expression, bool]]:
+    """The facts and comparisons of a goal of a mission or a client, each with whether it is negated.
+
+    :raises PddlError: it is more than a literal, a comparison, or an ``and`` of them.
+    """
+    head, rest = head_of(node)
+    if head == "and":
+        for part in rest:
+            yield from simple_goals(part)
+    elif head == "not":
+        if len(rest) != 1:
+            raise head.error("'not' takes one fact")
+        # Of an 'and' that is false, one part may be true: its parts are no goals.
+        if head_of(rest[0])[0] in ("and", "not", "=", "<", "<=", ">", ">="):
+            raise head.error("only a plain fact can be negated")
+        for part, _ in simple_goals(rest[0]):
+            yield part, True
+    elif head in ("or", "imply", "forall", "exists", "when", "preference"):
+        raise head.error(f"{head!r} cannot stand in such a goal")
+    else:
+        assert isinstance(node, Expression)
+        yield node, False
 
 
 def read_file(path: Union[str, "os.PathLike[str]"]) -> Expression:

@@ -6,14 +6,23 @@ problems are the planning system's business.
 """
 
 import re
-from typing import Any, Dict, Iterator, List, Optional, Sequence, Tuple
+from typing import Any, Dict, Iterator, List, Optional, Sequence
 
 from diagnostic_msgs.msg import KeyValue
 from rosplan_knowledge_msgs.msg import DomainFormula, DomainInequality, ExprBase, ExprComposite, KnowledgeItem
 
 from merlin_pddl.formula import numeric_text
 from merlin_pddl.plan_text import call_text
-from merlin_pddl.text_reader import Node, PddlError, Word, is_name, read_expression
+from merlin_pddl.text_reader import (
+    Expression,
+    Node,
+    PddlError,
+    Word,
+    head_of,
+    is_name,
+    read_expression,
+    simple_goals,
+)
 
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?\Z")
 #: Comparison in PDDL → its number in messages.
@@ -44,7 +53,7 @@ def parse_goal(text: str) -> List[KnowledgeItem]:
     :raises PDDLSyntaxError: when it is something else, or nested too deeply.
     """
     try:
-        return list(_goals(read_expression(text)))
+        return [_goal(*goal) for goal in simple_goals(read_expression(text))]
     except PddlError as error:
         raise PDDLSyntaxError(f"{_shown(text)}, {_place(error)}{error.message}") from error
 
@@ -77,13 +86,16 @@ def to_pddl(item: KnowledgeItem) -> str:
         return f"{item.instance_name} - {item.instance_type}"
     if item.knowledge_type == KnowledgeItem.INEQUALITY:
         operator = _COMPARISON_TEXT.get(item.ineq.comparison_type, "?")
-        return f"({operator} {_expression_text(item.ineq.LHS)} {_expression_text(item.ineq.RHS)})"
-    if item.knowledge_type == KnowledgeItem.EXPRESSION:
-        return f"{item.optimization} {_expression_text(item.expr)}"
-    formula = call_text(item.attribute_name, [value.value for value in item.values])
-    if item.knowledge_type == KnowledgeItem.FUNCTION:
-        return f"(= {formula} {numeric_text(item.function_value)})"
-    return f"(not {formula})" if item.is_negative else formula
+        text = f"({operator} {_expression_text(item.ineq.LHS)} {_expression_text(item.ineq.RHS)})"
+    elif item.knowledge_type == KnowledgeItem.EXPRESSION:
+        if item.expr.tokens or not item.attribute_name:  # a metric
+            return f"{item.optimization} {_expression_text(item.expr)}"
+        text = item.attribute_name
+    else:
+        text = call_text(item.attribute_name, [value.value for value in item.values])
+        if item.knowledge_type == KnowledgeItem.FUNCTION:
+            return f"(= {text} {numeric_text(item.function_value)})"
+    return f"(not {text})" if item.is_negative else text
 
 
 def action_text(name: str, parameters: Sequence[KeyValue]) -> str:
@@ -106,43 +118,23 @@ def _place(error: PddlError) -> str:
     return f"column {error.column}: "
 
 
-def _parts(expression: Node) -> Tuple[Word, List[Node]]:
-    """The name of an expression, and what is behind it."""
-    if isinstance(expression, Word):
-        raise expression.error(f"expected '(' before {expression.written!r}")
-    if not expression or not isinstance(expression[0], Word):
-        raise expression.error("an empty or nested pair of parentheses where a name is expected")
-    return expression[0], expression[1:]
-
-
-def _goals(expression: Node) -> Iterator[KnowledgeItem]:
-    head, rest = _parts(expression)
-    if head == "and":
-        for part in rest:
-            yield from _goals(part)
-    elif head == "not":
-        if len(rest) != 1:
-            raise head.error("'not' takes one fact")
-        for item in _goals(rest[0]):
-            if item.knowledge_type != KnowledgeItem.FACT or item.is_negative:
-                raise head.error("only a plain fact can be negated")
-            item.is_negative = True
-            yield item
-    elif head in COMPARISONS:
-        if len(rest) != 2:
-            raise head.error(f"{head!r} compares two expressions")
-        ineq = DomainInequality(
-            comparison_type=COMPARISONS[head],
-            LHS=ExprComposite(tokens=list(_tokens(rest[0]))),
-            RHS=ExprComposite(tokens=list(_tokens(rest[1]))),
+def _goal(expression: Expression, negated: bool) -> KnowledgeItem:
+    head, rest = head_of(expression)
+    if head not in COMPARISONS:
+        return KnowledgeItem(
+            knowledge_type=KnowledgeItem.FACT,
+            attribute_name=_name(head),
+            values=list(_arguments(rest)),
+            is_negative=negated,
         )
-        yield KnowledgeItem(knowledge_type=KnowledgeItem.INEQUALITY, ineq=ineq)
-    elif head in ("or", "imply", "forall", "exists", "when"):
-        raise head.error(f"{head!r} cannot stand in such a goal")
-    else:
-        yield KnowledgeItem(
-            knowledge_type=KnowledgeItem.FACT, attribute_name=_name(head), values=list(_arguments(rest))
-        )
+    if len(rest) != 2:
+        raise head.error(f"{head!r} compares two expressions")
+    ineq = DomainInequality(
+        comparison_type=COMPARISONS[head],
+        LHS=ExprComposite(tokens=list(_tokens(rest[0]))),
+        RHS=ExprComposite(tokens=list(_tokens(rest[1]))),
+    )
+    return KnowledgeItem(knowledge_type=KnowledgeItem.INEQUALITY, ineq=ineq)
 
 
 def _arguments(nodes: Sequence[Node]) -> Iterator[KeyValue]:
@@ -160,13 +152,18 @@ def _name(word: Word) -> str:
 
 def _tokens(expression: Node) -> Iterator[ExprBase]:
     if isinstance(expression, Word):
-        if not _NUMBER.match(expression):
+        if _NUMBER.match(expression):
+            yield ExprBase(expr_type=ExprBase.CONSTANT, constant=float(expression))
+        elif is_name(expression):
+            function = DomainFormula(name=expression.written)
+            yield ExprBase(expr_type=ExprBase.FUNCTION, function=function)
+        else:
             raise expression.error(f"{expression.written!r} is neither a number nor a function")
-        yield ExprBase(expr_type=ExprBase.CONSTANT, constant=float(expression))
         return
-    head, rest = _parts(expression)
-    if head in OPERATORS and len(rest) == 2:
-        yield ExprBase(expr_type=ExprBase.OPERATOR, op=OPERATORS[head])
+    head, rest = head_of(expression)
+    if head in OPERATORS and (len(rest) == 2 or (len(rest) > 2 and head in "+*")):
+        for _ in rest[1:]:  # that of a message takes two operands: (+ a b c) is (+ (+ a b) c)
+            yield ExprBase(expr_type=ExprBase.OPERATOR, op=OPERATORS[head])
         for part in rest:
             yield from _tokens(part)
     elif head == "-" and len(rest) == 1:

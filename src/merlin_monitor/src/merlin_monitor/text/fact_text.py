@@ -18,8 +18,6 @@ def item_text(item: Any) -> str:
     """The text that names an item: of an object its name, of a function value the function."""
     if item.knowledge_type == INSTANCE:
         return plain_text(item.instance_name)
-    if item.knowledge_type == EXPRESSION and not item.expr.tokens:
-        return plain_text(item.attribute_name)
     if item.knowledge_type in (EXPRESSION, INEQUALITY):
         try:
             return plain_text(to_pddl(item))

@@ -12,7 +12,7 @@ from typing import Iterator, List, Mapping, NamedTuple, Sequence, Tuple
 
 from merlin_pddl.domain import Domain
 from merlin_pddl.formula_reader import ARITHMETIC, COMPARISONS, FormulaReader
-from merlin_pddl.text_reader import Expression, Node, PddlError, Word, read_text
+from merlin_pddl.text_reader import Expression, Node, PddlError, Word, read_expression, simple_goals
 from merlin_pddl.type_hierarchy import OBJECT
 
 #: Stands for any object, where a value is put in when the program runs.
@@ -142,8 +142,8 @@ def literal_fault(
         if f"({ANY}" in text.replace(" ", "") or not text.lstrip().startswith("("):
             return ""  # which predicate it is is computed, too
         reader = FormulaReader(domain, dict(objects))
-        for node in read_text(text, ""):
-            reader.condition(_with_numbers(node), {**scope, ANY: (OBJECT,)})
+        for goal, _ in simple_goals(read_expression(text)):
+            reader.condition(_with_numbers(goal), {**scope, ANY: (OBJECT,)})
     except PddlError as error:
         return "" if adds_objects and error.message.startswith("unknown object") else error.message
     return ""
