@@ -99,6 +99,23 @@ def test_wildcards_in_remove_and_query(store):
     assert store.facts() == []
 
 
+def test_an_empty_argument_of_a_derived_predicate_stands_for_any_object(clock):
+    domain = parse_domain("""(define (domain d) (:requirements :derived-predicates :typing)
+        (:types room) (:predicates (linked ?a ?b - room) (reach ?a ?b - room))
+        (:derived (reach ?a ?b - room)
+          (or (linked ?a ?b) (exists (?c - room) (and (linked ?a ?c) (reach ?c ?b))))))""")
+    store = KnowledgeStore(domain, clock=clock)
+    add(
+        store,
+        *[Instance("room", name) for name in "abc"],
+        Fact("linked", ("a", "b")),
+        Fact("linked", ("b", "c")),
+    )
+    asked = [("a", ""), ("", "a"), ("", "c"), ("c", ""), ("", "")]
+    assert store.query([Fact("reach", each) for each in asked]) == [True, False, True, False, True]
+    assert store.query([Fact("reach", ("c", ""), negative=True)]) == [True]
+
+
 def test_queries_follow_the_closed_world(store):
     add(store, Fact("checked", ("hall",)))
     asked = [

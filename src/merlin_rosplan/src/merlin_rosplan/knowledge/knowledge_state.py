@@ -5,7 +5,7 @@ from typing import Any, Callable, Dict, List, Optional, Tuple, Union
 
 from merlin_pddl.domain import Domain
 from merlin_pddl.evaluation import Evaluator, WorldState
-from merlin_pddl.formula import Atom, Condition
+from merlin_pddl.formula import Atom, Condition, Exists, Variable
 from merlin_pddl.knowledge import Fact, FunctionValue, Instance, Key, Metric, Row, StoredGoal, Timed
 from merlin_rosplan.knowledge.knowledge_table import ArgumentTable, InstanceTable, Table
 
@@ -160,16 +160,22 @@ class KnowledgeTables(WorldState):
             return bool(types)
         return any(self.domain.types.is_a(actual.lower(), wanted) for actual in types)
 
+    def _some(self, name: str, args: List[str]) -> Condition:
+        """That an atom holds, for some objects where an argument is empty."""
+        parameters = enumerate(self.domain.predicates[name].parameters[: len(args)])
+        free = {at: Variable(f"?{at}", parameter.types) for at, parameter in parameters if not args[at]}
+        atom = Atom(name, tuple(free[at].name if at in free else arg for at, arg in enumerate(args)))
+        return Exists(tuple(free.values()), atom) if free else atom
+
     def _fact_true(self, item: Fact, between: Callable[[], None]) -> bool:
         name, *args = item.key
         if not name:
             return bool(self.facts.rows)
         if name == "=" and len(args) == 2:  # conditions of an operator are asked like this
             return (args[0] == args[1]) != item.negative
+        if name in self.domain.derived:
+            return self.evaluator(between).holds(self._some(name, args)) != item.negative
         if "" not in args:
-            atom = Atom(name, tuple(args))
-            derived = name in self.domain.derived
-            true = self.evaluator(between).holds(atom) if derived else self.holds(item.key)
-            return true != item.negative
+            return self.holds(item.key) != item.negative
         some = any(not self.facts.rows[key].negative for key in self.facts.match(name, args))
         return some != item.negative
