@@ -8,7 +8,8 @@ import rospy
 from merlin_msgs.msg import DispatchStatus, PlannerStatus
 from rosplan_dispatch_msgs.msg import ActionDispatch
 from rosplan_dispatch_msgs.srv import DispatchService
-from rosplan_knowledge_msgs.msg import DomainFormula
+from rosplan_knowledge_msgs.msg import DomainFormula, KnowledgeItem
+from std_msgs.msg import String
 from std_srvs.srv import Empty
 
 from merlin_planning.knowledge_client import (
@@ -21,6 +22,7 @@ from merlin_planning.knowledge_client import (
     knowledge_client,
 )
 from merlin_ros.service_proxy import ServiceError
+from merlin_rosplan.dispatcher.plan_knowledge import PlanKnowledge
 from merlin_test import LONG
 from merlin_test.knowledge_fixture import Received
 from merlin_test.topic_links import patient_service
@@ -143,6 +145,30 @@ class Stages:
             self.system.plan()
         self.assertIn("UNSOLVABLE", str(caught.exception))
         self.assertTrue(status.wait(lambda m: m.state == PlannerStatus.UNSOLVABLE).reason)
+
+    def test_the_dispatcher_knows_what_a_goal_of_another_kind_reads(self):
+        text = "(exists (?p - poi) (checked ?p))"
+        goal = KnowledgeItem(knowledge_type=KnowledgeItem.EXPRESSION, attribute_name=text)
+        self.system.set_goals()
+        self.system.knowledge.update([Update(ADD_GOAL, goal)])
+        dispatcher = PlanKnowledge(self.system.knowledge.name)
+        self.assertIn("checked", dispatcher.goals().reads)
+        self.assertEqual(dispatcher.unmet_goals(), [text])
+
+    def test_a_plan_that_cannot_be_read_is_refused_each_time(self):
+        output = f"{self.namespace}/rosplan_planner_interface/planner_output"
+        planner = rospy.Publisher(output, String, latch=True, queue_size=1)
+        planner.publish("0.000: (fly kitchen) [1.000]\n")
+        seen = Latched(output, String)
+        seen.wait(lambda plan: "fly" in plan.data)
+        seen.close()
+        for _ in range(2):
+            with self.assertRaisesRegex(ServiceError, "fly"):
+                self.system.parse()
+        planner.unregister()
+        self.assertFalse(self.system.dispatch().success)
+        self.system.set_goals(("checked", "kitchen"))
+        self.assertTrue(self.run_once().success)
 
     def test_parsing_again_publishes_nothing_and_is_no_error(self):
         self.system.set_goals(("checked", "kitchen"))

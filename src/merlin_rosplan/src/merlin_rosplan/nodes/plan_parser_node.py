@@ -88,7 +88,12 @@ class PlanParser(Component):
             self._state.wait_for(lambda: self._new or self.closed, timeout=patience)
             text, new, self._new = self._text, self._new, False
         if new:
-            self._parse(text, "the planner's output")
+            try:
+                self._parse(text, "the planner's output")
+            except rospy.ServiceException:
+                with self._state:  # a second call must not succeed without a plan
+                    self._new = self._new or self._text == text
+                raise
         elif text:
             rospy.logwarn("%s: parse_plan: nothing new since the last plan; nothing is published", self.scope)
         elif self._strict:
