@@ -211,6 +211,19 @@ def test_an_interface_that_comes_back_and_takes_the_action_is_alive(world):
     assert run.report().success
 
 
+def test_announcements_of_an_earlier_interface_do_not_count_for_one_that_makes_none(world):
+    world.silences["work"] = 57.0
+    run = Run(world, SequentialSchedule(actions("work", "work")), liveness=0.05)
+    for action, silence in ((0, 57.2), (1, 57.4)):
+        world.wait("action", action)
+        run.feedback(action, FeedbackStatus.ENABLED)
+        world.silences["work"] = silence
+        run.dispatch.put(KnowledgeChanged())
+        assert not run.dispatch.ended.wait(0.1)
+        run.feedback(action, FeedbackStatus.SUCCEEDED)
+    assert run.report().success
+
+
 def test_a_living_interface_may_take_its_time(world):
     world.silences["work"] = 0.1
     run = Run(world, SequentialSchedule(actions("work")), acknowledge=0.02, accept=LONG)

@@ -346,8 +346,7 @@ class PlanDispatch:
         elif status in (FeedbackStatus.ENABLED, FeedbackStatus.DISPATCHED_TO_START_STATE):
             if record.applied is None:
                 record.applied = self._environment.deadline(self._limits.settle)
-            record.taken = True
-            record.alive = self._environment.deadline(self._limits.liveness)
+            record.take(self._environment, self._limits.liveness)
 
     # --- another plan -------------------------------------------------------------------------------
 
@@ -457,9 +456,7 @@ class PlanDispatch:
             while self._taken_in:
                 self._answer(self._taken_in.popleft())
             for record in list(self._running.values()):
-                if record.is_dead(
-                    self._environment.seconds_silent(record.action.name), self._limits.liveness
-                ):
+                if record.is_dead(record.silence(self._environment), self._limits.liveness):
                     self._give_up(record)
             if len(self._running) < answered:
                 self._report(DispatchState.CANCELLING)

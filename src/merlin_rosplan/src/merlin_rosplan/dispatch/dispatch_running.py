@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """An action that was dispatched and has not ended: what is known of it, and what is watched."""
 
+import math
 from dataclasses import dataclass, field
 from typing import Any, FrozenSet, Iterator, NamedTuple, Optional, Sequence, Set, Tuple
 
@@ -44,6 +45,7 @@ class Running:
     ends: float
     taken: bool = False
     alive: Optional[Any] = None  # until then its interface is alive, having taken the action
+    unannounced: float = math.inf  # s without an announcement when an interface took it that makes none
     applied: Optional[Any] = None  # until then its start effects are applied, if it has taken the action
     closed: Optional[Any] = None  # until then the node that took it may end it over another connection
     sent_again: bool = False
@@ -121,7 +123,7 @@ class Running:
         action = self.action
         if self.leaving is not None and self.leaving.remaining() <= 0:
             return Fault(f"{action} was cancelled and did not stop within {limits.cancel:g} s")
-        silence = environment.seconds_silent(action.name)
+        silence = self.silence(environment)
         unanswered = self._unanswered()
         dead = self.is_dead(silence, limits.liveness)
         if self.grace is not None and self.grace.remaining() <= 0:
@@ -191,6 +193,19 @@ class Running:
         elif self.closed is None:
             self.closed = environment.deadline(patience)
         return self.closed is not None and bool(self.closed.remaining() <= 0)
+
+    def take(self, environment: DispatchEnvironment, liveness: Optional[float]) -> None:
+        """An interface has taken it. Where none was announced for long, what was is not the one that took it."""
+        silence = environment.seconds_silent(self.action.name)
+        if not self.taken and silence is not None and liveness is not None and silence > liveness:
+            self.unannounced = silence
+        self.taken = True
+        self.alive = environment.deadline(liveness)
+
+    def silence(self, environment: DispatchEnvironment) -> Optional[float]:
+        """Seconds since its interface announced itself; None: it did not."""
+        silence = environment.seconds_silent(self.action.name)
+        return None if silence is not None and silence >= self.unannounced else silence
 
     def is_dead(self, silence: Optional[float], liveness: Optional[float]) -> bool:
         """Whether its interface announced itself and has stopped; taking an action is a sign of life too."""
