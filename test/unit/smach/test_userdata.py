@@ -2,6 +2,7 @@
 """Defects U1 to U6 and U8: userdata is safe between threads, honest about its keys, and belongs to a run."""
 
 import copy
+import enum
 import pickle
 import threading
 
@@ -117,6 +118,29 @@ def test_u2_input_value_behaves_as_the_value():
 
 def work_on(x):
     return x
+
+
+class Mode(enum.Enum):
+    FAST = 1
+
+
+class Room(str, enum.Enum):
+    HALL = "hall"
+
+
+def test_u2_values_that_cannot_change_are_themselves(kit):
+    def look(ud):
+        assert ud.mode == Mode.FAST and ud.mode in [Mode.FAST] and {Mode.FAST: 1}[ud.mode] == 1
+        assert "to " + ud.room == "to hall" and "hall".startswith(ud.room)
+        with pytest.raises(ValueError, match="broken"):
+            raise ud.error
+        return "done"
+
+    sm = smach.StateMachine(["done"])
+    sm.userdata.update({"mode": Mode.FAST, "room": Room.HALL, "error": ValueError("broken")})
+    with sm:
+        smach.StateMachine.add("A", kit.Calling(look, input_keys=["mode", "room", "error"]))
+    assert sm.execute() == "done"
 
 
 def test_u2_io_value_is_the_value_itself():
@@ -275,6 +299,26 @@ def test_u6_key_that_another_thread_sets_during_a_run_is_there_in_the_next(kit):
     sm.execute()
     sm.execute()
     assert seen == [["order"], ["order"]]
+
+
+def test_u6_what_a_thread_of_a_state_writes_belongs_to_the_run(kit):
+    seen = []
+    sm = smach.StateMachine(["done"])
+    sm.keeps_userdata = False
+
+    def asks(ud):
+        seen.append(sorted(sm.userdata.keys()))
+        other = threading.Thread(target=lambda: ud.update({"answer": 5}), name="answers")
+        other.start()
+        other.join()
+        return "done"
+
+    with sm:
+        smach.StateMachine.add("A", kit.Calling(asks, output_keys=["answer"]))
+    sm.execute()
+    assert sm.userdata.answer == 5
+    sm.execute()
+    assert seen == [[], []]
 
 
 def test_u6_nested_machine_does_not_see_inputs_of_an_earlier_run(kit):

@@ -2,12 +2,17 @@
 """A read-only view of an object: what a state gets for an input key that is not one of its output keys."""
 
 import copy
+import enum
 import types
 import weakref
 from typing import Any, Callable, Dict, SupportsIndex
 
-# Calling or comparing these through a proxy would only lose their identity; they carry no data to protect.
-_BARE = (type, types.FunctionType, types.BuiltinFunctionType, types.MethodType, types.ModuleType)
+# Through a proxy these lose what they are when they are called, compared or raised; C code wants real texts
+# and numbers. They carry no data to protect.
+_BARE = (
+    *(type, types.FunctionType, types.BuiltinFunctionType, types.MethodType, types.ModuleType),
+    *(enum.Enum, str, bytes, int, float, complex, BaseException),
+)
 _IN_PLACE = "add sub mul matmul truediv floordiv mod pow lshift rshift and xor or concat"
 _NOT_FORWARDED = frozenset(
     [
@@ -117,7 +122,8 @@ def _view_class(wrapped: type) -> type:
     except KeyError:
         pass
     members: Dict[str, Any] = {"__slots__": (), "__module__": __name__}
-    for name in dir(wrapped):
+    # A metaclass may leave some out of dir().
+    for name in {name for kind in wrapped.__mro__ for name in vars(kind)}:
         if name.startswith("__") and name.endswith("__") and name not in _NOT_FORWARDED:
             member = getattr(wrapped, name)
             if callable(member):

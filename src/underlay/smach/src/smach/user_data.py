@@ -213,7 +213,10 @@ class Remapper:
             return
         mapped = self._map.get(key, key)
         self._constants.pop(mapped, None)
-        self._ud[mapped] = unwrap(value)
+        if isinstance(self._ud, UserData):
+            self._ud._put(mapped, unwrap(value), of_run=True)  # whichever thread of the state writes
+        else:
+            self._ud[mapped] = unwrap(value)
 
     def __contains__(self, key: object) -> bool:
         mapped = self._map.get(key, key)
