@@ -129,6 +129,14 @@ class Introspection(unittest.TestCase):
         self.assertEqual(shown["/"], [["S0"], ["S1"], ["S2"], ["None"]])
         self.assertEqual(shown["/S1"], [[f"S{i}"] for i in range(10)] + [["None"]])
 
+    def test_the_end_is_shown_also_when_the_server_stops_at_once(self):
+        sm = machine(Done())
+        name, server = self.serve(sm, "/")
+        viewer = self.view(name, 1)
+        sm.execute()
+        server.stop()
+        viewer.wait(lambda: any(status.info.startswith("TERMINATED") for status in viewer.statuses))
+
     def test_a_viewer_is_told_once_even_when_the_worker_begins_after_it(self):
         class Late(IntrospectionServer):
             go = threading.Event()

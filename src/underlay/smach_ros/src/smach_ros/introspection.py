@@ -150,8 +150,9 @@ class IntrospectionServer:
                     if left <= 0.0:
                         break
                     self._changed.wait(left)
-                if self._stopping or rospy.is_shutdown():
+                if rospy.is_shutdown():
                     return
+                stopping = self._stopping
                 notes, self._notes = self._notes, []
                 dirty, self._dirty = self._dirty, {}
                 proxies = dict(self._proxies)
@@ -160,6 +161,8 @@ class IntrospectionServer:
             for path, info in dirty.items():
                 if path in proxies:
                     self._publish_status(proxies[path], None, info)
+            if stopping:
+                return
             if time.monotonic() >= heartbeat:
                 heartbeat = time.monotonic() + HEARTBEAT
                 for proxy in proxies.values():
