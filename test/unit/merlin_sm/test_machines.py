@@ -210,6 +210,50 @@ def test_a_machine_begins_each_run_without_what_the_last_one_left() -> None:
     assert not MerlinStateFactory.create("while", Wait(), Wait()).keeps_userdata
 
 
+@pytest.mark.parametrize("deep", [False, True])
+def test_what_a_container_of_smach_inside_has_heard_is_forgotten_by_the_next_run(deep: bool) -> None:
+    heard, said = ["coffee", ""], []
+
+    def listen(userdata: Any) -> str:
+        word = heard.pop(0)
+        if word:
+            userdata.order = word
+        return SUCCEEDED
+
+    def say(userdata: Any) -> str:
+        said.append(userdata.order if "order" in userdata else "nothing")
+        return SUCCEEDED
+
+    keys = {"output_keys": ["order"]}
+    both = Concurrence([SUCCEEDED], SUCCEEDED, **keys)
+    with both:
+        Concurrence.add("LISTEN", CBState(listen, outcomes=[SUCCEEDED], **keys))
+    made = MerlinSM([SUCCEEDED, PREEMPTED])
+    with made:
+        watched = MerlinStateFactory.create("while", both, Wait()) if deep else both
+        MerlinSM.add("BOTH", watched, {SUCCEEDED: "SAY", **({"seen": "SAY", ABORTED: "SAY"} if deep else {})})
+        MerlinSM.add("SAY", CBState(say, outcomes=[SUCCEEDED], input_keys=["order"]))
+    for _ in range(2):
+        assert made.execute(UserData()) == SUCCEEDED
+    assert said == ["coffee", "nothing"]
+
+
+def test_a_watch_reads_and_writes_userdata() -> None:
+    def watch(userdata: Any) -> str:
+        userdata.seen = userdata.limit + 1
+        return SUCCEEDED
+
+    keys = {"input_keys": ["limit"], "output_keys": ["seen"]}
+    made = MerlinSM(["seen", *OUTCOMES], **keys)
+    made.userdata.limit = 6
+    with made:
+        MerlinSM.add(
+            "BOTH", MerlinStateFactory.create("while", Wait(), CBState(watch, outcomes=[SUCCEEDED], **keys))
+        )
+    assert made.execute() == "seen"
+    assert made.userdata.seen == 7
+
+
 def test_labels_that_are_members_of_an_enumeration(monkeypatch: pytest.MonkeyPatch) -> None:
     said: List[str] = []
     monkeypatch.setattr(rospy, "loginfo", said.append)

@@ -93,10 +93,13 @@ class MerlinSM(StateMachine, MerlinROSPlanAssistant):
 
 
 def _follow_reasons(machine: Any) -> None:
-    """Makes containers that know no reason, those of SMACH itself, take that of their last states."""
+    """Makes containers of SMACH itself take the reason of their last states, and begin each run clean."""
     for child in machine.get_children().values():
-        if isinstance(child, Container) and not hasattr(child, "reason"):
-            _follow_reasons(child)
+        if not isinstance(child, Container):
+            continue
+        _follow_reasons(child)
+        if not hasattr(child, "reason"):
+            child.keeps_userdata = False
             setattr(child, "reason", "")  # noqa: B010 - SMACH's class does not declare it
             child.register_termination_cb(_take_reason, [child])
 

@@ -29,11 +29,13 @@ class WhileSM(Concurrence):
         names = dict(remapping or {})
         inputs = [names.get(key, key) for key in run.get_registered_input_keys()]
         outputs = [names.get(key, key) for key in run.get_registered_output_keys()]
+        inputs += watch.get_registered_input_keys()
+        outputs += watch.get_registered_output_keys()
         super().__init__(
             list(dict.fromkeys([*run.get_registered_outcomes(), *renamed])),
             PREEMPTED,
-            inputs,
-            outputs,
+            list(dict.fromkeys(inputs)),
+            list(dict.fromkeys(outputs)),
             outcome_cb=self._which,
             child_termination_cb=lambda ended: True,
         )
