@@ -195,7 +195,7 @@ class Running:
         return self.closed is not None and bool(self.closed.remaining() <= 0)
 
     def take(self, environment: DispatchEnvironment, liveness: Optional[float]) -> None:
-        """An interface has taken it. Where none was announced for long, what was is not the one that took it."""
+        """An interface has taken it, which is another one than what was announced last, a long time ago."""
         silence = environment.seconds_silent(self.action.name)
         if not self.taken and silence is not None and liveness is not None and silence > liveness:
             self.unannounced = silence
