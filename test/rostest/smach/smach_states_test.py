@@ -1,13 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """States of smach_ros but SimpleActionState: P11, P12, B7 to B11, D10, D12 and U7."""
 
+import io
 import os
 import signal
+import socket
 import subprocess
 import threading
 import unittest
 
+import rosgraph
 import rospy
+from rosgraph.network import read_ros_handshake_header, write_ros_handshake_header
 from smach_fixture import Run
 from std_msgs.msg import Int32
 from std_srvs.srv import SetBool, SetBoolRequest, SetBoolResponse, Trigger, TriggerResponse
@@ -87,6 +91,33 @@ class Services:
         run = Run(state)
         self.service("fails", lambda request: TriggerResponse(True, ""))
         self.assertEqual(run.end(), "succeeded")
+
+    def test_a_call_that_is_given_up_leaves_no_thread_while_its_server_works(self):
+        release = threading.Event()
+        self.addCleanup(release.set)
+        self.service("slow", lambda request: release.wait(LONG) and TriggerResponse(True, ""))
+        before = set(threading.enumerate())
+        self.assertEqual(Run(ServiceState("slow", Trigger, call_timeout=0.2)).end(), "aborted")
+        for thread in set(threading.enumerate()) - before:
+            if thread.name == "call of slow":
+                thread.join(LONG)
+                self.assertFalse(thread.is_alive())
+
+    def test_a_call_that_is_given_up_is_not_carried_out_when_its_server_goes_on(self):
+        with socket.create_server(("127.0.0.1", 0)) as server:
+            uri = f"rosrpc://127.0.0.1:{server.getsockname()[1]}"
+            name = rospy.resolve_name("hangs")
+            rosgraph.Master(rospy.get_name()).registerService(name, uri, rospy.get_node_uri())
+            self.assertEqual(Run(ServiceState("hangs", Trigger, call_timeout=0.2)).end(), "aborted")
+            asked = {"probe": "1"}
+            while "probe" in asked:
+                connection, _ = server.accept()
+                connection.settimeout(LONG)
+                asked = read_ros_handshake_header(connection, io.BytesIO(), 4096)
+            with connection:
+                answer = {"callerid": "/hangs", "md5sum": Trigger._md5sum, "type": Trigger._type}
+                write_ros_handshake_header(connection, answer)
+                self.assertEqual(connection.recv(1), b"")  # it is closed, and no request comes
 
     def test_preempt_while_the_service_is_missing(self):
         state = ServiceState("nowhere", Trigger)

@@ -167,6 +167,30 @@ class ServiceState(WaitingState):
         return "succeeded" if outcome is None else outcome
 
 
+class _Proxy(rospy.ServiceProxy):
+    """A call of it can be given up: while it waits for the answer, and before its request is sent.
+
+    rospy keeps the transport of a persistent connection only, as soon as it is connected.
+    """
+
+    given_up = False
+
+    def __init__(self, name: str, spec: type) -> None:
+        self._transport: Any = None
+        super().__init__(name, spec, persistent=True)
+
+    @property
+    def transport(self) -> Any:
+        """The connection; None: there is none yet."""
+        return self._transport
+
+    @transport.setter
+    def transport(self, made: Any) -> None:
+        self._transport = made
+        if self.given_up:
+            raise rospy.ServiceException("given up")
+
+
 class _Call:
     """One call in a thread of its own, because a call cannot be interrupted.
 
@@ -178,7 +202,7 @@ class _Call:
         self.response: Any = None
         self.error: Optional[Exception] = None
         self._changed = changed
-        self._proxy = rospy.ServiceProxy(name, spec)
+        self._proxy = _Proxy(name, spec)
         self._request = request
         threading.Thread(target=self._run, name=f"call of {name}", daemon=True).start()
 
@@ -187,12 +211,15 @@ class _Call:
             self.response = self._proxy(self._request)
         except Exception as error:  # reported by the state
             self.error = error
+        finally:
+            self._proxy.close()
         with self._changed:
             self.done = True
             self._changed.notify_all()
 
     def give_up(self) -> None:
-        """Breaks the connection, which ends the thread."""
+        """Breaks the connection, which ends the thread; one that is being made when its server answers."""
+        self._proxy.given_up = True
         transport = self._proxy.transport
         # Closing a socket does not wake a thread that reads from it; shutting it down does.
         with contextlib.suppress(OSError, AttributeError):
