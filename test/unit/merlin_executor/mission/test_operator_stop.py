@@ -18,6 +18,9 @@ from merlin_executor.mission import (
     mission_host,
     mission_node,
 )
+from merlin_sm.merlin_sm import MerlinSM
+from merlin_sm.state_factory import MerlinStateFactory
+from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, SUCCEEDED
 from merlin_test import LONG
 
 HELD = "the base is held by Ana since 14:03:07"
@@ -41,7 +44,20 @@ class Tour(MissionSM):
         self.add_goal_state("BATH", "(checked bathroom)")
 
 
-MISSIONS = pytest.mark.parametrize("kind", [Round, Tour])
+class Nested(Tour):
+    def build(self) -> None:
+        inner = MerlinSM([SUCCEEDED, ABORTED, PREEMPTED])
+        rooms = ("kitchen", "bathroom")
+        kitchen, bath = (
+            MerlinStateFactory.create("goals", f"(checked {room})", client=self.client) for room in rooms
+        )
+        with inner:
+            MerlinSM.add("KITCHEN", kitchen, {SUCCEEDED: "BATH"})
+            MerlinSM.add("BATH", bath)
+        self.add("ROOMS", inner)
+
+
+MISSIONS = pytest.mark.parametrize("kind", [Round, Tour, Nested])
 
 
 class Run:

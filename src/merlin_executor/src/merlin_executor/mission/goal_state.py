@@ -35,8 +35,8 @@ class GoalState(MerlinState):
         function from userdata to them, called when the state runs: goals that depend on what is known then.
     :param keys: the userdata keys that the goals may name; None: those that texts name.
     :param client: None: one of its own.
-    :param pause: of the mission: while it is paused, the goals are not sent; it also decides what becomes of
-        goals that an operator has cancelled.
+    :param pause: of the mission, None: of the one that runs: while it is paused, the goals are not sent; it
+        also decides what becomes of goals that an operator has cancelled.
     :param options: priority, on_interrupt, deadline, alone, … of :meth:`MerlinExecutorClient.send`; times
         that are numbers are s from when the state begins.
     :raises TypeError: for an option that is none.
@@ -59,12 +59,14 @@ class GoalState(MerlinState):
         super().__init__([NOTHING] if callable(goals) else [], self._keys, ["outcome"])
         self._goals = goals
         self._options = options
-        self._pause = pause or MissionPause(lambda paused: None)
+        self._given_pause = pause
+        self._pause = MissionPause(lambda paused: None)
         self._client = client or MerlinExecutorClient(on_lost=RESEND)
 
     def run(self, userdata: Any) -> str:
         """Sends the goals and waits for the end."""
         userdata.outcome = ""
+        self._pause = self._given_pause or MissionPause.of_mission or self._pause
         values = {key: userdata[key] for key in self._keys}
         try:
             given = self._goals(userdata) if callable(self._goals) else self._goals

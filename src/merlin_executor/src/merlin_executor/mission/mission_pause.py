@@ -3,7 +3,7 @@
 
 import math
 import threading
-from typing import Callable, List, NamedTuple, Optional, Set
+from typing import Callable, ClassVar, List, NamedTuple, Optional, Set
 
 import rospy
 from merlin_msgs.msg import ExecutorStatus
@@ -129,6 +129,9 @@ class MissionPause:
     :raises ValueError: for another word.
     """
 
+    of_mission: ClassVar[Optional["MissionPause"]] = None
+    """That of the mission that this process runs."""
+
     def __init__(self, on_change: Callable[[bool], None], on_cancel: str = WAIT) -> None:
         if on_cancel not in ON_CANCEL:
             raise ValueError(f"on_cancel is {on_cancel!r}; it has to be one of {', '.join(ON_CANCEL)}")
@@ -142,6 +145,7 @@ class MissionPause:
     def __enter__(self) -> "MissionPause":
         with self._changed:
             self._switch.begin()
+        MissionPause.of_mission = self
         self._holds = HoldWatch(self._changed)
         self._services = [
             rospy.Service("merlin/mission/pause", Trigger, lambda _: self._set(True)),
@@ -150,6 +154,7 @@ class MissionPause:
         return self
 
     def __exit__(self, *_: object) -> None:
+        MissionPause.of_mission = None
         with self._changed:
             self._switch.end()
         for service in self._services:
