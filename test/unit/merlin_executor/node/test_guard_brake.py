@@ -176,6 +176,22 @@ def test_a_robot_that_is_gone_holds_nobody_up(monkeypatch: pytest.MonkeyPatch) -
     assert released.wait(LONG) and guards.client.hold == ""
 
 
+def test_the_last_word_of_a_guard_that_hangs_counts_while_its_robot_is_there(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    guards = Guards(monkeypatch, stand_wait=0.01)
+    monkeypatch.setattr(module, "FRESH", 0.01)
+    guards.meet("ann", "bob")
+    guards.say("ann", True)
+    clock = [module.time.monotonic()]
+    monkeypatch.setattr(module, "time", SimpleNamespace(monotonic=lambda: clock[0]))
+    clock[0] += 4.0
+    guards.meet("ann", "bob")
+    assert not guards.client.wait_standing()
+    clock[0] += 4.0  # its host is silent, too
+    assert guards.client.wait_standing()
+
+
 def test_the_wait_for_a_release_can_be_ended(monkeypatch: pytest.MonkeyPatch) -> None:
     guards = Guards(monkeypatch)
     guards.stopped("merlin/guard")

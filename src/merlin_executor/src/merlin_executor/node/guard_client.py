@@ -171,6 +171,8 @@ class GuardClient:
         if admission.forgotten:
             self._remove(admission.forgotten)
         with self._changed:
+            if admission.counts and namespace in self._guards:
+                self._guards[namespace].met = time.monotonic()
             if not admission.counts or namespace in self._guards or namespace in self._coming:
                 return
             self._coming.add(namespace)
@@ -202,6 +204,7 @@ class _Guard:
     :param changed: owns what it says.
     :param heard: called when it has said something.
     :ivar heard: when it has said something last, s on the monotonic clock.
+    :ivar met: likewise the host of its robot.
     """
 
     def __init__(self, namespace: str, changed: threading.Condition, heard: Callable[[], None]) -> None:
@@ -209,7 +212,7 @@ class _Guard:
         self._changed = changed
         self._tell = heard
         self._status: Optional[GuardStatus] = None
-        self.heard = 0.0
+        self.heard = self.met = 0.0
         self._braked: Set[str] = set()  # ids of the goals that ran at the last brake
         self._brake = rospy.Publisher(f"{namespace}merlin/brake", String, tcp_nodelay=True, queue_size=1)
         self._halt = ServiceProxy(f"{namespace}merlin/halt", Trigger, timeout=HALT_LIMIT)
@@ -218,8 +221,11 @@ class _Guard:
         )
 
     def moves(self) -> bool:
-        """Whether the base moves. The last status of a robot that is gone counts for a limited time."""
-        if self._status is None or (self._robot and self._silent(FRESH)):
+        """Whether the base moves. The last status of a robot that is gone counts for a limited time.
+
+        That of a guard that hangs counts as long as its robot is there.
+        """
+        if self._status is None or self._gone(FRESH):
             return False
         return bool(self._status.moving)
 
@@ -231,7 +237,7 @@ class _Guard:
         """Who holds the base, as a sentence; empty: it is free, or the robot is gone."""
         if self._status is None or self._status.state != GuardStatus.STOPPED:
             return ""
-        if self._robot and self._silent(KEEP):
+        if self._gone(KEEP):
             return ""
         return hold_words(self._robot, self._status.reason, self._status.since.to_sec())
 
@@ -240,6 +246,11 @@ class _Guard:
         if self._status is None or self._silent(FRESH):
             return False
         return self._status.state == GuardStatus.HOLDING and not self._braked.isdisjoint(self._status.goals)
+
+    def _gone(self, limit: float) -> bool:
+        """Whether another robot has been silent for so long, with its guard."""
+        last = max(self.heard, self.met)
+        return bool(self._robot) and hangs.silent(time.monotonic() - last, limit)
 
     def _silent(self, limit: float) -> bool:
         return hangs.silent(time.monotonic() - self.heard, limit)
