@@ -216,3 +216,20 @@ def test_a_master_that_does_not_let_a_node_register_stays_lost(
     assert "is back; this node is registered again" in said.get(timeout=LONG)
     assert attempts == [False, False]  # its own calls are made
     assert not master_link.lost.is_set()
+
+
+def test_what_was_read_counts_until_the_parameters_are_restored(
+    slow: SlowMaster, said: "queue.Queue[str]", monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lost: List[bool] = []
+    monkeypatch.setattr(KeptParameters, "restore", lambda *_: lost.append(master_link.lost.is_set()))
+    monkeypatch.setattr(master_keeper, "register_again", lambda *_: lost.append(master_link.lost.is_set()))
+    for _ in range(2):  # with the second question the first answer is known
+        slow.questions.get(timeout=LONG)
+    slow.hang(1.0)
+    assert "is silent" in said.get(timeout=LONG)
+    assert "does not answer; waiting for its return" in said.get(timeout=LONG)
+    slow.process = 2
+    slow.go_on()
+    assert "was started anew; this node is registered again" in said.get(timeout=LONG)
+    assert lost == [True, False]

@@ -262,16 +262,16 @@ class MasterKeeper:
             )
 
     def _register(self, decision: WatchDecision) -> None:
-        master_link.lost.clear()
-        master_link.missed.clear()
-        master = master_link.bounded_master()
         with self._registering:
             if not self._going_on():
                 return  # the node has taken itself back, it was not forgotten
             try:
                 if decision is WatchDecision.BACK_NEW:
-                    self._parameters.restore(master)
-                register_again(master, self._going_on)
+                    # As long as a master is lost, what was read of it counts; it has but a part at first.
+                    self._parameters.restore(master_link.bounded_master(though_lost=True))
+                master_link.lost.clear()
+                master_link.missed.clear()
+                register_again(master_link.bounded_master(), self._going_on)
             except ERRORS as error:
                 if self._watch.lost:
                     master_link.lost.set()  # for the others it still is

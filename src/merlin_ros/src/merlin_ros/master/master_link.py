@@ -141,13 +141,15 @@ def bounded_proxy(uri: str, timeout: float) -> xmlrpc.client.ServerProxy:
     return xmlrpc.client.ServerProxy(uri, transport=_BoundedTransport(uri, timeout, _never))
 
 
-def bounded_master(timeout: Optional[float] = None) -> rosgraph.Master:
+def bounded_master(timeout: Optional[float] = None, though_lost: bool = False) -> rosgraph.Master:
     """The master's API with calls that end. Not for several threads at a time.
 
     :param timeout: for each wait for the master, s of wall time; None: as :func:`bound_calls` has it.
+    :param though_lost: whether it is called while the master counts as lost.
     """
     master = rosgraph.Master(rospy.get_name())
-    transport = _BoundedTransport(master.master_uri, _timeout if timeout is None else timeout, lost)
+    seconds = _timeout if timeout is None else timeout
+    transport = _BoundedTransport(master.master_uri, seconds, _never if though_lost else lost)
     master.handle = xmlrpc.client.ServerProxy(master.master_uri, transport=transport)
     return master
 
