@@ -7,9 +7,11 @@ from pathlib import Path
 
 import pytest
 import rosgraph
+from rospy import core
 
 from merlin import reload, running
 from merlin.launch_request import LaunchError
+from merlin_ros import node
 from merlin_ros.master import master_link
 
 pytestmark = pytest.mark.everywhere
@@ -156,3 +158,38 @@ def test_nothing_is_reloaded_when_one_of_the_named_hosts_is_not_there(
     monkeypatch.setattr(sys, "argv", ["reload", "a", "b"])
     with pytest.raises(LaunchError, match="not there, or without actions: b; nothing was reloaded"):
         reload.main()
+
+
+def test_ctrl_c_before_the_node_of_a_command_has_begun_is_no_success(
+    masters: dict, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+) -> None:
+    masters["http://env:1"] = Graph("/merlin_fsm_host/reload_actions")
+
+    def interrupted(*_: object, **__: object) -> None:
+        raise SystemExit(0)
+
+    monkeypatch.setattr(node, "init_node", interrupted)
+    assert running.beside("merlin reload", find, "hosts", lambda found: 0) == 130
+    assert not capsys.readouterr().err
+
+
+def test_what_fails_because_of_ctrl_c_is_no_mistake(
+    masters: dict, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+) -> None:
+    masters["http://env:1"] = Graph("/merlin_fsm_host/reload_actions")
+    monkeypatch.setattr(node, "init_node", lambda *_, **__: None)
+    monkeypatch.setattr(node, "end_node", lambda reason: None)
+    monkeypatch.setattr(core, "_in_shutdown", False)
+
+    def refused(found: list) -> int:
+        raise LaunchError("the Executor does not answer")
+
+    assert running.beside("merlin send", find, "hosts", refused) == 2
+    assert "does not answer" in capsys.readouterr().err
+
+    def broken_off(found: list) -> int:
+        monkeypatch.setattr(core, "_in_shutdown", True)
+        raise LaunchError("the Executor does not answer")
+
+    assert running.beside("merlin send", find, "hosts", broken_off) == 130
+    assert not capsys.readouterr().err

@@ -22,6 +22,7 @@ from merlin.local_names import use_loopback
 
 EXECUTOR = "merlin_executor"
 EXIT_REFUSED = 2
+EXIT_INTERRUPTED = 130
 
 
 class NothingRuns(LaunchError):
@@ -128,8 +129,10 @@ def beside(
     :param find: see :func:`choose`; `wanted` likewise.
     :param do: takes the names that were found; returns the exit code, None for 0.
     :param refusals: what it raises when it was not done.
-    :return: the exit code, 2 when it was not done.
+    :return: the exit code, 2 when it was not done, 130 after Ctrl-C.
     """
+    from rospy.core import is_shutdown_requested
+
     from merlin_ros.node import end_node, init_node
 
     refused: Tuple[Type[Exception], ...] = (LaunchError, *refusals)
@@ -141,7 +144,13 @@ def beside(
             return do(found) or 0
         finally:
             end_node("done")
+    except SystemExit as ended:
+        if ended.code == 0:  # the end of a node that is interrupted while it begins
+            return EXIT_INTERRUPTED
+        raise
     except refused as error:
+        if is_shutdown_requested():  # what is called then ends, and is no mistake
+            return EXIT_INTERRUPTED
         print(f"{command}: {error}", file=sys.stderr)
         return EXIT_REFUSED
 

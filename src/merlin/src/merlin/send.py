@@ -7,7 +7,7 @@ import rospy
 from merlin_msgs.msg import ExecuteResult
 from rospy.core import is_shutdown_requested
 
-from merlin.running import at_robot
+from merlin.running import EXIT_INTERRUPTED, at_robot
 from merlin.send_progress import SendProgress
 from merlin_executor.executor_client import DROP, NEVER, RESUME, MerlinExecutorClient, outcome_name
 from merlin_executor.executor_request import GOES_ON, ExecutorRequest
@@ -18,7 +18,6 @@ from merlin_ros.processes.option_number import option_number
 from merlin_ros.service_proxy import ServiceError
 
 EXIT_NOT_ACHIEVED = 1
-EXIT_INTERRUPTED = 130
 LIMIT = 30.0  # s for the Executor to answer
 SILENT = 2.0  # s of them that pass without a line
 STOP_LIMIT = 10.0  # s for a cancelled goal to end
