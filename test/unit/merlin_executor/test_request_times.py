@@ -2,6 +2,7 @@
 """The times that a client gives: as ROS times, as seconds from now, and as a person writes them."""
 
 import math
+import threading
 import time
 from types import SimpleNamespace
 from typing import Any, List
@@ -9,9 +10,10 @@ from typing import Any, List
 import pytest
 import rospy
 
-from merlin_executor import executor_client
+from merlin_executor import executor_client, request_times
 from merlin_executor.executor_client import MerlinExecutorClient
 from merlin_executor.request_times import at_time, read_time, ros_time, with_ros_times
+from merlin_test import LONG
 
 NOON = time.mktime((2026, 11, 26, 12, 0, 0, 0, 0, -1))
 
@@ -27,6 +29,25 @@ def test_seconds_count_from_now_and_ros_times_are_kept(now: SimpleNamespace) -> 
     assert ros_time(90, "deadline").to_sec() == NOON + 90.0
     assert ros_time(rospy.Time(7), "deadline") == rospy.Time(7)
     assert ros_time(None, "deadline") == rospy.Time()
+
+
+def test_before_the_first_word_of_a_simulators_clock_no_time_is_counted(
+    now: SimpleNamespace, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now.at = 0.0
+    with monkeypatch.context() as at_once, pytest.raises(ValueError, match="deadline: .* clock stands"):
+        at_once.setattr(request_times, "CLOCK_WAIT", 0.0)
+        ros_time(90, "deadline")
+    monkeypatch.setattr(request_times, "CLOCK_WAIT", LONG)
+    clock = rospy.rostime.get_rostime_cond()
+
+    def begin() -> None:
+        with clock:
+            now.at = 1231.0
+            clock.notify_all()
+
+    threading.Thread(target=begin, name="clock").start()
+    assert ros_time(90, "deadline").to_sec() == 1321.0
 
 
 @pytest.mark.parametrize("wrong", [math.nan, math.inf, 0.0, -5.0, True, "10min", 1e12, rospy.Time(2**32)])

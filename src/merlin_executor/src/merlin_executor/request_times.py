@@ -17,6 +17,7 @@ LONGEST = 365 * 24 * 3600.0  # s from now, or between two errands
 _SECONDS = {"s": 1.0, "min": 60.0, "h": 3600.0}
 _DURATION = re.compile(r"(\d+(?:\.\d+)?)(s|min|h)\Z")
 _CLOCK = re.compile(r"([01]?\d|2[0-3]):([0-5]\d)(?::([0-5]\d))?\Z")
+CLOCK_WAIT = 3.0  # s of wall time
 Written = Union[float, Tuple[int, int, int]]
 
 
@@ -35,10 +36,22 @@ def ros_time(when: Optional[When], name: str) -> rospy.Time:
         raise ValueError(f"{name} is {when!r}; it has to be a rospy.Time, or a number of seconds from now")
     if when <= 0.0:
         raise ValueError(f"{name} is {when:g} s from now; it has to be in the future")
-    at = rospy.get_time() + when
+    at = _now(name) + when
     if at > LAST:
         raise ValueError(f"{name} is {when:g} s from now; ROS has no time so late")
     return rospy.Time.from_sec(at)
+
+
+def _now(name: str) -> float:
+    """ROS time, s; in a simulation the first message of its clock is waited for.
+
+    :raises ValueError: there is none.
+    """
+    clock = rospy.rostime.get_rostime_cond()
+    with clock:
+        if not clock.wait_for(rospy.get_time, CLOCK_WAIT):
+            raise ValueError(f"{name}: the simulator's clock stands, so that no time from now can be counted")
+    return rospy.get_time()
 
 
 def check_timeout(timeout: Optional[float]) -> None:
@@ -87,7 +100,7 @@ def at_time(written: Optional[Written], name: str) -> Optional[rospy.Time]:
         return None
     if isinstance(written, float):
         return ros_time(written, name)
-    now = rospy.get_time()
+    now = _now(name)
     if now < CALENDAR:
         raise ValueError(f"{name}: the robot's clock is a simulator's; write a time from now, such as 10min")
     clock = "{:02}:{:02}:{:02}".format(*written)
