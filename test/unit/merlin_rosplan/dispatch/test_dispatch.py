@@ -172,10 +172,17 @@ def test_a_missing_interface_is_named(world):
 
 def test_a_dead_interface_is_noticed_while_its_action_runs(world):
     world.silences["work"] = 0.01
+    made = world.deadline
+
+    def deadline(seconds):
+        if seconds == 0.05:  # it has taken the action
+            world.silences["work"] = 6.0
+        return made(seconds)
+
+    world.deadline = deadline
     run = Run(world, SequentialSchedule(actions("work")), liveness=0.05)
     world.wait("action", 0)
     run.feedback(0, FeedbackStatus.ENABLED)
-    world.silences["work"] = 6.0
     report = run.report()
     assert "the action interface of work is gone" in report.reason
 
