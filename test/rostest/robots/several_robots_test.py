@@ -28,6 +28,8 @@ import smach
 from merlin_actions.merlin_action_server import MerlinActionServer
 from merlin_actions.merlin_action_sm import MerlinActionSM
 from merlin_executor.executor_client import MerlinExecutorClient, outcome_name
+from merlin_pddl.breakpoints import BreakpointError
+from merlin_sm.breakpoint_client import MachineNodes
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 from merlin_test import LONG
 from merlin_test.announced_interfaces import wait_for_interfaces
@@ -199,6 +201,15 @@ class SeveralRobots(unittest.TestCase):
         self.assertTrue(self.knowledge.holds("(robot_at ann anywhere)"))
         self.assertEqual(self.final(bob)[0], SUCCEEDED)
         self.assertTrue(self.knowledge.holds("(robot_at bob kitchen)"))
+
+    def test_a_state_of_one_robot_is_left_by_its_name(self):
+        ann, bob = self.drive("ann"), self.drive("bob")
+        self.driving("ann", "bob")
+        with self.assertRaisesRegex(BreakpointError, "no machine has a state DRIVE/DRIVE; .*: ann, bob"):
+            MachineNodes().leave("DRIVE/DRIVE", "aborted", "Ana")
+        MachineNodes().leave("ann/DRIVE/DRIVE", "aborted", "Ana")
+        self.failed(ann)
+        self.assertEqual(self.final(bob)[0], SUCCEEDED)
 
     def test_a_second_drive_of_one_robot_waits_for_the_first(self):
         first = self.drive("bob", "bathroom")

@@ -63,7 +63,7 @@ class MachineNodes:
     def leave(self, state: str, outcome: str, by: str, within: str = "") -> str:
         """Makes a state that runs, is held or waits end with an outcome.
 
-        :param state: ``NAVIGATE/DRIVE``.
+        :param state: ``NAVIGATE/DRIVE``; of one of several robots in one plan ``ann/NAVIGATE/DRIVE``.
         :param outcome: one of the state; empty: the one with which it waits is confirmed.
         :param by: the operator.
         :param within: namespace of the node, with a slash at its end; empty: that of the robot.
@@ -71,16 +71,22 @@ class MachineNodes:
         """
         read_state_pattern(state)
         missed: List[str] = []
+        nodes, inside = self._nodes(), self._inside()
+        robots = {node[len(inside) :].partition("/")[0] for node in nodes if "/" in node[len(inside) :]}
+        robot, _, of_robot = state.partition("/")
+        if not within and robot in robots and of_robot:
+            within, state = f"{inside}{robot}/", of_robot
         # Robots in further namespaces may have states of the same names.
-        for node in self._nodes():
-            if f"{node.rpartition('/')[0]}/" != (within or self._inside()):
+        for node in nodes:
+            if f"{node.rpartition('/')[0]}/" != (within or inside):
                 continue
             answer = self._call(f"{node}/{LEAVE_SERVICE}", LeaveState, state, outcome, by)
             if answer is not None and answer.success:
                 return str(answer.message)
             if answer is not None and answer.here:
                 missed.append(answer.message)
-        raise BreakpointError("; ".join(missed) or f"no machine has a state {state}")
+        which = f"; begin with the robot: {', '.join(sorted(robots))}" if robots and not within else ""
+        raise BreakpointError("; ".join(missed) or f"no machine has a state {state}{which}")
 
     def set_autonomy(self, level: str) -> None:
         """Sets the autonomy level of all nodes."""
