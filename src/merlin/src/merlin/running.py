@@ -149,7 +149,7 @@ def beside(
             return EXIT_INTERRUPTED
         raise
     except refused as error:
-        if is_shutdown_requested():  # what is called then ends, and is no mistake
+        if is_shutdown_requested():  # it ends the calls that are under way
             return EXIT_INTERRUPTED
         print(f"{command}: {error}", file=sys.stderr)
         return EXIT_REFUSED
