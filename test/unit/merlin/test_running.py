@@ -169,7 +169,9 @@ def test_ctrl_c_before_the_node_of_a_command_has_begun_is_no_success(
         raise SystemExit(0)
 
     monkeypatch.setattr(node, "init_node", interrupted)
-    assert running.beside("merlin reload", find, "hosts", lambda found: 0) == 130
+    with pytest.raises(SystemExit) as ended:
+        running.beside("merlin reload", find, "hosts", lambda found: 0)
+    assert ended.value.code == 130
     assert not capsys.readouterr().err
 
 

@@ -116,6 +116,19 @@ def choose(find: Callable[[List[str], List[str]], List[str]], wanted: str) -> Tu
     raise NothingRuns(f"no running system has {wanted}; asked: {asked}")
 
 
+def begin_node(name: str) -> None:
+    """Begins the node of a command.
+
+    :raises SystemExit: with 130, when it is interrupted meanwhile: a node of a launch would end with 0.
+    """
+    from merlin_ros.node import init_node
+
+    try:
+        init_node(name, anonymous=True)
+    except SystemExit as ended:
+        raise SystemExit(ended.code or EXIT_INTERRUPTED) from None
+
+
 def beside(
     command: str,
     find: Callable[[List[str], List[str]], List[str]],
@@ -130,24 +143,21 @@ def beside(
     :param do: takes the names that were found; returns the exit code, None for 0.
     :param refusals: what it raises when it was not done.
     :return: the exit code, 2 when it was not done, 130 after Ctrl-C.
+    :raises SystemExit: with 130, when it is interrupted before its node has begun.
     """
     from rospy.core import is_shutdown_requested
 
-    from merlin_ros.node import end_node, init_node
+    from merlin_ros.node import end_node
 
     refused: Tuple[Type[Exception], ...] = (LaunchError, *refusals)
     try:
         os.environ["ROS_MASTER_URI"], found = choose(find, wanted)
         sys.argv[1:] = []  # the arguments are not those of a node
-        init_node(command.replace(" ", "_"), anonymous=True)
+        begin_node(command.replace(" ", "_"))
         try:
             return do(found) or 0
         finally:
             end_node("done")
-    except SystemExit as ended:
-        if ended.code == 0:  # the end of a node that is interrupted while it begins
-            return EXIT_INTERRUPTED
-        raise
     except refused as error:
         if is_shutdown_requested():  # it ends the calls that are under way
             return EXIT_INTERRUPTED

@@ -14,9 +14,9 @@ from merlin.doctor.findings import STATUS_TYPE, Finding, Machine, judge_graph, j
 from merlin.doctor.machine import look_at_machine
 from merlin.doctor.system import Listener, look_at_graph
 from merlin.launch_request import LaunchError
-from merlin.running import NothingRuns, choose
+from merlin.running import NothingRuns, begin_node, choose
 from merlin_ros.master.master_link import ERRORS
-from merlin_ros.node import end_node, init_node
+from merlin_ros.node import end_node
 
 EXIT_WRONG = 2
 CONNECT = 2.0  # s
@@ -42,7 +42,7 @@ def main() -> int:
     print(f"looking at {len(nodes)} nodes of {uri}", flush=True)
     try:
         graph = look_at_graph()
-        init_node("merlin_doctor", anonymous=True)
+        begin_node("merlin_doctor")
         heard = Listener(graph).listen()
     except ERRORS as error:
         return _report([*judge_machine(machine), Finding(f"the master at {uri} answers no longer: {error}")])
