@@ -180,7 +180,7 @@ def test_what_fails_because_of_ctrl_c_is_no_mistake(
 ) -> None:
     masters["http://env:1"] = Graph("/merlin_fsm_host/reload_actions")
     monkeypatch.setattr(node, "init_node", lambda *_, **__: None)
-    monkeypatch.setattr(node, "end_node", lambda reason: None)
+    monkeypatch.setattr(node, "end_node", lambda reason: monkeypatch.setattr(core, "_in_shutdown", True))
     monkeypatch.setattr(core, "_in_shutdown", False)
 
     def refused(found: list) -> int:
@@ -188,6 +188,8 @@ def test_what_fails_because_of_ctrl_c_is_no_mistake(
 
     assert running.beside("merlin send", find, "hosts", refused) == 2
     assert "does not answer" in capsys.readouterr().err
+
+    monkeypatch.setattr(core, "_in_shutdown", False)
 
     def broken_off(found: list) -> int:
         monkeypatch.setattr(core, "_in_shutdown", True)

@@ -156,11 +156,13 @@ def beside(
         begin_node(command.replace(" ", "_"))
         try:
             return do(found) or 0
+        except refused:
+            if is_shutdown_requested():  # it ends the calls that are under way
+                return EXIT_INTERRUPTED
+            raise
         finally:
             end_node("done")
     except refused as error:
-        if is_shutdown_requested():  # it ends the calls that are under way
-            return EXIT_INTERRUPTED
         print(f"{command}: {error}", file=sys.stderr)
         return EXIT_REFUSED
 
