@@ -33,7 +33,7 @@ OBJECTS = {"hall": ("room",), "attic": ("room",), "mug": ("cup",)}
         ("(clean hall)", ""),
         ("(not (clean {_}))", ""),
         ("(and (clean {_}) (>= (battery) {level}))", ""),
-        ("(> battery (+ (way hall attic) (way attic hall) 1))", ""),
+        ("(> (battery) (+ (way hall attic) (way attic hall) 1))", ""),
         ("(clean {_}) (>= (battery) {level})", "nothing may follow the closing parenthesis"),
         ("(or (clean hall) (clean attic))", "'or' cannot stand in such a goal"),
         ("(and (forall (?r - room) (clean ?r)))", "'forall' cannot stand in such a goal"),

@@ -152,13 +152,9 @@ def _name(word: Word) -> str:
 
 def _tokens(expression: Node) -> Iterator[ExprBase]:
     if isinstance(expression, Word):
-        if _NUMBER.match(expression):
-            yield ExprBase(expr_type=ExprBase.CONSTANT, constant=float(expression))
-        elif is_name(expression):
-            function = DomainFormula(name=expression.written)
-            yield ExprBase(expr_type=ExprBase.FUNCTION, function=function)
-        else:
+        if not _NUMBER.match(expression):
             raise expression.error(f"{expression.written!r} is neither a number nor a function")
+        yield ExprBase(expr_type=ExprBase.CONSTANT, constant=float(expression))
         return
     head, rest = head_of(expression)
     if head in OPERATORS and (len(rest) == 2 or (len(rest) > 2 and head in "+*")):
