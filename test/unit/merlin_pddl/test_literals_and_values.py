@@ -35,6 +35,7 @@ OBJECTS = {"hall": ("room",), "attic": ("room",), "mug": ("cup",)}
         ("(and (clean {_}) (>= (battery) {level}))", ""),
         ("(> (battery) (+ (way hall attic) (way attic hall) 1))", ""),
         ("(clean {_}) (>= (battery) {level})", "nothing may follow the closing parenthesis"),
+        ("(> battery 10)", "'battery' is neither a number nor a function"),
         ("(or (clean hall) (clean attic))", "'or' cannot stand in such a goal"),
         ("(and (forall (?r - room) (clean ?r)))", "'forall' cannot stand in such a goal"),
         ("(preference p (clean hall))", "'preference' cannot stand in such a goal"),

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Iterator, List, Mapping, NamedTuple, Sequence, Tuple
 
 from merlin_pddl.domain import Domain
-from merlin_pddl.formula_reader import ARITHMETIC, COMPARISONS, FormulaReader
+from merlin_pddl.formula_reader import ARITHMETIC, COMPARISONS, FormulaReader, number_of
 from merlin_pddl.text_reader import Expression, Node, PddlError, Word, read_expression, simple_goals
 from merlin_pddl.type_hierarchy import OBJECT
 
@@ -153,6 +153,8 @@ def _with_numbers(node: Node) -> Node:
     """What is put in where a number has to stand, as one."""
     if isinstance(node, Expression):
         number = node.head in (*COMPARISONS, *ARITHMETIC)
-        for at, part in enumerate(node):
+        for at, part in enumerate(node[1:], 1):
+            if number and isinstance(part, Word) and part != ANY and number_of(part) is None:
+                raise part.error(f"{part.written!r} is neither a number nor a function")
             node[at] = Word("0") if number and part == ANY else _with_numbers(part)
     return node
