@@ -130,9 +130,10 @@ class RobotWatch:
     def _add(self, changes: List[RobotChange]) -> None:
         """Takes changes in; called with the lock held."""
         for change in changes:
+            timed = change._replace(at=time.monotonic())
             self._facts.put(change.robot, change.available)
             for call in (_log, *self._listeners):
-                self._calls.put(call, change._replace(at=time.monotonic()))
+                self._calls.put(call, timed)
         if changes:
             self._changed.notify_all()
 
