@@ -18,6 +18,8 @@ MARK = "MERLIN_CHAOS_RUN"
 SUITE_MARK = "MERLIN_TEST_SUITE"
 #: s that a killed process may take to disappear.
 END_LIMIT = 5.0
+#: Where /proc/PID/stat has the two ends of what such a file shows, after the name; see proc(5).
+PLACES = {"cmdline": slice(45, 47), "environ": slice(47, 49)}
 #: State of a socket in /proc/net/tcp that takes connections.
 LISTENS = "0A"
 
@@ -38,7 +40,7 @@ def marked(run: str, proc: Path = Path("/proc"), mark: str = MARK) -> List[int]:
 
 def is_marked(run: str, pid: int, proc: Path = Path("/proc"), mark: str = MARK) -> bool:
     """Whether a process belongs to a run and is not this one."""
-    return pid != os.getpid() and f"{mark}={run}".encode() in _fields(proc / str(pid) / "environ")
+    return pid != os.getpid() and f"{mark}={run}".encode() in _fields(proc, pid, "environ")
 
 
 def ids(proc: Path = Path("/proc")) -> List[int]:
@@ -53,9 +55,7 @@ def node_pid(run: str, node: str, parents: Sequence[int], proc: Path = Path("/pr
         line of the node, but another parent.
     """
     word = f"__name:={node}".encode()
-    named = {
-        pid: _parent(proc, pid) for pid in marked(run, proc) if word in _fields(proc / str(pid) / "cmdline")
-    }
+    named = {pid: _parent(proc, pid) for pid in marked(run, proc) if word in _fields(proc, pid, "cmdline")}
     # What starts a node again has its command line, too.
     again = {pid for pid, parent in named.items() if parent in parents and _starts_again(proc, pid)}
     found = [
@@ -79,7 +79,7 @@ def with_word(run: str, word: str, proc: Path = Path("/proc")) -> List[int]:
     return [
         pid
         for pid in marked(run, proc)
-        if any(field.endswith(wanted) for field in _fields(proc / str(pid) / "cmdline"))
+        if any(field.endswith(wanted) for field in _fields(proc, pid, "cmdline"))
     ]
 
 
@@ -158,16 +158,32 @@ def alive(pid: int) -> bool:
     return Path(f"/proc/{pid}").exists() and not _zombie(pid)
 
 
-def _fields(path: Path) -> List[bytes]:
-    try:
-        return path.read_bytes().split(b"\0")
-    except OSError:
-        return []
+def _fields(proc: Path, pid: int, name: str) -> List[bytes]:
+    """The environment or the command line of a process.
+
+    Both are empty for a moment while a process begins another program, and Popen is done before it ends.
+    """
+    end = time.monotonic() + END_LIMIT
+    while True:
+        try:
+            text = (proc / str(pid) / name).read_bytes()
+            if text or _is_empty(proc, pid, name) or time.monotonic() > end:
+                return text.split(b"\0")
+        except (OSError, ValueError):  # it has ended
+            return []
+        time.sleep(0.001)
+
+
+def _is_empty(proc: Path, pid: int, name: str) -> bool:
+    """Whether a process has an empty environment or command line; raises OSError for one of the kernel."""
+    os.readlink(proc / str(pid) / "exe")
+    start, end = _stat(proc, pid)[PLACES[name]]
+    return start == end != "0"
 
 
 def _starts_again(proc: Path, pid: int) -> bool:
     """Whether a process is the script `respawn` of the package merlin."""
-    return any(field.endswith(b"/respawn") for field in _fields(proc / str(pid) / "cmdline")[:3])
+    return any(field.endswith(b"/respawn") for field in _fields(proc, pid, "cmdline")[:3])
 
 
 def _stat(proc: Path, pid: int) -> List[str]:

@@ -53,6 +53,16 @@ def test_a_node_is_found_while_it_hangs_and_gone_when_killed() -> None:
     assert processes.usage(node.pid) is None
 
 
+def test_a_process_is_found_while_it_begins_its_program() -> None:
+    run = f"test{os.getpid()}"
+    for _ in range(200):
+        with subprocess.Popen(["sleep", "1000"], env=dict(os.environ, **{processes.MARK: run})) as begins:
+            try:
+                assert processes.marked(run) == [begins.pid]
+            finally:
+                begins.kill()
+
+
 def test_the_node_is_meant_and_not_the_script_that_starts_it_again() -> None:
     run = f"test{os.getpid()}"
     script = Path(__file__).parents[3] / "src" / "merlin" / "scripts" / "respawn"
