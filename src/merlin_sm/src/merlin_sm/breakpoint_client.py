@@ -47,7 +47,7 @@ class MachineNodes:
             raise BreakpointError(f"no machine has a state {', '.join(missing)}")
 
     def look(self) -> Tuple[List[str], List[str]]:
-        """The breakpoints, and the states before which machines are held."""
+        """The breakpoints, and the states before which machines are held, as :meth:`leave` takes them."""
         answers = self._ask(BreakpointsRequest.LOOK)
         texts = dict.fromkeys(text for answer in answers for text in answer.breakpoints)
         return list(texts), [answer.held for answer in answers if answer.held]
@@ -72,7 +72,7 @@ class MachineNodes:
         read_state_pattern(state)
         missed: List[str] = []
         nodes, inside = self._nodes(), self._inside()
-        robots = {node[len(inside) :].partition("/")[0] for node in nodes if "/" in node[len(inside) :]}
+        robots = {robot for robot in map(self._robot, nodes) if robot}
         robot, _, of_robot = state.partition("/")
         if not within and robot in robots and of_robot:
             within, state = f"{inside}{robot}/", of_robot
@@ -102,7 +102,10 @@ class MachineNodes:
             proxy = self._proxy(f"{node}/{SERVICE}", Breakpoints)
             if proxy.available():
                 try:
-                    answers.append(_call(proxy, what, texts))
+                    answer = _call(proxy, what, texts)
+                    if answer.held and self._robot(node):
+                        answer.held = f"{self._robot(node)}/{answer.held}"
+                    answers.append(answer)
                 except BreakpointError as error:
                     missed.append(str(error))
         if missed:
@@ -116,6 +119,10 @@ class MachineNodes:
             raise BreakpointError(f"the ROS master does not answer: {error}") from error
         inside, end = self._inside(), f"/{SERVICE}"
         return [name[: -len(end)] for name, _ in services if name.startswith(inside) and name.endswith(end)]
+
+    def _robot(self, node: str) -> str:
+        """The robot in whose namespace a node is; empty: in that of all."""
+        return node[len(self._inside()) :].rpartition("/")[0].partition("/")[0]
 
     def _inside(self) -> str:
         return str(rospy.resolve_name(f"{self._namespace}{SERVICE}"))[: -len(SERVICE)]

@@ -9,7 +9,7 @@ import pytest
 
 from merlin_pddl.breakpoints import BreakpointError
 from merlin_sm import breakpoint_client
-from merlin_sm.breakpoint_client import BreakpointClient
+from merlin_sm.breakpoint_client import BreakpointClient, MachineNodes
 
 
 def signatures(**counts: int) -> Dict[str, Any]:
@@ -64,3 +64,23 @@ def test_actions_and_goals_are_told_apart(asked: List[Any]) -> None:
     texts = ["(spin BLOOD *)", "spin", "charge", "(spun blood)", "battery"]
     BreakpointClient(KNOWLEDGE).set(texts)  # type: ignore[arg-type]
     assert asked == [("rosplan_plan_dispatcher/breakpoints", texts[:3]), ("merlin/breakpoints", texts[3:])]
+
+
+def test_what_is_held_is_named_as_leave_takes_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    services = [[f"/{node}/state_breakpoints", []] for node in ("mission", "ann/fsm_host", "bob/fsm_host")]
+    monkeypatch.setattr(
+        breakpoint_client,
+        "bounded_master",
+        lambda: SimpleNamespace(getSystemState=lambda: ([], [], services)),
+    )
+
+    def proxy(name: str, *_: Any, **__: Any) -> Any:
+        def call(what: int, texts: List[str]) -> Any:
+            held = "" if name.startswith("/bob") else "DRIVE/DRIVE"
+            return SimpleNamespace(success=True, message="", held=held, breakpoints=["DRIVE"])
+
+        call.available = lambda: True  # type: ignore[attr-defined]
+        return call
+
+    monkeypatch.setattr(breakpoint_client, "ServiceProxy", proxy)
+    assert MachineNodes().look() == (["DRIVE"], ["DRIVE/DRIVE", "ann/DRIVE/DRIVE"])
