@@ -80,6 +80,30 @@ def test_a_file_of_the_first_version_is_read(
     assert (event["at"], event["detail"], said.errors) == (2.0, {}, "")
 
 
+def test_no_text_can_move_the_cursor_or_forge_a_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
+    store = HistoryStore(tmp_path / "history.sqlite", 1000)
+    heard = "heard \x1b]0;pwned\x07\x9b2J\nrun 9, 2020-01-01 \ud83d"
+    store.add(Event("speech", heard, 1.0, {heard: [heard]}))
+    store.close()
+    run, event = said(monkeypatch, capsys, tmp_path).splitlines()
+    assert event.isprintable() and run.startswith("run 1") and "run 9" in event
+    printed = said(monkeypatch, capsys, tmp_path, "--json")
+    assert all(line.isprintable() for line in printed.splitlines())
+    (event,) = json.loads(printed)
+    ((key, (value,)),) = event["detail"].items()
+    assert event["text"] == key == value == heard.replace("\ud83d", "?")
+
+
+def test_json_of_an_older_file_with_half_a_letter_is_printed(
+    file: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
+    with contextlib.closing(sqlite3.connect(file)) as connection, connection:
+        connection.execute("UPDATE events SET detail = ?", (json.dumps({"what": "why \ud83d"}),))
+    assert json.loads(said(monkeypatch, capsys, file, "--json"))[0]["detail"] == {"what": "why \ud83d"}
+
+
 def test_what_cannot_be_read_is_said(
     file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
 ) -> None:

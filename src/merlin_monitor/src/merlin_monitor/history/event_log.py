@@ -116,7 +116,7 @@ def row_of(run: int, wall: float, event: Any) -> Row:
         "wall": wall,
         "at": plain(float(event.at)) or 0.0,
         "kind": event.kind,
-        "text": plain_text(event.text, LONGEST_TEXT).encode("utf-8", "replace").decode(),
+        "text": plain_text(event.text, LONGEST_TEXT),
         "detail": plain(event.detail),
         "mark": event.mark,
     }

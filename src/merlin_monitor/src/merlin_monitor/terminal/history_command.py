@@ -16,6 +16,7 @@ import rospkg
 from merlin_monitor.history.event_log import EventLog
 from merlin_monitor.history.history_file import FILE, HistoryError, open_for_reading
 from merlin_monitor.state.history_events import KINDS
+from merlin_monitor.terminal.terminal_view import printable
 
 EXIT_MISTAKES = 2
 _UNITS = {"s": 1.0, "m": 60.0, "h": 3600.0, "d": 86400.0}
@@ -29,7 +30,7 @@ def as_text(events: Sequence[Dict[str, Any]]) -> Iterator[str]:
             run = event["run"]
             yield f"run {run}, {time.strftime('%Y-%m-%d', time.localtime(event['wall']))}"
         clock = time.strftime("%H:%M:%S", time.localtime(event["wall"]))
-        yield f"  {clock}  {event['kind']:<9}  {event['text']}"
+        yield f"  {clock}  {event['kind']:<9}  {printable(event['text'])}"
 
 
 def seconds(text: str) -> float:
@@ -116,7 +117,7 @@ def _answer(history: EventLog, given: argparse.Namespace) -> Iterator[str]:
     since = time.time() - given.since if given.since is not None else 0.0
     events = history.find(run, given.kind, since)
     if given.json:
-        yield json.dumps(events, indent=1, ensure_ascii=False)
+        yield json.dumps(events, indent=1)
         return
     yield from as_text(events)
     latest = Path(rospkg.get_log_dir()) / "latest"

@@ -10,11 +10,12 @@ CUT = "…"
 
 
 def plain_text(value: Any, limit: int = LONGEST_TEXT) -> str:
-    """A text of bounded length, made of anything."""
+    """A text of bounded length, made of anything; it can be encoded: halves of letters become ``?``."""
     if isinstance(value, bytes):
         value = value.decode("utf-8", "replace")
     text = value if isinstance(value, str) else str(value)
-    return text if len(text) <= limit else text[:limit] + CUT
+    text = text if len(text) <= limit else text[:limit] + CUT
+    return text.encode("utf-8", "replace").decode()
 
 
 def plain(value: Any) -> Any:
