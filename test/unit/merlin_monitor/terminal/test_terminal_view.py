@@ -3,6 +3,7 @@
 
 import re
 import time
+import unicodedata
 from typing import Any, Dict
 
 from hypothesis import given
@@ -92,6 +93,16 @@ def test_an_empty_state_is_no_reason_to_fail() -> None:
 def test_a_small_screen_cuts() -> None:
     painted = paint(lines(STATE), 20, 5, colour=False)
     assert len(painted) == 5 and all(len(line) <= 20 for line in painted)
+
+
+def test_wide_letters_take_two_columns() -> None:
+    def columns(text: str) -> int:
+        return sum(2 if unicodedata.east_asian_width(letter) in "WF" else 1 for letter in text)
+
+    wide = dict(STATE, now={"doing": "去厨房" * 30})
+    painted = paint(lines(wide), 80, 100, colour=False)
+    assert all(columns(line) <= 80 for line in painted)
+    assert any(line.endswith("房>") and columns(line) == 79 for line in painted)
 
 
 @given(st.text())

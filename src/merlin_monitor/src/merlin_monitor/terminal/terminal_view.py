@@ -2,7 +2,9 @@
 """The state as lines of a terminal. Names from ROS cannot move the cursor: only printable signs are shown."""
 
 import unicodedata
+from bisect import bisect_right
 from collections import Counter
+from itertools import accumulate
 from typing import Any, Dict, List, NamedTuple
 
 from merlin_monitor.text.phrase import in_english
@@ -90,10 +92,19 @@ def paint(shown: List[Line], width: int, height: int, colour: bool) -> List[str]
     painted: List[str] = []
     for line in shown[:height]:
         text = printable(line.text)
-        text = text if len(text) <= width else text[: max(0, width - 1)] + ">"
+        ends = list(accumulate(map(_columns, text)))
+        if ends and ends[-1] > width:
+            text = text[: bisect_right(ends, width - 1)] + ">"
         style = STYLES[line.style] if colour else ""
         painted.append(f"{style}{text}{RESET}" if style else text)
     return painted
+
+
+def _columns(letter: str) -> int:
+    """How many columns a letter takes: Chinese ones take two, accents none."""
+    if unicodedata.category(letter) in ("Mn", "Me"):
+        return 0
+    return 2 if unicodedata.east_asian_width(letter) in "WF" else 1
 
 
 def _headline(meta: Dict[str, Any]) -> str:
