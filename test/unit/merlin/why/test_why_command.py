@@ -1,12 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a command line asks, and how an answer is printed."""
 
+import sys
+from pathlib import Path
+from typing import Any
+
 import pytest
 import rospy
 from merlin_msgs.msg import Claim, Evidence
-from merlin_msgs.srv import ExplainRequest
+from merlin_msgs.srv import ExplainRequest, ExplainResponse
 
+from merlin.why import command
 from merlin.why.command import lines, parser, request_of
+from merlin_explain.node import recorded_run
 
 
 def asked(*words: str) -> ExplainRequest:
@@ -68,3 +74,17 @@ def test_evidence_is_below_its_claim() -> None:
         "      plan: 0.0: (a) (version 7)",
         "        1.0: (b)",
     ]
+
+
+def test_what_others_have_written_cannot_move_the_cursor(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
+    heard = "heard \x1b[2J\x07\nmerlin why: forged"
+    claims = [Claim("event", heard, [Evidence("event", heard, 0, 0, rospy.Time())])]
+    monkeypatch.setattr(
+        recorded_run, "ask_recording", lambda *_: ExplainResponse(ok=True, sentence=heard, claims=claims)
+    )
+    monkeypatch.setattr(sys, "argv", ["why", "--failed", "--evidence", "--recording", str(tmp_path)])
+    assert command.main() == 0
+    printed = capsys.readouterr().out.splitlines()
+    assert len(printed) == 4 and all(line.isprintable() for line in printed), printed

@@ -15,6 +15,7 @@ from rospy.core import is_shutdown_requested
 
 from merlin.running import EXIT_REFUSED, at_robot
 from merlin_executor.request_times import read_time
+from merlin_monitor.terminal.terminal_view import printable
 from merlin_ros.call_scope import CallScope
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
 
@@ -125,7 +126,7 @@ def _ask(robot: str, request: ExplainRequest, given: argparse.Namespace) -> int:
             return EXIT_INTERRUPTED
         raise
     if not answer.ok:
-        print(f"merlin why: {answer.sentence}", file=sys.stderr)
+        print(f"merlin why: {printable(answer.sentence)}", file=sys.stderr)
         return EXIT_REFUSED
     return _print(answer, given)
 
@@ -139,7 +140,7 @@ def _ask_recording(request: ExplainRequest, given: argparse.Namespace) -> int:
 
 def _print(answer: ExplainResponse, given: argparse.Namespace) -> int:
     for line in (answer.sentence, *lines(answer.claims, given.evidence)):
-        print(line, flush=True)
+        print(printable(line), flush=True)
     return 0
 
 
