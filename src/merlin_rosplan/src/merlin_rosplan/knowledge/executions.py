@@ -121,6 +121,7 @@ class Executions:
                 "parameters": applier.parameters,
                 "owner": owner,
                 "since": self._transaction.now,
+                "passed": self._transaction.passed,
                 "duration": duration,
                 "later": allowed,
                 "undo": undo,
@@ -183,7 +184,7 @@ class Executions:
         self._no_longer_running(token, row)
         declared = list(map(_fact, row.get("interrupted", [])))
         counts: List[Count] = row.get("counts", [])
-        specials = passed(row["since"], self._transaction.now, row.get("duration"))
+        specials = passed(self._elapsed(row), row.get("duration"))
         operator = find_operator(self._state, row["operator"])
         notes = [apply_continuous(self._transaction, operator, dict(row.get("parameters", ())), specials)]
         if not declared and not counts:
@@ -232,9 +233,14 @@ class Executions:
         if row is None:
             duration = applier.duration()
             return {} if duration is None else {"?duration": duration, "#t": duration}
-        elapsed = max(0.0, (self._transaction.now - row["since"]) / 1e9)
-        duration = row["duration"]
+        elapsed, duration = self._elapsed(row), row["duration"]
         return {"?duration": elapsed if duration is None else duration, "#t": elapsed}
+
+    def _elapsed(self, row: _Row) -> float:
+        """How long an execution has run, s; the clock may have been set meanwhile."""
+        if "passed" in row:
+            return max(0.0, self._transaction.passed - row["passed"])
+        return max(0.0, (self._transaction.now - row["since"]) / 1e9)
 
     # --- literals -------------------------------------------------------------------------------
 

@@ -51,13 +51,12 @@ def _count(node: Expression, state: KnowledgeTables) -> Count:
     return [node.head, fluent.name, list(fluent.args), to_pddl(value)]
 
 
-def passed(since: int, now: int, planned: Any) -> Dict[str, float]:
+def passed(elapsed: float, planned: Any) -> Dict[str, float]:
     """``#t`` and ``?duration`` of an execution that was interrupted, s.
 
-    :param since, now: ns of ROS time.
+    :param elapsed: how long it ran, s.
     :param planned: duration, s; None: not known.
     """
-    elapsed = max(0.0, (now - since) / 1e9)
     if planned is None:
         return {"#t": elapsed, "?duration": elapsed}
     return {"#t": min(elapsed, planned), "?duration": planned}

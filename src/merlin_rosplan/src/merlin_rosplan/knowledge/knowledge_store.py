@@ -56,6 +56,7 @@ class KnowledgeStore:
         everything.
     :param clock: now, in nanoseconds of ROS time.
     :param journal: where every transaction is written before it counts; its content is loaded first.
+    :param passed: s that have passed, also while the clock is set; without it, the clock counts.
     :param warn: gets a sentence when a strict store drops something of its journal; must not block.
 
     What the journal raises when it cannot be read is passed on.
@@ -68,6 +69,7 @@ class KnowledgeStore:
         clock: Callable[[], int] = lambda: 0,
         journal: Optional[Journal] = None,
         warn: Callable[[str], None] = lambda text: None,
+        passed: Optional[Callable[[], float]] = None,
     ) -> None:
         self.domain = domain
         self.version = 0
@@ -76,6 +78,7 @@ class KnowledgeStore:
         self._copy: Optional[KnowledgeTables] = None  # of the state as it is, once one was needed
         self._checks = KnowledgeChecks(self._state) if strict else None
         self._clock = clock
+        self._passed = passed or (lambda: clock() / 1e9)
         self._journal = journal
         self._next_order = 1
         self._due: List[Tuple[int, int]] = []  # heap of (time, key) of timed items, some of them gone
@@ -107,6 +110,8 @@ class KnowledgeStore:
             by_table[kind].append(row)
         for kind, loaded in by_table.items():
             self._state.tables[kind].load(loaded)
+        for execution in self._state.executions.all():
+            execution.data.pop("passed", None)  # it was counted by another process
         self._next_order = 1 + max((row.order for _, row in rows), default=0)
         self._queue_timed(self._state.timed.all())
 
@@ -146,7 +151,9 @@ class KnowledgeStore:
         :raises JournalError: the journal cannot be written; nothing is changed.
         """
         with self._lock:
-            transaction = Transaction(self._state, self._checks, self._clock(), self._next_order)
+            transaction = Transaction(
+                self._state, self._checks, self._clock(), self._passed(), self._next_order
+            )
             self._copy = None
             try:
                 yield transaction

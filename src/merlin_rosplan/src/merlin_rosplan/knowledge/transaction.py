@@ -42,14 +42,21 @@ class Transaction:
     :param state: is changed at once, so that later steps see the earlier ones.
     :param checks: refuses what does not fit the domain; None accepts everything, as ROSPlan does.
     :param now: time of the changes, ns.
+    :param passed: s on a line of time that is never set; executions last differences on it.
     :param next_order: the order of the next row; rows added later have higher ones.
     """
 
     def __init__(
-        self, state: KnowledgeTables, checks: Optional[KnowledgeChecks], now: int, next_order: int
+        self,
+        state: KnowledgeTables,
+        checks: Optional[KnowledgeChecks],
+        now: int,
+        passed: float,
+        next_order: int,
     ) -> None:
         self.state = state
         self.now = now
+        self.passed = passed
         self.next_order = next_order
         self.steps: List[Step] = []
         self.cleared = False

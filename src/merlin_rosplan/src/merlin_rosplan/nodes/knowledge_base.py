@@ -21,7 +21,7 @@ from merlin_pddl.text_reader import PddlError, shortened
 from merlin_ros.actions.peers import sender_of
 from merlin_ros.health import OK, Health
 from merlin_ros.ports.service_server import Unanswered
-from merlin_ros.ros_alarm import RosAlarm
+from merlin_ros.ros_alarm import RosAlarm, RosStopwatch
 from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
 from merlin_rosplan.knowledge.knowledge_store import JournalError, KnowledgeStore
 from merlin_rosplan.knowledge.transaction import StateChange, Transaction
@@ -126,7 +126,9 @@ class KnowledgeBase(Component):
         reset = self.flag("reset_state", False)
         try:
             journal = StateFile(path, self.domain, reset) if path else None
-            store = KnowledgeStore(self.domain, self.strict, ros_nanoseconds, journal, self._warn)
+            store = KnowledgeStore(
+                self.domain, self.strict, ros_nanoseconds, journal, self._warn, RosStopwatch().look
+            )
         except StateFileError as error:
             raise ComponentError(str(error)) from error
         if path:
