@@ -201,6 +201,58 @@ def test_the_file_stays_bounded_and_the_newest_is_kept(
     reader.close()
 
 
+def test_more_pictures_than_it_may_keep_leave_no_rest_that_grows(tmp_path: Path) -> None:
+    limit = 50_000
+    recorded = Recorded(tmp_path, megabytes=limit / history_store.MEGABYTE)
+    looks = 0
+
+    def look() -> None:
+        nonlocal looks
+        looks += 1
+        recorded.store.add_picture("seen", f"look {looks}", bytes(10_000))
+        recorded.tree.set("plan", "look", looks)
+        recorded.frame()
+
+    for _ in range(12):  # of one segment
+        look()
+    for _ in range(8):
+        recorded.tick += history_store.LONGEST_SEGMENT
+        look()
+        look()
+    found = [recorded.store.picture("seen", f"look {number + 1}").result(LONG) for number in range(looks)]
+    assert found[-1] and 3 <= len(list(filter(None, found))) <= limit // 10_000 + 2
+    first = json.loads(recorded.store.segment(1, 0.0).result(LONG) or "")["frames"][0][2]
+    assert recorded.store.picture("seen", f"look {first['plan']['look']}").result(LONG)
+    recorded.store.close()
+
+
+def test_a_clock_that_went_back_takes_no_picture_from_a_run_that_is_kept(tmp_path: Path) -> None:
+    def life(began: float, picture: str, segments: int) -> Recorded:
+        recorded = Recorded(tmp_path, megabytes=0.1)
+        recorded.tick = began
+        recorded.store.add_picture("map", picture, bytes(5_000))
+        recorded.tree.set("map", "version", picture)
+        for number in range(segments):
+            recorded.tree.set("plan", "step", f"{[hash((number, each)) for each in range(1_000)]}")
+            recorded.tick += history_store.LONGEST_SEGMENT
+            recorded.frame()
+        return recorded
+
+    began = 1.7e9
+    life(began, "right clock", 25).store.close()
+    second = life(0.0, "no clock", 2)
+    runs = second.store.runs().result(LONG)
+    assert [run["run"] for run in runs] == [1, 2] and runs[0]["began"] > began + 1_000.0
+    for picture in ("right clock", "no clock"):
+        assert second.store.picture("map", picture).result(LONG)
+    second.store.close()
+    third = life(1.0e4, "no clock either", 25)
+    assert [run["run"] for run in third.store.runs().result(LONG)] == [3]
+    assert third.store.picture("map", "right clock").result(LONG) is None
+    assert third.store.picture("map", "no clock either").result(LONG)
+    third.store.close()
+
+
 def test_a_lost_frame_makes_the_next_one_whole(tmp_path: Path) -> None:
     recorded = Recorded(tmp_path)
     recorded.frame()

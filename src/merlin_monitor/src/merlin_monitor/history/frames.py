@@ -44,7 +44,7 @@ class Recording:
         :param limit: bytes; with a new segment, the oldest ones beyond are forgotten.
         """
         if not frame.number:
-            self._prune(limit)
+            self._prune(limit, frame.wall)
             self._connection.execute(
                 "INSERT INTO segments VALUES (?,?,?,?,0)", (run, frame.segment, frame.wall, frame.wall)
             )
@@ -117,27 +117,42 @@ class Recording:
             f'"frames":[{",".join(frames)}]}}'
         )
 
-    def _prune(self, limit: float) -> None:
-        ask = self._connection.execute
+    def _prune(self, limit: float, wall: float) -> None:
         (size,) = self._one("SELECT (SELECT TOTAL(bytes) FROM segments) + TOTAL(LENGTH(data)) FROM pictures")
         while size > limit:
-            oldest = self._one("SELECT run, number, bytes FROM segments ORDER BY run, number LIMIT 1")
-            if oldest is None:
+            freed = self._prune_pictures(wall) or self._prune_segment()
+            if not freed:
                 return
-            run, number, held = oldest
-            ask("DELETE FROM frames WHERE run = ? AND segment = ?", (run, number))
-            ask("DELETE FROM segments WHERE run = ? AND number = ?", (run, number))
-            size -= held + self._prune_pictures()
+            size -= freed
 
-    def _prune_pictures(self) -> int:
-        """Forgets the pictures that were replaced by others before the first frame that is kept."""
-        outdated = (
-            "FROM pictures WHERE wall < (SELECT MAX(wall) FROM pictures AS newer WHERE"
-            " newer.name = pictures.name AND newer.wall <="
-            " (SELECT began FROM segments ORDER BY run, number LIMIT 1))"
+    def _prune_segment(self) -> int:
+        """Forgets the oldest segment; returns its bytes, 0: there is none."""
+        oldest = self._one("SELECT run, number, bytes FROM segments ORDER BY run, number LIMIT 1")
+        if oldest is None:
+            return 0
+        run, number, held = oldest
+        ask = self._connection.execute
+        ask("DELETE FROM frames WHERE run = ? AND segment = ?", (run, number))
+        ask("DELETE FROM segments WHERE run = ? AND number = ?", (run, number))
+        return int(held)
+
+    def _prune_pictures(self, wall: float) -> int:
+        """Forgets the pictures that no kept frame can name; returns their bytes.
+
+        These are of another time than the frames, and the same name has a newer one that is so, too. Newer
+        is what was put later: the computer's clock may go back from one run to the next.
+
+        :param wall: of the frame that comes next.
+        """
+        times = self._one(
+            "SELECT MIN(?1, IFNULL(MIN(began), ?1)), MAX(?1, IFNULL(MAX(ended), ?1)) FROM segments", wall
         )
-        held: int = self._one(f"SELECT TOTAL(LENGTH(data)) {outdated}")[0]
-        self._connection.execute(f"DELETE {outdated}")
+        outdated = (
+            "FROM pictures WHERE wall NOT BETWEEN ? AND ? AND rowid < (SELECT MAX(rowid) FROM pictures AS"
+            " newer WHERE newer.name = pictures.name AND newer.wall NOT BETWEEN ? AND ?)"
+        )
+        held = int(self._one(f"SELECT TOTAL(LENGTH(data)) {outdated}", *times, *times)[0])
+        self._connection.execute(f"DELETE {outdated}", (*times, *times))
         return held
 
     def _one(self, question: str, *values: Any) -> Any:
