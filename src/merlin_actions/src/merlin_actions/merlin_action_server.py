@@ -297,8 +297,7 @@ class MerlinActionServer(Serving):
         missing = [name for name in machine.parameters if name not in parameters]
         for state in merlin_states(machine):
             state.served_goal = goal.id
-            state.ran = state.given_up = False
-            state.unstopped = ""
+            state.ran, state.given_up, state.unstopped = 0, False, ""
         if missing:
             return ABORTED, f"{self.operator}: no value for parameter {', '.join(missing)}"
         if goal.cancel_requested:

@@ -200,7 +200,24 @@ class Refuse(Prescribe):
         self.add("DECIDE", self.state("function", self._decide))
 
 
-@pytest.mark.parametrize(("machine", "outcome"), [(Prescribe, "given_up"), (Refuse, "not_begun")])
+class Round(MerlinActionSM):
+    """Its only state acts, and gives up when it is entered again."""
+
+    def build(self):
+        self.visited = False
+        visit = self.state("function", self._visit, outcomes=["more"])
+        self.add("VISIT", visit, {"more": "VISIT"})
+
+    def _visit(self, userdata):
+        if self.visited:
+            raise GivenUp("the pharmacist said no")
+        self.visited = True
+        return "more"
+
+
+@pytest.mark.parametrize(
+    ("machine", "outcome"), [(Prescribe, "given_up"), (Refuse, "not_begun"), (Round, "given_up")]
+)
 def test_a_state_that_gives_up_says_whether_anything_was_done(machine, outcome):
     made = machine()
     assert made.run_once({}) == ABORTED

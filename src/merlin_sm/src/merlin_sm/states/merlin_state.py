@@ -40,7 +40,7 @@ class MerlinState(smach.State):
         self.outcome = ""
         self.given_up = False  # whether another try cannot help
         self.about = ""  # the object on account of which it gave up
-        self.ran = False  # whether it was executed in the present run of its action
+        self.ran = 0  # times that it was executed in the present run of its action
         self.unstopped = ""  # what did not stop when the state was preempted, by name
         self.served_goal: Optional[str] = None  # of this process's own server, on whose behalf it runs
         self._interrupt_lock = threading.Lock()  # guards _interrupt
@@ -53,7 +53,8 @@ class MerlinState(smach.State):
     def execute(self, userdata: Any) -> str:
         """Runs the state; SMACH calls it."""
         self.reason = self.unstopped = ""
-        self.given_up, self.about, self.ran = False, "", True
+        self.given_up, self.about = False, ""
+        self.ran += 1
         self.outcome = self._execute(userdata)
         return self.outcome
 
