@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Where the scripts of panels are: files of packages, without ROS."""
 
+import os
 import re
 from pathlib import Path
 
@@ -22,6 +23,6 @@ def script_file(script: str) -> Path:
         path = Path(rospkg.RosPack().get_path(match.group(1))) / match.group(2)
     except rospkg.ResourceNotFound as error:
         raise ValueError(f"there is no package {error}") from error
-    if not path.is_file():
+    if not os.path.isfile(path):  # Path.is_file raises for a name that is too long
         raise ValueError(f"there is no file {path}")
     return path

@@ -94,6 +94,7 @@ def test_only_scripts_of_packages_are_served(tmp_path: Path) -> None:
         panel("file", "file:///etc/passwd"),
         panel("../x", good["script"]),
         panel("gone", "package://nowhere/x.js"),
+        panel("long", f"package://merlin_monitor/{'x' * 300}.js"),
     ]
     archive = Archive(kept(tmp_path, [good, *bad]), "name")
     assert archive.tree.get("meta", "panels") == [good]

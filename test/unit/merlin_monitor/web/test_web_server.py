@@ -38,6 +38,7 @@ def test_only_files_of_the_page_are_served(served: Served) -> None:
     for path in (
         *("..%2fpackage.xml", ".hidden", "web_server.py", "%00", "panels", "panels/queue.js"),
         *("panels/..%2fapp.js", "panels/%2e%2e%2f%2e%2e%2fpackage.xml", "panels/%00.js"),
+        *(f"{'a' * 300}.js", f"panels/{'a' * 300}.js"),
     ):
         assert ask(served.url, path).status == 404, path
     names = {path.name for path in WEB.iterdir() if path.is_file()}

@@ -7,6 +7,7 @@ import functools
 import json
 import logging
 import math
+import os
 import socket
 import ssl
 import threading
@@ -231,7 +232,8 @@ class WebServer:
     async def _serve_file(self, request: web.Request) -> web.StreamResponse:
         name = request.match_info["name"]
         path = self._folder / name
-        if "/" in name or name.startswith(".") or path.suffix not in FILES or not path.is_file():
+        # Not Path.is_file, which raises for a name that is too long.
+        if "/" in name or name.startswith(".") or path.suffix not in FILES or not os.path.isfile(path):
             raise web.HTTPNotFound(text=f"There is no {name}.\n")
         return web.FileResponse(path)
 
