@@ -97,6 +97,19 @@ def test_a_strange_question_does_not_end_it(tmp_path: Path, kinds: Any) -> None:
     store.close()
 
 
+def test_a_question_that_is_cancelled_does_not_end_it(tmp_path: Path) -> None:
+    hangs, goes_on = threading.Event(), threading.Event()
+    store = HistoryStore(tmp_path / "h", 100)
+    store.on_events = lambda events: hangs.set() or goes_on.wait(LONG)  # type: ignore[func-returns-value]
+    store.add(Event("plan", "one", 0.0))
+    assert hangs.wait(LONG)
+    assert store.page().cancel()
+    goes_on.set()
+    store.add(Event("plan", "two", 0.0))
+    assert texts(store.page().result(LONG)) == ["one", "two"]
+    store.close()
+
+
 def test_a_file_that_is_no_history_is_named(tmp_path: Path) -> None:
     path = tmp_path / "h"
     path.write_text("no database at all, but a text of some length to be taken for one")

@@ -119,6 +119,8 @@ class HistoryReader:
 
 
 def _answer(question: Callable[[], A], answer: "Future[A]") -> None:
+    if not answer.set_running_or_notify_cancel():
+        return
     try:
         answer.set_result(question())
     except Exception as error:  # raised in the caller; the history continues
