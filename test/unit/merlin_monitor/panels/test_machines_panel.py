@@ -5,12 +5,14 @@ import threading
 from typing import Any, Callable, Dict, Iterator, List, Tuple
 
 import pytest
+from merlin_msgs.msg import MachineHolds
 from messages import status, structure
 
 from merlin_monitor.listeners.ros_system import RosSystem, TopicGraph
 from merlin_monitor.panels.machines import STATUS, STRUCTURE, MachinesPanel
 from merlin_monitor.state.inbox import Inbox
 from merlin_monitor.state.monitor_model import MonitorModel
+from merlin_sm.holding.node_holds import HOLDS_TOPIC
 from merlin_test import LONG
 
 
@@ -22,6 +24,7 @@ class System(RosSystem):
     def __init__(self) -> None:
         self.receivers: Dict[str, Callable[[Any], object]] = {}
         self.nodes: List[str] = []
+        self.holders: List[str] = []
 
     def time(self) -> float:
         return 1.0
@@ -38,7 +41,11 @@ class System(RosSystem):
 
     def graph(self) -> TopicGraph:
         topics = {f"/srv{STATUS}": "smach_msgs/SmachContainerStatus"} if self.nodes else {}
-        return TopicGraph(dict.fromkeys(topics, self.nodes), topics)
+        publishers = {**dict.fromkeys(topics, self.nodes), self.resolve(HOLDS_TOPIC): self.holders}
+        return TopicGraph(publishers, topics)
+
+    def resolve(self, name: str) -> str:
+        return f"/{name}"
 
     def send(self, topic: str, message: Any, node: str) -> None:
         message._connection_header = {"callerid": node}
@@ -78,3 +85,20 @@ def test_machines_of_nodes_with_one_name_of_a_server_come_and_go_one_by_one(pane
     system.nodes = []
     made.look(system.look() or {})
     assert shown(made) == {}
+
+
+def test_breakpoints_and_levels_of_a_node_that_has_ended_are_forgotten(panel: Any) -> None:
+    made, system = panel
+    system.holders = ["/here", "/there"]
+    made.look(system.look() or {})
+    for node in system.holders:
+        set_there = MachineHolds(node=node, breakpoints=["NAVIGATE/DRIVE"], autonomy="low")
+        system.send(HOLDS_TOPIC, set_there, node)
+    shown(made)
+    assert list(made.state.tree.get("machines", "holds")) == ["/here", "/there"]
+    for left in (["/there"], []):
+        system.holders = left
+        made.look(system.look() or {})
+        shown(made)
+        assert list(made.state.tree.get("machines", "holds")) == left
+    assert not made.state.machines.may_be_held

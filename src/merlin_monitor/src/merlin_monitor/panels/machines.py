@@ -30,6 +30,7 @@ class MachinesPanel(Panel):
         self._namespace = self.ros.namespace
         self._servers: Dict[str, List[Any]] = {}
         self._nodes: Dict[str, Set[str]] = {}  # server → nodes that have one of this name
+        self._holders: Set[str] = set()  # nodes that may hold machines
         self._followed_at = float("-inf")
         self._consoles = self.ros.publisher(CONSOLES_TOPIC, String)
         self.subscribe(HOLDS_TOPIC, MachineHolds, self._take_holds)
@@ -75,9 +76,17 @@ class MachinesPanel(Panel):
             for node in known - nodes.get(server, set()):
                 self.state.inbox.put(self.state.machines.server_gone, server, node)
         self._nodes = nodes
+        holders = set(self.ros.publishers_of(self.ros.resolve(HOLDS_TOPIC)))
+        for node in self._holders - holders:
+            self.state.inbox.put(self._forget_holds, node)
+        self._holders = holders
 
     def _take_holds(self, message: MachineHolds, at: float) -> None:
         self.state.machines.holds(message, at, self.ros.silence_clock())
+        self.state.now.refresh()
+
+    def _forget_holds(self, node: str) -> None:
+        self.state.machines.forget_holds(node)
         self.state.now.refresh()
 
     def _structure(self, server: str, message: SmachContainerStructure, at: float) -> None:

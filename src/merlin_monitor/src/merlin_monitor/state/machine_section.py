@@ -186,8 +186,12 @@ class MachineSection:
             if (holds["held"] or holds["confirm"]) and wall - self._holds_seen[node] > HELD_SILENT_AFTER
         ]
         for node in gone:
-            self._tree.remove(SECTION, "holds", node)
+            self.forget_holds(node)
         return bool(gone)
+
+    def forget_holds(self, node: str) -> None:
+        """Forgets the breakpoints, the level and what is held of a node that has ended."""
+        self._tree.remove(SECTION, "holds", node)
 
     def server_gone(self, server: str, node: str = "") -> None:
         """Forgets the containers of a node's server that no longer exists."""
