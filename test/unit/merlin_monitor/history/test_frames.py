@@ -413,6 +413,34 @@ def test_damaged_frames_take_with_them_only_what_follows_in_their_segment(tmp_pa
     reader.close()
 
 
+@pytest.mark.parametrize("checked", [True, False], ids=["with checksums", "of before"])
+def test_a_bit_that_flips_is_noticed(tmp_path: Path, checked: bool) -> None:
+    recorded = Recorded(tmp_path)
+    for number in range(10):
+        recorded.tree.set(
+            "plan", "step", f"step {number} of the plan in the kitchen and hall {number * number}"
+        )
+        recorded.frame()
+    recorded.store.close()
+    with sqlite3.connect(str(recorded.path)) as file:
+        if not checked:
+            file.execute("UPDATE frames SET data = substr(data, 1, length(data) - 4)")
+        reader = Recording(file)
+        kept = file.execute("SELECT number, data FROM frames ORDER BY number").fetchall()
+        good = json.loads(reader.segment(1, 9.0) or "")["frames"]
+        assert len(good) == len(kept) == 10
+        for number, data in kept[1:]:
+            for place in range(0, len(data), 3):
+                bits = bytearray(data)
+                bits[place] ^= 1 << number % 8
+                file.execute("UPDATE frames SET data = ? WHERE number = ?", (bytes(bits), number))
+                found = json.loads(reader.segment(1, 9.0) or "")
+                assert len(found["frames"]) >= (number if found["damaged"] else len(good))
+                if checked:
+                    assert found["frames"] == good[: len(found["frames"])]
+            file.execute("UPDATE frames SET data = ? WHERE number = ?", (data, number))
+
+
 def test_a_file_whose_pages_were_overwritten_is_an_error(tmp_path: Path) -> None:
     recorded = Recorded(tmp_path)
     for number in range(200):

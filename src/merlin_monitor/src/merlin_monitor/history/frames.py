@@ -3,7 +3,8 @@
 
 A run is a row of segments. The first frame of a segment is the whole state, each further one holds what
 changed; the texts of a segment are one stream of zlib, flushed after each frame, so that each frame that is
-in the file can be read although no later one ever came.
+in the file can be read although no later one ever came. After each flush comes the CRC-32 of the frame's text,
+which older files do not have: the stream has no checksum before its end, which never comes.
 """
 
 import json
@@ -12,6 +13,8 @@ import zlib
 from typing import Any, Dict, List, NamedTuple, Optional
 
 Row = Dict[str, Any]
+_FLUSHED = b"\x00\x00\xff\xff"  # ends each flush of zlib
+_CHECK = 4  # bytes of the CRC-32
 
 
 class Frame(NamedTuple):
@@ -21,12 +24,29 @@ class Frame(NamedTuple):
     :ivar number: in its segment; 0: the whole state.
     :ivar wall: s since 1970.
     :ivar data: compressed text, ``[wall, at, state or changes, version of the state]``.
+    :ivar check: CRC-32 of the text; None: none is kept.
     """
 
     segment: int
     number: int
     wall: float
     data: bytes
+    check: Optional[int] = None
+
+
+def _unpacked(unpack: Any, data: bytes) -> str:
+    """The text of the next frame.
+
+    :param unpack: of zlib, for the segment.
+    :raises zlib.error, ValueError: it is damaged.
+    """
+    checked = data[-_CHECK - len(_FLUSHED) : -_CHECK] == _FLUSHED
+    text: bytes = unpack.decompress(data[:-_CHECK] if checked else data)
+    if not checked:
+        json.loads(text)
+    elif zlib.crc32(text) != int.from_bytes(data[-_CHECK:], "big"):
+        raise ValueError("its checksum is wrong")
+    return text.decode()
 
 
 class Recording:
@@ -48,12 +68,13 @@ class Recording:
             self._connection.execute(
                 "INSERT INTO segments VALUES (?,?,?,?,0)", (run, frame.segment, frame.wall, frame.wall)
             )
+        data = frame.data if frame.check is None else frame.data + frame.check.to_bytes(_CHECK, "big")
         self._connection.execute(
-            "INSERT INTO frames VALUES (?,?,?,?)", (run, frame.segment, frame.number, frame.data)
+            "INSERT INTO frames VALUES (?,?,?,?)", (run, frame.segment, frame.number, data)
         )
         self._connection.execute(
             "UPDATE segments SET ended = ?, bytes = bytes + ? WHERE run = ? AND number = ?",
-            (frame.wall, len(frame.data), run, frame.segment),
+            (frame.wall, len(data), run, frame.segment),
         )
 
     def put_picture(self, name: str, version: str, wall: float, data: bytes) -> None:
@@ -101,15 +122,12 @@ class Recording:
             if place != len(frames):
                 break  # the disk was full for a moment
             try:
-                text = unpack.decompress(blob).decode()
-                if not text.endswith("]"):
-                    raise ValueError("a frame ends early")
+                frames.append(_unpacked(unpack, blob))
             except (zlib.error, ValueError) as error:
                 if not frames:
                     raise ValueError(f"segment {number} of run {run} is damaged: {error}") from error
                 damaged = True  # each frame builds on those before it
                 break
-            frames.append(text)
         after = json.dumps(following and following[1])
         return (
             f'{{"run":{run},"number":{number},"began":{json.dumps(began)},"next":{after},'

@@ -88,9 +88,10 @@ class Frames:
         else:
             self._room -= len(text)
         at = self._tree.get("meta", "time") or 0.0
-        data = self._pack.compress(f"[{wall},{_compact(at)},{text},{version}]".encode())
+        whole = f"[{wall},{_compact(at)},{text},{version}]".encode()
+        data = self._pack.compress(whole) + self._pack.flush(zlib.Z_SYNC_FLUSH)
         self._number += 1
-        return Frame(self._segment, self._number, wall, data + self._pack.flush(zlib.Z_SYNC_FLUSH))
+        return Frame(self._segment, self._number, wall, data, zlib.crc32(whole))
 
 
 def _compact(value: Any) -> str:
@@ -173,7 +174,7 @@ class HistoryStore(HistoryReader):
             return {}
         try:
             return last_state(self.segment(self.run, END_OF_TIME).result(limit))
-        except (HistoryError, ValueError, concurrent.futures.TimeoutError):
+        except (HistoryError, ValueError, LookupError, TypeError, concurrent.futures.TimeoutError):
             return {}
 
     def follow(self, tree: StateTree, live: bool = True) -> None:
