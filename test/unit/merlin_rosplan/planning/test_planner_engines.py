@@ -33,6 +33,7 @@ SHORT, CHEAP = "(go a b)", "(go a c)\\n(go c b)"
 def planner(tmp_path):
     def write(name, body):
         path = tmp_path / name
+        path.parent.mkdir(exist_ok=True)
         path.write_text("#!/bin/sh\n" + body)
         path.chmod(path.stat().st_mode | stat.S_IXUSR)
         return f"{path} DOMAIN PROBLEM"
@@ -42,11 +43,12 @@ def planner(tmp_path):
 
 @pytest.fixture
 def plan(tmp_path):
-    def run(command, sense="minimize", **settings):
+    def run(command, sense="minimize", data_path=None, **settings):
         domain, problem = tmp_path / "domain.pddl", tmp_path / "problem.pddl"
         domain.write_text(DOMAIN)
         problem.write_text(PROBLEM.replace("SENSE", sense))
-        return Planning(PlannerSettings(command=command, **settings), str(domain), str(problem)).run()
+        asked = PlannerSettings(command=command, **settings)
+        return Planning(asked, str(domain), str(problem), data_path).run()
 
     return run
 
@@ -72,20 +74,29 @@ def test_a_plan_that_is_not_valid_loses_against_a_valid_one(plan, planner):
 
 
 @needs_kairos
-def test_the_slower_engine_gets_its_time_and_no_more(plan, planner):
-    never = planner("never", "sleep 600\n")
-    outcome = plan(f"{never} + {planner('short', prints(SHORT))}", anytime=0.3)
+@pytest.mark.parametrize("slow", ["never", "other/short"])  # two presets may run the same script
+def test_the_slower_engine_gets_its_time_and_no_more(plan, planner, slow):
+    never = planner(slow, "sleep 600\n")
+    outcome = plan(f"{never} + {planner('short', prints(SHORT))}", anytime=0.3, time_limit=2 * LONG)
     assert outcome.solved and outcome.planner == "short" and outcome.seconds < LONG
 
 
 @needs_kairos
-def test_a_proof_of_one_engine_ends_the_other(plan, planner):
+@pytest.mark.parametrize("slow", ["never", "other/proof"])
+def test_a_proof_of_one_engine_ends_the_other(plan, planner, slow):
     never, proof = (
-        planner("never", "sleep 600\n"),
+        planner(slow, "sleep 600\n"),
         planner("proof", "echo Task is provably unsolvable.; exit 11"),
     )
     outcome = plan(f"{never} + {proof}", time_limit=2 * LONG)
     assert outcome.state == PlannerState.UNSOLVABLE and outcome.seconds < LONG
+
+
+def test_what_each_of_two_engines_printed_is_kept(plan, planner, tmp_path):
+    kept = tmp_path / "kept"
+    kept.mkdir()
+    plan(f"{planner('one', 'echo first')} + {planner('two', 'echo second')}", data_path=str(kept))
+    assert sorted(log.read_text() for log in kept.rglob("planner.log")) == ["first\n", "second\n"]
 
 
 def test_of_two_engines_without_a_plan_both_reasons_are_reported(plan, planner):

@@ -32,8 +32,12 @@ def too_much(folder: Path, limit: float) -> Optional[str]:
 
 
 def keep(path: Path, content: str) -> Optional[str]:
-    """Writes a file for the user; returns what is wrong if that fails: a planning does not fail for it."""
+    """Writes a file for the user, into a folder that may be new.
+
+    :return: what is wrong if that fails: a planning does not fail for it.
+    """
     try:
+        path.parent.mkdir(exist_ok=True)
         path.write_text(content, encoding="utf-8")
     except OSError as error:
         return f"cannot write {path}: {error.strerror}"

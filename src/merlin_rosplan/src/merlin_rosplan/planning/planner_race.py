@@ -6,7 +6,7 @@ import dataclasses
 import threading
 import time
 from dataclasses import dataclass
-from typing import Callable, List, Optional, Sequence, Set
+from typing import Callable, Collection, Dict, List, Optional, Sequence
 
 from merlin_pddl.checks.kairos_check import PlanQuality, PlanValidator
 from merlin_pddl.plan_text import PlanStep
@@ -52,7 +52,7 @@ class PlannerRace:
         self._planners = list(planners)
         self._task = task
         self._changed = threading.Condition()  # guards the field below
-        self._entries: List[Entry] = []
+        self._entries: Dict[int, Entry] = {}  # by index of the engine: two may have the same name
         self._judging = threading.Lock()  # held while a plan is validated, and guards the field below
         self._validator: Optional[PlanValidator] = None
 
@@ -66,7 +66,7 @@ class PlannerRace:
         ]
         fault = check() if check is not None else None
         if fault is not None:
-            self._stop_others(None)
+            self._stop_others([])
         else:
             self._wait()
         for thread in threads:
@@ -113,7 +113,7 @@ class PlannerRace:
             reason = f"{planner.name} failed: {log_failure(planner.name)}"
             entry = Entry(Attempt(planner.name, PlannerState.CRASHED, reason))
         with self._changed:
-            self._entries.append(entry)
+            self._entries[index] = entry
             self._changed.notify_all()
 
     def _judge(self, attempt: Attempt) -> Entry:
@@ -141,7 +141,7 @@ class PlannerRace:
         deadline: Optional[float] = None
         with self._changed:
             while len(self._entries) < len(self._planners):
-                states = {entry.attempt.state for entry in self._entries}
+                states = {entry.attempt.state for entry in self._entries.values()}
                 if PlannerState.UNSOLVABLE in states:
                     break
                 if PlannerState.SOLVED in states and deadline is None:
@@ -149,21 +149,22 @@ class PlannerRace:
                 if deadline is not None and time.monotonic() >= deadline:
                     break
                 self._changed.wait(None if deadline is None else max(0.0, deadline - time.monotonic()))
-            ended = {entry.attempt.planner for entry in self._entries}
+            ended = list(self._entries)
         self._stop_others(ended)
 
-    def _stop_others(self, ended: Optional[Set[str]]) -> None:
-        for planner in self._planners:
-            if ended is None or planner.name not in ended:
+    def _stop_others(self, ended: Collection[int]) -> None:
+        for index, planner in enumerate(self._planners):
+            if index not in ended:
                 planner.stop()
 
     def _best(self) -> Entry:
-        solved = [entry for entry in self._entries if entry.attempt.state == PlannerState.SOLVED]
+        entries = list(self._entries.values())
+        solved = [entry for entry in entries if entry.attempt.state == PlannerState.SOLVED]
         if solved:
             return min(solved, key=lambda entry: entry.quality.order() if entry.quality else ())
-        if len(self._entries) == 1:
-            return self._entries[0]
-        first = min(self._entries, key=lambda entry: _TOLD_FIRST.index(entry.attempt.state)).attempt
+        if len(entries) == 1:
+            return entries[0]
+        first = min(entries, key=lambda entry: _TOLD_FIRST.index(entry.attempt.state)).attempt
         if first.state == PlannerState.UNSOLVABLE:
             return Entry(first)
-        return Entry(dataclasses.replace(first, reason="; ".join(e.attempt.reason for e in self._entries)))
+        return Entry(dataclasses.replace(first, reason="; ".join(e.attempt.reason for e in entries)))

@@ -189,9 +189,14 @@ def _solve(
     :param folder: of the engines.
     """
     keep_in = Path(job.data_path) if job.data_path else None
+    apart = len(job.engines) > 1 and KAIROS not in job.engines  # both may write files of the same names
     planners: List[Planner] = [
-        KairosPlanner() if engine == KAIROS else CommandPlanner(parse_command(engine), keep_in)
-        for engine in job.engines
+        KairosPlanner()
+        if engine == KAIROS
+        else CommandPlanner(
+            parse_command(engine), keep_in / f"engine{index}" if keep_in and apart else keep_in
+        )
+        for index, engine in enumerate(job.engines)
     ]
     task = Task(*files, *texts, folder, job.settings)
 
