@@ -13,6 +13,7 @@ from typing import Any, List, Optional
 import pytest
 
 from merlin_monitor.history import history_reader
+from merlin_monitor.history.frames import Recording
 from merlin_monitor.history.history_reader import HistoryReader
 from merlin_monitor.panels.control import path_of_node
 from merlin_monitor.state.history_events import Event
@@ -29,6 +30,17 @@ from merlin_test import LONG
 
 def texts(events: List[Any]) -> List[str]:
     return [event["text"] for event in events]
+
+
+def full(*_: Any) -> None:
+    raise sqlite3.OperationalError("the disk is full")
+
+
+def waited(store: HistoryStore) -> HistoryStore:
+    """Where its queue has room again."""
+    while store.page(limit=1).exception(LONG):
+        pass
+    return store
 
 
 def test_events_outlive_the_store(tmp_path: Path) -> None:
@@ -185,6 +197,40 @@ def test_a_file_that_was_removed_is_made_again(tmp_path: Path, left: bool) -> No
     frames = json.loads(again.segment(store.run, END_OF_TIME).result(LONG) or "")["frames"]
     assert frames[-1][2] == [[["plan", "id"], 7]] and again.run == store.run + 1
     again.close()
+
+
+@pytest.mark.parametrize("why", ["the disk was full", "too much came"])
+def test_a_picture_that_could_not_be_kept_comes_with_the_next_whole_state(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, why: str
+) -> None:
+    tree = StateTree(("map",))
+    store = HistoryStore(tmp_path / "h", 1000)
+    store.follow(tree, live=False)
+    store.take()
+    store.add_picture("seen", "of before", b"seen")
+    store.page().result(LONG)
+    if why == "the disk was full":
+        with monkeypatch.context() as patch:
+            patch.setattr(Recording, "put_picture", full)
+            store.add_picture("map", "now", b"map")
+            store.page().result(LONG)
+        assert store.trouble == "the disk is full"
+    else:
+        hangs, goes_on = threading.Event(), threading.Event()
+        store.on_events = lambda events: hangs.set() or goes_on.wait(LONG)  # type: ignore[func-returns-value]
+        store.add(Event("goal", "first", 0.0))
+        assert hangs.wait(LONG)
+        for number in range(history_reader.WAITING):
+            store.add(Event("goal", str(number), 0.0))
+        store.add_picture("map", "now", b"map")
+        goes_on.set()
+    assert waited(store).picture("map", "now").result(LONG) is None
+    for picture in ("now", "later"):
+        tree.set("map", "picture", picture)
+        store.take()
+    assert store.picture("map", "now").result(LONG) == b"map"
+    assert store.picture("seen", "of before").result(LONG) == b"seen"
+    store.close()
 
 
 def test_its_end_waits_for_no_disk_that_hangs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,8 +3,8 @@
 
 A run is a row of segments. The first frame of a segment is the whole state, each further one holds what
 changed; the texts of a segment are one stream of zlib, flushed after each frame, so that each frame that is
-in the file can be read although no later one ever came. After each flush comes the CRC-32 of the frame's text,
-which older files do not have: the stream has no checksum before its end, which never comes.
+in the file can be read although no later one ever came. After each flush comes the CRC-32 of the frame's
+text, which older files do not have: the stream has no checksum before its end, which never comes.
 """
 
 import json

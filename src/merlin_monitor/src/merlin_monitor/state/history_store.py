@@ -145,6 +145,8 @@ class HistoryStore(HistoryReader):
         self.on_events: Callable[[List[Row]], None] = lambda events: None
         """Called with the events as they were stored, in the store's thread."""
         self._lost = 0
+        self._newest: Dict[str, Any] = {}  # name of a picture → its job
+        self._pictures_due = False  # whether these come once more, with the next whole frame
         self._make_again_at = 0.0  # monotonic, s
         self._written = PRUNE_EVERY  # many short runs are looked at too
         self._frames: Optional[Frames] = None
@@ -201,7 +203,9 @@ class HistoryStore(HistoryReader):
 
     def add_picture(self, name: str, version: str, data: bytes) -> None:
         """Takes a picture; the next frame may name it."""
-        self._put((name, version, self.now()), data)
+        key = name, version, self.now()
+        self._newest[name] = key, data
+        self._put(key, data)
 
     def _put(self, key: Any, job: Any) -> None:
         try:
@@ -236,6 +240,7 @@ class HistoryStore(HistoryReader):
     def _write(self, jobs: List[Any]) -> None:
         lost, self._lost = self._lost, 0
         if lost:
+            self._begin_anew()
             said = say("{count} events came too fast to be kept", count=str(lost))
             jobs = [*jobs, (self.now(), sentence("monitor", said, 0.0))]
         try:
@@ -244,16 +249,22 @@ class HistoryStore(HistoryReader):
                 self.on_events(self._store(jobs))
                 self._make_again()
         except Exception as error:  # a full disk, or a strange event, must not end the monitor
-            if self._frames is not None:
-                self._frames.begin_segment()
+            self._begin_anew()
             self.trouble = str(error)
             said = say("the history could not be written: {why}", why=str(error))
             self.on_events([{"id": 0, **row_of(0, self.now(), sentence("monitor", said, 0.0))}])
 
+    def _begin_anew(self) -> None:
+        """Something is lost: the next frame is whole, and comes with the newest pictures."""
+        self._pictures_due = True
+        if self._frames is not None:
+            self._frames.begin_segment()
+
     def _store(self, jobs: List[Any]) -> List[Row]:
         stored: List[Row] = []
+        again = self._pictures_due and any(isinstance(job, Frame) and not job.number for _, job in jobs)
         with self._connection:
-            for key, job in jobs:
+            for key, job in [*jobs, *self._newest.values()] if again else jobs:
                 if isinstance(job, Frame):
                     self._recording.add(self.run, job, self._bytes)
                 elif isinstance(job, bytes):
@@ -265,6 +276,7 @@ class HistoryStore(HistoryReader):
             if self._written >= PRUNE_EVERY:
                 self._written = 0
                 self._log.prune(self._limit)
+        self._pictures_due = self._pictures_due and not again
         return stored
 
     def _make_again(self) -> None:
