@@ -12,7 +12,7 @@ from merlin_actions.core.application_check import ApplicationError
 from merlin_actions.core.ending import GIVEN_UP, NOT_BEGUN
 from merlin_actions.machine_survey import survey
 from merlin_actions.merlin_action_bt import MerlinActionBT
-from merlin_actions.merlin_action_server import given_up, given_up_about
+from merlin_actions.merlin_action_server import given_up
 from merlin_sm.states.merlin_state import GivenUp
 
 
@@ -75,7 +75,7 @@ def test_a_tree_gives_up_as_a_machine_does(action: type, how: str) -> None:
     assert machine.run_once({"p": "attic"}) == "aborted"
     assert machine.reason == "there is no attic"
     assert given_up(machine) == how
-    assert given_up_about(machine) == "attic"
+    assert machine.about == "attic"
 
 
 def test_a_class_without_a_tree_is_refused() -> None:

@@ -24,7 +24,7 @@ from merlin_sm.holding.node_holds import node_holds
 from merlin_sm.holding.state_hook import hook_states
 from merlin_sm.introspection import start_introspection
 from merlin_sm.states.action_state import give_up_goals
-from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, MerlinState, merlin_states
+from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, merlin_states
 
 #: Running seconds in which a preempted machine has to end: longer than a state gives its server, shorter than
 #: the bridge gives the machine: the server knows in which state the machine hangs, and names it.
@@ -266,7 +266,7 @@ class MerlinActionServer(Serving):
         about = unstopped = ""
         try:
             if outcome == ABORTED and given_up(machine):
-                outcome, about = given_up(machine), given_up_about(machine)
+                outcome, about = given_up(machine), machine.about
             unstopped = ", ".join(str(state.unstopped) for state in merlin_states(machine) if state.unstopped)
         except Exception:  # what users' states say of themselves may be anything, too
             failed = log_failure(self.operator)
@@ -345,21 +345,12 @@ class MerlinActionServer(Serving):
 
 def given_up(machine: Any) -> str:
     """What an aborted machine ends with when the state that ran last gave up; empty when none did."""
-    states = list(merlin_states(machine))
-    if not _gave_up(machine):
+    if not machine.given_up:
         return ""
+    states = list(merlin_states(machine))
     # A state that is not one of MERLIN may have done something without a trace.
     traced = len(states) == _leaves(machine)
     return NOT_BEGUN if traced and sum(state.ran for state in states) == 1 else GIVEN_UP
-
-
-def given_up_about(machine: Any) -> str:
-    """The object on account of which a machine gave up; empty when its state names none."""
-    return next((state.about for state in _gave_up(machine)), "")
-
-
-def _gave_up(machine: Any) -> List[MerlinState]:
-    return [state for state in merlin_states(machine) if state.given_up and state.reason in machine.reason]
 
 
 def _leaves(container: Any) -> int:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """MerlinSM: a SMACH state machine that knows the planning system (paper, Figure 2)."""
 
-from typing import Any, List, Mapping, Optional, Sequence
+from typing import Any, Iterable, List, Mapping, Optional, Sequence
 
 import rospy
 
@@ -18,6 +18,7 @@ class MerlinSM(StateMachine, MerlinROSPlanAssistant):
     After a run, :attr:`reason` is the sentence that the last state left (states of MERLIN have a ``reason``),
     also out of nested machines and of SMACH's own containers. A state that is aborted is logged with its
     reason, wherever its transition leads: a machine that continues after a failure does not hide it.
+    :attr:`given_up` and :attr:`about` come from the last state, too.
 
     Each run begins clean: what an earlier one left in the userdata is gone.
     """
@@ -28,8 +29,8 @@ class MerlinSM(StateMachine, MerlinROSPlanAssistant):
         self, outcomes: Sequence[str], input_keys: Sequence[str] = (), output_keys: Sequence[str] = ()
     ) -> None:
         super().__init__(list(outcomes), list(input_keys), list(output_keys))
-        self.reason = ""
-        self._cancelled = False
+        self.reason = self.about = ""
+        self.given_up = self._cancelled = False
         self._at: List[str] = []  # labels of the states that run
         self.register_start_cb(self.__begin)  # a name that subclasses, users' code, do not override by chance
         self.register_transition_cb(self.__left)
@@ -67,8 +68,9 @@ class MerlinSM(StateMachine, MerlinROSPlanAssistant):
         return StateMachine.add_auto(label, state, *args, **options)
 
     def prepare(self) -> None:
-        """Forgets the cancels of earlier runs. A caller of :meth:`cancel` calls this before each run."""
-        self._cancelled = False
+        """Forgets earlier runs and their cancels. A caller of :meth:`cancel` calls this before each run."""
+        self.about = ""
+        self.given_up = self._cancelled = False
 
     def cancel(self) -> None:
         """Preempts the run; unlike ``request_preempt()`` also one that is prepared and has not begun."""
@@ -92,6 +94,13 @@ class MerlinSM(StateMachine, MerlinROSPlanAssistant):
         self._at = list(active_states)
 
 
+def gives_up_with(container: Any, last: Iterable[Any]) -> None:
+    """A container gives up when one of the states that decided its outcome did."""
+    gave_up = [state for state in last if getattr(state, "given_up", False)]
+    container.given_up = bool(gave_up)
+    container.about = getattr(gave_up[0], "about", "") if gave_up else ""
+
+
 def _follow_reasons(machine: Any) -> None:
     """Makes containers of SMACH itself take the reason of their last states, and begin each run clean."""
     for child in machine.get_children().values():
@@ -106,19 +115,21 @@ def _follow_reasons(machine: Any) -> None:
 
 def _take_reason(userdata: Any, terminal_states: List[str], outcome: str, machine: Any) -> None:
     children = machine.get_children()
-    reasons = [getattr(children[label], "reason", "") for label in terminal_states if label in children]
+    last = [children[label] for label in terminal_states if label in children]
+    gives_up_with(machine, last)
+    reasons = [getattr(state, "reason", "") for state in last]
     said = list(filter(None, reasons))
     # Of states that ran at once, the one that failed counts, not those that were preempted for it.
     machine.reason = "; ".join([reason for reason in said if reason != "cancelled"] or said[:1])
     if outcome == "aborted" and not machine.reason and terminal_states:
-        last = " and ".join(map(label_text, terminal_states))
+        names = " and ".join(map(label_text, terminal_states))
         ended = children.get(terminal_states[-1])
         how = getattr(ended, "outcome", "") or getattr(ended, "ended_with", "")
         one = len(terminal_states) == 1  # those of a Concurrence ended together
         machine.reason = (
-            f"state {last} ended with {how or 'an outcome'}, with which its machine is aborted"
+            f"state {names} ended with {how or 'an outcome'}, with which its machine is aborted"
             if one
-            else f"states {last} ended with outcomes with which their machine is aborted"
+            else f"states {names} ended with outcomes with which their machine is aborted"
         )
     machine.ended_with = outcome
 

@@ -3,6 +3,7 @@
 
 import enum
 import sys
+import threading
 import types
 
 import pytest
@@ -17,10 +18,15 @@ from merlin_actions.core.application_check import (
 )
 from merlin_actions.core.ending import no_retry
 from merlin_actions.machine_survey import survey
-from merlin_actions.merlin_action_server import given_up, given_up_about
+from merlin_actions.merlin_action_server import given_up
 from merlin_actions.merlin_action_sm import MerlinActionSM
-from merlin_sm.states.merlin_state import ABORTED, GivenUp
+from merlin_sm.merlin_sm import MerlinSM
+from merlin_sm.states.merlin_state import ABORTED, GivenUp, MerlinState
+from merlin_sm.states.while_state import WhileSM
+from merlin_test import LONG
+from smach import Concurrence, StateMachine
 
+OUTCOMES = ["succeeded", ABORTED, "preempted"]
 OPERATORS = {"navigate": [("from", "place"), ("to", "poi")], "ask": [("p", "poi")]}
 NAVIGATE = Needs("Navigate", "navigate", ("from", "to"), ("to",), (), (("DRIVE", "move_base"),))
 ASK = Needs("Ask", "ask", ("p",), (), (), (("SPEAK", "sound_play"),))
@@ -232,7 +238,7 @@ def test_a_state_names_on_what_account_it_gives_up():
 
     made = NoPoint()
     made.run_once({})
-    assert given_up_about(made) == "attic"
+    assert given_up(made) and made.about == "attic"
     assert no_retry("navigate", ["hall", "Attic"], "attic") == "(navigate * Attic)"
     assert no_retry("navigate", ["hall", "attic"], "") == "(navigate hall attic)"
     assert no_retry("navigate", ["hall", "attic"], "box") == "(navigate hall attic)"
@@ -246,3 +252,61 @@ class Fails(Refuse):
 def test_a_state_that_fails_does_not_give_up():
     made = Fails()
     assert made.run_once({}) == ABORTED and given_up(made) == ""
+
+
+class TriesAnother(Fails):
+    """Its first state gives up, and its last one fails for a reason that may pass."""
+
+    why = ""
+
+    def build(self):
+        inner = MerlinSM(OUTCOMES)
+        with inner:
+            inner.add("READ", self.state("function", self._read))
+        self.add("ASK", inner, {ABORTED: "DECIDE"})
+        super().build()
+
+    def _read(self, userdata):
+        raise GivenUp(self.why, about="attic")
+
+
+@pytest.mark.parametrize("why", ["", "not", "not yet"])
+def test_a_state_that_gave_up_does_not_count_when_another_one_failed_last(why):
+    made = TriesAnother()
+    made.why = why
+    assert made.run_once({}) == ABORTED and made.reason == "not yet"
+    assert (given_up(made), made.about) == ("", "")
+
+
+class Watch(MerlinState):
+    """Watches until it is preempted."""
+
+    def run(self, userdata):
+        woken = threading.Event()
+        self.interruptible(woken.set)
+        assert woken.wait(LONG)
+        self.interruptible(None)
+        return "preempted"
+
+
+@pytest.mark.parametrize("why", ["", "there is no attic"])
+@pytest.mark.parametrize("inside", [MerlinSM, StateMachine, Concurrence, WhileSM])
+def test_a_container_gives_up_with_the_state_that_decides(inside, why):
+    def refuse(userdata):
+        raise GivenUp(why, about="attic")
+
+    class Contains(MerlinActionSM):
+        def build(self):
+            refuses = self.state("function", refuse)
+            if inside is WhileSM:
+                made = self.state("while", refuses, Watch(), "aborted")
+            else:
+                made = inside(OUTCOMES, *([ABORTED] if inside is Concurrence else []))
+                with made:
+                    inside.add("REFUSES", refuses)
+            self.add("IN", made)
+
+    made = Contains()
+    assert made.run_once({}) == ABORTED and given_up(made) and made.about == "attic"
+    made.prepare()
+    assert given_up(made) == "", "the next run may end before it begins"

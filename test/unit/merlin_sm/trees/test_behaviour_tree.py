@@ -161,10 +161,11 @@ def test_what_gave_up_counts_when_it_had_the_last_word() -> None:
     drive = FunctionState(hopeless)
     assert Run(sequence(leaf("DRIVE", drive))).ended() == (ABORTED, "there is no attic")
     assert drive.given_up and drive.about == "attic"
-    other = Selector("ANY", True, [leaf("DRIVE", FunctionState(hopeless)), function("B", fails("busy"))])
-    run = Run(other)
-    assert run.ended() == (ABORTED, "busy")
-    assert not other.children[0].state.given_up
+    for why in ("busy", "there is no attic, and the robot is busy"):
+        other = Selector("ANY", True, [leaf("DRIVE", FunctionState(hopeless)), function("B", fails(why))])
+        run = Run(other)
+        assert run.ended() == (ABORTED, why)
+        assert (run.machine.given_up, run.machine.about) == (False, "")
 
 
 def test_a_retry_begins_anew_at_once() -> None:

@@ -275,8 +275,9 @@ def _inside(state: Any) -> List[MerlinState]:
 def _note(state: Any, wish: Wish, reason: str = "") -> None:
     """Notes in a state of MERLIN with which outcome it was left."""
     if isinstance(state, MerlinState):
-        state.outcome, state.given_up, state.about = wish.outcome, False, ""
+        state.outcome = wish.outcome
     if hasattr(state, "reason"):
+        state.given_up, state.about = False, ""
         state.reason = reason or f"forced by {wish.by}"
 
 

@@ -3,6 +3,7 @@
 
 from typing import Any, Dict, Mapping, Optional, Sequence
 
+from merlin_sm.merlin_sm import gives_up_with
 from merlin_sm.states.merlin_state import PREEMPTED, SUCCEEDED
 from smach import Concurrence, State
 
@@ -51,6 +52,7 @@ class WhileSM(Concurrence):
         return self._seen if ended["WATCH"] == SUCCEEDED else ended["WATCH"]
 
     def _take_reason(self, userdata: Any, terminal_states: Sequence[str], outcome: str) -> None:
-        children = self.get_children()
-        reasons = [getattr(children[label], "reason", "") for label in ("RUN", "WATCH")]
+        both = [self.get_children()[label] for label in ("RUN", "WATCH")]
+        gives_up_with(self, both)
+        reasons = [getattr(state, "reason", "") for state in both]
         self.reason = next((text for text in reasons if text and text != "cancelled"), "")

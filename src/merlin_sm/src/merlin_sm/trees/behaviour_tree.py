@@ -12,6 +12,7 @@ import smach
 from merlin_ros.deadline import Deadline
 from merlin_ros.ros_alarm import call_after
 from merlin_ros.work.threads import failure_logged
+from merlin_sm.merlin_sm import gives_up_with
 from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, SUCCEEDED, merlin_states
 from merlin_sm.trees.state_behaviour import StateBehaviour
 from merlin_sm.trees.state_run import StateRun
@@ -38,7 +39,8 @@ class BehaviourTree(Branch):
             raise ValueError(f"the root of a tree has to be a behaviour of py_trees, not {root!r}")
         super().__init__(root, keys, (SUCCEEDED, ABORTED, PREEMPTED))
         self.root = root
-        self.reason = ""
+        self.reason = self.about = ""
+        self.given_up = False
         self._period = period
         self._set_up = False
         self._changed = threading.Condition()  # guards the fields below
@@ -77,7 +79,7 @@ class BehaviourTree(Branch):
             self._stop()
             self.refresh()
             if self._unstopped:
-                outcome, self.reason = ABORTED, self._unstopped
+                outcome, self.reason, self.given_up = ABORTED, self._unstopped, False
             self.call_termination_cbs([], outcome)
             if parent_ud is not None:
                 for key in self.get_registered_output_keys():
@@ -92,6 +94,7 @@ class BehaviourTree(Branch):
     def _begin(self, parent_ud: Any) -> None:
         """Forgets the run of before."""
         self.reason = self._unstopped = ""
+        gives_up_with(self, ())
         userdata = smach.UserData()
         for key in self.get_registered_input_keys():
             if parent_ud is not None and key in parent_ud:
@@ -170,10 +173,7 @@ class BehaviourTree(Branch):
         self.reason = "; ".join(
             dict.fromkeys(node.feedback_message or f"{node.name} failed" for node in decisive)
         )
-        for leaf in self._leaves():
-            if leaf not in decisive:  # its giving up was not the last word
-                for state in merlin_states(leaf.machine):
-                    state.given_up = False
+        gives_up_with(self, (leaf.machine for leaf in decisive if isinstance(leaf, StateBehaviour)))
         return ABORTED
 
     def _stop(self) -> None:
