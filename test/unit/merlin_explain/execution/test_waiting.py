@@ -4,6 +4,7 @@
 from typing import Any, List
 
 import pytest
+from merlin_msgs.msg import DispatchStatus
 from robot_scenario import BEGIN, RobotScenario
 
 from merlin_explain.claims import Answer, QuestionError, Words
@@ -45,6 +46,15 @@ def test_a_step_waits_for_an_action_that_runs(scenario: RobotScenario) -> None:
     assert [each.step for each in answer.claims[2].evidence][0] == 1
     assert f"has waited since {clock_text(BEGIN)}: " in answer.sentence
     assert ask(scenario, MOP) == answer
+
+
+def test_since_when_is_not_said_of_a_plan_that_was_carried_out_before_it_was_heard(
+    scenario: RobotScenario,
+) -> None:
+    running = DispatchStatus(state=DispatchStatus.RUNNING, plan_id=1, steps_total=2)
+    scenario.model.plan.dispatcher(running, scenario.now)
+    drive(scenario)
+    assert ask(scenario).sentence.startswith(f"“{MOP}” waits: “{DRIVE}” has to end first")
 
 
 def test_an_action_that_is_late_is_not_said_to_end(scenario: RobotScenario) -> None:

@@ -108,6 +108,37 @@ def test_finished_steps_stay_finished_and_the_run_goes_on(tmp_path: Path, plan_f
     life.state.stop()
 
 
+@pytest.mark.parametrize("plan_first", [True, False])
+def test_a_plan_is_as_old_as_when_it_was_first_heard(tmp_path: Path, plan_first: bool) -> None:
+    first = Life(tmp_path, 1000.0)
+    for at in (5.0, 10.0):  # the second plan is carried out
+        first.state.planned(*sequential_steps(PLAN), at)
+    first.hears(12.0, 1, first=False)
+    first.state.stop()
+    life = Life(tmp_path, 1020.0)
+    if plan_first:
+        life.state.planned(*sequential_steps(PLAN), 34.0)
+    life.hears(34.0, 2, first=not plan_first)
+    plan = life.state.tree.get("plan")
+    assert (plan["at"], plan["number"]) == (10.0, 2)
+    life.state.planned(*sequential_steps(PLAN), 40.0)
+    plan = life.state.tree.get("plan")
+    assert (plan["at"], plan["number"]) == (40.0, 3)
+    life.state.stop()
+
+
+@pytest.mark.parametrize("plan_first", [True, False])
+def test_without_a_history_it_is_not_known_how_old_a_plan_is(tmp_path: Path, plan_first: bool) -> None:
+    life = Life(tmp_path, 1020.0, kept=False)
+    if plan_first:
+        life.state.planned(*sequential_steps(PLAN), 34.0)
+    life.hears(34.0, 2, first=not plan_first)
+    assert life.state.tree.get("plan", "at", default=0.0) is None
+    life.state.planned(*sequential_steps(PLAN), 40.0)
+    assert life.state.tree.get("plan", "at") == 40.0
+    life.state.stop()
+
+
 def test_without_a_history_the_dispatcher_tells(tmp_path: Path) -> None:
     life = Life(tmp_path, 1020.0, kept=False)
     life.hears(34.0, 2)

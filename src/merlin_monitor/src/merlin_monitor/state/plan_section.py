@@ -190,12 +190,13 @@ class PlanSection:
 
     def dispatcher(self, message: Any, at: float) -> None:
         """Takes a message with the fields of merlin_msgs/DispatchStatus."""
-        first = self._status is None or not self._status.state
+        late = self._status is None
+        first = late or not self._status.state
         self._status, self._status_at = message, at
         if message.state:
             self._follow(message.plan_id)
         if first and self._plans == 1:
-            self._take_up(message)
+            self._take_up(message, late and bool(message.state))
         if message.state and self._plans:
             self._show_earlier(message.running)
         now_running = {action.action_id: action for action in message.running}
@@ -333,17 +334,19 @@ class PlanSection:
     def _catch_up(self) -> None:
         """Started in the middle of a dispatch, it gets the latched messages before or after the plan."""
         self.dispatcher(self._status, self._status_at)
-        self._take_up(self._status)
+        self._take_up(self._status, late=True)
         for (plan_id, identity), (status, reason, received) in list(self._early.items()):
             step = self._steps.get(identity)
             if plan_id == self._dispatch and step is not None:
                 self._answer(step, status, reason, received)
         self._early.clear()
 
-    def _take_up(self, status: Any) -> None:
+    def _take_up(self, status: Any, late: bool = False) -> None:
         """Begun in the middle of a dispatch or after it, the steps that ended are known from the life before.
 
         Else from the dispatcher: what had to end before a step that runs, and as many more as it counts.
+
+        :param late: the plan was carried out already when it was heard.
         """
         running = {action.action_id: action for action in status.running}
         kept, self._kept = self._kept, {}
@@ -353,13 +356,19 @@ class PlanSection:
             return  # the one that had ended is not the one that has begun
         ended = "" if status.state else status.failed_action
         failed = {identity for identity, step in self._steps.items() if step["text"] == ended}
-        if kept.get("dispatch") == status.plan_id:
-            for key, was in kept.get("steps", {}).items():
-                step = self._steps.get(int(key), {})
-                same = was["state"] == SUCCEEDED or int(key) in running
-                if step.get("text") == was["text"] and same:
-                    times = {field: was[field] for field in ("began", "ended") if field in was}
-                    self._put(step, state=was["state"], **times)
+        old = kept.get("steps", {}) if kept.get("dispatch") == status.plan_id else {}
+        texts = {str(key): step["text"] for key, step in self._steps.items()}
+        if old and all(old.get(key, {}).get("text") == text for key, text in texts.items()):
+            self._plans = kept["number"]
+            self._tree.put(SECTION, number=self._plans, at=kept["at"])
+        elif late:
+            self._tree.put(SECTION, at=None)
+        for key, was in old.items():
+            step = self._steps.get(int(key), {})
+            same = was["state"] == SUCCEEDED or int(key) in running
+            if step.get("text") == was["text"] and same:
+                times = {field: was[field] for field in ("began", "ended") if field in was}
+                self._put(step, state=was["state"], **times)
         before = self._before(set(running))
         rest = [identity for identity in self._steps if identity not in before]
         for identity in [*sorted(before, key=list(self._steps).index), *rest]:
