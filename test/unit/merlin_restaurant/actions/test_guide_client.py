@@ -44,7 +44,7 @@ class Guidance(GuideClient):
         if name == "navigation":
             return None  # part of the state `while`
         if name == "while":
-            return FunctionState(lambda userdata: self.drives.pop(0), outcomes=["behind"])
+            return FunctionState(lambda userdata: self.drives.pop(0) or None, outcomes=["behind"])
         if name == "recognize":
             return FunctionState(self._look, outputs=["detections"])
         return super().state(name, *args, **options)
@@ -66,7 +66,7 @@ def world(monkeypatch: pytest.MonkeyPatch) -> None:
         guide_client,
         "WatchState",
         lambda watch, until, limit=0.0: FunctionState(
-            lambda userdata: waits[-1].waits.pop(0), outcomes=["lost"] if limit else []
+            lambda userdata: waits[-1].waits.pop(0) or None, outcomes=["lost"] if limit else []
         ),
     )
     monkeypatch.setattr(guide_client, "people_at", lambda table, seen: len(seen))

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Loading an order: the barman is asked again until nothing of it stays on the bar, but not for ever."""
 
-from typing import Any, List
+from typing import Any, List, Optional
 
 import pytest
 
@@ -25,10 +25,10 @@ class Loading(LoadOrder):
             return FunctionState(self._look, outputs=["detections"])
         return super().state(name, *args, **options)
 
-    def _answer(self, userdata: Any) -> str:
+    def _answer(self, userdata: Any) -> Optional[str]:
         self.asked += 1
         heard = userdata.heard = self._answers.pop(0) if len(self._answers) > 1 else self._answers[0]
-        return "" if heard else "misunderstood"
+        return None if heard else "misunderstood"
 
     def _look(self, userdata: Any) -> None:
         userdata.detections = self._looks.pop(0) if len(self._looks) > 1 else self._looks[0]

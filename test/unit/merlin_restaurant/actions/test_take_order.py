@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Taking an order: what the guest says decides where the conversation goes, and it ends."""
 
-from typing import Any, List
+from typing import Any, List, Optional
 
 import pytest
 
@@ -24,9 +24,9 @@ class Conversation(TakeOrder):
             return super().state(name, *args, **options)
         heard = next(said for begin, said in self.said.items() if args[0].startswith(begin))
 
-        def answer(userdata: Any) -> str:
+        def answer(userdata: Any) -> Optional[str]:
             said = userdata.heard = heard.pop(0) if heard else ""
-            return "" if said else "misunderstood"
+            return None if said else "misunderstood"
 
         return FunctionState(answer, outputs=["heard"], outcomes=["misunderstood"])
 

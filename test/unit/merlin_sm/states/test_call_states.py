@@ -9,17 +9,18 @@ from typing import Any, Callable, List
 import pytest
 from merlin_msgs.msg import ListenAction, ListenGoal, RecognizeAction, RecognizeGoal
 from std_msgs.msg import Bool
-from std_srvs.srv import SetBool, SetBoolRequest
+from std_srvs.srv import SetBool, SetBoolRequest, SetBoolResponse
 
 from merlin_ros.call_scope import CallScope, current_scope
 from merlin_ros.master.master_link import MasterSilent
 from merlin_ros.service_proxy import ServiceError
+from merlin_sm.merlin_sm import MerlinSM
 from merlin_sm.states import action_state, ros_calls
 from merlin_sm.states.action_state import ActionState
 from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, SUCCEEDED
 from merlin_sm.states.ros_calls import ServiceCallState, TopicState
 from merlin_test import LONG
-from smach import UserData
+from smach import InvalidTransitionError, UserData
 
 
 class Service:
@@ -81,6 +82,29 @@ def test_a_service_gets_the_request_and_its_answer_chooses_the_outcome(service: 
     assert (service.requests, kept) == ([(SetBoolRequest(True),)], ["answer"])
     assert call().execute(data) == SUCCEEDED
     assert service.requests[1] == ()
+
+
+@pytest.mark.parametrize(
+    ("message", "reason"),
+    [("no air pressure", "/switch did not succeed: no air pressure"), ("", "/switch did not succeed")],
+)
+def test_a_service_that_did_not_succeed_fails_unless_a_function_judges_it(
+    service: Service, message: str, reason: str
+) -> None:
+    service.answer = SetBoolResponse(False, message)
+    state = call()
+    assert (state.execute(UserData()), state.reason) == (ABORTED, reason)
+    assert call(on_response=lambda *_: None).execute(UserData()) == SUCCEEDED
+    service.answer = SetBoolResponse(True, message)
+    assert state.execute(UserData()) == SUCCEEDED
+
+
+def test_an_answer_to_the_response_that_is_not_an_outcome_is_no_success(service: Service) -> None:
+    machine = MerlinSM([SUCCEEDED, ABORTED, PREEMPTED])
+    with machine:
+        machine.add("CALL", call(on_response=lambda *_: False))
+    with pytest.raises(InvalidTransitionError, match="CALL.*ended with False"):
+        machine.execute()
 
 
 def test_a_service_that_does_not_come_or_answer_is_named(service: Service) -> None:

@@ -14,7 +14,7 @@ from merlin_sm.states.merlin_state import PREEMPTED, SUCCEEDED, MerlinState
 from merlin_sm.states.planning import DispatchPlanState
 from merlin_sm.states.while_state import WhileSM
 from merlin_test import LONG
-from smach import UserData
+from smach import InvalidTransitionError, UserData
 
 
 def refuse(userdata: Any) -> None:
@@ -46,6 +46,12 @@ def test_a_function_reads_and_sets_userdata() -> None:
 
 def test_a_function_chooses_the_outcome() -> None:
     assert run(FunctionState(lambda userdata: "other", outcomes=["other"])) == "other"
+
+
+@pytest.mark.parametrize("answer", [False, 0, "", "other"])
+def test_what_a_function_returns_has_to_be_an_outcome(answer: Any) -> None:
+    with pytest.raises(InvalidTransitionError, match=f"IT.*ended with {answer!r}"):
+        run(FunctionState(lambda userdata: answer))
 
 
 def test_a_function_that_refuses_aborts_with_its_text() -> None:

@@ -25,7 +25,7 @@ from merlin_sm.states.navigation import POINTS_PARAM, NavigationState
 from merlin_sm.states.recognition import NOT_FOUND, DetectState, Recognized, RecognizeState
 from merlin_sm.states.speech import MISUNDERSTOOD, ListenState, SpeakState
 from merlin_test import LONG
-from smach import UserData
+from smach import InvalidTransitionError, UserData
 
 POINTS = {"kitchen": {"x": 1.0, "y": 2.0, "yaw": 0.0}, "broken": {"x": 1.0, "y": "?"}}
 
@@ -239,6 +239,14 @@ def test_a_result_may_choose_the_outcome_after_success_only(server: Server) -> N
     assert drive.execute(userdata()) == "empty" and seen == ["result"]
     server.end = (GoalStatus.ABORTED, "", "result")
     assert drive.execute(userdata()) == ABORTED and seen == ["result"]
+
+
+def test_an_answer_to_the_result_that_is_not_an_outcome_is_no_success(server: Server) -> None:
+    machine = MerlinSM([SUCCEEDED, ABORTED, PREEMPTED])
+    with machine:
+        machine.add("DRIVE", state(on_result=lambda *_: False))
+    with pytest.raises(InvalidTransitionError, match="DRIVE.*ended with False"):
+        machine.execute()
 
 
 # --- the ready states ----------------------------------------------------------------------------------

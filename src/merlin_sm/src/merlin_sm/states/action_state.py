@@ -15,7 +15,7 @@ from merlin_ros.actions.client_goal import ClientGoal
 from merlin_ros.actions.hang_watch import hangs
 from merlin_ros.deadline import Deadline
 from merlin_sm.guard_watch import shared_guard_watch
-from merlin_sm.states.merlin_state import PREEMPTED, SUCCEEDED, MerlinState
+from merlin_sm.states.merlin_state import PREEMPTED, MerlinState, chosen
 from merlin_sm.states.ros_calls import check_message, check_name, check_times
 from merlin_sm.states.text_keys import check_keys
 
@@ -101,7 +101,8 @@ class ActionState(MerlinState):
     :param action_spec: the generated ``...Action`` class.
     :param goal: the goal, or a function from userdata to the goal; raise ValueError to abort with its text,
         GivenUp when another try cannot help.
-    :param on_result: called with userdata and the result after SUCCEEDED; may return another outcome.
+    :param on_result: called with userdata and the result after SUCCEEDED; returns an outcome, or None for
+        succeeded.
     :param outcomes: those that `on_result` may return.
     :param input_keys: userdata that `goal` reads.
     :param output_keys: userdata that `on_result` sets.
@@ -204,7 +205,7 @@ class ActionState(MerlinState):
 
     def _outcome(self, userdata: Any, sent: ClientGoal) -> str:
         if sent.status == GoalStatus.SUCCEEDED:
-            return (self._on_result(userdata, sent.result) if self._on_result else None) or SUCCEEDED
+            return chosen(self._on_result(userdata, sent.result) if self._on_result else None)
         if sent.status in (GoalStatus.PREEMPTED, GoalStatus.RECALLED) and self.preempt_requested():
             return PREEMPTED
         status = _STATUS_TEXT.get(sent.status, str(sent.status))

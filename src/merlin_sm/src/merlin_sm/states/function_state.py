@@ -5,16 +5,16 @@ from typing import Any, Callable, Optional, Sequence
 
 from merlin_planning.knowledge_client import KnowledgeError
 from merlin_ros.service_proxy import ServiceError
-from merlin_sm.states.merlin_state import SUCCEEDED, MerlinState
+from merlin_sm.states.merlin_state import MerlinState, chosen
 from merlin_sm.states.text_keys import check_keys
 
 
 class FunctionState(MerlinState):
     """Calls a function with the userdata. It has to return soon; what waits is a state of its own.
 
-    :param function: returns an outcome, or None for succeeded; raise ValueError to abort with its text,
-        GivenUp when another try cannot help. A knowledge base that refuses or does not answer aborts
-        likewise.
+    :param function: returns an outcome, or None for succeeded, and nothing else; raise ValueError to abort
+        with its text, GivenUp when another try cannot help. A knowledge base that refuses or does not answer
+        aborts likewise.
     :param inputs: userdata keys that it reads.
     :param outputs: userdata keys that it sets.
     :param outcomes: that it may return besides succeeded.
@@ -35,6 +35,6 @@ class FunctionState(MerlinState):
     def run(self, userdata: Any) -> str:
         """Calls the function; its result is the outcome."""
         try:
-            return self._function(userdata) or SUCCEEDED
+            return chosen(self._function(userdata))
         except (ValueError, KnowledgeError, ServiceError) as error:
             return self.fail_for(error)

@@ -105,6 +105,11 @@ class MerlinState(smach.State):
             interrupt()
 
 
+def chosen(answer: Optional[str]) -> str:
+    """The outcome that a function of a user has returned; None is succeeded, False and "" are not."""
+    return SUCCEEDED if answer is None else answer
+
+
 def merlin_states(container: Any) -> Iterator[MerlinState]:
     """Every MERLIN state of a container, also of nested ones."""
     for child in container.get_children().values():

@@ -15,7 +15,7 @@ from merlin_ros.master.master_link import MasterSilent
 from merlin_ros.parameters import is_name
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
 from merlin_ros.work.threads import start_thread
-from merlin_sm.states.merlin_state import PREEMPTED, SUCCEEDED, MerlinState
+from merlin_sm.states.merlin_state import PREEMPTED, SUCCEEDED, MerlinState, chosen
 from merlin_sm.states.text_keys import check_keys
 
 
@@ -93,10 +93,13 @@ def call_apart(
 class ServiceCallState(MerlinState):
     """Calls a service.
 
+    Without `on_response`, a response whose field `success` is false, as std_srvs/Trigger has one, aborts with
+    its `message`.
+
     :param name: of the service.
     :param service_class: the generated service type.
     :param request: the request, or a function from userdata to it.
-    :param on_response: called with userdata and the response; may return an outcome.
+    :param on_response: called with userdata and the response; returns an outcome, or None for succeeded.
     :param outcomes: those that `on_response` may return.
     :param input_keys: userdata that `request` reads.
     :param output_keys: userdata that `on_response` sets.
@@ -151,7 +154,12 @@ class ServiceCallState(MerlinState):
             return self.fail(str(answers[0]))
         if isinstance(answers[0], Exception):
             raise answers[0]
-        return (self._on_response(userdata, answers[0]) if self._on_response else None) or SUCCEEDED
+        if self._on_response is not None:
+            return chosen(self._on_response(userdata, answers[0]))
+        if getattr(answers[0], "success", True) is False:
+            said = getattr(answers[0], "message", "")
+            return self.fail(f"{self._proxy.name} did not succeed" + (f": {said}" if said else ""))
+        return SUCCEEDED
 
 
 class TopicState(MerlinState):
