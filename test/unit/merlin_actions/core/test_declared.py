@@ -9,7 +9,7 @@ from merlin_pddl.domain_reader import parse_domain
 
 def test_numbers_are_told_from_facts() -> None:
     facts = ["(robot_at anywhere)", "(not (decreased))", "(increased kitchen)"]
-    numbers = ["(decrease (battery) (* 0.1 #t))", " ( Assign (load ?p) 0)"]
+    numbers = ["(decrease (battery) (* 0.1 #t))", " ( Assign (load ?p) 0)", "(increase(battery) 5)"]
     assert numeric_apart([facts[0], *numbers, *facts[1:]]) == (facts, numbers)
 
 

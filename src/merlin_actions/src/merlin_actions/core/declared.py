@@ -9,7 +9,7 @@ from merlin_pddl.domain_reader import ASSIGNMENTS
 from merlin_pddl.formula_reader import IN_CONTINUOUS, FormulaReader
 from merlin_pddl.text_reader import Expression, PddlError, read_expression
 
-_NUMERIC = re.compile(r"\s*\(\s*(assign|increase|decrease|scale-up|scale-down)\s", re.IGNORECASE)
+_NUMERIC = re.compile(r"\s*\(\s*(assign|increase|decrease|scale-up|scale-down)(?=[\s(;])", re.IGNORECASE)
 _VARIABLE = re.compile(r"\?([A-Za-z_][\w-]*)")
 #: The planned duration, a variable of PDDL's own.
 DURATION = "duration"
