@@ -25,7 +25,7 @@ from merlin_executor.node.own_goals import OwnGoals
 from merlin_executor.node.request import Request
 from merlin_executor.node.robot_return import RobotReturn
 from merlin_planning.dispatch_progress import DispatchResult, unmet_reason
-from merlin_planning.knowledge_client import ADD_GOAL
+from merlin_planning.knowledge_client import ADD_GOAL, KnowledgeError
 from merlin_planning.knowledge_text import parse_goal, step_text, to_pddl
 from merlin_planning.planning_client import Planned, PlanningResult
 from merlin_ros.call_scope import current_scope
@@ -72,6 +72,7 @@ class Robot:
         self.after: List[str] = []  # of the last one
         self.on_exchange: Callable[[], str] = lambda: ""
         self.impossible = ""
+        self.refused = ""  # the goal that the knowledge base does not take
         self.deadlines: List[GoalDeadline] = []  # of the last plan
         self.late = Planned.LATE  # what the planner says where not all are in time
         self.unknown: List[int] = []  # states of the planner for previews without an answer
@@ -114,6 +115,8 @@ class Robot:
 
     def update(self, updates: List[Any]) -> None:
         self.call("update")
+        if self.refused in [to_pddl(update.item) for update in updates]:
+            raise KnowledgeError(f"refused an update with {self.refused}: its object is unknown")
         with self.changed:
             for update in updates:
                 goal = to_pddl(update.item)

@@ -34,6 +34,7 @@ def failed(action: str, no_retry: str = "", of_robot: str = "") -> DispatchResul
         ("DISPATCH_PLAN", "succeeded", Outcome.SUCCEEDED),
         ("ADD_GOALS", "already_true", Outcome.ALREADY_TRUE),
         ("ADD_GOALS", "aborted", Outcome.INTERNAL),
+        ("ADD_GOALS", "refused", Outcome.REFUSED),
         ("SETTLE", "aborted", Outcome.INTERNAL),
         ("PLAN", "unsolvable", Outcome.UNSOLVABLE),
         ("PLAN", "timeout", Outcome.PLANNER_TIMEOUT),

@@ -465,6 +465,14 @@ def test_a_dispatcher_that_cannot_exchange_lets_newcomers_wait(bench: Bench, rob
     assert [end(each)[1] for each in (first, second)] == ["SUCCEEDED"] * 2
 
 
+def test_a_goal_that_the_knowledge_base_refuses_does_not_end_the_others(bench: Bench, robot: Robot) -> None:
+    robot.refused = "(checked bath)"
+    requests = [bench.driving("(checked kitchen)"), *map(bench.send, ("(checked bath)", "(checked attic)"))]
+    bench.carry_on(*requests)
+    assert [end(each)[1] for each in requests] == ["SUCCEEDED", "REFUSED", "SUCCEEDED"]
+    assert end(requests[1])[2].endswith("its object is unknown")
+
+
 @pytest.mark.parametrize("seed", range(8))
 def test_any_order_of_arrivals_and_cancels(bench: Bench, robot: Robot, seed: int) -> None:
     choice = random.Random(seed)

@@ -30,6 +30,7 @@ TOGETHER = 20
 GATHER = 1.0
 #: Outcomes of a joint run that one of its requests alone may have caused.
 APART = (
+    Outcome.REFUSED,
     Outcome.UNSOLVABLE,
     Outcome.NO_PLAN,
     Outcome.PLANNER_TIMEOUT,

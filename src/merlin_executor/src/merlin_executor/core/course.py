@@ -22,6 +22,7 @@ NOT_DISPATCHED = DispatchResult(False)
 _VERDICTS = {
     "succeeded": Outcome.SUCCEEDED,
     "already_true": Outcome.ALREADY_TRUE,
+    "refused": Outcome.REFUSED,
     "preempted": Outcome.CANCELLED,
     "unsolvable": Outcome.UNSOLVABLE,
     "no_plan": Outcome.NO_PLAN,

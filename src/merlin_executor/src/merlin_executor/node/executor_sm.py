@@ -33,7 +33,7 @@ from merlin_sm.states.planning import FAILED, PlanningState
 REMOVE_GOALS = "REMOVE_GOALS"
 REMOVE_LIMIT = 5.0  # s of wall time for the goals to be removed before the answer; later that is tried again
 REMOVE_LIMIT_STOPPED = 1.0  # the same when the answer is to a cancel
-_OUTCOMES = [outcome.name.lower() for outcome in Outcome if outcome not in (Outcome.DROPPED, Outcome.REFUSED)]
+_OUTCOMES = [outcome.name.lower() for outcome in Outcome if outcome is not Outcome.DROPPED]
 
 
 class ExecutorSM(MerlinSM, Stages[Request]):

@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from merlin_executor.node.executor_sm import ExecutorSM
 
 ALREADY_TRUE = "already_true"
+REFUSED = "refused"
 HOLDS_ALREADY = "the goal holds already"
 EXHAUSTED = "exhausted"
 LATE = "late"
@@ -73,13 +74,14 @@ class Settle(PlanningState):
 
 
 class AddGoals(PlanningState):
-    """Adds the goals that are not stored yet; ends with already_true when all of them hold.
+    """Adds the goals that are not stored yet; ends with already_true when all of them hold, with refused when
+    the knowledge base does not take one.
 
     Of several requests those end here whose goals hold.
     """
 
     def __init__(self, system: PlanningSystem, own: OwnGoals, run: "ExecutorSM") -> None:
-        super().__init__([ALREADY_TRUE])
+        super().__init__([ALREADY_TRUE, REFUSED])
         self._system = system
         self._own = own
         self._run = run
@@ -98,7 +100,12 @@ class AddGoals(PlanningState):
             achieved = Verdict(Outcome.SUCCEEDED, ACHIEVED_MEANWHILE)
             run.end(holding, achieved if again else Verdict(Outcome.ALREADY_TRUE, HOLDS_ALREADY))
             present = {to_pddl(goal).lower() for goal in self._system.knowledge.goals()}
-            self._own.add([item for item in run.items if to_pddl(item).lower() not in present])
+            missing = [item for item in run.items if to_pddl(item).lower() not in present]
+            try:
+                self._own.add(missing)
+            except KnowledgeError as error:  # an object of one of them may have gone since it was sent
+                self.reason = str(error)
+                return REFUSED
         except ServiceError as error:
             return self.fail_stage(_of_knowledge_base(error))
         except (KnowledgeError, OSError) as error:
