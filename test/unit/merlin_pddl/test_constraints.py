@@ -188,3 +188,16 @@ def test_files_with_functions_of_objects_are_planned_for(plan):
     problem = "(define (problem p) (:domain o) (:objects a b - place) (:init (= (where) a)) (:goal (seen b)))"
     outcome = plan(OBJECTS, problem)
     assert outcome.solved and "(go b)" in outcome.plan
+
+
+def test_a_domain_knows_what_its_constraints_read():
+    domain = parse_domain(
+        domain_text(
+            """(:constraints (and (forall (?r - room) (sometime-before (at ?r) (visited kitchen)))
+            (at end (and (visited bar) (at bar)))
+            (preference p (always (exists (?r - room) (not (at ?r)))))))"""
+        )
+    )
+    assert domain.constraints[0] == {("at", "?r"), ("visited", "kitchen")}
+    assert set(domain.constraints[1:3]) == {frozenset({("visited", "bar")}), frozenset({("at", "bar")})}
+    assert domain.constraints[3:] == (frozenset({("at", "")}),)

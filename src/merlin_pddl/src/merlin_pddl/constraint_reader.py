@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reads the trajectory constraints of PDDL 3: what has to hold on the way, not only at its end."""
 
-from typing import Dict, List, Optional
+from typing import Dict, FrozenSet, List, Optional, Set
 
-from merlin_pddl.domain import Domain
+from merlin_pddl.domain import Domain, depends_on
+from merlin_pddl.formula import Atom, Condition, Exists, Fluent, Forall, terms, walk
 from merlin_pddl.formula_reader import (
     TRAJECTORY,
     FormulaReader,
@@ -12,6 +13,7 @@ from merlin_pddl.formula_reader import (
     parameters,
     preference_name,
 )
+from merlin_pddl.knowledge import Key
 from merlin_pddl.text_reader import Expression, Node
 
 #: constraint → how many numbers and how many conditions follow it
@@ -34,11 +36,13 @@ class ConstraintReader:
 
     :param domain: knows the predicates, functions and constants.
     :param formulas: reads the conditions.
+    :ivar reads: what each constraint that was read depends on, as in :class:`Domain`.
     """
 
     def __init__(self, domain: Domain, formulas: FormulaReader) -> None:
         self._domain = domain
         self._formulas = formulas
+        self.reads: List[FrozenSet[Key]] = []
 
     def read(self, node: Node) -> str:
         """The constraint as PDDL on one line.
@@ -63,7 +67,8 @@ class ConstraintReader:
             preference_name(node)
             self._check(node[-1], scope)
         elif head == "at" and len(node) == 3 and node[1] == "end":
-            self._formulas.condition(node[2], scope)
+            found = self._keys(self._formulas.condition(node[2], scope), scope)
+            self.reads += [frozenset({key}) for key in found]  # each is as its last change leaves it
         elif head in FORMS:
             self._form(node, scope)
         else:
@@ -79,8 +84,20 @@ class ConstraintReader:
             value = number_of(part)
             if value is None or value < 0:
                 raise part.error(f"'{node.head}' takes a time in s here")
-        for part in node[1 + numbers :]:
-            self._formulas.condition(part, scope)
+        parts = [self._formulas.condition(part, scope) for part in node[1 + numbers :]]
+        self.reads.append(frozenset(key for part in parts for key in self._keys(part, scope)))
+
+    def _keys(self, condition: Condition, scope: Scope) -> Set[Key]:
+        quantified = (part for part in walk(condition) if isinstance(part, (Forall, Exists)))
+        own = scope.keys() - {variable.name for part in quantified for variable in part.variables}
+        found: Set[Key] = set()
+        for term in terms(condition):
+            if isinstance(term, Atom) and term.name in self._domain.derived:
+                found |= {(name,) for name in depends_on(term, self._domain.derived)}
+            elif isinstance(term, (Atom, Fluent)):
+                args = ("" if arg.startswith("?") and arg not in own else arg for arg in term.args)
+                found.add((term.name, *args))
+        return found
 
 
 def misplaced(node: Node) -> Optional[Expression]:

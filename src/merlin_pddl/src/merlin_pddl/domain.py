@@ -19,6 +19,7 @@ from merlin_pddl.formula import (
     Variable,
     terms,
 )
+from merlin_pddl.knowledge import Key
 from merlin_pddl.type_hierarchy import OBJECT, TypeHierarchy
 
 
@@ -72,6 +73,9 @@ class Domain:
     operators: Dict[str, Operator] = field(default_factory=dict)
     derived: Dict[str, List[Derived]] = field(default_factory=dict)
     preferences: FrozenSet[str] = frozenset()  # their names
+    #: for each trajectory constraint the predicates and functions that it reads, with objects and variables
+    #: of its `forall`; an empty argument, or one that is missing, stands for any object
+    constraints: Tuple[FrozenSet[Key], ...] = ()
     digest: str = ""  # of the file's content: shows whether stored knowledge belongs to this domain
 
     def constants_of(self, type_name: str, subtypes: bool = True) -> List[str]:

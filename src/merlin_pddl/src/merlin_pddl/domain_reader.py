@@ -128,8 +128,10 @@ class DomainReader:
                 self._operator(section)
             elif section.head == ":constraints":  # the planner obeys them
                 formulas = FormulaReader(self._domain, _AnyObject(self._domain))
+                constraints = ConstraintReader(self._domain, formulas)
                 for node in section[1:]:
-                    ConstraintReader(self._domain, formulas).read(node)
+                    constraints.read(node)
+                self._domain.constraints += tuple(constraints.reads)
         return self._domain
 
     def _types(self, section: Expression) -> None:

@@ -5,6 +5,7 @@ from typing import Dict, List, Tuple, Union
 
 import pytest
 
+from merlin_pddl.domain_reader import parse_domain
 from merlin_pddl.formula import Comparison, Fluent, Number
 from merlin_pddl.plan_text import PlanStep
 from merlin_rosplan.dispatch.operator_model import (
@@ -65,3 +66,67 @@ def test_a_timed_value_that_an_action_has_changed_since_is_not_waited_for() -> N
     work = ActionModel("work", (), at_start=CHARGED)
     found = edges([COOK, work], [(0.0, 9.0), (10.0, 5.0)], TimedValue(8.0, CHARGE, 5.0))
     assert (2, 3) in found and (0, 3) not in found
+
+
+def house(constraint: str, *lines: Tuple[float, str, float]) -> Dict:
+    """The edges of a plan whose order only a constraint of the domain needs."""
+    domain = parse_domain(
+        f"""(define (domain d) (:requirements :typing :durative-actions :constraints :derived-predicates)
+        (:types robot place) (:constants r1 r2 r3 - robot)
+        (:predicates (in ?r - robot ?p - place) (clean ?p - place) (done ?p - place) (busy ?p - place))
+        (:functions (dust))
+        (:derived (busy ?p - place) (exists (?r - robot) (in ?r ?p)))
+        (:constraints {constraint})
+        (:durative-action pass :parameters (?r - robot ?p - place) :duration (= ?duration 10)
+          :effect (and (at start (in ?r ?p)) (at end (not (in ?r ?p)))))
+        (:durative-action sweep :parameters (?p - place) :duration (= ?duration 10)
+          :effect (and (at end (clean ?p)) (increase (dust) (* #t 1))))
+        (:durative-action serve :parameters (?p - place) :duration (= ?duration 5)
+          :effect (at end (done ?p))))"""
+    )
+    models = []
+    for _, text, _ in lines:
+        name, *objects = text.split()
+        model = ActionModel.of(domain.operators[name], domain.derived, domain.constraints)
+        models.append(model.ground(model.bind(objects)))
+    steps = [PlanStep(time, text.split()[0], tuple(text.split()[1:]), lasts) for time, text, lasts in lines]
+    return {(edge.source, edge.sink): edge for edge in build_graph(steps, models).edges}
+
+
+ALONE = "(forall (?p - place) (always (not (and (in r1 ?p) (in r2 ?p)))))"
+BEFORE = "(forall (?p - place) (sometime-before (done ?p) (clean ?p)))"
+
+
+@pytest.mark.parametrize(
+    ("constraint", "first", "second", "waits"),
+    [
+        (ALONE, "pass r1 door", "pass r2 door", True),
+        (ALONE, "pass r1 door", "pass r2 gate", False),
+        (ALONE, "pass r1 door", "pass r3 door", False),
+        ("(always (not (and (in r1 door) (in r2 gate))))", "pass r1 door", "pass r2 gate", True),
+        ("(always (not (forall (?p - place) (in r1 ?p))))", "pass r1 door", "pass r1 gate", True),
+        ("(at-most-once (exists (?p - place) (busy ?p)))", "pass r1 door", "pass r2 gate", True),
+        (BEFORE, "sweep hall", "serve hall", True),
+        (BEFORE, "sweep hall", "serve bar", False),
+        ("(always (imply (done bar) (<= (dust) 20)))", "sweep hall", "serve bar", True),
+        ("(at end (and (clean hall) (done hall)))", "sweep hall", "serve hall", False),
+    ],
+)
+def test_an_order_that_only_a_constraint_needs_is_kept(
+    constraint: str, first: str, second: str, waits: bool
+) -> None:
+    found = house(constraint, (0.0, first, 10.0), (10.001, second, 10.0))
+    assert ((2, 3) in found) == waits
+    assert found[1, 2].strict is False
+
+
+def test_an_end_that_a_constraint_puts_behind_another_waits_for_it() -> None:
+    found = house(BEFORE, (0.0, "sweep hall", 10.0), (6.0, "serve hall", 5.0))
+    assert found[2, 4].strict and (2, 3) in found
+
+
+def test_what_a_constraint_holds_open_is_closed_last() -> None:
+    found = house(
+        "(always (imply (in r2 door) (in r1 door)))", (0.0, "pass r1 door", 20.0), (1.0, "pass r2 door", 10.0)
+    )
+    assert (1, 3) in found and found[4, 2].strict

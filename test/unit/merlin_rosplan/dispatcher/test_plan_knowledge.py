@@ -22,6 +22,7 @@ from merlin_rosplan.messages.domain_messages import operator_message
 
 OPERATORS = parse_domain(
     """(define (domain d) (:types poi) (:predicates (seen ?p - poi) (dark))
+    (:constraints (forall (?p - poi) (at-most-once (seen ?p))))
     (:action look :parameters (?p - poi) :effect (seen ?p))
     (:action find :parameters (?p - poi) :precondition (or (dark) (seen ?p)) :effect (not (seen ?p))))"""
 )
@@ -90,6 +91,7 @@ def test_operators_are_asked_for_once_as_long_as_the_knowledge_base_lives(remote
             model = knowledge.operator(name)
     assert remote.asked == ["look", "file", "find"]
     assert [str(entry) for entry in model.at_start.expressions] == ["(or (dark) (seen ?p))"]
+    assert model.constraints == ({("seen", "?p")},)
 
 
 def test_another_knowledge_base_may_have_another_domain(remote: Remote) -> None:

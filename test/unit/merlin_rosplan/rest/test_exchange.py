@@ -160,6 +160,30 @@ def test_what_a_plan_begins_with_is_what_waits_for_no_other_step_of_it(begun_sin
         continued_graph(graph, plan, ongoing, operator)
 
 
+def test_a_step_waits_for_what_goes_on_where_only_a_constraint_needs_it():
+    model = ActionModel(
+        "pass",
+        ("r",),
+        start_effects=TimedEffects(add=(PlanTerm("in", ("r",)),)),
+        end_effects=TimedEffects(delete=(PlanTerm("in", ("r",)),)),
+        constraints=(frozenset({("in", "r1"), ("in", "r2")}),),
+    )
+
+    def operator(action):
+        return model.ground(dict(action.parameters))
+
+    kept, *plan = [
+        PlannedAction(3 + number, "pass", (("r", robot),), 1.0)
+        for number, robot in enumerate(("r1", "r2", "r3"))
+    ]
+    steps = [PlanStep(0.0, "pass", (robot,), 1.0) for robot in ("r2", "r3")]
+    graph = build_graph(steps, [operator(action) for action in plan])
+    continued_graph(graph, plan, Ongoing(kept=(kept,), used=frozenset({3})), operator)
+    ends = {node.id for node in graph.nodes if node.name == "pass_end" and node.action == 2}
+    waiting = {edge.sink for edge in graph.edges if edge.source in ends}
+    assert 1 in waiting and 3 not in waiting
+
+
 def test_an_action_that_does_not_stop_fails_the_plan():
     world = World(WORK)
     run = Run(world, SequentialSchedule(actions("work", "work")), cancel=0.05)

@@ -302,3 +302,38 @@ def test_a_plan_without_steps_has_no_rest():
     world = world_of(goal="(at base)")
     world.make("(not (at base))")
     assert world.watch.look() is None
+
+
+SHOWN = DOMAIN.replace("(:derived", "(:constraints (sometime (checked hall))) (:derived", 1)
+
+
+def shown_world(domain):
+    problem = f"""(define (problem p) (:domain house) (:objects base hall kitchen - room d1 d2 d3 - door
+      cup - item) (:init {INIT}) (:goal (checked kitchen)))"""
+    return RestWorld(domain, problem, planned("(check hall)", "(check kitchen)"))
+
+
+@pytest.mark.parametrize(("domain", "skips"), [(DOMAIN, True), (SHOWN, False)])
+def test_a_step_that_a_constraint_needs_is_not_skipped(domain, skips):
+    world = shown_world(domain)
+    world.make("(not (at base))", "(at kitchen)")
+    verdict = world.watch.look()
+    assert (world.watch.skipped, verdict) == ({0}, None) if skips else verdict.action is world.actions[0]
+
+
+@pytest.mark.parametrize(("domain", "achieved"), [(DOMAIN, True), (SHOWN, False)])
+def test_a_plan_whose_goal_came_true_goes_on_for_a_constraint(domain, achieved):
+    world = shown_world(domain)
+    world.make("(at hall)")
+    world.watch.look()
+    world.make("(checked kitchen)")
+    verdict = world.watch.look()
+    assert (verdict is not None and verdict.achieved) == achieved
+    if not achieved:
+        assert 0 not in world.watch.skipped
+        world.start(0)
+        world.end(0)
+        world.make("(not (checked kitchen))")
+        world.watch.look()
+        world.make("(checked kitchen)")
+        assert world.watch.look().achieved  # nothing of the rest matters to the constraint

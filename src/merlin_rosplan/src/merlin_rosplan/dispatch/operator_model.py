@@ -7,6 +7,7 @@ from typing import Dict, FrozenSet, Iterable, List, NamedTuple, Sequence, Set, T
 from merlin_pddl import formula
 from merlin_pddl.domain import Operator, Rules, depends_on
 from merlin_pddl.formula import END, OVER_ALL, START, Atom, Comparison, Condition, Effect, Equal, Fluent, Not
+from merlin_pddl.knowledge import Key
 from merlin_rosplan.dispatch.dispatch_schedule import BindingError
 
 
@@ -188,13 +189,16 @@ class ActionModel:
     start_effects: TimedEffects = field(default_factory=TimedEffects)
     end_effects: TimedEffects = field(default_factory=TimedEffects)
     durative: bool = True
+    constraints: Tuple[FrozenSet[Key], ...] = ()
+    """Those of its domain, :attr:`merlin_pddl.domain.Domain.constraints`."""
 
     @staticmethod
-    def of(operator: Operator, derived: Rules) -> "ActionModel":
+    def of(operator: Operator, derived: Rules, constraints: Tuple[FrozenSet[Key], ...] = ()) -> "ActionModel":
         """The model of an operator.
 
         :param derived: the rules of its domain. A derived fact changes when what it is derived from does: it
             is watched as an expression.
+        :param constraints: what the trajectory constraints of its domain read.
         """
 
         def needed(when: str) -> Conditions:
@@ -210,6 +214,7 @@ class ActionModel:
             _effects(operator.effects, START, derived),
             _effects(operator.effects, END, derived),
             operator.durative,
+            constraints,
         )
 
     def bind(self, arguments: Sequence[str]) -> Dict[str, str]:
@@ -240,6 +245,7 @@ class ActionModel:
             self.start_effects.ground(binding),
             self.end_effects.ground(binding),
             self.durative,
+            self.constraints,
         )
 
 

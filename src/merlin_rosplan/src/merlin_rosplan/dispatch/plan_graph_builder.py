@@ -5,9 +5,9 @@ from typing import Collection, Dict, Iterable, List, Mapping, Optional, Sequence
 
 from merlin_pddl.plan_text import PlanStep
 from merlin_rosplan.dispatch.happening import Happening, happening_of, names_by_argument, rosplan_happening
-from merlin_rosplan.dispatch.operator_model import ActionModel, Conditions, PlanTerm
+from merlin_rosplan.dispatch.operator_model import ActionModel, Conditions, PlanTerm, TimedEffects
 from merlin_rosplan.dispatch.plan_graph import EdgeType, Node, NodeType, PlanGraph, TimedLiteral, TimedValue
-from merlin_rosplan.dispatch.plan_graph_history import Named, NumberHistory, Touched
+from merlin_rosplan.dispatch.plan_graph_history import Constrained, Named, NumberHistory, Touched
 from merlin_rosplan.dispatch.plan_graph_order import plan_order
 from merlin_rosplan.dispatch.plan_graph_waits import add_waits
 from merlin_rosplan.dispatch.timed_numbers import TimedNumbers
@@ -83,6 +83,8 @@ class _Builder:
             wanted |= happening.depends | happening.wild
         self._named = {name: Named() for name in wanted}
         self._unchecked_named = {name: Named() for name in wanted}
+        constraints = dict.fromkeys(reads for action in actions for reads in action.constraints)
+        self._constrained = list(map(Constrained, constraints))
 
     def _lasts(self, step: PlanStep, action: ActionModel) -> float:
         """In the plan a plain action is one happening, whatever its line says."""
@@ -132,6 +134,7 @@ class _Builder:
             self._interference(node, start, happening),
             self._numeric_order(node, start, happening),
             self._name_order(node, start, happening),
+            self._constraint_order(node, start, happening),
         ]
 
     def _support(self, node: Node, start: Optional[int], happening: Happening) -> bool:
@@ -274,6 +277,19 @@ class _Builder:
                     earlier = note(named[name], node.id)
                     strict = earlier if named is self._unchecked_named else ()
                     supported |= self._follow(type_, earlier, node, start, strict)
+        return supported
+
+    def _constraint_order(self, node: Node, start: Optional[int], happening: Happening) -> bool:
+        """Edges that keep changes of what one trajectory constraint reads in the plan's order.
+
+        Nothing looks at a constraint when the plan is carried out. ROSPlan has none of these edges.
+        """
+        supported = False
+        changed = (tuple(happening.add), tuple(happening.delete), tuple(happening.writes))
+        effects = TimedEffects(*changed, wild=happening.wild)
+        for constraint in self._constrained:
+            earlier = constraint.change(node.id, effects)
+            supported |= self._follow(EdgeType.INTERFERENCE, earlier, node, start, earlier)
         return supported
 
     def _follow(

@@ -1,7 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the earlier happenings of a plan needed and changed: which of them a later one has to follow."""
 
-from typing import List, Optional, Set
+from typing import Collection, Dict, FrozenSet, List, Optional, Set
+
+from merlin_pddl.knowledge import Key
+from merlin_rosplan.dispatch.operator_model import TimedEffects
 
 
 class _Run:
@@ -132,3 +135,47 @@ class Named:
         found = self._batches.join(node, "") + self._readers
         self._readers, self._changer = [], [node]
         return found
+
+
+class Constrained:
+    """The nodes that have changed what one trajectory constraint reads, by the objects of its `forall`.
+
+    :param reads: one of :attr:`merlin_pddl.domain.Domain.constraints`.
+    """
+
+    __slots__ = ("_reads", "_last")
+
+    def __init__(self, reads: FrozenSet[Key]) -> None:
+        self._reads = reads
+        self._last: Dict[FrozenSet[Key], int] = {}  # by variables with their objects
+
+    def change(self, node: int, effects: TimedEffects) -> List[int]:
+        """A node has these ground effects; returns the earlier nodes that it has to follow."""
+        bindings = constrained(self._reads, effects)
+        found = [last for known, last in self._last.items() if any(_agree(known | each) for each in bindings)]
+        self._last.update(dict.fromkeys(bindings, node))
+        return found
+
+
+def constrained(reads: FrozenSet[Key], effects: TimedEffects) -> List[FrozenSet[Key]]:
+    """What the variables of a constraint may stand for where it reads what ground effects change.
+
+    :param reads: one of :attr:`merlin_pddl.domain.Domain.constraints`.
+    """
+    terms = [term.key for term in (*effects.add, *effects.delete, *effects.writes)]
+    changed = [(term.name, *term.arguments) for term in terms] + [(name.lower(),) for name in effects.wild]
+    possible = (_binding(read, each) for read in reads for each in changed)
+    return [binding for binding in possible if binding is not None]
+
+
+def _binding(read: Key, changed: Key) -> Optional[FrozenSet[Key]]:
+    """The variables with their objects; None: something else is read."""
+    pairs = [(wanted, value) for wanted, value in zip(read, changed) if wanted != value and wanted]
+    if any(not wanted.startswith("?") for wanted, _ in pairs) or not _agree(pairs):
+        return None
+    return frozenset(pairs)
+
+
+def _agree(pairs: Collection[Key]) -> bool:
+    """Whether each variable stands for one object."""
+    return len({pair[0] for pair in pairs}) == len(set(pairs))

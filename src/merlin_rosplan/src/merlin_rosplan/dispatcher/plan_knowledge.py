@@ -79,7 +79,8 @@ class PlanKnowledge:
             if domain is not self._domain:
                 self._domain, self._models = domain, {}
             if name not in self._models:
-                self._models[name] = ActionModel.of(domain.operators[name.lower()], domain.derived)
+                written = domain.operators[name.lower()]
+                self._models[name] = ActionModel.of(written, domain.derived, domain.constraints)
             return self._models[name]
 
     def _ask_operator(self, name: str) -> ActionModel:
@@ -110,7 +111,7 @@ class PlanKnowledge:
         written = domain.operators.get(operator.name.lower()) if domain is not None else None
         if domain is None or written is None or operator_message(domain, written) != message:
             return ActionModel.of(operator, {})
-        return ActionModel.of(written, domain.derived)
+        return ActionModel.of(written, domain.derived, domain.constraints)
 
     def false_of_each(self, asked: Sequence[Conditions]) -> List[Conditions]:
         """Those ground conditions of each action that do not hold now, asked in one call.

@@ -23,6 +23,7 @@ from merlin_rosplan.dispatch.operator_model import (
     TimedEffects,
     over_all_before_start,
 )
+from merlin_rosplan.dispatch.plan_graph_history import constrained
 
 GOAL = -1  #: Stands for the goals where an action id is expected.
 
@@ -79,6 +80,12 @@ class PlanRest:
         """The predicates and functions that an action changes."""
         model = self._models[action_id]
         return model.start_effects.names | model.end_effects.names
+
+    def constrained(self, action_id: int) -> bool:
+        """Whether an action changes what a trajectory constraint reads: the constraint may need it."""
+        model = self._models[action_id]
+        effects = (model.start_effects, model.end_effects)
+        return any(constrained(reads, each) for reads in model.constraints for each in effects)
 
     @property
     def reads(self) -> FrozenSet[str]:

@@ -195,7 +195,9 @@ class PlanWatch(RestWatch):
         running = {action_id: action_id in held for action_id in self._running}
         meanwhile: FrozenSet[PlanTerm] = frozenset().union(*held.values())
         look = _Look(running, meanwhile, goals, names, {})
-        if self._came_true(look, facts) and self._environment.goals_hold():
+        over = self._ended | self._skipped
+        needed = any(rest.constrained(each) for each in self._schedule.actions if each not in over)
+        if not needed and self._came_true(look, facts) and self._environment.goals_hold():
             return RestVerdict(GOAL_HOLDS, achieved=True)
         gone = self._gone_object(rest, names)
         if gone is not None:
@@ -289,6 +291,8 @@ class PlanWatch(RestWatch):
         candidates, tried = first[::-1], set(self._skipped)
         while candidates and len(tried) < _TRIALS:
             action_id = candidates.pop(0)
+            if rest.constrained(action_id):
+                continue
             if action_id in tried or rest.changes(action_id) & (needs.unjudged | look.goals.reads):
                 continue
             tried.add(action_id)
