@@ -11,9 +11,10 @@ import pytest
 import rospy
 from actionlib_msgs.msg import GoalID, GoalStatus
 from fakes.topics import Topics
-from merlin_msgs.msg import DispatchStatus, Lease
+from merlin_msgs.msg import DispatchStatus, KnowledgeChanges, Lease
 from rosplan_dispatch_msgs.msg import CompletePlan, NonBlockingDispatchActionGoal
 from rosplan_dispatch_msgs.srv import DispatchServiceRequest, DispatchServiceResponse
+from rosplan_knowledge_msgs.msg import KnowledgeItem
 from std_srvs.srv import EmptyRequest
 
 from merlin_ros.actions import lease_watch
@@ -94,7 +95,7 @@ class Call:
 class Bench:
     """A dispatcher, its clients, and what it publishes. Without a master."""
 
-    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, watch_rest: bool = False) -> None:
         self.topics = Topics(monkeypatch)
         self.dispatches: Queue[Dispatch] = Queue()
         self.last = False  # whether runs last until they are cancelled
@@ -106,7 +107,7 @@ class Bench:
             (component, "Service", self._service),
             (component, "offer", lambda *_: None),
             (component, "announced_together", contextlib.nullcontext),
-            (component, "keep_params", lambda scope: {"watch_rest": False, "cancel_deadline": 0.0}),
+            (component, "keep_params", lambda scope: {"watch_rest": watch_rest, "cancel_deadline": 0.0}),
             (plan_dispatcher, "bounded_master", lambda: None),
             (plan_dispatcher, "living_namesake", lambda name, _: name if self.lives(name) else None),
             (lease_watch, "every", lambda period, call: Alarm(call, period)),  # for owners no time passes
@@ -246,6 +247,22 @@ def test_a_goal_for_which_there_is_no_thread_is_answered_and_keeps_no_next_clien
     result = bench.result()
     assert result.status == GoalStatus.ABORTED and "can't start new thread" in result.text
     assert bench.dispatch("/next").success
+
+
+def test_a_watch_begins_with_what_has_changed_since_the_dispatch_before(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    begun_with: List[Any] = []
+    monkeypatch.setattr(
+        "merlin_rosplan.rest.rest_watch.PlanWatch", lambda schedule, topics, missed: begun_with.append(missed)
+    )
+    with contextlib.closing(Bench(monkeypatch, watch_rest=True)) as bench:
+        opened = KnowledgeChanges(added=[KnowledgeItem(attribute_name="open")])
+        for changes in ([opened], [KnowledgeChanges(cleared=True), opened], []):
+            for change in changes:
+                bench.topics.send("/rosplan_knowledge_base/changes", change)
+            assert bench.dispatch().success
+    assert begun_with == [{"open"}, None, set()], "None: any may have"
 
 
 # --- whose turn it is -----------------------------------------------------------------------------------

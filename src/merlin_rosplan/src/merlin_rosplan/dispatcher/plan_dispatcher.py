@@ -46,6 +46,7 @@ from merlin_rosplan.dispatch.dispatch_environment import (
     PlanKnowledgeError,
     RestWatch,
     Tick,
+    together,
 )
 from merlin_rosplan.dispatch.dispatch_schedule import Ongoing, PlanError, Schedule
 from merlin_rosplan.dispatcher.dispatch_settler import DispatchSettler
@@ -123,7 +124,7 @@ class PlanDispatcher(Component):
         self._failure = ""  # of the last dispatch
         self._turns: WorkBook[_Turn] = WorkBook(Policy.IN_TURN)
         self._owed = 0  # goals that have no answer yet
-        self._missed: FrozenSet[str] = frozenset()  # names that have changed since the last dispatch
+        self._missed: Optional[FrozenSet[str]] = frozenset()  # names changed since the last one; None: any
         self._watches_rest = self.flag("watch_rest", True)
         self._limits = DispatchLimits(
             acknowledge=limit(self.number("ack_timeout", 2.0, 0.0)),
@@ -493,7 +494,7 @@ class PlanDispatcher(Component):
         """Passes an event to the dispatch that runs; the next one gets what it would miss."""
         with self._state:
             dispatch = self._turn.dispatch
-            if dispatch is None and isinstance(event, KnowledgeChanged) and event.names:
-                self._missed |= event.names
+            if dispatch is None and isinstance(event, KnowledgeChanged):
+                self._missed = together(self._missed, event.names)
         if dispatch is not None:
             dispatch.put(event)
