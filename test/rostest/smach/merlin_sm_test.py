@@ -176,8 +176,9 @@ class States(unittest.TestCase):
             machine(create("topic", "words", String, lambda ud, message: int(message.data))).execute()
         service = rospy.Service("ask_me", Trigger, lambda request: TriggerResponse(True, "yes"))
         self.addCleanup(service.shutdown)
-        with self.assertRaises(smach.InvalidUserCodeError):
-            machine(create("service", "ask_me", Trigger, lambda ud: String("of another type"))).execute()
+        sm = machine(create("service", "ask_me", Trigger, lambda ud: String("of another type")))
+        self.assertEqual(sm.execute(), "aborted")
+        self.assertIn("it has to be a TriggerRequest", sm.reason)
 
     def test_knowledge(self):
         sm = machine(create("knowledge", add=["(checked {room})"], keys=["room"]), room="kitchen")

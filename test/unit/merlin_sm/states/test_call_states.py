@@ -17,7 +17,7 @@ from merlin_ros.service_proxy import ServiceError
 from merlin_sm.merlin_sm import MerlinSM
 from merlin_sm.states import action_state, ros_calls
 from merlin_sm.states.action_state import ActionState
-from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, SUCCEEDED
+from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, SUCCEEDED, GivenUp
 from merlin_sm.states.ros_calls import ServiceCallState, TopicState
 from merlin_test import LONG
 from smach import InvalidTransitionError, UserData
@@ -115,10 +115,35 @@ def test_a_service_that_does_not_come_or_answer_is_named(service: Service) -> No
     assert state.execute(UserData()) == ABORTED and state.reason == "no service /switch within 0.5 s"
 
 
-def test_a_request_of_another_type_is_the_callers_mistake(service: Service) -> None:
+def test_an_error_of_the_call_that_is_no_answer_is_raised(service: Service) -> None:
     service.answer = TypeError("not a SetBoolRequest")
     with pytest.raises(TypeError, match="not a SetBoolRequest"):
-        call(request=lambda _: 3).execute(UserData())
+        call(request=lambda _: SetBoolRequest()).execute(UserData())
+
+
+@pytest.mark.parametrize(
+    ("made", "reason"),
+    [
+        (None, "the request is None; it has to be a SetBoolRequest"),
+        (3, "the request is 3; it has to be a SetBoolRequest"),
+        (SetBoolRequest(data="yes"), "the request cannot be sent: "),
+    ],
+)
+def test_what_a_function_makes_has_to_be_a_request(service: Service, made: Any, reason: str) -> None:
+    state = call(request=lambda _: made)
+    assert state.execute(UserData()) == ABORTED
+    assert state.reason.startswith(reason) and service.requests == []
+
+
+@pytest.mark.parametrize("error", [ValueError("no air"), GivenUp("no air")])
+def test_a_request_that_cannot_be_made_aborts_with_its_text(service: Service, error: Exception) -> None:
+    def request(_: Any) -> Any:
+        raise error
+
+    state = call(request=request)
+    assert state.execute(UserData()) == ABORTED
+    assert (state.reason, state.given_up) == ("no air", isinstance(error, GivenUp))
+    assert service.requests == []
 
 
 def test_a_preempt_does_not_wait_for_the_answer(service: Service) -> None:
@@ -274,15 +299,33 @@ def test_what_can_never_be_called_is_refused_when_the_state_is_made(
         make()
 
 
-def test_two_states_that_take_an_action_for_different_types_are_refused(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+@pytest.fixture
+def no_servers(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A client that is used for a goal fails the test."""
     monkeypatch.setattr(
         action_state,
         "ActionClient",
         lambda name, spec: SimpleNamespace(name=name, action_spec=spec, shutdown=lambda: None),
     )
     monkeypatch.setattr(action_state, "shared_guard_watch", lambda: None)
+
+
+@pytest.mark.usefixtures("no_servers")
+@pytest.mark.parametrize(
+    ("made", "reason"),
+    [
+        (None, "the goal is None; it has to be a ListenGoal"),
+        (ListenGoal(timeout="x"), "the goal cannot be sent: "),
+    ],
+)
+def test_what_a_function_makes_has_to_be_a_goal(made: Any, reason: str) -> None:
+    state = ActionState("centrifuge", ListenAction, lambda _: made)
+    assert state.execute(UserData()) == ABORTED
+    assert state.reason.startswith(reason)
+
+
+@pytest.mark.usefixtures("no_servers")
+def test_two_states_that_take_an_action_for_different_types_are_refused() -> None:
     kept = ActionState("centrifuge", ListenAction, ListenGoal())
     assert kept.action == ActionState("centrifuge", ListenAction, ListenGoal()).action
     with pytest.raises(

@@ -128,9 +128,9 @@ class ActionState(MerlinState):
         check_keys(goal, input_keys, output_keys, "input_keys")
         check_keys(on_result, input_keys, output_keys, "input_keys", "result")
         check_times(server_wait=server_wait, cancel_limit=cancel_limit)
-        kind = goal_class(action_spec)
+        self._goal_class = goal_class(action_spec)
         if not callable(goal):
-            check_message("goal", goal, kind)
+            check_message("goal", goal, self._goal_class)
         super().__init__(outcomes, input_keys, output_keys)
         self.action = name
         self._goal = goal
@@ -144,6 +144,7 @@ class ActionState(MerlinState):
         """Sends the goal and waits for its end."""
         try:
             goal = self._goal(userdata) if callable(self._goal) else self._goal
+            check_message("goal", goal, self._goal_class)
         except (ValueError, LookupError) as error:
             return self.fail_for(error)
         if not self._client.wait_for_server(self._server_wait, self.preempt_requested):

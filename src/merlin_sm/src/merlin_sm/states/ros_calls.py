@@ -30,15 +30,13 @@ def check_name(kind: str, name: Any) -> None:
 
 
 def check_message(what: str, message: Any, kind: type) -> None:
-    """Judges what a state always sends.
+    """Judges what a state sends.
 
     :param what: it is, for the text.
     :raises ValueError: when it has another type, or a field a wrong value.
     """
     if not isinstance(message, kind):
-        raise ValueError(
-            f"the {what} is {message!r}; it has to be a {kind.__name__}, or a function of userdata"
-        )
+        raise ValueError(f"the {what} is {message!r}; it has to be a {kind.__name__}")
     sent: Any = message
     try:
         sent.serialize(BytesIO())
@@ -98,7 +96,8 @@ class ServiceCallState(MerlinState):
 
     :param name: of the service.
     :param service_class: the generated service type.
-    :param request: the request, or a function from userdata to it.
+    :param request: the request, or a function from userdata to it; raise ValueError to abort with its text,
+        GivenUp when another try cannot help. None: the default request.
     :param on_response: called with userdata and the response; returns an outcome, or None for succeeded.
     :param outcomes: those that `on_response` may return.
     :param input_keys: userdata that `request` reads.
@@ -128,6 +127,7 @@ class ServiceCallState(MerlinState):
             raise ValueError(f"{service_class!r} is not the class of a service, as std_srvs.srv.Trigger")
         if request is not None and not callable(request):
             check_message("request", request, kind)
+        self._request_class = kind
         super().__init__(outcomes, input_keys, output_keys)
         self.service = name
         self._service_class = service_class
@@ -138,7 +138,12 @@ class ServiceCallState(MerlinState):
 
     def run(self, userdata: Any) -> str:
         """Calls the service; a preempt ends the wait, and no request is sent after it."""
-        request = self._request(userdata) if callable(self._request) else self._request
+        try:
+            request = self._request(userdata) if callable(self._request) else self._request
+            if self._request is not None:
+                check_message("request", request, self._request_class)
+        except (ValueError, LookupError) as error:
+            return self.fail_for(error)
 
         def call(ended: Callable[[], bool]) -> Any:
             if not self._proxy.wait(self._wait):
