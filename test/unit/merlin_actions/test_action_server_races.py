@@ -186,6 +186,32 @@ def test_a_state_that_the_machine_does_not_have_is_named() -> None:
         Misspelt()
 
 
+@pytest.mark.parametrize(("safe", "accepted"), [("BOTH", True), ("GRASP", True), ("HOLD", False)])
+def test_a_state_that_is_not_reported_cannot_be_one_at_which_it_is_interrupted(
+    serve: Callable[..., Served], safe: str, accepted: bool
+) -> None:
+    class Both(Deliver):
+        safe_to_interrupt = [safe]
+
+        def build(self) -> None:
+            self.add("BOTH", smach.Concurrence([SUCCEEDED, "aborted", "preempted"], SUCCEEDED))
+            with self["BOTH"]:
+                grasp = smach.StateMachine([SUCCEEDED])
+                smach.Concurrence.add("GRASP", grasp)
+            with grasp:
+                smach.StateMachine.add("HOLD", smach.CBState(lambda _: SUCCEEDED, outcomes=[SUCCEEDED]))
+
+    if not accepted:
+        with pytest.raises(ValueError, match="safe_to_interrupt names HOLD.*name the Concurrence"):
+            Both()
+        return
+    both = serve(Both())
+    both.send("a")
+    assert both.answer()[1] == GoalStatus.SUCCEEDED
+    feedback = both.topics.published("/actions/both/feedback")
+    assert False in [feedback.get(timeout=LONG).feedback.uninterruptible for _ in range(feedback.qsize())]
+
+
 def test_a_goal_that_is_cancelled_while_it_arrives_is_answered_once(drive: Served) -> None:
     for number in range(50):
         goal = str(number)

@@ -55,8 +55,8 @@ class MerlinActionSM(MerlinSM):
 
     safe_to_interrupt: Optional[Sequence[str]] = None
     """Names of the states at which a more urgent request may interrupt it; it waits for them, or for the end.
-    A container counts with all that is in it. None: all states; ``()``: none. A cancel by its own client, its
-    deadline and a stop do not wait."""
+    A container counts with all that is in it; what is inside a child of a Concurrence cannot be named. None:
+    all states; ``()``: none. A cancel by its own client, its deadline and a stop do not wait."""
 
     robot_parameter = ""
     """With several robots: the parameter that names the one on which it runs. Empty: the one of type
@@ -75,7 +75,10 @@ class MerlinActionSM(MerlinSM):
             self.build()
         unknown = set(self.safe_to_interrupt or ()) - _check(self)
         if unknown:
-            raise ValueError(f"safe_to_interrupt names {', '.join(sorted(unknown))}, which is no state of it")
+            raise ValueError(
+                f"safe_to_interrupt names {', '.join(sorted(unknown))}, which the machine does not have, or "
+                "has in a child of a Concurrence (or while), where no state is reported: name the Concurrence"
+            )
 
     def build(self) -> None:
         """Adds the states; the machine is open for construction."""
@@ -145,10 +148,10 @@ class MerlinActionSM(MerlinSM):
 def _check(container: Any) -> Set[Any]:
     """Checks a container and all in it: SMACH itself only logs what is wrong with them.
 
-    :return: the labels of all that is in it.
+    :return: the labels of all that is in it and reported as the present state.
     :raises smach.SmachError: one of them is not complete or contradicts itself.
     """
     container.check_consistency()
     children = container.get_children()
     inner = [_check(child) for child in children.values() if isinstance(child, smach.Container)]
-    return set(children).union(*inner)
+    return set(children) if isinstance(container, smach.Concurrence) else set(children).union(*inner)
