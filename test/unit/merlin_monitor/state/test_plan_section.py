@@ -300,3 +300,23 @@ def test_a_plan_is_not_dropped_with_the_request_before_its_own() -> None:
     assert states(tree) == {"0": "waiting", "1": "waiting"}
     model.now.result(ended("second", "cancelled"), 16.0)
     assert states(tree) == {"0": "dropped", "1": "dropped"}
+
+
+def test_nothing_ends_before_its_begin_when_simulated_time_is_set_back() -> None:
+    model, reported = MonitorModel(DirectInbox()), Reported()
+    model.on_event = reported
+    model.planned(*sequential_steps(PLAN), 500.0)
+    model.now.executor(executor(ExecutorStatus.RUNNING, request="/a-1", goals=["(a)"]), 500.0)
+    model.plan.dispatched(dispatch(0, "navigate", ("from", "hall"), ("to", "kitchen"), plan=7), 500.0)
+    model.plan.feedback(feedback(0, 2, plan=7), 12.0)
+    model.now.result(ended("/a-1", "succeeded"), 12.5)
+    assert reported.texts[-2:] == [
+        "navigating to kitchen: succeeded after 0.0 s",
+        "“a”: succeeded after 0.0 s",
+    ]
+    assert [(each.detail["began"], each.detail["ended"]) for each in reported[-2:]] == [
+        (12.0, 12.0),
+        (12.5, 12.5),
+    ]
+    (shown,) = model.tree.get("queue", "ended")
+    assert shown["real"] == [12.5, 12.5]

@@ -38,3 +38,10 @@ def test_a_monitor_that_is_started_again_goes_on() -> None:
     assert pace.shown() == {"since": 40.0, "pace": 20.0}
     pace.task(4, 70.0)
     assert pace.shown() == {"since": 70.0, "pace": 25.0}
+
+
+def test_simulated_time_that_is_set_back_begins_a_new_pace() -> None:
+    pace = pace_of((1, 100.0), (2, 200.0), (3, 5.0))
+    assert pace.shown() == {}
+    pace.task(4, 25.0)
+    assert pace.shown() == {"since": 25.0, "pace": 20.0}

@@ -167,6 +167,7 @@ class NowSection:
         """Takes a message with the fields of merlin_msgs/ExecuteActionResult: a request has ended."""
         identity = message.status.goal_id.id
         began, goals = self._request_times.began(identity) or (at, self._request_times.goals(identity))
+        began = min(began, at)  # simulated time can be set back
         outcome = name_of(OUTCOMES, message.result.outcome)
         reason = message.result.reason or message.status.text
         words = self._goals(goals)

@@ -408,7 +408,7 @@ class PlanSection:
         if state == RUNNING:
             self._put(step, state=RUNNING)
             return
-        began = step.get("began", at)
+        began = min(step.get("began", at), at)  # simulated time can be set back
         why = self.wording.reason(reason, step["text"])
         self._put(step, state=state, ended=at, reason="" if state == SUCCEEDED else why)
         words, seconds = step["words"], f"{at - began:.1f} s"

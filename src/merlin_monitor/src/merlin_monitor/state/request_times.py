@@ -93,7 +93,7 @@ class RequestTimes:
             "words": shown.words,
             "goals": begun.goals if begun else shown.goals,
             "planned": list(planned) if planned else None,
-            "real": [begun.at, at] if begun else None,
+            "real": [min(begun.at, at), at] if begun else None,
             "deadline": shown.deadline,
             "state": outcome,
         }

@@ -192,7 +192,9 @@ class TaskPace:
         """Takes the number of the present task, from 1, and when that was heard, s of ROS time."""
         if number == self._task:
             return
-        if number == self._task + 1 and self._whole:
+        if at < self._since:
+            self._lasted = []  # simulated time was set back
+        elif number == self._task + 1 and self._whole:
             self._lasted = [*self._lasted, at - self._since][-MOST_TASKS:]
         elif number < self._task:
             self._lasted = []  # the mission began anew
