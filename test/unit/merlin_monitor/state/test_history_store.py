@@ -16,6 +16,7 @@ from merlin_monitor.history import history_reader
 from merlin_monitor.history.frames import Recording
 from merlin_monitor.history.history_reader import HistoryReader
 from merlin_monitor.panels.control import path_of_node
+from merlin_monitor.state import history_store
 from merlin_monitor.state.history_events import Event
 from merlin_monitor.state.history_store import (
     END_OF_TIME,
@@ -24,7 +25,10 @@ from merlin_monitor.state.history_store import (
     HistorySection,
     HistoryStore,
 )
+from merlin_monitor.state.inbox import DirectInbox
+from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_monitor.state.state_tree import StateTree
+from merlin_monitor.text.phrase import in_english
 from merlin_test import LONG
 
 
@@ -129,6 +133,63 @@ def test_a_file_that_is_no_history_is_named(tmp_path: Path) -> None:
         HistoryStore(path, 100)
     with pytest.raises(HistoryError):
         HistoryStore(tmp_path / "h" / "below", 100)
+    with contextlib.closing(sqlite3.connect(str(tmp_path / "foreign"))) as foreign:
+        foreign.execute("CREATE TABLE birds (name)")
+        foreign.commit()
+        with pytest.raises(HistoryError, match="another program"):
+            HistoryStore(tmp_path / "foreign", 100)
+        assert [row[0] for row in foreign.execute("SELECT name FROM sqlite_master")] == ["birds"]
+
+
+def problems(state: MonitorModel) -> List[str]:
+    state.refresh_problems(1.0)
+    return [in_english(problem["said"]) for problem in state.tree.get("now", "problems")]
+
+
+def test_a_damaged_file_is_set_aside_and_the_monitor_starts(tmp_path: Path) -> None:
+    path = tmp_path / "history.sqlite"
+    store = HistoryStore(path, 1000)
+    for number in range(20):
+        store.add(Event("goal", f"{number}" * 500, 0.0))
+    store.close()
+    with contextlib.closing(sqlite3.connect(str(path))) as file:
+        ((root,),) = file.execute("SELECT rootpage FROM sqlite_master WHERE name = 'events'")
+        ((size,),) = file.execute("PRAGMA page_size")
+    content = bytearray(path.read_bytes())
+    content[(root - 1) * size : root * size] = b"\xa5" * size
+    path.write_bytes(content)
+    state = MonitorModel(DirectInbox(), HistoryStore(path, 1000))
+    state.start()
+    state.report(Event("goal", "after", 0.0))
+    (kept,) = tmp_path.glob("history.sqlite.damaged-????-??-??-*")
+    assert b"19" * 500 in kept.read_bytes()
+    assert state.history is not None and texts(state.history.page().result(LONG)) == ["after"]
+    assert problems(state) == [f"the history was damaged; it is kept as {kept}"]
+    state.stop()
+    reader = HistoryReader.of(path)
+    assert texts(reader.page().result(LONG)) == ["after"]
+    reader.close()
+
+
+def test_a_file_that_cannot_be_written_is_made_when_it_can(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(history_store, "AGAIN", 0.0)
+    path = tmp_path / "history.sqlite"
+    path.mkdir()
+    state = MonitorModel(DirectInbox(), HistoryStore(path, 1000))
+    state.start()
+    assert problems(state) == ["the history could not be written: unable to open database file"]
+    state.report(Event("goal", "meanwhile", 0.0))
+    assert state.history is not None and texts(state.history.page().result(LONG)) == ["meanwhile"]
+    path.rmdir()
+    state.report(Event("goal", "after", 0.0))
+    assert texts(state.history.page().result(LONG)) == ["meanwhile", "after"]
+    assert problems(state) == []
+    state.stop()
+    reader = HistoryReader.of(path)
+    assert texts(reader.page().result(LONG)) == ["meanwhile", "after"]
+    reader.close()
 
 
 def test_it_waits_for_a_folder_that_is_not_its_to_make(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Callable, NamedTuple, Optional
 
 FILE = "history.sqlite"
+SIDE_FILES = ("", "-wal", "-shm")  # endings of the file, and of those that SQLite keeps beside it
 #: Of the file; 0: events only, as files were before they held what was shown.
 VERSION = 1
 BUSY = 10.0  # s that another process may hold the file, before it counts as an error
@@ -47,11 +48,13 @@ class HistoryError(RuntimeError):
 def open_for_writing(name: str) -> sqlite3.Connection:
     """Opens a file, which is made if there is none, and brings an older one up to date.
 
-    :raises HistoryError: a newer MERLIN has written it.
-    :raises sqlite3.Error: it cannot be written, or is something else.
+    :raises HistoryError: a newer MERLIN, or another program, has written it.
+    :raises sqlite3.Error: it cannot be written, is damaged, or is something else.
     """
     connection = sqlite3.connect(name, timeout=BUSY, check_same_thread=False)
     try:
+        if _foreign(connection, new=True):
+            raise HistoryError("it is the file of another program")
         version = connection.execute("PRAGMA user_version").fetchone()[0]
         if version > VERSION:
             raise HistoryError(_newer(version))
@@ -136,8 +139,7 @@ def _checked(file: Path, how: str, events_only: bool) -> sqlite3.Connection:
         f"{file.resolve().as_uri()}?{how}", uri=True, timeout=BUSY, check_same_thread=False
     )
     try:
-        tables = {row[0] for row in connection.execute("SELECT name FROM sqlite_master WHERE type='table'")}
-        if not {"events", "runs"} <= tables:
+        if _foreign(connection, new=False):
             raise HistoryError(f"{file} is the file of another program, not a history")
         version = connection.execute("PRAGMA user_version").fetchone()[0]
         if version > VERSION:
@@ -154,6 +156,15 @@ def _checked(file: Path, how: str, events_only: bool) -> sqlite3.Connection:
         connection.close()
         raise
     return connection
+
+
+def _foreign(connection: sqlite3.Connection, new: bool) -> bool:
+    """Whether a file is another program's.
+
+    :param new: whether one without tables is not.
+    """
+    tables = {row[0] for row in connection.execute("SELECT name FROM sqlite_master WHERE type='table'")}
+    return not ({"events", "runs"} <= tables or (new and not tables))
 
 
 def _newer(version: int) -> str:

@@ -2,6 +2,7 @@
 """The history of the present run: its events and what the page showed, in a file that outlives the node."""
 
 import concurrent.futures
+import contextlib
 import json
 import logging
 import os
@@ -12,13 +13,21 @@ import zlib
 from pathlib import Path
 from typing import Any, Callable, Dict, List, Optional
 
-from merlin_monitor.history.event_log import Row, row_of
+from merlin_monitor.history.event_log import EventLog, Row, row_of
 from merlin_monitor.history.frames import Frame
-from merlin_monitor.history.history_file import HistoryError, WallClock, begin_run, last_run, open_for_writing
+from merlin_monitor.history.history_file import (
+    SIDE_FILES,
+    HistoryError,
+    LastRun,
+    WallClock,
+    begin_run,
+    last_run,
+    open_for_writing,
+)
 from merlin_monitor.history.history_reader import HistoryReader
 from merlin_monitor.state.history_events import Event, sentence
 from merlin_monitor.state.state_tree import StateTree, apply_changes
-from merlin_monitor.text.phrase import say
+from merlin_monitor.text.phrase import Phrase, in_english, say
 from merlin_ros.alarms import call_later
 
 __all__ = ["HistoryError", "HistoryStore"]
@@ -32,7 +41,8 @@ LONGEST_SEGMENT = 300.0  # s
 LARGEST_SEGMENT = 256 * 1024  # characters of changes, or as many as the whole state has
 LEFT_OUT = (SECTION,)  # sections that are in no frame: the events have a table of their own
 END_OF_TIME = 1e12  # s since 1970
-AGAIN = 10.0  # s between two tries to make a removed file again
+AGAIN = 10.0  # s between two tries to make a file that is missing
+DAMAGED = ("malformed", "Could not decode")  # what SQLite says of a file that is
 _COPIED = (
     ("events", "wall, at, kind, text, detail, mark"),
     ("segments", "number, began, ended, bytes"),
@@ -121,7 +131,8 @@ class HistoryStore(HistoryReader):
     :param megabytes: most that is kept of what was shown; the oldest goes first.
     :param clock: s since 1970, the time of all that is kept; None: now.
     :param session: with that of an earlier life, its run is gone on with; empty: a run begins.
-    :raises HistoryError: the file cannot be used.
+    :raises HistoryError: the file is that of another program, or of a newer MERLIN. One that is damaged is
+        set aside; in place of one that cannot be written, all is kept in memory until it can.
     """
 
     def __init__(
@@ -147,25 +158,67 @@ class HistoryStore(HistoryReader):
         self._lost = 0
         self._newest: Dict[str, Any] = {}  # name of a picture → its job
         self._pictures_due = False  # whether these come once more, with the next whole frame
-        self._make_again_at = 0.0  # monotonic, s
+        self._again_at = 0.0  # monotonic, s
         self._written = PRUNE_EVERY  # many short runs are looked at too
         self._frames: Optional[Frames] = None
         self._live = False  # whether frames are made by themselves
         self._due = False  # whether one is to come; these two are set before what is to be in it
         self._marked = False  # whether it comes also when nothing changes
+        self.problems: Dict[str, Phrase] = {}
+        """What is wrong with the file now, ``unwritten``, or was at the begin, ``damaged``."""
+        self._make_folder = make_folder
+        self._in_memory = False
+        self.last: Optional[LastRun] = None
+        """The run that is gone on with; None: a new one."""
+        self.run = 0
         try:
-            if make_folder:
-                path.parent.mkdir(parents=True, exist_ok=True)
-            self._in_memory = not make_folder and not path.parent.is_dir()
-            connection = open_for_writing(":memory:" if self._in_memory else str(path))
-            self.last = last_run(connection, self._began, session)
-            """The run that is gone on with; None: a new one."""
-            self.run = self.last.run if self.last else begin_run(connection, self._began, session)
+            connection = self._open()
         except (OSError, sqlite3.Error, HistoryError) as error:
             raise HistoryError(
                 f"the history file {path} cannot be used: {error}; name another one, history:=…"
             ) from error
         super().__init__(connection)
+
+    def _open(self) -> sqlite3.Connection:
+        try:
+            if self._make_folder:
+                self.path.parent.mkdir(parents=True, exist_ok=True)
+            if self.path.parent.is_dir():
+                try:
+                    return self._begin(str(self.path))
+                except (sqlite3.DatabaseError, ValueError) as error:
+                    if isinstance(error, sqlite3.Error) and not any(said in str(error) for said in DAMAGED):
+                        raise
+                    self._set_aside()
+                    return self._begin(str(self.path))
+        except (FileExistsError, NotADirectoryError):
+            raise
+        except (OSError, sqlite3.OperationalError) as error:
+            self._fail(error)
+            _log.error(
+                "the history %s cannot be written: %s; it is kept in memory until it can", self.path, error
+            )
+        self._in_memory = True
+        return self._begin(":memory:")
+
+    def _begin(self, name: str) -> sqlite3.Connection:
+        connection = open_for_writing(name)
+        try:
+            EventLog(connection).page(None, NEWEST, ())  # the page begins with them
+            self.last = last_run(connection, self._began, self._session)
+            self.run = self.last.run if self.last else begin_run(connection, self._began, self._session)
+        except BaseException:
+            connection.close()
+            raise
+        return connection
+
+    def _set_aside(self) -> None:
+        kept = f"{self.path}.damaged-{time.strftime('%Y-%m-%d-%H-%M-%S', time.localtime(self._began))}"
+        for ending in SIDE_FILES:
+            with contextlib.suppress(FileNotFoundError):
+                os.replace(f"{self.path}{ending}", f"{kept}{ending}")
+        self.problems["damaged"] = say("the history was damaged; it is kept as {file}", file=kept)
+        _log.error(in_english(self.problems["damaged"]))
 
     def last_state(self, limit: float) -> Dict[str, Any]:
         """What the earlier life showed last; empty: there is none, or it cannot be read.
@@ -248,11 +301,16 @@ class HistoryStore(HistoryReader):
                 self._leave_memory()
                 self.on_events(self._store(jobs))
                 self._make_again()
+                if not self._in_memory:
+                    self.problems.pop("unwritten", None)
         except Exception as error:  # a full disk, or a strange event, must not end the monitor
             self._begin_anew()
-            self.trouble = str(error)
-            said = say("the history could not be written: {why}", why=str(error))
-            self.on_events([{"id": 0, **row_of(0, self.now(), sentence("monitor", said, 0.0))}])
+            self._fail(error)
+
+    def _fail(self, error: Exception) -> None:
+        self.trouble = str(error)
+        said = self.problems["unwritten"] = say("the history could not be written: {why}", why=str(error))
+        self.on_events([{"id": 0, **row_of(0, self.now(), sentence("monitor", said, 0.0))}])
 
     def _begin_anew(self) -> None:
         """Something is lost: the next frame is whole, and comes with the newest pictures."""
@@ -281,14 +339,14 @@ class HistoryStore(HistoryReader):
 
     def _make_again(self) -> None:
         """The file was removed, as ``rosclean purge`` does: what follows would be lost with it."""
-        if self._in_memory or time.monotonic() < self._make_again_at or self.path.exists():
+        if self._in_memory or time.monotonic() < self._again_at or self.path.exists():
             return
-        self._make_again_at = time.monotonic() + AGAIN
+        self._again_at = time.monotonic() + AGAIN
         copy = f"{self.path}.copy"
         self.path.parent.mkdir(parents=True, exist_ok=True)
         try:
             self._connection.execute("VACUUM INTO ?", (copy,))
-            for left in ("-wal", "-shm"):  # of the file that was there: they do not fit the copy
+            for left in SIDE_FILES[1:]:  # of the file that was there: they do not fit the copy
                 Path(f"{self.path}{left}").unlink(missing_ok=True)
             os.replace(copy, self.path)
         except BaseException:
@@ -299,15 +357,37 @@ class HistoryStore(HistoryReader):
         _log.warning("the history %s was removed, and is made again", self.path)
 
     def _finish(self) -> None:
+        self._again_at = 0.0
         self._leave_memory()
         if self._frames is not None:
             self._make_frame()
             self._frames.close()
 
     def _leave_memory(self) -> None:
-        if not self._in_memory or not self.path.parent.is_dir():
+        if not self._in_memory or time.monotonic() < self._again_at:
             return
+        try:
+            if self._make_folder:
+                self.path.parent.mkdir(parents=True, exist_ok=True)
+            if self.path.parent.is_dir():
+                self._again_at = time.monotonic() + AGAIN
+                self._move()
+        except (OSError, sqlite3.Error, HistoryError) as error:
+            self._fail(error)
+
+    def _move(self) -> None:
         file = open_for_writing(str(self.path))
+        try:
+            run = self._copy(file)
+        except BaseException:
+            file.close()
+            raise
+        self._connection.close()
+        self._use(file)
+        self.run, self._in_memory = run, False
+
+    def _copy(self, file: sqlite3.Connection) -> int:
+        """Copies the run into a file; returns its number there."""
         run = begin_run(file, self._began, self._session)
         with file:
             # In a new file, which it nearly always is, events get the numbers that they have.
@@ -318,9 +398,7 @@ class HistoryStore(HistoryReader):
                 file.executemany(f"INSERT INTO {table} (run, {columns}) VALUES ({run},{marks})", rows)
             pictures = self._connection.execute("SELECT * FROM pictures")
             file.executemany("INSERT OR REPLACE INTO pictures VALUES (?,?,?,?)", pictures)
-        self._connection.close()
-        self._use(file)
-        self.run, self._in_memory = run, False
+        return run
 
 
 class HistorySection:

@@ -2,6 +2,7 @@
 """Everything that is shown, without ROS: the tree and the sections that keep it."""
 
 import concurrent.futures
+import contextlib
 import time
 from typing import Any, Callable, Container, Dict, List, Mapping, Optional
 
@@ -75,15 +76,11 @@ class MonitorModel:
             history.on_events = self._history.add
 
     def start(self) -> None:
-        """Begins to take messages in and to draw; shows what earlier runs left in the history.
-
-        :raises HistoryError: the history's file cannot be read.
-        """
+        """Begins to take messages in and to draw; shows what earlier runs left in the history."""
         if self.history is not None:
-            try:
+            # A page without the past is still one that can stop the robot.
+            with contextlib.suppress(HistoryError, concurrent.futures.TimeoutError):
                 self._history.add(self.history.page(limit=NEWEST).result(STARTUP))
-            except concurrent.futures.TimeoutError as error:
-                raise HistoryError(f"the history did not answer within {STARTUP:.0f} s") from error
             self.tree.set("meta", "run", self.history.run)
             self._take_up(self.history.last_state(STARTUP))
             self.history.follow(self.tree)
@@ -127,6 +124,8 @@ class MonitorModel:
         panels = self.tree.get("meta", "panels") or []
         names = {"guard", "now", "health", "plan", "map"}
         sections = {name: self._of_problems(name) for name in names | {panel["name"] for panel in panels}}
+        if self.history is not None:
+            sections["history"] = {**sections.get("history", {}), **self.history.problems}
         problems = problems_of(sections, panels, clock_text)
         self.tree.set("now", "problems", self._acknowledged.of(problems, wall))
 

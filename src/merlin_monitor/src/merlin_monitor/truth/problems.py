@@ -8,6 +8,8 @@ from merlin_monitor.truth.worst_truth import lost_words
 
 BASE, GONE, WARNING = 0, 1, 2
 PLANNER = ("unsolvable", "no plan", "timeout", "crashed", "invalid")
+#: Section → its fields that are phrases about what is wrong.
+_TOLD = {"map": ("stands", "trouble"), "history": ("unwritten", "damaged")}
 #: s of wall time for which a problem has to be gone before it counts as a new one when it is back.
 OVER = 60.0
 
@@ -31,11 +33,12 @@ def problems_of(
 ) -> List[Problem]:
     """The problems, the worst first.
 
-    :param sections: ``guard``, ``now``, ``health``, ``plan`` and ``map``, and each with its ``silent``.
+    :param sections: ``guard``, ``now``, ``health``, ``plan``, ``map`` and ``history``, each with its
+        ``silent``, too.
     :param panels: name and title of those that may be silent.
     :param clock: how a moment, s of ROS time, is shown.
     """
-    plan, shown = sections.get("plan", {}), sections.get("map", {})
+    plan = sections.get("plan", {})
     found = [*_of_the_base(sections.get("guard", {})), *_of_nodes(sections.get("now", {}))]
     for panel in panels:
         silent = sections.get(panel["name"], {}).get("silent")
@@ -53,8 +56,9 @@ def problems_of(
             found.append(Problem(f"part {name} {level}", rank, said))
     if plan.get("planner", {}).get("state") in PLANNER:
         found.append(Problem("planner", GONE, say("No plan was found")))
-    of_the_map = [field for field in ("stands", "trouble") if shown.get(field)]
-    found += [Problem(f"map {field}", WARNING, shown[field]) for field in of_the_map]
+    for name, fields in _TOLD.items():
+        told = sections.get(name, {})
+        found += [Problem(f"{name} {field}", WARNING, told[field]) for field in fields if told.get(field)]
     return sorted(found, key=lambda problem: problem.rank)
 
 

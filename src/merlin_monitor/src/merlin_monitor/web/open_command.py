@@ -19,7 +19,7 @@ from typing import Any, Callable, Dict, Iterable, Iterator, List, Optional, Sequ
 from merlin_monitor.access.operators import Operators, OperatorsError, default_path
 from merlin_monitor.access.web_access import HostNameError, WebAccess, is_loopback
 from merlin_monitor.bag import BAG
-from merlin_monitor.history.history_file import FILE, HistoryError
+from merlin_monitor.history.history_file import FILE, SIDE_FILES, HistoryError
 from merlin_monitor.history.history_reader import HistoryReader
 from merlin_monitor.history.pictures import Pictures
 from merlin_monitor.panel_scripts import script_file
@@ -32,7 +32,6 @@ from merlin_ros.processes.tidy_end import TIDY, handled
 
 _BEGIN = b"#ROSBAG V"
 _ENDINGS = (".bag", ".active")
-_SIDE_FILES = ("", "-wal", "-shm")
 NO_MASTER = "http://localhost:1"  # nothing serves there
 LINES = 10.0  # s between two lines of progress where there is no terminal
 REDRAWN = 0.2  # s on a terminal
@@ -80,7 +79,7 @@ def history_of(bag: Path, folder: Optional[Path]) -> Iterator[Path]:
             with handled(TIDY):
                 _import(bag, file)
         except BaseException:  # also Ctrl-C: half a history would look like a whole one
-            for ending in _SIDE_FILES:
+            for ending in SIDE_FILES:
                 with contextlib.suppress(OSError):
                     file.with_name(file.name + ending).unlink()
             raise
