@@ -17,9 +17,11 @@ from merlin_msgs.msg import (
     MissionStatus,
     RobotWay,
 )
+from rosplan_knowledge_msgs.msg import KnowledgeItem
 
 from merlin_actions import robot_places
 from merlin_executor.mission import goal_dispatcher, mission_node
+from merlin_planning.knowledge_text import to_pddl
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 from merlin_sm.states import action_state, wait
 
@@ -148,7 +150,8 @@ class FakeRobot:
     ) -> Ended:
         request = Ended(on_done, self._cancel)
         self._requests.append(request)
-        for goal in [goals] if isinstance(goals, str) else goals:
+        listed = [goals] if isinstance(goals, (str, KnowledgeItem)) else goals
+        for goal in [to_pddl(goal) if isinstance(goal, KnowledgeItem) else goal for goal in listed]:
             self.sent.append((goal, priority))
             self.on_goal(goal)
             if goal in self.never:

@@ -34,12 +34,15 @@ __all__ = [
     "NEVER",
     "RESUME",
     "ExecutorRequest",
+    "Goal",
     "Goals",
     "MerlinExecutorClient",
+    "as_list",
     "outcome_name",
 ]
 
-Goals = Union[str, Sequence[Union[str, KnowledgeItem]]]
+Goal = Union[str, KnowledgeItem]
+Goals = Union[Goal, Sequence[Goal]]
 RESUME = ExecuteGoal.RESUME
 DROP = ExecuteGoal.DROP
 NEVER = ExecuteGoal.NEVER
@@ -219,9 +222,13 @@ def lasting_id(name: str) -> str:
     return f"{rospy.get_name()}-{name}{LASTING}"
 
 
+def as_list(goals: Goals) -> List[Goal]:
+    """One goal or many as a list."""
+    return list(goals) if isinstance(goals, Iterable) and not isinstance(goals, str) else [goals]
+
+
 def _split(goals: Goals) -> Tuple[List[str], List[KnowledgeItem]]:
-    several = isinstance(goals, Iterable) and not isinstance(goals, str)
-    parts = list(goals) if several else [goals]
+    parts = as_list(goals)
     texts = [part for part in parts if isinstance(part, str)]
     items = [part for part in parts if isinstance(part, KnowledgeItem)]
     if len(texts) + len(items) != len(parts):

@@ -11,6 +11,7 @@ from merlin_msgs.msg import ExecuteResult, MissionStatus
 
 from merlin_executor.mission import GoalDispatcher, MissionError, MissionSM, mission_host, results_folder
 from merlin_executor.mission.readiness import NotReady
+from merlin_planning.knowledge_client import fact
 from merlin_ros.parameters import ParameterError
 from merlin_ros.service_proxy import ServiceError
 
@@ -39,6 +40,16 @@ class Tour(MissionSM):
     def build(self) -> None:
         self.add_goal_state("KITCHEN", KITCHEN, {"succeeded": "BATH"})
         self.add_goal_state("BATH", "(checked bathroom)")
+
+
+class OneItem(GoalDispatcher):
+    def run(self) -> None:
+        self.achieve(fact("checked", "kitchen"))
+
+
+class OneItemTour(MissionSM):
+    def build(self) -> None:
+        self.add_goal_state("KITCHEN", fact("checked", "kitchen"))
 
 
 class Unwritten(GoalDispatcher):
@@ -100,6 +111,12 @@ def test_a_machine_is_named_by_a_parameter(robot: FakeRobot) -> None:
     assert mission_host.main() == 0
     assert robot.goals == [KITCHEN, "(checked bathroom)"]
     assert robot.waited[0][-1] == 5.0
+
+
+@pytest.mark.parametrize("mission", ["OneItem", "OneItemTour"])
+def test_a_goal_may_be_one_knowledge_item(robot: FakeRobot, mission: str) -> None:
+    assert mission_host.main(mission) == 0
+    assert robot.goals == [KITCHEN]
 
 
 @pytest.mark.parametrize("mission", ["Round", "Tour"])

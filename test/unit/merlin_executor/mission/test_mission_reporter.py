@@ -8,10 +8,12 @@ import rospy
 from merlin_msgs.msg import MissionStatus
 from rospy import core
 
+from merlin_executor.executor_client import Goals
 from merlin_executor.mission import goal_dispatcher, mission_pause, mission_reporter
 from merlin_executor.mission.mission_pause import MissionPause
 from merlin_executor.mission.mission_reporter import PAUSED_TEXT as PAUSED
 from merlin_executor.mission.mission_reporter import MissionReporter
+from merlin_planning.knowledge_client import fact
 from merlin_sm.states.function_state import FunctionState
 
 RUNNING = MissionStatus.RUNNING
@@ -117,15 +119,22 @@ def client(monkeypatch: pytest.MonkeyPatch) -> Client:
     return made
 
 
-def test_a_mission_that_was_cancelled_sends_no_goal(topic: Topic, services: Services, client: Client) -> None:
+@pytest.mark.parametrize("goals", ["(checked kitchen)", fact("checked", "kitchen")], ids=["text", "item"])
+def test_a_mission_that_was_cancelled_sends_no_goal(
+    topic: Topic, services: Services, client: Client, goals: Goals
+) -> None:
     class Mission(goal_dispatcher.GoalDispatcher):
         def run(self) -> None:
             self.cancel()
-            self.achieve("(checked kitchen)")
+            self.achieve(goals)
 
     assert Mission().execute() is False
     assert client.sent == []
-    assert topic.reported[-1][0] == MissionStatus.CANCELLED
+    state, _, said = topic.reported[-1]
+    assert (state, said) == (
+        MissionStatus.CANCELLED,
+        "(checked kitchen): not sent, the mission was cancelled",
+    )
 
 
 @pytest.mark.parametrize("interrupted", [False, True], ids=["returns", "sleep interrupted"])

@@ -24,8 +24,9 @@ from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Union
 
 import rospy
 from merlin_msgs.msg import ExecuteResult, MissionStatus
+from rosplan_knowledge_msgs.msg import KnowledgeItem
 
-from merlin_executor.executor_client import Goals, MerlinExecutorClient
+from merlin_executor.executor_client import Goals, MerlinExecutorClient, as_list
 from merlin_executor.executor_request import ExecutorRequest
 from merlin_executor.mission.goal_state import ACHIEVED, EXECUTOR_WAIT, GoalState, outcome_text
 from merlin_executor.mission.mission_node import MissionNode
@@ -34,6 +35,7 @@ from merlin_executor.mission.mission_reporter import MissionReporter
 from merlin_executor.request_times import check_timeout, with_ros_times
 from merlin_executor.resending import RESEND
 from merlin_planning.knowledge_client import KnowledgeError
+from merlin_planning.knowledge_text import to_pddl
 from merlin_ros.ros_alarm import call_after
 from merlin_ros.work.threads import failure_text
 from merlin_sm.holding.node_holds import node_holds
@@ -140,7 +142,7 @@ class GoalDispatcher(MissionNode):
         while again:
             self._pause.wait(self._cancelled.is_set)
             request = self.send(goals, **options)
-            text = goals if isinstance(goals, str) else " ".join(map(str, goals))
+            text = _text(goals)
             patience = None if timeout is None else call_after(timeout, request.cancel, f"timeout of {text}")
             request.wait()
             if patience is not None:
@@ -161,15 +163,15 @@ class GoalDispatcher(MissionNode):
 
         :raises MissionFailed: after a cancel of the mission.
         """
-        self._refuse_cancelled([goals] if isinstance(goals, str) else goals)
+        self._refuse_cancelled(goals)
         request = self.client.send(goals, given_up=self._cancelled, **options)
         if self.cancelled:  # meanwhile: cancel() may not have seen the request
             request.leave()
         return request
 
-    def _refuse_cancelled(self, goals: Sequence[Any]) -> None:
+    def _refuse_cancelled(self, goals: Goals) -> None:
         if self.cancelled:
-            raise MissionFailed(f"{' '.join(map(str, goals))}: not sent, the mission was cancelled")
+            raise MissionFailed(f"{_text(goals)}: not sent, the mission was cancelled")
 
     def _report(self, goals: Sequence[str]) -> None:
         self._refuse_cancelled(goals)  # also those that a mission sends by the client itself
@@ -253,3 +255,9 @@ class MissionSM(MissionNode, MerlinSM):
 
     def _report(self, userdata: Any, states: List[str]) -> None:
         self.reporter.task(", ".join(states))
+
+
+def _text(goals: Goals) -> str:
+    return " ".join(
+        to_pddl(goal) if isinstance(goal, KnowledgeItem) else str(goal) for goal in as_list(goals)
+    )

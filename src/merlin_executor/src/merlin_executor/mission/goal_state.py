@@ -8,7 +8,7 @@ from typing import Any, Callable, Optional, Sequence, Union
 from merlin_msgs.msg import ExecuteResult
 
 from merlin_executor.core.outcome import Outcome, outcome_name
-from merlin_executor.executor_client import Goals, MerlinExecutorClient
+from merlin_executor.executor_client import Goals, MerlinExecutorClient, as_list
 from merlin_executor.executor_request import ExecutorRequest
 from merlin_executor.mission.mission_pause import MissionPause
 from merlin_executor.request_times import with_ros_times
@@ -54,7 +54,7 @@ class GoalState(MerlinState):
         inspect.signature(MerlinExecutorClient.send).bind(None, goals, **options)
         if callable(goals):
             check_call(goals, "userdata")
-        listed = [goals] if callable(goals) or isinstance(goals, str) else list(goals)
+        listed = [] if callable(goals) else as_list(goals)
         self._keys = keys_of([goal for goal in listed if isinstance(goal, str)], keys)
         super().__init__([NOTHING] if callable(goals) else [], self._keys, ["outcome"])
         self._goals = goals
@@ -72,8 +72,7 @@ class GoalState(MerlinState):
             given = self._goals(userdata) if callable(self._goals) else self._goals
         except (ValueError, KnowledgeError, ServiceError) as error:
             return self.fail(str(error))
-        listed = list(given) if isinstance(given, (list, tuple)) else [given]
-        goals = [goal.format(**values) if isinstance(goal, str) else goal for goal in listed]
+        goals = [goal.format(**values) if isinstance(goal, str) else goal for goal in as_list(given)]
         if not goals:
             return NOTHING
         if not self._client.wait_for_executor(EXECUTOR_WAIT):
