@@ -1,17 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """States that use action servers: which goal they send, and what each end of it means for the machine."""
 
-import contextlib
 import threading
 import time
-from types import SimpleNamespace
-from typing import Any, Callable, Dict, Iterator, List, Optional, Tuple
+from typing import Any, Callable, List
 
 import pytest
 from actionlib_msgs.msg import GoalStatus
+from fakes.action_server import Server, userdata
 from geometry_msgs.msg import PoseStamped
-from merlin_msgs.msg import GuardStatus, ListenResult, RecognizeResult
-from vision_msgs.msg import Detection3D, ObjectHypothesisWithPose
+from merlin_msgs.msg import GuardStatus, ListenResult
 
 from merlin_ros.actions import hang_watch
 from merlin_ros.actions.hang_watch import HUNG, HangWatch
@@ -19,114 +17,11 @@ from merlin_ros.master.master_link import MasterSilent
 from merlin_sm.merlin_sm import MerlinSM
 from merlin_sm.states import action_state, navigation
 from merlin_sm.states.action_state import ActionState
-from merlin_sm.states.manipulation import CloseState, OpenState, PickState, PlaceState
 from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, SUCCEEDED, GivenUp
-from merlin_sm.states.navigation import POINTS_PARAM, NavigationState
-from merlin_sm.states.recognition import NOT_FOUND, DetectState, Recognized, RecognizeState
+from merlin_sm.states.navigation import NavigationState
 from merlin_sm.states.speech import MISUNDERSTOOD, ListenState, SpeakState
 from merlin_test import LONG
-from smach import InvalidTransitionError, UserData
-
-POINTS = {"kitchen": {"x": 1.0, "y": 2.0, "yaw": 0.0}, "broken": {"x": 1.0, "y": "?"}}
-
-
-class Sent:
-    """A goal at the server, which ends as the server says, at once or after a cancel."""
-
-    def __init__(self, server: "Server", on_done: Callable[[Any], None]) -> None:
-        self.status, self.text, self.result = server.end
-        self.done = threading.Event()
-        self.id, self.said, self.on_cancel = "mine", "", ""
-        self.cancels = 0
-        self._server, self._on_done = server, on_done
-
-    def finish(self) -> None:
-        self.done.set()
-        self._on_done(self)
-
-    def cancel(self) -> None:
-        self.cancels += 1
-        self.said = self.on_cancel or self.said
-        if self._server.stops:
-            self.finish()
-
-    def wait(self, timeout: Optional[float] = None) -> bool:
-        return self.done.is_set()
-
-
-class Server:
-    """Takes the place of an action client and its server."""
-
-    def __init__(self) -> None:
-        self.name = "/server"
-        self.there = True
-        self.end: Tuple[int, str, Any] = (GoalStatus.SUCCEEDED, "", None)
-        self.at_once = True
-        self.stops = True
-        self.goals: List[Any] = []
-        self.sents: List[Sent] = []
-        self.owners: List[Optional[str]] = []
-        self.given_up: List[str] = []
-        self.on_goal: Callable[[], None] = lambda: None
-
-    def wait_for_server(self, timeout: float, unless: Callable[[], bool]) -> bool:
-        return self.there
-
-    def absence(self, waited: float) -> str:
-        return f"not there within {waited:g} s"
-
-    def send(self, goal: Any, on_done: Callable[[Any], None], owner: Optional[str]) -> Sent:
-        self.goals.append(goal)
-        self.owners.append(owner)
-        sent = Sent(self, on_done)
-        self.sents.append(sent)
-        if self.at_once:
-            sent.finish()
-        self.on_goal()
-        return sent
-
-    def give_up(self, sent: Sent, reason: str) -> None:
-        self.given_up.append(reason)
-
-
-@pytest.fixture
-def server(monkeypatch: pytest.MonkeyPatch) -> Server:
-    made = Server()
-    monkeypatch.setattr(action_state, "shared_client", lambda *_: made)
-    monkeypatch.setattr(action_state, "goal_class", lambda _: object)
-    monkeypatch.setattr(action_state, "check_message", lambda *_: None)
-    followers: List[Any] = []
-    follows = threading.Event()
-
-    @contextlib.contextmanager
-    def followed(take: Any) -> Iterator[None]:
-        followers.append(take)
-        follows.set()
-        yield
-        follows.clear()
-        followers.remove(take)
-
-    guard = SimpleNamespace(
-        wake=lambda: None,
-        names=lambda server: False,
-        followed=followed,
-        followers=followers,
-        follows=follows,
-        why_not=lambda preempted, server: "",
-        mark=lambda: None,
-        why_unmoved=lambda mark, server: "",
-    )
-    monkeypatch.setattr(action_state, "shared_guard_watch", lambda: guard)
-    monkeypatch.setattr(navigation, "get_param", lambda name, default: name == POINTS_PARAM and POINTS)
-    made.guard = guard
-    return made
-
-
-def userdata(**values: Any) -> UserData:
-    made = UserData()
-    for key, value in values.items():
-        made[key] = value
-    return made
+from smach import InvalidTransitionError
 
 
 def state(goal: Any = "goal", **options: Any) -> ActionState:
@@ -393,91 +288,3 @@ def test_what_was_heard_is_kept(server: Server, heard: str, outcome: str) -> Non
     data = userdata()
     assert ListenState("#JSGF V1.0; public <order> = a coffee;", timeout=4.0).execute(data) == outcome
     assert (data.heard, server.goals[0].timeout.to_sec()) == (heard, 4.0)
-
-
-def seen(names: List[str], *scores: Tuple[int, float]) -> RecognizeResult:
-    result = RecognizeResult(names=names)
-    result.detections.detections = [
-        Detection3D(results=[ObjectHypothesisWithPose(id=number, score=score)]) for number, score in scores
-    ]
-    return result
-
-
-def test_what_was_seen_is_kept_best_first_and_what_has_no_name_is_not(server: Server) -> None:
-    result = seen(["cup", "plate"], (0, 0.4), (1, 0.9), (0, 0.1), (7, 1.0))
-    result.detections.detections.append(Detection3D())
-    server.end = (GoalStatus.SUCCEEDED, "", result)
-    data = userdata()
-    assert RecognizeState(["cup"], least_score=0.2).execute(data) == SUCCEEDED
-    assert [(item.name, item.score) for item in data.detections] == [("plate", 0.9), ("cup", 0.4)]
-    assert list(server.goals[0].classes) == ["cup"]
-
-
-def test_seeing_nothing_is_a_success(server: Server) -> None:
-    server.end = (GoalStatus.SUCCEEDED, "", seen([]))
-    data: Dict[str, Any] = userdata()
-    assert RecognizeState().execute(data) == SUCCEEDED and data.detections == []
-
-
-@pytest.mark.parametrize(
-    ("wanted", "outcome", "reason", "kept"),
-    [
-        ("cup", SUCCEEDED, "", [0.9, 0.4]),
-        ("plate", NOT_FOUND, "plate was not seen at desk", []),
-    ],
-)
-def test_one_object_is_looked_for(
-    server: Server, wanted: str, outcome: str, reason: str, kept: List[float]
-) -> None:
-    server.end = (GoalStatus.SUCCEEDED, "", seen(["cup", "plate"], (0, 0.4), (1, 0.1), (0, 0.9)))
-    look = DetectState("{o}", "{s}", least_score=0.2)
-    machine = MerlinSM([SUCCEEDED, NOT_FOUND, ABORTED, PREEMPTED], ["o", "s"], ["detections"])
-    with machine:
-        machine.add("LOOK", look)
-    data = userdata(o=wanted, s="desk")
-    assert (machine.execute(data), machine.reason) == (outcome, reason)
-    assert [item.score for item in data.detections] == kept
-    assert list(server.goals[0].classes) == [wanted]
-
-
-def test_a_look_that_fails_is_no_look_that_finds_nothing(server: Server) -> None:
-    server.end = (GoalStatus.ABORTED, "no camera", None)
-    look = DetectState("cup")
-    assert (look.execute(userdata()), look.reason) == (ABORTED, "/server aborted: no camera")
-
-
-def test_only_words_that_are_known_before_are_compared_with_the_recogniser(server: Server) -> None:
-    assert (RecognizeState(["cup", "{o}"]).asks, DetectState("{o}").asks) == (("cup",), ())
-
-
-@pytest.mark.parametrize("kind", [PickState, PlaceState, OpenState, CloseState])
-def test_what_an_arm_is_asked_for(server: Server, kind: Any) -> None:
-    work = kind("{o}", "{s}")
-    assert work.execute(userdata(o="cup", s="desk")) == SUCCEEDED
-    (goal,) = server.goals
-    assert (goal.object, goal.place, goal.pose) == ("cup", "desk", PoseStamped())
-    assert (work.action, kind("cup", action="left/arm").action) == (kind.does, "left/arm")
-
-
-def test_the_best_pose_that_was_seen_goes_with_the_goal(server: Server) -> None:
-    found = seen(["cup"], (0, 0.4), (0, 0.9)).detections.detections
-    for detection, x in zip(found, (1.0, 2.0)):
-        detection.header.frame_id = "map"
-        detection.results[0].pose.pose.position.x = x
-    data = userdata(detections=[Recognized("cup", each) for each in found])
-    assert PickState("cup", seen="detections").execute(data) == SUCCEEDED
-    pose = server.goals[0].pose
-    assert (pose.header.frame_id, pose.pose.position.x) == ("map", 2.0)
-
-
-@pytest.mark.parametrize(
-    ("name", "reason"),
-    [
-        ("plate", "plate is not among what was seen; look for it first"),
-        ("", "pick has no object; its name is empty"),
-    ],
-)
-def test_an_arm_is_not_asked_for_what_it_cannot_know(server: Server, name: str, reason: str) -> None:
-    work = PickState("{o}", seen="detections")
-    assert work.execute(userdata(o=name, detections=[])) == ABORTED
-    assert (work.reason, server.goals) == (reason, [])
