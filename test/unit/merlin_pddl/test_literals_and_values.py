@@ -12,7 +12,7 @@ from typing import Any, Iterator, List
 import pytest
 
 from merlin_pddl.checks.literals import literal_fault, literals_of
-from merlin_pddl.checks.values import CUT_OFF, missing_values
+from merlin_pddl.checks.values import CUT_OFF, missing_values, open_durations
 from merlin_pddl.domain_reader import parse_domain
 from merlin_pddl.problem_reader import parse_problem
 
@@ -170,3 +170,26 @@ def test_what_an_action_assigns_is_not_missing() -> None:
 
 def test_a_task_that_is_too_large_is_said_not_to_be_looked_at() -> None:
     assert missing_values(DOMAIN, problem("(clean hall)"), limit=-1.0) == [CUT_OFF]
+
+
+@pytest.mark.parametrize(
+    ("duration", "effect", "mistakes", "warnings"),
+    [
+        ("(<= ?duration 9)", "(at start (increase (battery) ?duration))", 1, 0),
+        ("(<= ?duration 9)", "(at end (increase (battery) (* 2 ?duration)))", 0, 1),
+        ("(<= ?duration 9)", "(increase (battery) (* #t 2))", 0, 1),
+        ("(<= ?duration 9)", "(at start (increase (battery) 3))", 0, 0),
+        ("(= ?duration 9)", "(at start (increase (battery) ?duration))", 0, 0),
+    ],
+)
+def test_effects_that_need_an_open_duration_are_named(
+    duration: str, effect: str, mistakes: int, warnings: int
+) -> None:
+    domain = parse_domain(
+        f"""(define (domain d) (:functions (battery))
+        (:durative-action charge :parameters () :duration {duration} :effect (and {effect})))"""
+    )
+    for at_start, number in ((True, mistakes), (False, warnings)):
+        said = open_durations(domain, at_start)
+        assert len(said) == number
+        assert all(text.startswith("operator charge") and "write (= ?duration …)" in text for text in said)

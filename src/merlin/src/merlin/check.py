@@ -31,7 +31,7 @@ from merlin_monitor.panels.control import NONE, SENTENCES, GoalListError, read_g
 from merlin_monitor.text.sentences import SentencesError, domain_faults, read_sentences
 from merlin_pddl.checks.literals import calls_of, literal_fault
 from merlin_pddl.checks.portability import declared_twice, misspelt_supertypes
-from merlin_pddl.checks.values import missing_values
+from merlin_pddl.checks.values import missing_values, open_durations
 from merlin_pddl.domain import Domain, Signature
 from merlin_pddl.domain_reader import parse_domain
 from merlin_pddl.problem import Problem
@@ -142,6 +142,8 @@ class Findings:
             text = text_of(source)
             self.fits.update(dict.fromkeys(misspelt_supertypes(text, str(source))))
             domain = parse_domain(text, str(source))
+            unforeseen = [f"{source}: warning: {each}" for each in open_durations(domain, at_start=False)]
+            self.fits.update(dict.fromkeys(unforeseen))
             problem = Problem("", domain.name)
             if config.param(f"{name}/problem_path"):
                 file = config.file(f"{name}/problem_path")
@@ -233,6 +235,9 @@ def check_host(found: Findings, config: LaunchConfig, namespace: str, host: Node
     said_by_host = check_application([*needs, *elsewhere], world._replace(servers=None, known={}), complete)
     found.unsaid.update(set(mistakes).difference(said_by_host))
     mistakes += check_robots(everything, world, robots)
+    refused = open_durations(domain, at_start=True)
+    found.unsaid.update(refused)
+    mistakes += refused
     if not robots:
         mistakes += unnamed_robots(domain, problem)
     if mistakes:

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from typing import Dict, FrozenSet, List, Mapping, Optional, Set, Tuple
 
 from merlin_pddl.formula import (
+    START,
     And,
     Atom,
     Condition,
@@ -15,6 +16,7 @@ from merlin_pddl.formula import (
     Numeric,
     Or,
     Preference,
+    Special,
     TimedCondition,
     Variable,
     terms,
@@ -125,6 +127,21 @@ def depends_on(condition: Condition, derived: Rules) -> FrozenSet[str]:
             names.add(name)
             waiting.extend(term.name for rule in derived.get(name, ()) for term in terms(rule.body))
     return frozenset(names)
+
+
+def open_terms(operator: Operator, effect: Effect) -> List[Special]:
+    """The ``?duration`` and ``#t`` in an effect, where the operator does not fix how long it lasts."""
+    if effect.value is None or any(duration.op == "=" for duration in operator.durations):
+        return []
+    return [
+        each for each in terms(effect.value) if isinstance(each, Special) and each.name in ("?duration", "#t")
+    ]
+
+
+def open_advice(effect: Effect, term: Special) -> str:
+    """Why such an effect has no number as long as the action has not ended, and what to write."""
+    other = ", or make it an effect at end" if effect.when == START else ""
+    return f"{term.name} is not known, as its :duration has no '='; write (= ?duration …){other}"
 
 
 def self_negating(derived: Rules) -> Optional[str]:

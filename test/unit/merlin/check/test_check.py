@@ -256,6 +256,20 @@ def test_a_misspelt_supertype_is_named(check: Any, tmp_path: Path) -> None:
     )
 
 
+def test_an_effect_that_needs_an_open_duration_is_named(check: Any, tmp_path: Path) -> None:
+    launch = Path(application(tmp_path, f"{NAVIGATE}, {ASK}", points="kitchen bathroom dorm_room main_door"))
+    home = Path(__file__).resolve().parents[4] / "pddl" / "home" / "domain.pddl"
+    domain = tmp_path / "domain.pddl"
+    text = home.read_text()
+    text = text.replace("(= ?duration (travel_time ?from ?to))", "(>= ?duration (travel_time ?from ?to))")
+    text = text.replace(":effect (and", ":effect (and (at start (increase (spent) ?duration))", 1)
+    domain.write_text(text.replace("(:functions", "(:functions (spent)", 1))
+    launch.write_text(launch.read_text().replace("$(find merlin)/pddl/home/domain.pddl", str(domain)))
+    done = check(tmp_path, str(launch))
+    assert done.returncode == 2
+    assert "cannot start: its effect on spent: ?duration is not known" in done.stderr
+
+
 def test_a_mission_that_does_not_make_its_base_is_named(check: Any, tmp_path: Path) -> None:
     launch = Path(application(tmp_path, f"{NAVIGATE}, {ASK}", points="kitchen bathroom dorm_room main_door"))
     node = '<node pkg="merlin_executor" type="mission" name="mission" args="mission:=KIND"/>'

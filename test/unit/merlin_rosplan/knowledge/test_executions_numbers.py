@@ -179,3 +179,23 @@ def test_a_knowledge_base_that_came_back_takes_the_time_since_the_start_from_the
     apply(back, "end", "t", "drive", WAY)
     back.close()
     assert value(back, "heat") == pytest.approx(8.0)
+
+
+@pytest.mark.parametrize(
+    ("duration", "reason"),
+    [
+        ("(>= ?duration 5)", r"write \(= \?duration …\), or make it an effect at end$"),
+        ("(= ?duration (/ 1 0))", "or it divides by zero$"),
+    ],
+)
+def test_an_effect_at_start_of_a_duration_that_is_not_known_says_what_to_write(duration, reason):
+    domain = parse_domain(
+        f"""(define (domain d) (:requirements :durative-actions) (:functions (battery))
+        (:durative-action charge :parameters () :duration {duration}
+          :effect (at start (increase (battery) (* 0.1 ?duration)))))"""
+    )
+    store = KnowledgeStore(domain)
+    add(store, FunctionValue("battery", (), 1.0))
+    with pytest.raises(UpdateRefused, match=reason):
+        apply(store, "start", "t", "charge", {})
+    assert store.executions() == []

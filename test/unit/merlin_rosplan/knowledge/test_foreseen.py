@@ -28,6 +28,11 @@ LASTING = """(define (domain d) (:requirements :durative-actions :numeric-fluent
     :effect (and (at end (increase (battery) ?duration)) (increase (heat) (* #t 2))))
   (:action light :parameters () :precondition () :effect (and (lit) (increase (lamps) 1))))"""
 
+OPEN = """(define (domain d) (:requirements :durative-actions :duration-inequalities :numeric-fluents)
+  (:predicates (done)) (:functions (battery))
+  (:durative-action charge :parameters () :duration (and (>= ?duration 5) (<= ?duration 20))
+    :effect (and EFFECT (at end (done)))))"""
+
 
 def facts_of(problem: Problem) -> Set[str]:
     return {fact.text() for fact in problem.facts}
@@ -90,6 +95,21 @@ def test_what_cannot_be_foreseen_is_said(action: str, why: str) -> None:
     domain = read_domain(HOME / "domain.pddl")
     with pytest.raises(UpdateRefused, match=why):
         after_actions(domain, read_problem(HOME / "problem.pddl", domain), [action])
+
+
+@pytest.mark.parametrize(
+    ("effect", "names"),
+    [("(increase (battery) (* #t 0.1))", "#t"), ("(at end (increase (battery) ?duration))", "?duration")],
+)
+def test_a_duration_that_is_open_is_named_where_an_effect_needs_it(effect: str, names: str) -> None:
+    domain = parse_domain(OPEN.replace("EFFECT", effect))
+    problem = parse_problem("(define (problem p) (:domain d) (:init (= (battery) 1)) (:goal (done)))", domain)
+    with pytest.raises(UpdateRefused) as refused:
+        after_actions(domain, problem, ["(charge)"])
+    assert str(refused.value) == (
+        f"the effect of 'charge' on (battery) has no number: {names} is not known, "
+        "as its :duration has no '='; write (= ?duration …)"
+    )
 
 
 def test_other_facts_and_values_take_the_place_of_those_that_are() -> None:

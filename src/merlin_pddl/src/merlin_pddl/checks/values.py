@@ -6,9 +6,9 @@ from typing import Any, Dict, Iterator, List, Tuple
 
 from merlin_pddl.analysis.reachability import Reachability, conditions_of
 from merlin_pddl.analysis.relaxed_state import CutOffError
-from merlin_pddl.domain import Domain, Operator
+from merlin_pddl.domain import Domain, Operator, open_advice, open_terms
 from merlin_pddl.evaluation import key_of
-from merlin_pddl.formula import Comparison, Fluent, terms
+from merlin_pddl.formula import START, Comparison, Fluent, terms
 from merlin_pddl.knowledge import ASSIGN
 from merlin_pddl.plan_text import call_text
 from merlin_pddl.problem import Problem
@@ -64,6 +64,23 @@ def missing_values(domain: Domain, problem: Problem, limit: float = LIMIT) -> Li
             f"write (= {named[0]} …) into :init of the problem, or have a node set it"
         )
     return said
+
+
+def open_durations(domain: Domain, at_start: bool) -> List[str]:
+    """Effects whose numbers depend on a duration that the domain leaves open; one sentence for each operator.
+
+    :param at_start: effects at start: their actions are refused; else those that are not foreseen.
+    """
+    what = " cannot start" if at_start else ": while it runs, no plan can be made that follows it"
+    found: Dict[str, str] = {}
+    for operator in domain.operators.values():
+        for effect in operator.effects:
+            target = effect.fluent
+            for term in open_terms(operator, effect) if (effect.when == START) == at_start else ():
+                advice = open_advice(effect, term)
+                text = f"operator {operator.name}{what}: its effect on {target and target.name}: {advice}"
+                found.setdefault(operator.name, text)
+    return list(found.values())
 
 
 def _read(operator: Operator) -> Iterator[Fluent]:

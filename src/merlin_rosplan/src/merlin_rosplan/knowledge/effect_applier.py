@@ -6,7 +6,7 @@ Also what it needs at its end, which is asked in the transaction that applies th
 
 from typing import Dict, List, Mapping, Optional, Tuple
 
-from merlin_pddl.domain import Operator
+from merlin_pddl.domain import Operator, open_advice, open_terms
 from merlin_pddl.evaluation import Evaluator, changed
 from merlin_pddl.formula import END, START, Atom, Effect, Fluent, TimedCondition, ground, to_pddl
 from merlin_pddl.knowledge import ASSIGN, Fact, FunctionValue, conjuncts
@@ -178,9 +178,13 @@ class EffectApplier:
         assert isinstance(target, Fluent) and effect.value is not None
         operand = evaluator.number(effect.value, bindings)
         if operand is None:
+            reason = "a function it uses has no value, or it divides by zero"
+            for term in open_terms(self._operator, effect):
+                if evaluator.number(term) is None:
+                    reason = open_advice(effect, term)
             raise UpdateRefused(
                 f"the effect of '{self._operator.name}' on ({' '.join((target.name, *args))}) has no number: "
-                "a function it uses has no value, or it divides by zero"
+                f"{reason}"
             )
         current = self._state.value((target.name, *[arg.lower() for arg in args]))
         if effect.op != ASSIGN and current is None:
