@@ -145,6 +145,37 @@ for number in range(120):
 print("MOVED", moved[moved.index(True):] == [True], flush=True)
 """
 
+# A joystick with as many buttons as a line says, all of them pressed. It prints what the guard warns of.
+JOYSTICK = """
+import sys, threading, rospy
+from merlin_msgs.msg import GuardStatus
+from sensor_msgs.msg import Joy
+from merlin_test.topic_links import init_node
+
+init_node("joystick")
+warned = [""]
+
+def receive(status):
+    if status.warning != warned[-1] or status.state == GuardStatus.STOPPED:
+        warned.append(status.warning)
+        print("GUARD", status.state == GuardStatus.STOPPED, status.reason, status.warning, flush=True)
+
+rospy.Subscriber("merlin/guard", GuardStatus, receive)
+joy = rospy.Publisher("joy", Joy, queue_size=1)
+buttons = []
+
+def press():
+    while not rospy.is_shutdown():
+        if buttons:
+            joy.publish(Joy(buttons=buttons))
+        rospy.rostime.wallsleep(0.05)
+
+threading.Thread(target=press, daemon=True).start()
+print("started", flush=True)
+for line in sys.stdin:
+    buttons = [1] * int(line)
+"""
+
 STOPPER = """
 import rospy
 from std_srvs.srv import Trigger
@@ -218,6 +249,19 @@ def test_a_master_that_hangs_ends_the_start_and_it_may_be_tried_again(master: An
     finally:
         master.process.send(signal.SIGCONT)
     assert "the ROS master does not answer" in guard.output and "Traceback" not in guard.output
+
+
+def test_a_stop_button_that_cannot_work_is_named(master: Any) -> None:
+    master.api.setParam("/test", "/use_sim_time", False)
+    guard = master.node(GUARD, "_stop_button:=4", "_server_wait:=0.1")
+    guard.expect("nothing publishes /joy, so ~stop_button cannot stop the base")
+    joystick = master.node(JOYSTICK)
+    joystick.expect("started")
+    joystick.say("4")
+    joystick.expect("/joy has 4 buttons: it has no button 4, the ~stop_button")
+    guard.expect("/joy has 4 buttons")
+    joystick.say("5")
+    joystick.expect("GUARD True stopped by button 4 of /joy")
 
 
 def test_a_stop_is_confirmed_once_it_outlives_the_guard(master: Any) -> None:

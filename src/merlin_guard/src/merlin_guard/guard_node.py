@@ -4,7 +4,7 @@
 import math
 import threading
 import time
-from typing import Any, Optional, Set, Tuple
+from typing import Any, Callable, Optional, Set, Tuple
 
 import rospy
 from actionlib_msgs.msg import GoalID, GoalStatusArray
@@ -61,6 +61,7 @@ class GuardNode:
         self._since = rospy.Time.from_sec(float(get_param(SINCE_PARAM, 0.0)) if stopped else 0.0)
         self._published_at = -math.inf
         self._born = rospy.Time.now()
+        self._button_fault = ""
         self._closing = False
         self._over = threading.Event()
         # A base that connects may have kept the last velocity of a guard that died.
@@ -130,7 +131,7 @@ class GuardNode:
                     listen(f"{server}/{suffix}", message_class, callback, callback_args=server)
                 )
         if parameters.stop_button >= 0:
-            self._subscribers.append(_stop_button(parameters.stop_button, self._stop))
+            self._subscribers.append(_stop_button(parameters.stop_button, self._stop, self._note_button))
         # Last, so that what permits a motion is known before the motion.
         self._subscribers.append(listen("cmd_vel_in", Twist, self._receive_velocity, queue_size=1))
 
@@ -266,7 +267,8 @@ class GuardNode:
             self._since = stamp
         self._state = view.state
         now = time.monotonic()
-        said = view, self._commands.warning, self._commands.uncommanded
+        warning = self._warning()
+        said = view, warning, self._commands.uncommanded
         if self._keeping or (said == self._published and now - self._published_at < STATUS_PERIOD):
             return
         self._published, self._published_at = said, now
@@ -280,7 +282,7 @@ class GuardNode:
             servers=list(self._cancels),
             heard=list(view.heard),
             limited=self._commands.limited,
-            warning=self._commands.warning,
+            warning=warning,
             uncommanded=list(self._commands.uncommanded),
         )
         status.header.stamp = stamp
@@ -296,7 +298,7 @@ class GuardNode:
                 decision = self._permit.tick(time.monotonic(), clients, simulator)
                 self._commands.look()
                 self._apply(decision)
-                view, warning = self._permit.view, self._commands.warning
+                view, warning = self._permit.view, self._warning()
             reason = view.reason if view.state is GuardState.HOLDING else warning
             if reason != before:
                 before, since = reason, time.monotonic()
@@ -304,6 +306,16 @@ class GuardNode:
                 logged = reason
                 if reason:
                     rospy.logwarn(f"{rospy.get_name()}: {reason}")
+
+    def _warning(self) -> str:
+        """What is wrong, though the base may move; called with the lock held."""
+        return "; ".join(filter(None, (self._button_fault, self._commands.warning)))
+
+    def _note_button(self, fault: str) -> None:
+        if fault:
+            rospy.logerr_throttle(10.0, f"{rospy.get_name()}: {fault}")
+        with self._lock:
+            self._button_fault = fault  # the next tick publishes it
 
     def _shutdown(self) -> None:
         self._over.set()
@@ -321,9 +333,10 @@ def _connected(subscriber: rospy.Subscriber) -> Set[str]:
     }
 
 
-def _stop_button(index: int, stop: Any) -> rospy.Subscriber:
+def _stop_button(index: int, stop: Callable[[str], None], note: Callable[[str], None]) -> rospy.Subscriber:
     """Stops the base by a button of `joy`.
 
+    :param note: called with what is wrong with the last message; empty: nothing.
     :raises ParameterError: the package sensor_msgs is missing.
     """
     try:
@@ -332,8 +345,11 @@ def _stop_button(index: int, stop: Any) -> rospy.Subscriber:
         raise ParameterError(f"parameter ~stop_button needs the package sensor_msgs: {error}") from error
 
     def receive(joy: Joy) -> None:
-        if index < len(joy.buttons) and joy.buttons[index]:
-            stop(f"stopped by button {index} of {rospy.resolve_name('joy')}")
+        name, number = rospy.resolve_name("joy"), len(joy.buttons)
+        missing = index >= number
+        note(f"{name} has {number} buttons: it has no button {index}, the ~stop_button" if missing else "")
+        if not missing and joy.buttons[index]:
+            stop(f"stopped by button {index} of {name}")
 
     return rospy.Subscriber("joy", Joy, receive, tcp_nodelay=True, queue_size=10)
 

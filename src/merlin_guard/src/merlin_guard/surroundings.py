@@ -115,6 +115,8 @@ class Surroundings:
         self._unheard: Set[str] = set(parameters.servers)
         self._warned: Set[str] = set()  # servers that a warning named; only the thread uses it
         self._bypassing: List[str] = []
+        self._joy = rospy.resolve_name("joy") if parameters.stop_button >= 0 else ""
+        self._joyless = False
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._watch, name="guard surroundings", daemon=True)
 
@@ -162,6 +164,7 @@ class Surroundings:
                 self._check_bypass()
                 if time.monotonic() - begun >= self._server_wait:
                     self._check_servers()
+                    self._check_joy()
             except ERRORS as error:
                 rospy.logwarn_throttle(60.0, f"{rospy.get_name()}: the master does not answer: {error}")
             left = self._server_wait - (time.monotonic() - begun)
@@ -175,6 +178,14 @@ class Surroundings:
                 f"cannot stop it. Remap its cmd_vel to {self._input}"
             )
         self._bypassing = found
+
+    def _check_joy(self) -> None:
+        joyless = bool(self._joy) and not self._graph.other_publishers(self._joy)
+        if joyless and not self._joyless:
+            rospy.logwarn(
+                f"{rospy.get_name()}: nothing publishes {self._joy}, so ~stop_button cannot stop the base"
+            )
+        self._joyless = joyless
 
     def _check_servers(self) -> None:
         with self._lock:
