@@ -5,10 +5,12 @@ from typing import Any, Dict, List, Optional
 
 import pytest
 import rospy
-from rosplan_knowledge_msgs.msg import DomainFormula
+from diagnostic_msgs.msg import KeyValue
+from rosplan_knowledge_msgs.msg import DomainFormula, KnowledgeItem
 from rosplan_knowledge_msgs.srv import (
     GetDomainAttributeServiceResponse,
     GetInstanceServiceResponse,
+    KnowledgeQueryServiceResponse,
     KnowledgeUpdateServiceArrayResponse,
 )
 from std_srvs.srv import TriggerResponse
@@ -39,8 +41,13 @@ class Proxy:
     def connected(self) -> bool:
         return self._server.connected
 
-    def __call__(self, *_: Any) -> Any:
+    def __call__(self, *arguments: Any) -> Any:
         self._server.asked.append(self.name)
+        if self.name == "/kb/query_state":  # it knows that hall is linked to kitchen
+            asked = [{value.key: value.value for value in item.values} for item in arguments[0]]
+            return KnowledgeQueryServiceResponse(
+                results=[names == {"from": "hall", "to": "kitchen"} for names in asked]
+            )
         answers: Dict[str, Any] = {
             "/kb/domain/predicates": GetDomainAttributeServiceResponse(
                 [DomainFormula(name=name) for name in self._server.predicates]
@@ -70,6 +77,17 @@ def test_a_refusal_says_why(client: KnowledgeClient, server: Server) -> None:
         server.refusal = refusal
         with pytest.raises(KnowledgeError, match=words):
             client.update([Update(ADD, fact("chekced", "kitchen"))])
+
+
+def test_a_negative_fact_is_asked_with_the_keys_of_its_arguments(client: KnowledgeClient) -> None:
+    values = [KeyValue("to", "kitchen"), KeyValue("from", "hall")]
+    linked = [
+        KnowledgeItem(
+            knowledge_type=KnowledgeItem.FACT, attribute_name="linked", values=values, is_negative=negative
+        )
+        for negative in (False, True)
+    ]
+    assert client.query(linked) == [True, False]
 
 
 def test_the_domain_is_asked_for_once(client: KnowledgeClient, server: Server) -> None:

@@ -244,7 +244,9 @@ def instance(type_name: str, name: str) -> KnowledgeItem:
 def _positive(item: KnowledgeItem) -> KnowledgeItem:
     if item.knowledge_type != KnowledgeItem.FACT or not item.is_negative:
         return item
-    return fact(item.attribute_name, *[value.value for value in item.values])
+    return KnowledgeItem(
+        knowledge_type=KnowledgeItem.FACT, attribute_name=item.attribute_name, values=item.values
+    )
 
 
 def parse_changes(text: str) -> List[Update]:
