@@ -101,6 +101,11 @@ def gives_up_with(container: Any, last: Iterable[Any]) -> None:
     container.about = getattr(gave_up[0], "about", "") if gave_up else ""
 
 
+def only_cancelled(reason: str) -> bool:
+    """Whether a reason says only that a state was preempted, for which another state may be the cause."""
+    return reason.split(": ")[0] == "cancelled"
+
+
 def _follow_reasons(machine: Any) -> None:
     """Makes containers of SMACH itself take the reason of their last states, and begin each run clean."""
     for child in machine.get_children().values():
@@ -120,7 +125,7 @@ def _take_reason(userdata: Any, terminal_states: List[str], outcome: str, machin
     reasons = [getattr(state, "reason", "") for state in last]
     said = list(filter(None, reasons))
     # Of states that ran at once, the one that failed counts, not those that were preempted for it.
-    machine.reason = "; ".join([reason for reason in said if reason != "cancelled"] or said[:1])
+    machine.reason = "; ".join([reason for reason in said if not only_cancelled(reason)] or said[:1])
     if outcome == "aborted" and not machine.reason and terminal_states:
         names = " and ".join(map(label_text, terminal_states))
         ended = children.get(terminal_states[-1])

@@ -17,9 +17,10 @@ from merlin_ros.master.master_link import MasterSilent
 from merlin_sm.merlin_sm import MerlinSM
 from merlin_sm.states import action_state, navigation
 from merlin_sm.states.action_state import ActionState
-from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, SUCCEEDED, GivenUp
+from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, SUCCEEDED, GivenUp, MerlinState
 from merlin_sm.states.navigation import NavigationState
 from merlin_sm.states.speech import MISUNDERSTOOD, ListenState, SpeakState
+from merlin_sm.states.while_state import WhileSM
 from merlin_test import LONG
 from smach import InvalidTransitionError
 
@@ -94,6 +95,56 @@ def test_a_preempt_cancels_the_goal_and_waits_for_its_stop(server: Server) -> No
     server.on_goal = drive.request_preempt
     assert drive.execute(userdata()) == PREEMPTED
     assert (drive.unstopped, server.given_up) == ("", [])
+
+
+@pytest.mark.parametrize(
+    ("status", "text", "outcome", "reason"),
+    [
+        (GoalStatus.PREEMPTED, "late", PREEMPTED, "cancelled"),
+        (GoalStatus.ABORTED, "Canceled", PREEMPTED, "cancelled: Canceled"),
+        (GoalStatus.ABORTED, "", PREEMPTED, "cancelled"),
+        (GoalStatus.REJECTED, "busy", PREEMPTED, "cancelled: busy"),
+        (GoalStatus.SUCCEEDED, "there", SUCCEEDED, ""),
+        (GoalStatus.LOST, "it died", ABORTED, "/server was lost: it died"),
+    ],
+)
+def test_however_a_server_ends_a_goal_that_was_cancelled_it_has_stopped(
+    server: Server, status: int, text: str, outcome: str, reason: str
+) -> None:
+    server.end, server.at_once = (status, text, None), False
+    drive = state()
+    server.on_goal = drive.request_preempt
+    assert (drive.execute(userdata()), drive.reason) == (outcome, reason)
+
+
+class Fails(MerlinState):
+    """Fails as soon as it may."""
+
+    def __init__(self, begin: threading.Event, outcome: str) -> None:
+        super().__init__()
+        self._begin, self._ends_with = begin, outcome
+
+    def run(self, userdata: Any) -> str:
+        assert self._begin.wait(LONG)
+        return self.fail("no messages") if self._ends_with == ABORTED else self._ends_with
+
+
+@pytest.mark.parametrize(
+    ("watched", "outcome", "reason"), [(SUCCEEDED, "stopped", ""), (ABORTED, ABORTED, "no messages")]
+)
+def test_a_drive_that_a_watch_ends_is_no_drive_that_failed(
+    server: Server, watched: str, outcome: str, reason: str
+) -> None:
+    server.end, server.at_once = (GoalStatus.ABORTED, "Canceled", None), False
+    drives = threading.Event()
+    server.on_goal = drives.set
+    both = WhileSM(state(), Fails(drives, watched), "stopped")
+    assert (both.execute(userdata()), both.reason) == (outcome, reason)
+    machine = MerlinSM([*both.get_registered_outcomes()])
+    with machine:
+        machine.add("BOTH", both)
+    drives.clear()
+    assert (machine.execute(userdata()), machine.reason) == (outcome, reason)
 
 
 def test_a_server_that_does_not_stop_is_named_and_its_goal_given_up(server: Server) -> None:

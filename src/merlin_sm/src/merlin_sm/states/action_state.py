@@ -88,8 +88,8 @@ class ActionState(MerlinState):
     """Sends a goal and waits for its end; a preempt cancels it at once.
 
     Ends with succeeded when the server says SUCCEEDED, with preempted when it was preempted and the server
-    stopped, else with aborted and the reason. A server that does not stop within `cancel_limit` is reported
-    by name, and its goal given up: it no longer has an owner.
+    stopped, also where that calls the end ABORTED, else with aborted and the reason. A server that does not
+    stop within `cancel_limit` is reported by name, and its goal given up: it no longer has an owner.
 
     Where a velocity guard names the action among its `motion_servers`, the goal drives: nothing sets off
     while the guard is silent, has stopped the base or does not hear the server; an arrival does not count
@@ -207,7 +207,10 @@ class ActionState(MerlinState):
     def _outcome(self, userdata: Any, sent: ClientGoal) -> str:
         if sent.status == GoalStatus.SUCCEEDED:
             return chosen(self._on_result(userdata, sent.result) if self._on_result else None)
-        if sent.status in (GoalStatus.PREEMPTED, GoalStatus.RECALLED) and self.preempt_requested():
+        if self.preempt_requested() and sent.status != GoalStatus.LOST:
+            # A foreign server may end a cancelled goal ABORTED; its text is kept, as it may name a fault.
+            if sent.text and sent.status not in (GoalStatus.PREEMPTED, GoalStatus.RECALLED):
+                self.reason = f"cancelled: {sent.text}"
             return PREEMPTED
         status = _STATUS_TEXT.get(sent.status, str(sent.status))
         return self.fail(f"{self._client.name} {status}" + (f": {sent.text}" if sent.text else ""))

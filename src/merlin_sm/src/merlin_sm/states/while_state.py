@@ -3,7 +3,7 @@
 
 from typing import Any, Dict, Mapping, Optional, Sequence
 
-from merlin_sm.merlin_sm import gives_up_with
+from merlin_sm.merlin_sm import gives_up_with, only_cancelled
 from merlin_sm.states.merlin_state import PREEMPTED, SUCCEEDED
 from smach import Concurrence, State
 
@@ -55,4 +55,4 @@ class WhileSM(Concurrence):
         both = [self.get_children()[label] for label in ("RUN", "WATCH")]
         gives_up_with(self, both)
         reasons = [getattr(state, "reason", "") for state in both]
-        self.reason = next((text for text in reasons if text and text != "cancelled"), "")
+        self.reason = next((text for text in reasons if text and not only_cancelled(text)), "")
