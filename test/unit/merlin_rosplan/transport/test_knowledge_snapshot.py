@@ -2,7 +2,7 @@
 """The whole knowledge base of another process, which may be started again."""
 
 from types import SimpleNamespace
-from typing import Any, Dict, List
+from typing import Any, Callable, Dict, List
 
 import pytest
 import rospy
@@ -17,7 +17,9 @@ class Remote:
 
     def __init__(self, **objects: List[str]) -> None:
         self.started_anew(**objects)
+        self.constants: List[str] = []  # rooms
         self.asked: List[str] = []
+        self.on_instances: Callable[[], object] = lambda: None  # called behind each answer
 
     def started_anew(self, **objects: List[str]) -> None:
         self.process = object()
@@ -25,10 +27,14 @@ class Remote:
 
     def answer(self, suffix: str, *args: Any) -> Any:
         self.asked.append(suffix)
+        if suffix == "state/instances":
+            kind, constants = args[:2]
+            listed = [*self.objects.get(kind, []), *(self.constants if constants and kind == "room" else [])]
+            self.on_instances()
+            return SimpleNamespace(instances=listed)
         answers: Dict[str, Dict[str, Any]] = {
             "domain/name": {"domain_name": "d"},
             "domain/types": {"types": list(self.objects), "super_types": [""] * len(self.objects)},
-            "state/instances": {"instances": self.objects.get(args[0], []) if args else []},
             "state/metric": {"metric": KnowledgeItem()},
         }
         return SimpleNamespace(**answers.get(suffix, {"items": [], "attributes": []}))
@@ -70,3 +76,24 @@ def test_the_domain_is_read_once_as_long_as_the_knowledge_base_lives(remote: Rem
     for _ in range(3):
         snapshots.snapshot()
     assert remote.asked.count("domain/types") == 1
+
+
+@pytest.mark.parametrize("at", [1, 2])
+@pytest.mark.parametrize("comes", [True, False])
+def test_an_object_that_comes_or_goes_while_the_domain_is_read_changes_no_constants(
+    remote: Remote, at: int, comes: bool
+) -> None:
+    def change() -> None:
+        if remote.asked.count("state/instances") == at:
+            remote.objects["room"] = ["hall", "kitchen"] if comes else []
+
+    remote.constants = ["lift"]
+    remote.on_instances = change
+    domain, problem = KnowledgeSnapshots("/kb").snapshot()
+    assert domain.constants == {"lift": ("room",)}
+    assert list(problem.objects) == remote.objects["room"]
+
+
+def test_a_constant_may_have_the_name_of_an_object(remote: Remote) -> None:
+    remote.constants = ["hall"]
+    assert KnowledgeSnapshots("/kb").domain().constants == {"hall": ("room",)}

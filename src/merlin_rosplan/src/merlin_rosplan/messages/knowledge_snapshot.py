@@ -2,6 +2,7 @@
 """Reads a whole knowledge base over ROS: ours, or ROSPlan's own."""
 
 import threading
+from collections import Counter
 from typing import Any, Dict, List, Tuple
 
 import rospy
@@ -92,9 +93,13 @@ class KnowledgeSnapshots:
         domain.predicates = _signatures(self._ask("domain/predicates").items)
         domain.functions = _signatures(self._ask("domain/functions").items)
         for type_name in [*domain.types, "object"]:
-            # what is listed with constants and not without them is one; an instance may have the same name
-            plain = self._ask("state/instances", type_name, False, False).instances
-            for constant in self._ask("state/instances", type_name, True, False).instances[len(plain) :]:
+            # What is listed with constants and not without them is one; an instance may have the same name.
+            # Instances come and go meanwhile.
+            before, both, after = (
+                Counter(self._ask("state/instances", type_name, constants, False).instances)
+                for constants in (False, True, False)
+            )
+            for constant in both - (before | after):
                 domain.constants[constant.lower()] = (*domain.constants.get(constant.lower(), ()), type_name)
         return domain
 
