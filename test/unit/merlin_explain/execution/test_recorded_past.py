@@ -8,7 +8,8 @@ from robot_scenario import BEGIN, RobotScenario
 
 from merlin_explain.claims import QuestionError
 from merlin_explain.execution.recorded_past import RecordedPast
-from merlin_monitor.history.history_file import begin_run, open_for_writing
+from merlin_monitor.history.history_file import HistoryError, begin_run, open_for_writing
+from merlin_monitor.state.history_store import LONGEST_SEGMENT
 
 
 @pytest.mark.parametrize("jump", [0.0, 3600.0, -86400.0])
@@ -52,3 +53,26 @@ def test_what_is_recorded_before_the_time_is_renewed_is_not_of_the_moment_before
         assert "later" not in past.moment().section("now")
     with contextlib.closing(scenario.past(1.4)) as past:
         assert "later" in past.moment().section("now")
+
+
+def test_a_segment_that_cannot_be_read_hides_no_other(scenario: RobotScenario) -> None:
+    for _ in range(3):
+        scenario.wait(LONGEST_SEGMENT + 1.0)
+        scenario.wait(1.0)
+    with contextlib.closing(scenario.past()) as past:
+        begin, end = past.span()
+    with contextlib.closing(open_for_writing(str(scenario.file))) as file, file:
+        numbers = [number for (number,) in file.execute("SELECT number FROM segments ORDER BY number")]
+        for number in (numbers[0], numbers[-1]):
+            file.execute("UPDATE frames SET data = zeroblob(9) WHERE segment = ?", (number,))
+    with contextlib.closing(scenario.past()) as past:
+        first, last = past.span()
+        assert begin < first < last < end - LONGEST_SEGMENT
+        assert past.moment().at == last
+    middle = last - BEGIN - 0.5
+    with contextlib.closing(scenario.past(middle)) as past:
+        assert past.moment().at <= last
+    with contextlib.closing(open_for_writing(str(scenario.file))) as file, file:
+        file.execute("UPDATE frames SET data = zeroblob(9)")
+    with pytest.raises(HistoryError, match="nothing that was shown in run 1 can be read"):
+        scenario.past()

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A folder that cannot be opened is one line that says why; a recording brings no foreign scripts."""
 
+import contextlib
+import sqlite3
 import sys
 import time
 from pathlib import Path
@@ -62,6 +64,22 @@ def test_a_name_that_no_host_has_is_one_line(
 def test_a_last_state_without_panels_is_damaged(tmp_path: Path) -> None:
     with pytest.raises(HistoryError, match="damaged"):
         Archive(kept(tmp_path, None), "name")
+
+
+def test_a_last_segment_that_cannot_be_read_hides_no_other(tmp_path: Path) -> None:
+    panel = {
+        "name": "plan",
+        "title": "Plan",
+        "width": 3,
+        "script": "package://merlin_monitor/web/panels/plan.js",
+    }
+    file = kept(tmp_path, [panel]) / "history.sqlite"
+    kept(tmp_path, [])
+    with contextlib.closing(sqlite3.connect(str(file))) as history, history:
+        history.execute("UPDATE frames SET data = zeroblob(9) WHERE run = 2")
+    archive = Archive(tmp_path, "name")
+    assert [shown["name"] for shown in archive.tree.get("meta", "panels")] == ["plan"]
+    archive.stop()
 
 
 def test_panels_that_are_announced_after_the_first_frame_are_shown(tmp_path: Path) -> None:

@@ -5,15 +5,17 @@ import json
 import math
 import time
 from pathlib import Path
-from typing import Any, Dict, Iterator, List, Optional, Sequence, Tuple
+from typing import Any, Dict, Iterator, List, NamedTuple, Optional, Sequence, Tuple
 
 from merlin_explain.claims import QuestionError
 from merlin_explain.execution.moment import Change, Moment, key_of
 from merlin_monitor.history.event_log import MARKS, EventLog, Neighbour
 from merlin_monitor.history.frames import Recording
 from merlin_monitor.history.history_file import HistoryError, last_run, open_for_reading
+from merlin_monitor.state.knowledge_section import KINDS
 from merlin_monitor.state.state_tree import apply_changes
 from merlin_pddl.domain import Domain
+from merlin_pddl.knowledge import Key
 from merlin_ros.work.passed_time import clock_text
 
 #: An event as the history has it: kind, text, at (ROS time, s), mark and detail.
@@ -53,7 +55,8 @@ class RecordedPast:
             if number not in runs:
                 raise QuestionError(f"there is no run {number}; there are: {', '.join(map(str, runs))}")
             self._run = runs[number]
-            self._wall = self._wall_of(at) if at else float(self._run["ended"])
+            self._last = self._readable()
+            self._wall = self._wall_of(at) if at else self._last_wall()
         except BaseException:
             self.close()
             raise
@@ -110,27 +113,42 @@ class RecordedPast:
             return None
 
     def change(self, text: str, at: float = math.inf) -> Optional[Change]:
-        """The last change of a fact or value; None: none is found.
+        """The last change of a fact or value; None: there is none in the run.
 
         :param at: up to which, ROS time, s.
+        :raises TimeoutError: none is found in `LOOK_BACK` s, and the begin of the run is not reached.
         """
-        wanted = key_of(text)
-        for found in self._changes_back(json.dumps(" ".join(wanted))[1:-1]):
-            name = str(found.get("key") or found["text"])
-            if key_of(name) == wanted and found["kind"] in ("facts", "values") and found["at"] <= at:
-                version = int(found.get("version") or 0)
-                return Change(found["sign"], name, found["by"], float(found["at"]), version)
-        return None
+        return next((change for change in self._changes_back(key_of(text)) if change.at <= at), None)
 
-    def _changes_back(self, text: str) -> Iterator[Dict[str, Any]]:
-        """The recorded changes of knowledge, newest first, of the segments in which a text stands."""
+    def _changes_back(self, wanted: Key) -> Iterator[Change]:
+        """The changes of a fact or value, newest first; of when it vanished also those that no list has."""
         ends = time.monotonic() + LOOK_BACK
-        until = self._wall
-        while until >= self._run["began"] and time.monotonic() < ends:
+        text = json.dumps(" ".join(wanted))[1:-1]
+        until, behind = self._wall, 0.0  # s since 1970, of a later segment in which it does not stand
+        gone: Optional[float] = None  # s of ROS time at which it had vanished, in which way is not known yet
+        while until >= self._run["began"]:
+            if time.monotonic() >= ends:
+                raise TimeoutError("the search of the recording takes too long")
             raw = self._text(until)
-            if text in raw.lower():
-                yield from _changes_of(json.loads(raw)["frames"], self._wall)
-            until = json.loads(raw.partition(',"frames"')[0] + "}")["began"] - 0.001
+            began = json.loads(raw.partition(',"frames"')[0] + "}")["began"]
+            if text not in raw.lower():  # most segments: they are not read
+                behind = until
+            else:
+                frames = json.loads(raw)["frames"]
+                for seen in reversed(_seen(frames, wanted, self._wall)):
+                    if seen.name and behind:
+                        gone = next(
+                            (each.at for each in _seen(self._segment(behind)["frames"], wanted)), gone
+                        )
+                    if seen.name and gone is not None:
+                        yield Change("-", seen.name, "", gone, after=seen.at)
+                    behind, gone = 0.0, None if seen.name else seen.at
+                    for change in reversed(seen.changes):
+                        if not seen.name and gone is not None and change.sign != "-":
+                            yield Change("-", change.text, "", gone, after=change.at)
+                        gone = None
+                        yield change
+            until = began - 0.001
 
     def _shown(self, wall: float, after: bool = False) -> Moment:
         """What was so at a time, s since 1970.
@@ -152,7 +170,7 @@ class RecordedPast:
 
     def _wall_of(self, at: float) -> float:
         """When a ROS time was, s since 1970: of the last frame that is not later."""
-        low, high = float(self._run["began"]), float(self._run["ended"])
+        low, high = float(self._run["began"]), self._last_wall()
         begin, end = self.span()
         if not begin - LATER <= at <= end + LATER:
             asked = time.strftime("%Y-%m-%d ", time.localtime(at)) if abs(end - at) > DAY and at > DAY else ""
@@ -175,15 +193,29 @@ class RecordedPast:
 
     def span(self) -> Tuple[float, float]:
         """ROS time of the first and of the last frame, s."""
-        first, last = (self._segment(float(self._run[name]))["frames"] for name in ("began", "ended"))
+        first, last = self._readable(oldest=True)["frames"], self._last["frames"]
         return next((at for _, at, _, _ in first if at), 0.0), last[-1][1]  # before, no clock was heard
+
+    def _last_wall(self) -> float:
+        """When the run ended, s since 1970, or what can be read of it."""
+        return float(self._run["ended"] if self._last["next"] is None else self._last["frames"][-1][0])
+
+    def _readable(self, oldest: bool = False) -> Dict[str, Any]:
+        """The newest segment that can be read, or the oldest one; it is not changed."""
+        text = self._recording.readable(int(self._run["run"]), oldest)
+        if text is None:
+            raise HistoryError(f"nothing that was shown in run {self._run['run']} can be read")
+        return self._keep(text)
 
     def _segment(self, wall: float) -> Dict[str, Any]:
         """The segment of a time, s since 1970; it is not changed."""
         for known in self._segments:
             if known["began"] <= wall < (known["next"] or math.inf):
                 return known
-        found: Dict[str, Any] = json.loads(self._text(wall))
+        return self._keep(self._text(wall))
+
+    def _keep(self, text: str) -> Dict[str, Any]:
+        found: Dict[str, Any] = json.loads(text)
         self._segments = [*self._segments[-KEPT:], found]
         return found
 
@@ -194,12 +226,62 @@ class RecordedPast:
             raise HistoryError(str(error)) from error
 
 
-def _changes_of(frames: List[Any], until: float) -> Iterator[Dict[str, Any]]:
-    """The changes of knowledge in the frames of a segment, newest first."""
-    (_, _, state, _), *later = frames
-    for wall, _, changes, _ in reversed(later):
-        for path, *value in reversed(changes) if wall <= until else ():
-            if path[:2] == ["knowledge", "recent"] and len(path) == 3 and value:
-                yield value[0]
-    recent = (state.get("knowledge") or {}).get("recent") or {}
-    yield from (recent[number] for number in sorted(recent, key=int, reverse=True))
+class _Seen(NamedTuple):
+    """What a frame has of a fact or value.
+
+    :ivar at: s of ROS time.
+    :ivar name: as the knowledge has it; empty: it is not there.
+    :ivar changes: that are noted in the frame, oldest first.
+    """
+
+    at: float
+    name: str
+    changes: List[Change]
+
+
+def _seen(frames: List[Any], wanted: Key, until: float = math.inf) -> List[_Seen]:
+    """What the frames of a segment have of a fact or value; without those before the knowledge was read.
+
+    :param until: s since 1970.
+    """
+    (_, at, state, _), *later = frames
+    knowledge = state.get("knowledge") or {}
+    names = {kind: _name(knowledge.get(kind) or {}, wanted) for kind in ("facts", "values")}
+    name = "".join(names.values())
+    read = any(knowledge.get(each) for each in (*KINDS, "version"))
+    noted = _noted(knowledge.get("recent") or {}, wanted)
+    # The list goes back to before this segment, and does not have all changes.
+    fits = bool(noted) and (noted[-1].sign != "-") == bool(name)
+    found = [_Seen(at, name, noted if fits else [])] if read else []
+    for wall, at, changes, _ in later:
+        if wall > until:
+            break
+        recent = {}
+        for (section, *path), *value in changes:
+            if section != "knowledge" or not path:
+                continue
+            read = read or bool(path[0] in (*KINDS, "version") and value and value[0])
+            if path[0] in names and len(path) == 1:
+                names[path[0]] = _name(value[0] if value else {}, wanted)
+            elif path[0] in names and key_of(path[1]) == wanted:
+                names[path[0]] = path[1] if value else ""
+            elif path[0] == "recent" and len(path) == 2 and value:
+                recent[path[1]] = value[0]
+        if read:
+            found.append(_Seen(at, "".join(names.values()), _noted(recent, wanted)))
+    return found
+
+
+def _name(table: Dict[str, Any], wanted: Key) -> str:
+    return next((name for name in table if key_of(name) == wanted), "")
+
+
+def _noted(recent: Dict[str, Any], wanted: Key) -> List[Change]:
+    """The noted changes of a fact or value, oldest first."""
+    found = [recent[number] for number in sorted(recent, key=int)]
+    names = [str(each.get("key") or each["text"]) for each in found]
+    return [
+        Change(each["sign"], name, each["by"], float(each["at"]), int(each.get("version") or 0))
+        for each, name in zip(found, names)
+        if each["kind"] in ("facts", "values") and key_of(name) == wanted
+    ]

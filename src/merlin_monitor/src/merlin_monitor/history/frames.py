@@ -7,6 +7,7 @@ in the file can be read although no later one ever came. After each flush comes 
 text, which older files do not have: the stream has no checksum before its end, which never comes.
 """
 
+import contextlib
 import json
 import sqlite3
 import zlib
@@ -134,6 +135,18 @@ class Recording:
             f'"damaged":{json.dumps(damaged)},'
             f'"frames":[{",".join(frames)}]}}'
         )
+
+    def readable(self, run: int, oldest: bool = False) -> Optional[str]:
+        """The newest segment of a run of which something can be read, as :meth:`segment` has it.
+
+        :param oldest: the oldest one instead.
+        """
+        order = "ASC" if oldest else "DESC"
+        ask = f"SELECT began FROM segments WHERE run = ? ORDER BY number {order}"
+        for (began,) in self._connection.execute(ask, (run,)).fetchall():
+            with contextlib.suppress(ValueError, sqlite3.DatabaseError):
+                return self.segment(run, began)
+        return None
 
     def _prune(self, limit: float, wall: float) -> None:
         (size,) = self._one("SELECT (SELECT TOTAL(bytes) FROM segments) + TOTAL(LENGTH(data)) FROM pictures")

@@ -66,6 +66,10 @@ class HistoryReader:
         """What was shown around a moment, as :meth:`Recording.segment` has it."""
         return self._ask(lambda: self._recording.segment(run, wall))
 
+    def readable(self, run: int) -> "Future[Optional[str]]":
+        """The newest segment of a run that can be read, as :meth:`Recording.readable` has it."""
+        return self._ask(lambda: self._recording.readable(run))
+
     def picture(self, name: str, version: str) -> "Future[Optional[bytes]]":
         """A recorded picture in that version; None: there is none."""
         return self._ask(lambda: self._recording.picture(name, version))

@@ -164,12 +164,12 @@ class Archive:
     def _read(self, path: Path, name: str) -> None:
         newest = self.history.page(limit=NEWEST).result(STARTUP)
         runs = self.history.runs().result(STARTUP)
-        last = self.history.segment(runs[-1]["run"], runs[-1]["ended"]).result(STARTUP)
+        found = (self.history.readable(run["run"]).result(STARTUP) for run in runs[::-1])
         try:
-            meta = last_state(last)["meta"]
+            meta = last_state(next(filter(None, found), None))["meta"]
             panels = [panel for panel in map(self._panel, meta["panels"]) if panel]
         except (ValueError, LookupError, TypeError) as error:
-            raise HistoryError(f"{path} is damaged: its last segment cannot be read") from error
+            raise HistoryError(f"{path} is damaged: no whole state can be read") from error
         HistorySection(self.tree).add(newest)
         self.tree.put("meta", simulated=bool(meta.get("simulated")), archive=name, panels=panels)
 
