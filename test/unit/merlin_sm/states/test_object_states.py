@@ -91,6 +91,32 @@ def test_the_best_pose_that_was_seen_goes_with_the_goal(server: Server) -> None:
     assert (pose.header.frame_id, pose.pose.position.x) == ("map", 2.0)
 
 
+@pytest.mark.parametrize(("own", "frame"), [("", "map"), ("camera", "camera")])
+def test_a_detection_without_a_frame_has_that_of_its_array(server: Server, own: str, frame: str) -> None:
+    result = seen(["cup"], (0, 0.9))
+    result.detections.header.frame_id = "map"
+    result.detections.detections[0].header.frame_id = own
+    server.end = (GoalStatus.SUCCEEDED, "", result)
+    data = userdata()
+    assert DetectState("cup").execute(data) == SUCCEEDED
+    server.end = (GoalStatus.SUCCEEDED, "", None)
+    assert PickState("cup", seen="detections").execute(data) == SUCCEEDED
+    assert server.goals[1].pose.header.frame_id == frame
+
+
+def test_of_what_a_detection_may_be_the_surest_counts(server: Server) -> None:
+    result = seen(["bottle", "cup"], (0, 0.3))
+    (detection,) = result.detections.detections
+    detection.results.append(ObjectHypothesisWithPose(id=1, score=0.9))
+    detection.results[1].pose.pose.position.x = 2.0
+    server.end = (GoalStatus.SUCCEEDED, "", result)
+    data = userdata()
+    assert DetectState("bottle").execute(data) == NOT_FOUND
+    assert DetectState("cup", least_score=0.5).execute(data) == SUCCEEDED
+    (cup,) = data.detections
+    assert (cup.name, cup.score, cup.position) == ("cup", 0.9, (2.0, 0.0, 0.0))
+
+
 @pytest.mark.parametrize(
     ("name", "reason"),
     [

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Object recognition: one look through the camera."""
 
+from copy import copy
 from typing import Any, List, NamedTuple, Optional, Sequence, Tuple
 
 from merlin_msgs.msg import RecognizeAction, RecognizeGoal, RecognizeResult
@@ -95,9 +96,15 @@ class DetectState(RecognizeState):
 
 
 def recognized(result: RecognizeResult) -> Sequence[Recognized]:
-    """The detections of a result of ``recognize`` that have a known name."""
-    return [
-        Recognized(result.names[detection.results[0].id], detection)
-        for detection in result.detections.detections
-        if detection.results and 0 <= detection.results[0].id < len(result.names)
-    ]
+    """The detections of a result of ``recognize`` that have a known name.
+
+    Their hypotheses come surest first, and one without a frame has the header of the array.
+    """
+    found = []
+    for detection in map(copy, result.detections.detections):
+        detection.results = sorted(detection.results, key=lambda hypothesis: -hypothesis.score)
+        if not detection.header.frame_id:
+            detection.header = result.detections.header
+        if detection.results and 0 <= detection.results[0].id < len(result.names):
+            found.append(Recognized(result.names[detection.results[0].id], detection))
+    return found
