@@ -260,6 +260,40 @@ def test_a_file_that_was_removed_is_made_again(tmp_path: Path, left: bool) -> No
     again.close()
 
 
+def test_a_file_that_two_monitors_share_is_made_again_for_both(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(history_store, "AGAIN", 0.0)
+    path = tmp_path / "h"
+    stores = {name: HistoryStore(path, 1000, session=f"1 /{name}/monitor") for name in ("ann", "bob")}
+    trees = {name: StateTree(("plan",)) for name in stores}
+    wanted = []
+    for name, store in stores.items():
+        store.follow(trees[name], live=False)
+    for text in ("before", "after", "later"):
+        for name, store in stores.items():
+            trees[name].set("plan", "id", f"{name} {text}")
+            store.add_picture("map", f"{name} {text}", b"map")
+            store.take()
+            store.add(Event("goal", f"{name} {text}", 0.0))
+            store.page().result(LONG)
+            assert store.trouble == ""
+            wanted.append(f"{name} {text}")
+        if text == "before":
+            path.unlink()
+    for store in stores.values():
+        store.close()
+    reader = HistoryReader.of(path)
+    assert sorted(texts(reader.export().result(LONG))) == sorted(wanted)
+    assert [run["run"] for run in reader.runs().result(LONG)] == [store.run for store in stores.values()]
+    for name, store in stores.items():
+        frames = json.loads(reader.segment(store.run, END_OF_TIME).result(LONG) or "")["frames"]
+        shown = [value for _, _, changes, _ in frames[1:] for _, value in changes]
+        assert shown == [f"{name} after", f"{name} later"]
+    assert all(reader.picture("map", text).result(LONG) for text in wanted)
+    reader.close()
+
+
 @pytest.mark.parametrize("why", ["the disk was full", "too much came"])
 def test_a_picture_that_could_not_be_kept_comes_with_the_next_whole_state(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, why: str

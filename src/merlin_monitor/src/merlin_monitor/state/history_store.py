@@ -11,7 +11,7 @@ import sqlite3
 import time
 import zlib
 from pathlib import Path
-from typing import Any, Callable, Dict, List, Optional
+from typing import Any, Callable, Dict, List, Optional, Tuple
 
 from merlin_monitor.history.event_log import EventLog, Row, row_of
 from merlin_monitor.history.frames import Frame
@@ -337,12 +337,20 @@ class HistoryStore(HistoryReader):
         self._pictures_due = self._pictures_due and not again
         return stored
 
+    def _use(self, connection: sqlite3.Connection) -> None:
+        super()._use(connection)
+        self._opened = _file_at(self.path)
+
     def _make_again(self) -> None:
         """The file was removed, as ``rosclean purge`` does: what follows would be lost with it."""
-        if self._in_memory or time.monotonic() < self._again_at or self.path.exists():
+        if self._in_memory or time.monotonic() < self._again_at or _file_at(self.path) == self._opened:
             return
         self._again_at = time.monotonic() + AGAIN
-        copy = f"{self.path}.copy"
+        if self.path.exists():
+            self._move()
+            _log.warning("the history %s was replaced by another file, and goes on in that one", self.path)
+            return
+        copy = f"{self.path}.copy-{self.run}"  # another robot's monitor may make it, too
         self.path.parent.mkdir(parents=True, exist_ok=True)
         try:
             self._connection.execute("VACUUM INTO ?", (copy,))
@@ -388,17 +396,31 @@ class HistoryStore(HistoryReader):
 
     def _copy(self, file: sqlite3.Connection) -> int:
         """Copies the run into a file; returns its number there."""
-        run = begin_run(file, self._began, self._session)
+        own = self._connection.execute("SELECT began, session FROM runs WHERE id = ?", (self.run,)).fetchone()
+        # Another robot's monitor may have made the file, of what they shared.
+        there = file.execute("SELECT id FROM runs WHERE began = ? AND session = ?", own).fetchone()
+        run: int = there[0] if there else begin_run(file, *own)
         with file:
             # In a new file, which it nearly always is, events get the numbers that they have.
             for table, columns in _COPIED:
+                file.execute(f"DELETE FROM {table} WHERE run = ?", (run,))
                 order = "id" if table == "events" else "1, 2"
-                rows = self._connection.execute(f"SELECT {columns} FROM {table} ORDER BY {order}")
+                ask = f"SELECT {columns} FROM {table} WHERE run = ? ORDER BY {order}"
                 marks = ",".join("?" * len(columns.split(",")))
+                rows = self._connection.execute(ask, (self.run,))
                 file.executemany(f"INSERT INTO {table} (run, {columns}) VALUES ({run},{marks})", rows)
-            pictures = self._connection.execute("SELECT * FROM pictures")
-            file.executemany("INSERT OR REPLACE INTO pictures VALUES (?,?,?,?)", pictures)
+            known = "REPLACE" if self._in_memory else "IGNORE"
+            pictures = self._connection.execute("SELECT * FROM pictures ORDER BY rowid")
+            file.executemany(f"INSERT OR {known} INTO pictures VALUES (?,?,?,?)", pictures)
         return run
+
+
+def _file_at(path: Path) -> Optional[Tuple[int, int]]:
+    """Which file lies there; None: none."""
+    with contextlib.suppress(FileNotFoundError):
+        found = path.stat()
+        return found.st_dev, found.st_ino
+    return None
 
 
 class HistorySection:

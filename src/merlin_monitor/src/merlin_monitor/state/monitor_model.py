@@ -125,6 +125,7 @@ class MonitorModel:
         names = {"guard", "now", "health", "plan", "map"}
         sections = {name: self._of_problems(name) for name in names | {panel["name"] for panel in panels}}
         if self.history is not None:
+            self.tree.set("meta", "run", self.history.run)  # another one in another file
             sections["history"] = {**sections.get("history", {}), **self.history.problems}
         problems = problems_of(sections, panels, clock_text)
         self.tree.set("now", "problems", self._acknowledged.of(problems, wall))
