@@ -94,7 +94,7 @@ def read_text(text: str, source: str = "", depth: int = MAX_DEPTH) -> List[Node]
         of PDDL.
     """
     text = text[1:] if text.startswith("\ufeff") else text  # a mark of the byte order
-    lines = [0] + [match.end() for match in re.finditer(r"\r\n|\r|\n", text)]
+    lines = line_starts(text)
     found: List[Node] = []
     open_: List[Expression] = []
     position = 0
@@ -124,6 +124,11 @@ def read_text(text: str, source: str = "", depth: int = MAX_DEPTH) -> List[Node]
     if open_:
         raise open_[-1].error(f"the '(' of '({open_[-1].head}' is never closed")
     return found
+
+
+def line_starts(text: str) -> List[int]:
+    """Where the lines of a text begin, as the places of words count them."""
+    return [0] + [match.end() for match in re.finditer(r"\r\n|\r|\n", text)]
 
 
 def _fault(word: str) -> str:

@@ -65,6 +65,15 @@ def test_the_objects_of_a_problem_keep_their_spelling() -> None:
     assert "(:objects Ann Bob - person)" in leave_out(DOMAIN, PROBLEM, ["(ask ann)"])[1]
 
 
+@pytest.mark.parametrize("begin", ["", "\ufeff"])
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r", " "])
+def test_the_lines_of_a_problem_may_end_in_any_way(begin: str, end: str) -> None:
+    lines = PROBLEM.replace(" ; (:init", "").split("\n")
+    domain, problem = leave_out(DOMAIN, begin + end.join(lines), ["(ask ann)"])
+    facts = [fact.key for fact in parse_problem(problem, parse_domain(domain)).facts]
+    assert sorted(facts) == [("at", "ann"), ("left-out-ask", "ann")]
+
+
 @pytest.mark.parametrize(
     "action", ["(fly ann)", "(ask)", "(ask ann bob)", "ask ann", "(ask ann", "(ask (ann))", "(ask cleo)"]
 )

@@ -12,7 +12,7 @@ from merlin_pddl.domain_reader import DomainReader
 from merlin_pddl.formula import types_text
 from merlin_pddl.plan_text import call_text
 from merlin_pddl.problem_reader import parse_problem
-from merlin_pddl.text_reader import Expression, Word, name_of, read_expression, suggestion
+from merlin_pddl.text_reader import Expression, Word, line_starts, name_of, read_expression, suggestion
 
 ANY = "*"
 #: Begins the predicates that say which actions are left out.
@@ -123,10 +123,10 @@ def _forbid(node: Expression, operator: Operator) -> None:
 
 def _after_init(problem: str, facts: str) -> str:
     """A problem with further facts; its text stays as it was otherwise, for the spelling of its objects."""
+    problem = problem.removeprefix("\ufeff")  # does not count in places
     for part in read_expression(problem, "problem"):
         if head_of(part) == ":init":
             assert isinstance(part, Expression) and isinstance(part[0], Word)
-            before = problem.split("\n")[: part[0].line - 1]
-            end = sum(len(line) + 1 for line in before) + part[0].column - 1 + len(":init")
+            end = line_starts(problem)[part[0].line - 1] + part[0].column - 1 + len(":init")
             return f"{problem[:end]}{facts}\n{problem[end:]}"
     return problem[: problem.rindex(")")] + f"(:init {facts}))\n"
