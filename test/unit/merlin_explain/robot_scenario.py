@@ -52,12 +52,16 @@ Planned = Tuple[str, float, float]  # text, start, duration
 
 
 class RobotScenario:
-    """A robot with two rooms and a door."""
+    """A robot with two rooms and a door.
 
-    def __init__(self, folder: Path) -> None:
-        self.now = BEGIN
+    :param begin: s after `BEGIN`.
+    :param session: a later scenario with the same one is a further life of the monitor in its run.
+    """
+
+    def __init__(self, folder: Path, begin: float = 0.0, session: str = "") -> None:
+        self.now = BEGIN + begin
         self.file = folder / "history.sqlite"
-        self.model = RecordedModel(self.file, lambda: self.now, self._fail)
+        self.model = RecordedModel(self.file, lambda: self.now, self._fail, session)
         self.domain = parse_domain(DOMAIN)
         self.version = 1
         self._steps: Dict[int, Planned] = {}
@@ -117,14 +121,20 @@ class RobotScenario:
         remove: Sequence[str] = (),
         battery: float = -1,
         at: float = 0.0,
+        cleared: bool = False,
     ) -> None:
         """The knowledge changes.
 
         :param at: the stamp of the change; 0: the present time.
+        :param cleared: all but the objects is forgotten first.
         """
         self.version += 1
         message = KnowledgeChanges(version=self.version, client=client)
         message.added, message.removed = list(map(_item, add)), list(map(_item, remove))
+        message.cleared = cleared
+        for name, entry in self.model.tree.get("knowledge", "objects").items() if cleared else ():
+            kind = {"knowledge_type": KnowledgeItem.INSTANCE, "instance_type": entry["type"]}
+            message.added.append(KnowledgeItem(instance_name=name, **kind))
         message.changed = [_item("(battery)", battery)] if battery >= 0 else []
         self.model.knowledge.changed(message, at or self.now)
         self.record()

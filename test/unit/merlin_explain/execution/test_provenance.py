@@ -6,11 +6,15 @@ from pathlib import Path
 from typing import List, Set, Tuple
 
 import pytest
+from diagnostic_msgs.msg import KeyValue
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from merlin_msgs.msg import KnowledgeChanges
 from robot_scenario import BEGIN, BRIDGES, DOMAIN, RobotScenario
+from rosplan_knowledge_msgs.msg import KnowledgeItem
 
 from merlin_explain.claims import Answer, QuestionError, Words
+from merlin_explain.execution import recorded_past
 from merlin_explain.execution.moment import Moment, key_of
 from merlin_explain.execution.proof import proof
 from merlin_explain.execution.provenance import provenance
@@ -124,6 +128,62 @@ def test_a_change_of_long_ago_is_found(scenario: RobotScenario) -> None:
     assert (
         f"ceased to be so at {clock_text(BEGIN)}, version 2 of the knowledge, by /door_sensor"
         in answer.sentence
+    )
+
+
+def test_what_vanished_among_many_changes_is_not_said_to_have_never_been(scenario: RobotScenario) -> None:
+    scenario.wait(10.0)
+    door, battery = KnowledgeItem(attribute_name="open"), KnowledgeItem(attribute_name="battery")
+    door.knowledge_type, battery.knowledge_type = KnowledgeItem.FACT, KnowledgeItem.FUNCTION
+    door.values = [KeyValue("", "d1")]
+    for number in range(70):  # in one frame, of whose changes the last 60 are noted
+        battery.function_value = float(number)
+        message = KnowledgeChanges(version=number + 2, client="/many", removed=[door], changed=[battery])
+        scenario.model.knowledge.changed(message, scenario.now)
+    scenario.wait(0.2)
+    scenario.wait(10.0)
+    assert ask(scenario, "(open d1)").sentence == (
+        f"“(open d1)” does not hold: it ceased to be so at {clock_text(BEGIN + 10.2)}, "
+        "by a client that is not known."
+    )
+
+
+def test_what_vanished_with_all_there_was_is_not_said_to_have_never_been(scenario: RobotScenario) -> None:
+    scenario.changes("/door_sensor", add=["(open d2)"])
+    scenario.wait(10.0)
+    scenario.now += 20.0
+    scenario.changes("/loader", cleared=True)
+    for number in range(400):  # also in segments in which it does not stand
+        scenario.now += 1.0
+        scenario.changes("/battery", battery=float(number))
+    for fact in ("(open d1)", "(open d2)"):
+        (claim,) = ask(scenario, fact).claims
+        assert claim.kind == "client" and claim.text == (
+            f"“{fact}” ceased to be so between {clock_text(BEGIN + 10.0)} and {clock_text(BEGIN + 30.0)}, "
+            "by a client that is not known"
+        )
+    assert "by /battery" in ask(scenario, "(battery)").sentence
+
+
+def test_what_vanished_while_the_monitor_was_away_is_not_said_to_have_never_been(tmp_path: Path) -> None:
+    first = RobotScenario(tmp_path, session="one")
+    first.changes("/door_sensor", add=["(open d2)"])
+    first.close()
+    second = RobotScenario(tmp_path, 20.0, session="one")
+    answer = ask(second, "(open d2)")
+    assert (
+        f"ceased to be so between {clock_text(BEGIN)} and {clock_text(BEGIN + 20.0)}, by a client that is not"
+        in answer.sentence
+    )
+    second.close()
+
+
+def test_of_a_search_that_takes_too_long_it_is_not_claimed_that_there_was_nothing(
+    scenario: RobotScenario, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(recorded_past, "LOOK_BACK", 0.0)
+    assert ask(scenario, "(open d2)").sentence == (
+        "“(open d2)” does not hold: whether it was true before is not known, as the recording is long."
     )
 
 

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Why something failed: from the words of a server through state, action and new plan to the goal."""
 
+import contextlib
 import re
 from typing import Any, Iterator, List, Mapping, NamedTuple, Optional, Tuple
 
@@ -215,7 +216,9 @@ class _Chain:
         if then.holds(atom) is cause.wanted:
             return []  # it has changed since: nothing can be shown
         claims = []
-        change = self._past.change(cause.fact, self._event["at"] + NEAR)
+        change = None
+        with contextlib.suppress(TimeoutError):
+            change = self._past.change(cause.fact, self._event["at"] + NEAR)
         if change is not None and (change.sign == "-") is cause.wanted:
             claims.append(change.claim(self._words))
         step = self._step(then, reason)

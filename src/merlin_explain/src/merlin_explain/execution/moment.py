@@ -15,6 +15,7 @@ from merlin_ros.work.passed_time import clock_text
 WAITING = "waiting"
 RUNNING = ("dispatched", "running")
 ATOM = re.compile(r"\([^()]+\)")
+EXACT = 0.5  # s between two looks; what happens between them has the time of the second one
 SHORTEST = 0.01  # s; a planned duration below is none
 
 
@@ -59,6 +60,7 @@ class Change(NamedTuple):
     :ivar client: node that asked for it; empty: not known.
     :ivar at: s of ROS time.
     :ivar version: of the knowledge base after it; 0: not known.
+    :ivar after: of a change that is not recorded itself: when it had not happened yet, s of ROS time.
     """
 
     sign: str
@@ -66,6 +68,7 @@ class Change(NamedTuple):
     client: str
     at: float
     version: int = 0
+    after: Optional[float] = None
 
     def claim(self, words: Words, *shown: Evidence, by: str = "") -> Claim:
         """When it happened, and who made it.
@@ -77,7 +80,10 @@ class Change(NamedTuple):
         source = by or self.client or "a client that is not known"
         text = f"(not {self.text})" if self.sign == "-" else self.text
         fact = Evidence(FACT, f"{text}, by {self.client}", 0, self.version, self.at)
-        said = f"“{words.fact(self.text)}” {how} so at {clock_text(self.at)}{version}, by {source}"
+        when = f"at {clock_text(self.at)}"
+        if self.after is not None and self.at - self.after > EXACT:
+            when = f"between {clock_text(self.after)} and {clock_text(self.at)}"
+        said = f"“{words.fact(self.text)}” {how} so {when}{version}, by {source}"
         return Claim("action" if by else "client", said, (fact, *shown))
 
 

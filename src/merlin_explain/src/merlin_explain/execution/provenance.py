@@ -122,11 +122,17 @@ class _Teller:
 
     def _absent(self, text: str) -> Claim:
         """Who made a fact false."""
-        change = self._past.change(text)
+        shown = Evidence(FACT, f"(not {text})", 0, self._moment.version, self._moment.at)
+        try:
+            change = self._past.change(text)
+        except TimeoutError:
+            said = (
+                f"whether “{self._words.fact(text)}” was true before is not known, as the recording is long"
+            )
+            return Claim("absent", said, (shown,))
         if change is not None and change.sign == "-":
             return self._made(change)
         said = f"nothing has made “{self._words.fact(text)}” true as far as the recording shows"
-        shown = Evidence(FACT, f"(not {text})", 0, self._moment.version, self._moment.at)
         return Claim("absent", said, (shown,))
 
     def _made(self, change: Change) -> Claim:

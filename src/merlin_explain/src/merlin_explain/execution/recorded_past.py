@@ -137,9 +137,8 @@ class RecordedPast:
                 frames = json.loads(raw)["frames"]
                 for seen in reversed(_seen(frames, wanted, self._wall)):
                     if seen.name and behind:
-                        gone = next(
-                            (each.at for each in _seen(self._segment(behind)["frames"], wanted)), gone
-                        )
+                        later = _seen(self._segment(behind)["frames"], wanted, self._wall)
+                        gone = later[0].at if later else gone
                     if seen.name and gone is not None:
                         yield Change("-", seen.name, "", gone, after=seen.at)
                     behind, gone = 0.0, None if seen.name else seen.at
@@ -252,7 +251,7 @@ def _seen(frames: List[Any], wanted: Key, until: float = math.inf) -> List[_Seen
     noted = _noted(knowledge.get("recent") or {}, wanted)
     # The list goes back to before this segment, and does not have all changes.
     fits = bool(noted) and (noted[-1].sign != "-") == bool(name)
-    found = [_Seen(at, name, noted if fits else [])] if read else []
+    found = [_Seen(at, name, noted if fits else [])] if read and at else []
     for wall, at, changes, _ in later:
         if wall > until:
             break
@@ -267,7 +266,7 @@ def _seen(frames: List[Any], wanted: Key, until: float = math.inf) -> List[_Seen
                 names[path[0]] = path[1] if value else ""
             elif path[0] == "recent" and len(path) == 2 and value:
                 recent[path[1]] = value[0]
-        if read:
+        if read and at:
             found.append(_Seen(at, "".join(names.values()), _noted(recent, wanted)))
     return found
 
