@@ -7,9 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from merlin_pddl.analysis.demand import demand
 from merlin_pddl.analysis.leave_out import leave_out
 from merlin_pddl.domain_reader import parse_domain
 from merlin_pddl.evaluation import Evaluator
+from merlin_pddl.formula import to_pddl
 from merlin_pddl.problem_reader import parse_problem
 from merlin_pddl.text_reader import PddlError
 
@@ -27,9 +29,9 @@ PROBLEM = """(define (problem day) (:domain clinic) ; (:init
   (:goal (asked Ann)))"""
 
 
-def allowed(action: str, left_out: str) -> bool:
+def allowed(action: str, left_out: str, domain_text: str = DOMAIN) -> bool:
     """Whether an action can run in the first state of the task without another."""
-    domain_text, problem_text = leave_out(DOMAIN, PROBLEM, [left_out])
+    domain_text, problem_text = leave_out(domain_text, PROBLEM, [left_out])
     domain = parse_domain(domain_text)
     problem = parse_problem(problem_text, domain)
     facts = {fact.key for fact in problem.facts}
@@ -59,6 +61,28 @@ def allowed(action: str, left_out: str) -> bool:
 )
 def test_only_what_is_left_out_cannot_run(left_out: str, action: str, stays: bool) -> None:
     assert allowed(action, left_out) is stays
+
+
+@pytest.mark.parametrize("taken", ["(left-out-ask ?p - person)", "(left-out-ask) (left-out-ask-1)"])
+def test_names_of_the_domain_are_left_alone(taken: str) -> None:
+    domain = DOMAIN.replace("(:predicates", f"(:predicates {taken}")
+    assert not allowed("(ask ann)", "(ask ann)", domain) and allowed("(ask bob)", "(ask ann)", domain)
+
+
+def test_what_is_left_out_twice_counts_twice() -> None:
+    domain, _ = leave_out(DOMAIN, PROBLEM, ["(ask ann)"])
+    assert not allowed("(ask bob)", "(ask bob)", domain)
+
+
+def test_what_is_demanded_has_a_mark_that_the_domain_does_not_know() -> None:
+    domain = DOMAIN.replace("(:predicates", "(:predicates (was-done-ask ?p - person)")
+    text, goals = demand(domain, {"ann": ("person",), "bob": ("person",)}, ["(ask ann)", "(ask bob)"])
+    effects = parse_domain(text).operators["ask"].effects
+    marks = {effect.atom.name for effect in effects if effect.atom is not None} - {"asked"}
+    assert len(marks) == 1 and not marks & set(parse_domain(domain).predicates)
+    assert [to_pddl(goal) for goal in goals] == [
+        f"({mark} {name})" for mark in marks for name in ("ann", "bob")
+    ]
 
 
 def test_the_objects_of_a_problem_keep_their_spelling() -> None:

@@ -5,11 +5,10 @@ Each goal with a deadline gets an action that marks it: its condition is the goa
 literal ends at the deadline. The marks are the goals of the new task, and are taken out of its plans again.
 """
 
-import itertools
 import math
 from typing import Callable, Dict, Iterable, List, NamedTuple, Optional, Sequence, Set, Tuple
 
-from merlin_pddl.analysis.domain_text import require, section
+from merlin_pddl.analysis.domain_text import require, section, unused, words
 from merlin_pddl.domain import Domain, depends_on
 from merlin_pddl.domain_reader import DomainReader
 from merlin_pddl.formula import (
@@ -101,7 +100,7 @@ class DeadlineTask:
         found = parse_problem(problem, self._model, constraints=True)
         objects = found.typed(self._model.constants)
         goals = [_goal(due, self._model, objects) for due in dues]
-        self._marks = _named(goals, _words([node, read_expression(problem, "problem")]))
+        self._marks = _named(goals, words([node, read_expression(problem, "problem")]))
         self._timed = found.timed
         rest = found.goals
         found.goals = [*rest, *goals]
@@ -151,7 +150,7 @@ class DeadlineTask:
 
     def _declare(self, node: Expression, problem: Problem) -> None:
         """Adds the marks to the domain; objects that they name become constants of it."""
-        named = _words([read_expression(to_pddl(mark.goal)) for mark in self._marks]) & set(problem.objects)
+        named = words([read_expression(to_pddl(mark.goal)) for mark in self._marks]) & set(problem.objects)
         constants = Problem("", "", {name: problem.objects.pop(name) for name in sorted(named)})
         # In front: behind an untyped list its names would get the type too.
         section(node, ":constants")[1:1] = [
@@ -213,22 +212,9 @@ def _goal(due: Due, domain: Domain, objects: Dict[str, Tuple[str, ...]]) -> Cond
 
 def _named(goals: Sequence[Condition], used: Set[str]) -> List[_Mark]:
     """Marks whose names do not stand in the task yet."""
-    for number in itertools.count():
-        end = f"-{number}" if number else ""
-        marks = [
-            _Mark(f"collect-{index}{end}", goal, f"open-{index}{end}", f"done-{index}{end}")
-            for index, goal in enumerate(goals)
-        ]
-        if not used & {name for mark in marks for name in (mark.action, mark.open, mark.done)}:
-            return marks
-    raise AssertionError("names do not end")
-
-
-def _words(nodes: Iterable[Node]) -> Set[str]:
-    found: Set[str] = set()
-    for node in nodes:
-        found |= _words(node) if isinstance(node, Expression) else {str(node)}
-    return found
+    names = ("collect", "open", "done")
+    marks = ((goal, [unused(f"{name}-{index}", used) for name in names]) for index, goal in enumerate(goals))
+    return [_Mark(action, goal, open_, done) for goal, (action, open_, done) in marks]
 
 
 def _may_be(term: Term, other: Term) -> bool:

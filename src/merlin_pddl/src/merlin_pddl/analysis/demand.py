@@ -4,7 +4,7 @@
 Each operator concerned gets an effect that says that it was done, and that is a goal.
 """
 
-from typing import List, Mapping, Sequence, Tuple
+from typing import Dict, List, Mapping, Sequence, Tuple
 
 from merlin_pddl.analysis.leave_out import action_of, declare, extend_action
 from merlin_pddl.domain_reader import DomainReader
@@ -29,17 +29,15 @@ def demand(
     model = DomainReader(read_expression(domain, "domain")).read()
     known = {**model.constants, **objects}
     goals: List[Condition] = []
-    marked = set()
+    marks: Dict[str, str] = {}
     for text in actions:
         operator, names = action_of(text, model, known)
         for name, parameter in zip(names, operator.parameters):
             if not model.accepts(parameter.types, known[name]):
                 wanted = " or ".join(parameter.types)
                 raise name.error(f"'{name}' is no {wanted}, as {parameter.name} has to be")
-        mark = f"{DONE}{operator.name}"
-        if operator.name not in marked:
-            marked.add(operator.name)
-            atom = declare(node, mark, operator)
+        if operator.name not in marks:
+            marks[operator.name], atom = declare(node, DONE, operator)
             extend_action(node, operator, ":effect", f"(at end {atom})" if operator.durative else atom)
-        goals.append(Atom(mark, tuple(map(str, names))))
+        goals.append(Atom(marks[operator.name], tuple(map(str, names))))
     return node.text(), goals

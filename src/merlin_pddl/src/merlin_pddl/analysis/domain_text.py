@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The text of a domain as an expression that is changed and written again."""
 
-from typing import Iterable
+import itertools
+from typing import Collection, Iterable, Set
 
 from merlin_pddl.text_reader import Expression, Node, Word, read_expression
 
@@ -24,6 +25,20 @@ def section(node: Expression, head: str) -> Expression:
         place += 1
     node.insert(place, made)
     return made
+
+
+def unused(name: str, used: Collection[str]) -> str:
+    """A name that is not used yet: this one, or with a number behind it."""
+    numbered = (f"{name}-{number}" for number in itertools.count(1))
+    return next(each for each in itertools.chain([name], numbered) if each not in used)
+
+
+def words(nodes: Iterable[Node]) -> Set[str]:
+    """All words of expressions, at any depth."""
+    found: Set[str] = set()
+    for node in nodes:
+        found |= words(node) if isinstance(node, Expression) else {str(node)}
+    return found
 
 
 def require(node: Expression, requirements: Iterable[str]) -> None:

@@ -6,7 +6,7 @@ Each operator concerned gets a predicate that says what is left out, and the con
 
 from typing import Dict, Iterable, List, Sequence, Set, Tuple
 
-from merlin_pddl.analysis.domain_text import head_of, require, section
+from merlin_pddl.analysis.domain_text import head_of, require, section, unused, words
 from merlin_pddl.domain import Domain, Operator
 from merlin_pddl.domain_reader import DomainReader
 from merlin_pddl.formula import types_text
@@ -35,11 +35,10 @@ def leave_out(domain: str, problem: str, actions: Sequence[str]) -> Tuple[str, s
     for text in actions:
         operator, patterns = action_of(text, model, objects, (ANY,))
         left_out.setdefault(operator.name, set()).update(_expanded(operator, patterns, model, objects))
-    for name in left_out:
-        _forbid(node, model.operators[name])
+    marks = {name: _forbid(node, model.operators[name]) for name in left_out}
     require(node, [_NEGATION])
     facts = "".join(
-        f"\n{call_text(f'{LEFT_OUT}{name}', terms)}"
+        f"\n{call_text(marks[name], terms)}"
         for name, grounds in left_out.items()
         for terms in sorted(grounds)
     )
@@ -83,11 +82,16 @@ def _expanded(
     return found
 
 
-def declare(node: Expression, name: str, operator: Operator) -> str:
-    """Adds a predicate over the parameters of an operator to a domain; returns its atom over these."""
+def declare(node: Expression, prefix: str, operator: Operator) -> Tuple[str, str]:
+    """Adds a predicate over the parameters of an operator to a domain.
+
+    :param prefix: of its name, which no other word of the domain has.
+    :return: its name, and its atom over these parameters.
+    """
+    name = unused(f"{prefix}{operator.name}", words([node]))
     typed = "".join(f" {parameter.name} - {types_text(parameter.types)}" for parameter in operator.parameters)
     section(node, ":predicates").append(read_expression(f"({name}{typed})"))
-    return f"({' '.join((name, *(parameter.name for parameter in operator.parameters)))})"
+    return name, f"({' '.join((name, *(parameter.name for parameter in operator.parameters)))})"
 
 
 def extend_action(node: Expression, operator: Operator, key: str, part: str) -> None:
@@ -114,11 +118,12 @@ def extend_action(node: Expression, operator: Operator, key: str, part: str) -> 
         action[place] = both
 
 
-def _forbid(node: Expression, operator: Operator) -> None:
-    """Gives an operator the condition that it is not left out."""
-    atom = declare(node, f"{LEFT_OUT}{operator.name}", operator)
+def _forbid(node: Expression, operator: Operator) -> str:
+    """Gives an operator the condition that it is not left out; returns the name of the predicate."""
+    name, atom = declare(node, LEFT_OUT, operator)
     key = ":condition" if operator.durative else ":precondition"
     extend_action(node, operator, key, f"(at start (not {atom}))" if operator.durative else f"(not {atom})")
+    return name
 
 
 def _after_init(problem: str, facts: str) -> str:

@@ -132,8 +132,8 @@ class Shortfall:
             return Gap(subject, operator, self._missed(condition), condition)
         if isinstance(condition, Not) and isinstance(condition.part, Atom):
             atom = condition.part
-            if atom.name.startswith(LEFT_OUT):
-                action = f"({' '.join((atom.name[len(LEFT_OUT) :], *atom.args))})"
+            if operator and atom.name.startswith(f"{LEFT_OUT}{operator}"):
+                action = f"({' '.join((operator, *atom.args))})"
                 return Gap(action, "", GIVEN_UP, condition)
             return Gap(text, operator, "no action can make it false", condition)
         if not isinstance(condition, Atom):
