@@ -127,6 +127,19 @@ def test_with_room_for_two_the_third_stops_the_oldest() -> None:
     assert book.running == ["a", "c"]
 
 
+@pytest.mark.parametrize("before", [True, False])
+def test_when_fewer_may_run_all_that_are_too_many_stop_for_the_newest(before: bool) -> None:
+    book = newest(room=2)
+    for key in "ab" if before else "abc":
+        book.arrive(key)
+    decisions = book.allow(1)
+    assert kinds(decisions) == ([] if before else [(Step.STOP, "b")])  # "a" stops already
+    if before:
+        assert kinds(book.arrive("c")) == [(Step.STOP, "a"), (Step.STOP, "b")]
+    assert book.end("a") == []
+    assert kinds(book.end("b")) == [(Step.RUN, "c")]
+
+
 def test_when_all_has_to_stop_what_waits_does_not_begin() -> None:
     book = newest()
     book.arrive("a")
@@ -196,7 +209,7 @@ def test_each_piece_ends_once_and_no_more_runs_than_may(
         elif event == "late":
             carry_out(book.overdue(key))
         elif event == "allow":
-            room = max(room, choice) if room else 0
+            room = max(1, choice) if room else 0
             carry_out(book.allow(room))
         elif event == "begin" and asked:
             found = book.begin()
@@ -211,6 +224,8 @@ def test_each_piece_ends_once_and_no_more_runs_than_may(
             assert all(any(lane(key) == lane(waits) for key in running) for waits in waiting)
         if policy is Policy.NEWEST:
             assert all(sum(lane(waits) == each for waits in waiting) <= 1 for each in ("ann", "bob"))
+            going = [key for key in running if key not in stopped]
+            assert not room or all(sum(lane(key) == lane(each) for key in going) < room for each in waiting)
     carry_out(book.cancel_all("the end"))
     assert not waiting
     for key in list(running):

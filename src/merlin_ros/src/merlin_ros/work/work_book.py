@@ -84,9 +84,13 @@ class WorkBook(Generic[K]):
         return not self._running and not self._waiting
 
     def allow(self, room: int) -> List[Decision]:
-        """Sets how many run at once in a lane; what runs continues."""
+        """Sets how many run at once in a lane; what runs continues unless a newer one waits for its place."""
         self._room = room
-        return self._promote()
+        decisions = self._promote()
+        if self._policy is Policy.NEWEST:
+            for lane in dict.fromkeys(work.lane for work in self._waiting.values()):
+                decisions += self._make_room(lane)
+        return decisions
 
     def arrive(self, key: K, lane: str = "", batch: int = 0) -> List[Decision]:
         """Work has come; none for a key that is in the book already: it runs once.
@@ -169,10 +173,14 @@ class WorkBook(Generic[K]):
         for work in before:
             del self._waiting[work.key]
         decisions = [Decision(Step.REFUSE, work.key, TAKEN) for work in before]
-        running = [work for work in self._running.values() if work.lane == lane]
-        if any(work.stops for work in running) or self._free(lane):
-            return decisions  # what stops makes room
-        return decisions + self._stop(running[0], "a newer goal takes its place")
+        return decisions + self._make_room(lane)
+
+    def _make_room(self, lane: str) -> List[Decision]:
+        """Stops as many, the oldest first, as are in the way of one that waits."""
+        running = [work for work in self._running.values() if work.lane == lane and not work.stops]
+        surplus = len(running) - self._room + 1 if self._room else 0  # what stops makes room
+        stopped = [self._stop(work, "a newer goal takes its place") for work in running[: max(0, surplus)]]
+        return [decision for decisions in stopped for decision in decisions]
 
     @staticmethod
     def _stop(work: _Work[K], reason: str) -> List[Decision]:
