@@ -260,6 +260,34 @@ def test_a_file_that_was_removed_is_made_again(tmp_path: Path, left: bool) -> No
     again.close()
 
 
+def test_of_a_file_that_robots_share_each_page_shows_its_own(tmp_path: Path) -> None:
+    of_before = HistoryStore(tmp_path / "h", 100)
+    of_before.add(Event("goal", "of before", 0.0))
+    of_before.close()
+    ann, bob = (HistoryStore(tmp_path / "h", 100, session=f"1 /{name}/monitor") for name in ("ann", "bob"))
+    for store in (ann, bob):
+        store.follow(StateTree(("plan",)), live=False)
+        store.take()
+    ann.add(Event("goal", "ann", 0.0))
+    assert texts(ann.page().result(LONG)) == ["of before", "ann"]
+    for number in range(2 * history_store.PRUNE_EVERY):
+        bob.add(Event("goal", f"bob {number}", 0.0))
+        bob.page(limit=1).result(LONG)
+    assert len(bob.export().result(LONG)) <= 100 + history_store.PRUNE_EVERY
+    ann.add(Event("goal", "ann later", 0.0))
+    assert texts(ann.export().result(LONG))[-2:] == ["ann", "ann later"]
+    assert texts(ann.page(limit=2).result(LONG)) == ["ann", "ann later"]
+    assert [run["run"] for run in ann.runs().result(LONG)] == [ann.run]
+    ann.close()
+    bob.close()
+    again = HistoryStore(tmp_path / "h", 100, session="2 /ann/monitor")
+    assert texts(again.page().result(LONG))[-2:] == ["ann", "ann later"]
+    again.close()
+    reader = HistoryReader.of(tmp_path / "h")
+    assert [run["run"] for run in reader.runs().result(LONG)] == [ann.run, bob.run]
+    reader.close()
+
+
 def test_a_file_that_two_monitors_share_is_made_again_for_both(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -44,6 +44,31 @@ def test_the_last_run_is_shown(file: Path, monkeypatch: pytest.MonkeyPatch, caps
     assert action.endswith("  action     (ask room_2) succeeded")
 
 
+def test_of_robots_that_share_a_file_the_last_runs_are_shown(
+    file: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
+    for launch in (1, 2):
+        stores = {
+            name: HistoryStore(file, 1000, session=f"{launch} /{name}/monitor") for name in ("ann", "bob")
+        }
+        for text in ("asked for", "succeeded"):
+            for name, store in stores.items():
+                store.add(Event("goal", f"({name} {launch}) {text}", 1.0))
+                store.page().result(LONG)
+        for store in stores.values():
+            store.close()
+    lines = said(monkeypatch, capsys, file).splitlines()
+    assert lines[0].startswith("run 5, 20") and lines[0].endswith(", /ann")
+    assert lines[3].startswith("run 6, 20") and lines[3].endswith(", /bob")
+    assert [line.partition("(")[2] for line in lines if not line.startswith("run")] == [
+        "ann 2) asked for",
+        "ann 2) succeeded",
+        "bob 2) asked for",
+        "bob 2) succeeded",
+    ]
+    assert ", 2 events, /bob" in said(monkeypatch, capsys, file, "--runs")
+
+
 def test_runs_and_kinds_can_be_chosen(file: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
     events = json.loads(said(monkeypatch, capsys, file.parent, "--all", "--kind", "action", "--json"))
     assert [event["text"] for event in events] == ["(ask room_1) succeeded", "(ask room_2) succeeded"]

@@ -5,6 +5,7 @@ import json
 import sqlite3
 from typing import Any, Dict, Iterator, List, NamedTuple, Optional, Sequence, Tuple
 
+from merlin_monitor.history.history_file import OF_MONITOR
 from merlin_monitor.text.plain_value import plain, plain_text
 
 Row = Dict[str, Any]
@@ -35,10 +36,14 @@ class Neighbour(NamedTuple):
 
 
 class EventLog:
-    """Adds, finds and forgets events."""
+    """Adds, finds and forgets events.
 
-    def __init__(self, connection: sqlite3.Connection) -> None:
+    :param monitor: whose pages, limit and export these are, as several may share a file; empty: all.
+    """
+
+    def __init__(self, connection: sqlite3.Connection, monitor: str = "") -> None:
         self._connection = connection
+        self._own = (OF_MONITOR, [monitor] if monitor else [])
 
     def add(self, run: int, wall: float, event: Any) -> Row:
         """Adds an event, within a transaction of the caller; returns it as it was stored."""
@@ -51,35 +56,43 @@ class EventLog:
 
     def prune(self, limit: int) -> None:
         """Forgets the oldest beyond a number."""
-        self._connection.execute("DELETE FROM events WHERE id <= (SELECT MAX(id) FROM events) - ?", (limit,))
+        where, values = _where(self._own)
+        oldest = f"SELECT id FROM events {where} ORDER BY id DESC LIMIT -1 OFFSET ?"
+        self._connection.execute(f"DELETE FROM events WHERE id IN ({oldest})", (*values, limit))
 
     def page(self, before: Optional[int], limit: int, kinds: Sequence[str]) -> List[Row]:
         """The newest events before an id, oldest first."""
-        where, values = _where(("id < {}", [] if before is None else [before]), ("kind IN ({})", kinds))
+        before_it = ("id < {}", [] if before is None else [before])
+        where, values = _where(self._own, before_it, ("kind IN ({})", kinds))
         limit = max(1, min(1000, limit))
         return list(self._select(f"{where} ORDER BY id DESC LIMIT ?", (*values, limit)))[::-1]
 
     def all(self) -> List[Row]:
         """All events, oldest first."""
-        return list(self._select("ORDER BY id", ()))
+        where, values = _where(self._own)
+        return list(self._select(f"{where} ORDER BY id", values))
 
     def runs(self) -> List[Row]:
-        """The runs that have events, oldest first: number, begin (s since 1970) and how many events."""
-        rows = self._connection.execute(
-            "SELECT runs.id, runs.began, COUNT(*) FROM runs JOIN events ON run = runs.id GROUP BY runs.id"
-        )
-        return [{"run": run, "began": began, "events": count} for run, began, count in rows]
+        """All runs that have events, oldest first.
 
-    def find(self, run: Optional[int], kinds: Sequence[str], since: float) -> List[Row]:
+        Number, begin (s since 1970), how many events, and the session: empty, also in older files.
+        """
+        columns = [column[1] for column in self._connection.execute("PRAGMA table_info(runs)")]
+        session = "runs.session" if "session" in columns else "''"
+        rows = self._connection.execute(
+            f"SELECT runs.id AS run, runs.began AS began, COUNT(*) AS events, {session} AS session"
+            " FROM runs JOIN events ON run = runs.id GROUP BY runs.id"
+        )
+        return [dict(zip(("run", "began", "events", "session"), row)) for row in rows]
+
+    def find(self, runs: Sequence[int], kinds: Sequence[str], since: float) -> List[Row]:
         """Events, oldest first, without their marks, which older files do not have.
 
-        :param run: number; None: of all runs.
+        :param runs: numbers; none: all.
         :param kinds: none: all.
         :param since: s since 1970.
         """
-        where, values = _where(
-            ("wall >= {}", [since]), ("run = {}", [] if run is None else [run]), ("kind IN ({})", kinds)
-        )
+        where, values = _where(("wall >= {}", [since]), ("run IN ({})", runs), ("kind IN ({})", kinds))
         return list(self._select(f"{where} ORDER BY id", values, _OLD_COLUMNS))
 
     def neighbour(self, wanted: Neighbour) -> Optional[Row]:

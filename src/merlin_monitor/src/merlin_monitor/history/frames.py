@@ -13,6 +13,8 @@ import sqlite3
 import zlib
 from typing import Any, Dict, List, NamedTuple, Optional
 
+from merlin_monitor.history.history_file import OF_MONITOR
+
 Row = Dict[str, Any]
 _FLUSHED = b"\x00\x00\xff\xff"  # ends each flush of zlib
 _CHECK = 4  # bytes of the CRC-32
@@ -88,10 +90,15 @@ class Recording:
         row = self._one("SELECT data FROM pictures WHERE name = ? AND version = ?", name, version)
         return row[0] if row else None
 
-    def runs(self) -> List[Row]:
-        """The runs of which something was kept, oldest first: their first and last time, and size."""
+    def runs(self, monitor: str = "") -> List[Row]:
+        """The runs of which something was kept, oldest first: their first and last time, and size.
+
+        :param monitor: whose; empty: all.
+        """
+        where = f"WHERE {OF_MONITOR.format('?')}" if monitor else ""
         rows = self._connection.execute(
-            "SELECT run, MIN(began), MAX(ended), SUM(bytes) FROM segments GROUP BY run ORDER BY run"
+            f"SELECT run, MIN(began), MAX(ended), SUM(bytes) FROM segments {where} GROUP BY run ORDER BY run",
+            (monitor,) if monitor else (),
         )
         return [
             {"run": run, "began": began, "ended": ended, "bytes": size} for run, began, ended, size in rows

@@ -31,6 +31,10 @@ CREATE TABLE IF NOT EXISTS pictures (
   name TEXT NOT NULL, version TEXT NOT NULL, wall REAL NOT NULL, data BLOB NOT NULL,
   PRIMARY KEY (name, version));
 """
+#: Condition for the runs of a monitor, by its name as a node, and those of which the monitor is not known.
+OF_MONITOR = (
+    "+run IN (SELECT id FROM runs WHERE session = '' OR substr(session, instr(session, ' ') + 1) = {})"
+)
 _LAST_RUN = """
 SELECT id, MAX(number), MAX(ended) FROM runs JOIN segments ON run = id
 WHERE session = ? GROUP BY id ORDER BY id DESC LIMIT 1;
@@ -81,7 +85,8 @@ def open_for_writing(name: str) -> sqlite3.Connection:
 def begin_run(connection: sqlite3.Connection, wall: float, session: str = "") -> int:
     """The number of a run that begins.
 
-    :param session: a later life of this monitor with the same one goes on with the run; empty: none does.
+    :param session: of the master, a blank, and the monitor's name. A later life of this monitor with the
+        same one goes on with the run; empty: none does.
     """
     with connection:
         row = "INSERT INTO runs (began, session) VALUES (?,?)"

@@ -25,9 +25,11 @@ class HistoryReader:
     All methods return at once, those that ask with a future.
 
     :param connection: becomes its own.
+    :param monitor: whose runs and events these are, as several may share a file; empty: all.
     """
 
-    def __init__(self, connection: sqlite3.Connection) -> None:
+    def __init__(self, connection: sqlite3.Connection, monitor: str = "") -> None:
+        self._monitor = monitor
         self._jobs: queue.Queue[Any] = queue.Queue(WAITING)
         self._use(connection)
         self._thread = start_thread("history", self._work)
@@ -60,7 +62,7 @@ class HistoryReader:
 
     def runs(self) -> "Future[List[Row]]":
         """The runs with recorded pages, oldest first."""
-        return self._ask(lambda: self._recording.runs())
+        return self._ask(lambda: self._recording.runs(self._monitor))
 
     def segment(self, run: int, wall: float) -> "Future[Optional[str]]":
         """What was shown around a moment, as :meth:`Recording.segment` has it."""
@@ -85,7 +87,7 @@ class HistoryReader:
 
     def _use(self, connection: sqlite3.Connection) -> None:
         self._connection = connection
-        self._log = EventLog(connection)
+        self._log = EventLog(connection, self._monitor)
         self._recording = Recording(connection)
 
     def _write(self, jobs: List[Any]) -> None:

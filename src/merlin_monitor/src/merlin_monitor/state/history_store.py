@@ -130,7 +130,8 @@ class HistoryStore(HistoryReader):
         exists, so that a run which never began leaves nothing behind.
     :param megabytes: most that is kept of what was shown; the oldest goes first.
     :param clock: s since 1970, the time of all that is kept; None: now.
-    :param session: with that of an earlier life, its run is gone on with; empty: a run begins.
+    :param session: of the master, a blank, and this monitor's name. With that of an earlier life, its run is
+        gone on with; of other monitors that share the file nothing is shown. Empty: a run begins.
     :raises HistoryError: the file is that of another program, or of a newer MERLIN. One that is damaged is
         set aside; in place of one that cannot be written, all is kept in memory until it can.
     """
@@ -177,7 +178,7 @@ class HistoryStore(HistoryReader):
             raise HistoryError(
                 f"the history file {path} cannot be used: {error}; name another one, history:=…"
             ) from error
-        super().__init__(connection)
+        super().__init__(connection, session.partition(" ")[2])
 
     def _open(self) -> sqlite3.Connection:
         try:

@@ -9,7 +9,7 @@ import sqlite3
 import sys
 import time
 from pathlib import Path
-from typing import Any, Dict, Iterator, Optional, Sequence
+from typing import Any, Dict, Iterator, List, Mapping, Optional, Sequence
 
 import rospkg
 
@@ -22,13 +22,17 @@ EXIT_MISTAKES = 2
 _UNITS = {"s": 1.0, "m": 60.0, "h": 3600.0, "d": 86400.0}
 
 
-def as_text(events: Sequence[Dict[str, Any]]) -> Iterator[str]:
-    """One line for each event, below one for each run."""
+def as_text(events: Sequence[Dict[str, Any]], robots: Mapping[int, str]) -> Iterator[str]:
+    """One line for each event, below one for each run.
+
+    :param robots: their namespaces by the numbers of runs; empty: of the only one.
+    """
     run = None
-    for event in events:
+    for event in sorted(events, key=lambda each: int(each["run"])):
         if event["run"] != run:
             run = event["run"]
-            yield f"run {run}, {time.strftime('%Y-%m-%d', time.localtime(event['wall']))}"
+            of = f", {robots[run]}" if robots.get(run) else ""
+            yield f"run {run}, {time.strftime('%Y-%m-%d', time.localtime(event['wall']))}{of}"
         clock = time.strftime("%H:%M:%S", time.localtime(event["wall"]))
         yield f"  {clock}  {event['kind']:<9}  {printable(event['text'])}"
 
@@ -42,6 +46,13 @@ def seconds(text: str) -> float:
     if not match:
         raise argparse.ArgumentTypeError(f"{text!r} is not a time like 30s, 10m, 2h or 3d")
     return float(match[1]) * _UNITS[match[2] or "s"]
+
+
+def of_last_launch(runs: Sequence[Dict[str, Any]]) -> List[int]:
+    """The newest run of each robot of the last launch, as several robots may share a file."""
+    launch = runs[-1]["session"].partition(" ")[0]
+    newest = {run["session"]: run["run"] for run in runs if launch == run["session"].partition(" ")[0]}
+    return sorted(newest.values()) if launch else [runs[-1]["run"]]
 
 
 def default_file() -> Path:
@@ -78,7 +89,7 @@ def main() -> int:
         "file", nargs="?", type=Path, default=default_file(), help="or its folder (%(default)s)"
     )
     parser.add_argument("--runs", action="store_true", help="list the runs")
-    parser.add_argument("--run", type=int, help="number of a run; without it: the last one")
+    parser.add_argument("--run", type=int, help="number of a run; without it: that of the last launch")
     parser.add_argument("--all", action="store_true", help="all runs")
     parser.add_argument("--kind", action="append", choices=KINDS, default=[], help="these events; repeatable")
     parser.add_argument("--since", type=seconds, metavar="TIME", help="the last 30s, 10m, 2h, 3d")
@@ -99,28 +110,31 @@ def main() -> int:
 
 def _answer(history: EventLog, given: argparse.Namespace) -> Iterator[str]:
     runs = history.runs()
+    robots = {run["run"]: run["session"].partition(" ")[2].rpartition("/")[0] for run in runs}
     if given.runs:
         if given.json:
             yield json.dumps(runs, indent=1)
             return
         for run in runs:
             began = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(run["began"]))
-            yield f"run {run['run']}, {began}, {run['events']} events"
+            of = f", {robots[run['run']]}" if robots[run["run"]] else ""
+            yield f"run {run['run']}, {began}, {run['events']} events{of}"
         return
     numbers = [run["run"] for run in runs]
     if given.run is not None and given.run not in numbers:
         known = f"{numbers[0]} to {numbers[-1]}" if numbers else "none"
         raise HistoryError(f"there is no run {given.run}; there are: {known}")
-    run = given.run
-    if run is None and not given.all and given.since is None and numbers:
-        run = numbers[-1]
+    wanted = [] if given.run is None else [given.run]
+    if given.run is None and not given.all and given.since is None and numbers:
+        wanted = of_last_launch(runs)
     since = time.time() - given.since if given.since is not None else 0.0
-    events = history.find(run, given.kind, since)
+    events = history.find(wanted, given.kind, since)
     if given.json:
         yield json.dumps(events, indent=1)
         return
-    yield from as_text(events)
+    yield from as_text(events, robots)
     latest = Path(rospkg.get_log_dir()) / "latest"
-    note = later_launch(latest, events[-1]["wall"]) if events and given.file == default_file() else None
+    last = max((event["wall"] for event in events), default=0.0)
+    note = later_launch(latest, last) if events and given.file == default_file() else None
     if note is not None:
         yield note
