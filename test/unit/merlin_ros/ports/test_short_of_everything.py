@@ -33,8 +33,8 @@ setattr(threading, start, refuse_or_start)
 def obey():
     for line in sys.stdin:
         if line == "descriptors\\n":
-            used = max(int(number) for number in os.listdir("/proc/self/fd"))
-            resource.setrlimit(resource.RLIMIT_NOFILE, (used + 1, limits[1]))
+            # Lower than those of connections: one that closes gives none back.
+            resource.setrlimit(resource.RLIMIT_NOFILE, (8, limits[1]))
             try:
                 while True:
                     taken.append(os.dup(0))
