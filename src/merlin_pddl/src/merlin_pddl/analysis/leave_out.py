@@ -128,7 +128,7 @@ def _forbid(node: Expression, operator: Operator) -> str:
 
 def _after_init(problem: str, facts: str) -> str:
     """A problem with further facts; its text stays as it was otherwise, for the spelling of its objects."""
-    problem = problem.removeprefix("\ufeff")  # does not count in places
+    problem = problem.lstrip("\ufeff")  # does not count in places
     for part in read_expression(problem, "problem"):
         if head_of(part) == ":init":
             assert isinstance(part, Expression) and isinstance(part[0], Word)
