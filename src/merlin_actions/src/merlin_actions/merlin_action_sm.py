@@ -8,6 +8,7 @@ from merlin_actions.core.names import DECLARED, IF_STOPPED_AT, snake_case
 from merlin_sm.merlin_sm import MerlinSM
 from merlin_sm.state_factory import MerlinStateFactory
 from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, SUCCEEDED
+from merlin_sm.userdata_keys import check_lists
 
 
 class MerlinActionSM(MerlinSM):
@@ -66,10 +67,8 @@ class MerlinActionSM(MerlinSM):
     """How many of it may run at once, each in a machine of its own. Their states share one set of servers."""
 
     def __init__(self) -> None:
-        for name in ("parameters", "optional", "outcomes", "safe_to_interrupt", *DECLARED):
-            value = getattr(self, name)
-            if isinstance(value, str):  # ("s") is one, too
-                raise ValueError(f"{name} is a text, where a list belongs: {name} = [{value!r}]")
+        lists = ("parameters", "optional", "outcomes", "safe_to_interrupt", *DECLARED)
+        check_lists(**{name: getattr(self, name) for name in lists})
         super().__init__([SUCCEEDED, ABORTED, PREEMPTED, *self.outcomes], input_keys=list(self.parameters))
         with self:
             self.build()

@@ -7,6 +7,7 @@ import rospy
 
 from merlin_sm.autonomy import label_text, read_levels
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
+from merlin_sm.userdata_keys import check_lists
 from smach import Container, State, StateMachine
 
 
@@ -28,6 +29,7 @@ class MerlinSM(StateMachine, MerlinROSPlanAssistant):
     def __init__(
         self, outcomes: Sequence[str], input_keys: Sequence[str] = (), output_keys: Sequence[str] = ()
     ) -> None:
+        check_lists(outcomes=outcomes, input_keys=input_keys, output_keys=output_keys)
         super().__init__(list(outcomes), list(input_keys), list(output_keys))
         self.reason = self.about = ""
         self.given_up = self._cancelled = False

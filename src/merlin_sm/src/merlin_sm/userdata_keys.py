@@ -1,7 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which userdata keys of a container its states read and set."""
+"""Which userdata keys a container and its states read and set."""
 
 from typing import Any, List, Mapping
+
+
+def check_lists(**lists: Any) -> None:
+    """Judges what has to be a list of names.
+
+    :raises ValueError: for a text, which Python would take for the list of its letters.
+    """
+    for name, value in lists.items():
+        if isinstance(value, str):  # ("s") is one, too
+            raise ValueError(f"{name} is a text, where a list belongs: {name} = [{value!r}]")
 
 
 def remapping_of(container: Any, state: Any) -> Mapping[str, str]:

@@ -9,9 +9,15 @@ from std_msgs.msg import String
 from std_srvs.srv import Empty
 
 from merlin_executor.mission.goal_state import GoalState
+from merlin_sm.merlin_sm import MerlinSM
 from merlin_sm.states.action_state import ActionState
+from merlin_sm.states.dialogue import AskSM
 from merlin_sm.states.function_state import FunctionState
+from merlin_sm.states.knowledge import KnowledgeState
+from merlin_sm.states.merlin_state import MerlinState
+from merlin_sm.states.recognition import RecognizeState
 from merlin_sm.states.ros_calls import ServiceCallState, TopicState
+from merlin_sm.states.speech import SpeakState
 from merlin_sm.states.text_keys import keys_read
 
 
@@ -47,7 +53,7 @@ def test_the_keys_that_a_function_reads(function: Callable[..., Any], keys: list
 
 
 def test_a_key_that_is_not_listed_is_named() -> None:
-    with pytest.raises(ValueError, match="decide, line 1.*'heard', .* the inputs of its state: x"):
+    with pytest.raises(ValueError, match="decide, line 2.*'heard', .* the inputs of its state: x"):
         FunctionState(Machine().decide, ["x"], ["seen"])
     FunctionState(Machine().decide, ["heard"], ["seen"])
 
@@ -80,4 +86,30 @@ def two(userdata: Any, more: Any) -> None:
 )
 def test_a_function_with_other_parameters_is_named(make: Callable[[], Any], said: str) -> None:
     with pytest.raises(ValueError, match=said):
+        make()
+
+
+@pytest.mark.parametrize(
+    ("make", "name"),
+    [
+        (lambda: MerlinState("done"), "outcomes"),
+        (lambda: MerlinState(input_keys="done"), "input_keys"),
+        (lambda: MerlinState(output_keys="done"), "output_keys"),
+        (lambda: MerlinSM("done"), "outcomes"),
+        (lambda: MerlinSM(["succeeded"], "done"), "input_keys"),
+        (lambda: MerlinSM(["succeeded"], [], "done"), "output_keys"),
+        (lambda: FunctionState(print, "done"), "inputs"),
+        (lambda: FunctionState(Machine().decide, ["heard"], "done"), "outputs"),
+        (lambda: FunctionState(print, [], [], "done"), "outcomes"),
+        (lambda: TopicState("said", String, outcomes="done"), "outcomes"),
+        (lambda: SpeakState("It is {done}.", "done"), "keys"),
+        (lambda: AskSM("Is it {done}?", "", "done"), "keys"),
+        (lambda: KnowledgeState("done"), "add"),
+        (lambda: KnowledgeState(remove="done"), "remove"),
+        (lambda: RecognizeState("done"), "classes"),
+        (lambda: RecognizeState(["cup"], input_keys="done"), "input_keys"),
+    ],
+)
+def test_a_text_where_a_list_belongs_is_named(make: Callable[[], Any], name: str) -> None:
+    with pytest.raises(ValueError, match=rf"{name} is a text, where a list belongs: {name} = \['done'\]"):
         make()

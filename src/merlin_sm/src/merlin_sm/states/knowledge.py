@@ -8,6 +8,7 @@ from merlin_ros.service_proxy import ServiceError
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
 from merlin_sm.states.merlin_state import SUCCEEDED, MerlinState
 from merlin_sm.states.text_keys import filled, keys_of
+from merlin_sm.userdata_keys import check_lists
 
 
 class KnowledgeState(MerlinState, MerlinROSPlanAssistant):
@@ -21,6 +22,7 @@ class KnowledgeState(MerlinState, MerlinROSPlanAssistant):
     def __init__(
         self, add: Sequence[str] = (), remove: Sequence[str] = (), keys: Optional[Sequence[str]] = None
     ) -> None:
+        check_lists(add=add, remove=remove)
         super().__init__(input_keys=keys_of([*add, *remove], keys))
         self.changes = (*add, *remove)
         self._add = list(add)

@@ -5,6 +5,7 @@ import threading
 from typing import Any, Callable, Iterator, Optional, Sequence
 
 import smach
+from merlin_sm.userdata_keys import check_lists
 
 SUCCEEDED = "succeeded"
 ABORTED = "aborted"
@@ -35,6 +36,7 @@ class MerlinState(smach.State):
     def __init__(
         self, outcomes: Sequence[str] = (), input_keys: Sequence[str] = (), output_keys: Sequence[str] = ()
     ) -> None:
+        check_lists(outcomes=outcomes, input_keys=input_keys, output_keys=output_keys)
         super().__init__([SUCCEEDED, ABORTED, PREEMPTED, *outcomes], list(input_keys), list(output_keys))
         self.reason = ""
         self.outcome = ""

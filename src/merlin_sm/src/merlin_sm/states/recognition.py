@@ -9,6 +9,7 @@ from vision_msgs.msg import Detection3D
 
 from merlin_sm.states.action_state import ActionState
 from merlin_sm.states.text_keys import filled, keys_of
+from merlin_sm.userdata_keys import check_lists
 
 NOT_FOUND = "not_found"
 
@@ -46,7 +47,9 @@ class RecognizeState(ActionState):
     def __init__(
         self, classes: Sequence[str] = (), action: str = "recognize", least_score: float = 0.0, **options: Any
     ) -> None:
-        inputs = [*keys_of(classes), *options.pop("input_keys", ())]
+        given = options.pop("input_keys", ())
+        check_lists(classes=classes, input_keys=given)
+        inputs = [*keys_of(classes), *given]
         super().__init__(
             action,
             RecognizeAction,

@@ -7,6 +7,8 @@ import re
 import string
 from typing import Any, Callable, List, Optional, Sequence
 
+from merlin_sm.userdata_keys import check_lists
+
 
 def keys_of(texts: Sequence[str], keys: Optional[Sequence[str]] = None) -> List[str]:
     """The userdata keys of texts.
@@ -14,6 +16,7 @@ def keys_of(texts: Sequence[str], keys: Optional[Sequence[str]] = None) -> List[
     :param keys: those that the author gives; None: what the texts name.
     :raises ValueError: when a text names one that is not given, or cannot be read.
     """
+    check_lists(keys=keys)
     named: List[str] = []
     for text in texts:
         try:
@@ -88,6 +91,7 @@ def check_keys(
     :raises ValueError: for the first key that it reads and the state does not list; or it takes fewer or more
         arguments.
     """
+    check_lists(**{argument: inputs, "outputs": outputs})
     if not callable(function):
         return
     check_call(function, "userdata", *further)
