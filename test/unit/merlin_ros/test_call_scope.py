@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Service calls that a cancel ends: in the thread that is cancelled, and in no other one."""
+"""Service calls that a cancel ends, in the thread that is cancelled and in no other one, or another type."""
 
 import signal
 import threading
@@ -74,6 +74,27 @@ def start():
     return run
 sys.exit(run_node("client", start))
 """
+
+
+OTHER_TYPE = """
+import sys
+from std_srvs.srv import Trigger
+from merlin_ros.node import run_node
+from merlin_ros.service_proxy import ServiceError, ServiceProxy
+
+def run():
+    try:
+        ServiceProxy("ask", Trigger, timeout=600.0)()
+    except ServiceError as error:
+        print("FAILED", error, flush=True)
+sys.exit(run_node("client", lambda: run))
+"""
+
+
+def test_a_service_of_another_type_is_named_with_the_type_that_was_expected(master: Any) -> None:
+    master.node(SERVER).expect("started")
+    client = master.node(OTHER_TYPE)
+    assert client.expect("FAILED").endswith("it is of another type than std_srvs/Trigger")
 
 
 @pytest.mark.parametrize("connected", ["connected", "new"])
