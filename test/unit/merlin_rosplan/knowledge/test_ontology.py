@@ -70,6 +70,23 @@ def test_a_class_that_a_restriction_defines_stays_a_type(files):
     assert read_domain(files / "out" / "domain.pddl").types.subtypes("place") == {"place", "poi", "bathroom"}
 
 
+def test_what_follows_from_several_axioms_together(files):
+    statements = """
+        :connectedTo a owl:ObjectProperty , owl:TransitiveProperty . :leadsTo a owl:ObjectProperty .
+        :nextTo rdfs:subPropertyOf :connectedTo . :leadsTo owl:inverseOf :reachedFrom .
+        :connectedTo rdfs:subPropertyOf :reachedFrom . :hall :nextTo :attic ."""
+    (files / "house.ttl").write_text(HOUSE + statements)
+    assert run(files) == 0
+    problem = read_problem(files / "out" / "problem.pddl", read_domain(files / "out" / "domain.pddl"))
+    facts = {fact.text() for fact in problem.facts}
+    # the inverse of a transitive property, and one above a symmetric property
+    assert "(contains building kitchen)" in facts
+    rooms = ("kitchen", "hall", "attic")
+    for name in ("connectedto", "leadsto"):
+        pairs = {f"({name} {a} {b})" for a in rooms for b in rooms}
+        assert {fact for fact in facts if fact.startswith(f"({name} ")} == pairs
+
+
 def test_only_the_chosen_properties(files):
     assert run(files, "--property", "nextTo") == 0
     assert set(read_domain(files / "out" / "domain.pddl").predicates) == {"nextto", "checked"}

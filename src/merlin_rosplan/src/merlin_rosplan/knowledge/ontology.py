@@ -102,7 +102,7 @@ class _Reader:
             found.types.declare(self._name(node), sorted(self._name(p) for p in parents - {node}))
         found.types.complete()
         properties = self._properties(wanted)
-        relations = {node: self._pairs(node) for node in self._nodes(self._owl.ObjectProperty)}
+        relations = self._relations()
         membership = self._membership(classes, relations)
         for node, names in membership.items():
             specific = found.types.most_specific(sorted(names)) or [OBJECT]
@@ -159,35 +159,31 @@ class _Reader:
 
     # --- what follows -----------------------------------------------------------------------------
 
-    def _below(self, node: Any) -> Set[Any]:
-        """The property and its subproperties at any depth."""
-        found, waiting = {node}, [node]
+    def _relations(self) -> Dict[Any, Set[Tuple[Any, Any]]]:
+        """Each object property with its statements, and all that follow from those of all properties."""
+        owl, graph = self._owl, self._graph
+        implied: Dict[Any, Set[Tuple[Any, bool]]] = {}  # what follows from it, and whether it is turned round
+        for below, above in graph.subject_objects(self._rdfs.subPropertyOf):
+            implied.setdefault(below, set()).add((above, False))
+        for one, other in graph.subject_objects(owl.inverseOf):
+            implied.setdefault(one, set()).add((other, True))
+            implied.setdefault(other, set()).add((one, True))
+        for node in graph.subjects(self._rdf.type, owl.SymmetricProperty):
+            implied.setdefault(node, set()).add((node, True))
+        transitive = set(graph.subjects(self._rdf.type, owl.TransitiveProperty))
+        found: Dict[Any, Set[Tuple[Any, Any]]] = {node: set() for node in self._nodes(owl.ObjectProperty)}
+        waiting = [(node, pair) for node in {*found, *implied} for pair in graph.subject_objects(node)]
         while waiting:
-            for below in self._graph.subjects(self._rdfs.subPropertyOf, waiting.pop()):
-                if below not in found:
-                    found.add(below)
-                    waiting.append(below)
-        return found
-
-    def _pairs(self, node: Any) -> Set[Tuple[Any, Any]]:
-        pairs: Set[Tuple[Any, Any]] = set()
-        for prop in self._below(node):
-            pairs |= set(self._graph.subject_objects(prop))
-            inverses = [*self._objects(prop, self._owl.inverseOf)]
-            inverses += self._graph.subjects(self._owl.inverseOf, prop)
-            for inverse in inverses:
-                pairs |= {(b, a) for a, b in self._graph.subject_objects(inverse)}
-        pairs = {(a, b) for a, b in pairs if isinstance(a, self._uri) and isinstance(b, self._uri)}
-        kinds = set(self._graph.objects(node, self._rdf.type))
-        if self._owl.SymmetricProperty in kinds:
-            pairs |= {(b, a) for a, b in pairs}
-        if self._owl.TransitiveProperty in kinds:
-            grown = True
-            while grown:
-                more = {(a, d) for a, b in pairs for c, d in pairs if b == c} - pairs
-                pairs |= more
-                grown = bool(more)
-        return pairs
+            node, (a, b) = waiting.pop()
+            pairs = found.setdefault(node, set())
+            if (a, b) in pairs or not (isinstance(a, self._uri) and isinstance(b, self._uri)):
+                continue
+            pairs.add((a, b))
+            waiting += [(prop, (b, a) if turned else (a, b)) for prop, turned in implied.get(node, ())]
+            if node in transitive:
+                waiting += [(node, (c, b)) for c, d in pairs if d == a]
+                waiting += [(node, (a, d)) for c, d in pairs if c == b]
+        return {node: found[node] for node in self._nodes(owl.ObjectProperty)}
 
     def _membership(
         self, classes: Dict[Any, Any], relations: Dict[Any, Set[Tuple[Any, Any]]]
