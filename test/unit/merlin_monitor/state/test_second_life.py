@@ -15,11 +15,12 @@ from merlin_msgs.msg import (
     ExecutorStatus,
     MissionStatus,
 )
-from messages import Reported, dispatch, executor, feedback, running
+from messages import Reported, changes, dispatch, executor, fact, feedback, running, value
 from rosplan_dispatch_msgs.msg import CompletePlan
 
 from merlin_monitor.state.history_store import HistoryStore
 from merlin_monitor.state.inbox import DirectInbox
+from merlin_monitor.state.knowledge_section import Contents
 from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_monitor.state.plan_steps import sequential_steps
 from merlin_test import LONG
@@ -136,6 +137,27 @@ def test_without_a_history_it_is_not_known_how_old_a_plan_is(tmp_path: Path, pla
     assert life.state.tree.get("plan", "at", default=0.0) is None
     life.state.planned(*sequential_steps(PLAN), 40.0)
     assert life.state.tree.get("plan", "at") == 40.0
+    life.state.stop()
+
+
+def test_the_knowledge_says_as_before_by_whom_it_was_changed(tmp_path: Path) -> None:
+    first = before(tmp_path)
+    knowledge = first.state.knowledge
+    knowledge.replace(Contents({}, [fact("a")], [value("n", number=1.0)], []), "", 10.0, True)
+    knowledge.changed(changes("/ana", version=5, added=[fact("b"), fact("c")]), 12.0)
+    first.state.tree.set("meta", "time", 14.0)
+    first.state.stop()
+    life = Life(tmp_path, 1020.0)
+    facts = [fact("a"), fact("b"), fact("d")]
+    life.state.knowledge.replace(Contents({}, facts, [value("n", number=2.0)], []), "", 34.0, True)
+    shown = life.state.tree.get("knowledge")
+    assert shown["facts"] == {
+        "(a)": {},
+        "(b)": {"by": "/ana", "at": 12.0, "version": 5},
+        "(d)": {"by": "", "at": 34.0, "after": 14.0},
+    }
+    assert shown["values"] == {"(n)": {"value": 2.0, "by": "", "at": 34.0, "after": 14.0}}
+    assert life.reported.texts == ["the monitor was started again"] and shown["recent"] == {}
     life.state.stop()
 
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The section of what the robot knows: objects, facts, numeric values, goals, and their last changes."""
 
-from typing import Any, Dict, Iterable, List, NamedTuple, Optional, Tuple
+from typing import Any, Dict, Iterable, List, Mapping, NamedTuple, Optional, Tuple
 
 from merlin_monitor.state.history_events import Reporter, sentence
 from merlin_monitor.state.state_tree import StateTree
@@ -41,8 +41,17 @@ class KnowledgeSection:
         self._report = report
         self._number = 0
         self._version: Dict[str, int] = {}  # of the change that is taken in, as a field; empty: not known
+        self._kept: Mapping[str, Table] = {}  # of an earlier life, until the first reading
+        self._kept_at = 0.0  # s of ROS time
         self._clear({kind: {} for kind in KINDS})
         tree.set(SECTION, "recent", {})
+
+    def remember(self, kept: Mapping[str, Table], at: float) -> None:
+        """Takes the section of an earlier life of the monitor.
+
+        :param at: its end, ROS time, s.
+        """
+        self._kept, self._kept_at = kept, at
 
     def source(self, text: str) -> None:
         """Says where the section comes from, one sentence."""
@@ -57,7 +66,7 @@ class KnowledgeSection:
 
         :param by: the node that is said to have changed what differs from before.
         :param at: ROS time, s.
-        :param first: whether there was nothing before, so that nothing counts as changed.
+        :param first: whether nothing was read before, so that nothing is reported as changed.
         """
         new: Dict[str, Table] = {
             "objects": {name: {"type": kind} for name, kind in contents.objects.items()},
@@ -66,6 +75,7 @@ class KnowledgeSection:
             "goals": {item_text(item): {} for item in contents.goals},
         }
         if first:
+            self._compare_with_kept(new, by, at)
             self._clear(new)
             self._tree.set(SECTION, "recent", {})
             return
@@ -77,6 +87,17 @@ class KnowledgeSection:
             for key, entry in new[kind].items():
                 self._put(kind, key, entry, by, at, changes)
         self._report_changes(changes, by, at)
+
+    def _compare_with_kept(self, new: Dict[str, Table], by: str, at: float) -> None:
+        """What is as it was in an earlier life was changed when it was then, the rest since its end."""
+        kept, self._kept = self._kept, {}
+        for kind in KINDS if any(kept.get(kind) for kind in KINDS) else ():
+            for key, entry in new[kind].items():
+                was = kept.get(kind, {}).get(key)
+                if was is not None and all(was.get(field) == value for field, value in entry.items()):
+                    entry.update(was)
+                else:
+                    entry.update(by=by, at=at, after=self._kept_at)
 
     def changed(self, message: Any, at: float) -> None:
         """Takes a message with the fields of merlin_msgs/KnowledgeChanges.

@@ -92,6 +92,7 @@ class MonitorModel:
         now = kept.get("now", {})
         self.plan.remember(kept.get("plan", {}))
         self.now.remember(now)
+        self.knowledge.remember(kept.get("knowledge", {}), kept.get("meta", {}).get("time") or 0.0)
         for problem in now.get("problems", []):
             if problem["by"]:
                 self._acknowledged.acknowledge(problem["key"], problem["by"], time.monotonic())
