@@ -27,6 +27,7 @@ from merlin_monitor.bag.bag_import import RecordedModel
 from merlin_monitor.state.knowledge_section import Contents
 from merlin_monitor.state.plan_steps import ShownStep
 from merlin_pddl.domain_reader import parse_domain
+from merlin_test import LONG
 
 BEGIN = 1_700_000_000.0
 MISSION, BRIDGES = "/mission", "/merlin_bridges"
@@ -67,6 +68,9 @@ class RobotScenario:
         self._steps: Dict[int, Planned] = {}
         self._dispatch = 0
         self.model.start()
+        kept = self.model.history.last_state(LONG)
+        if kept:
+            self.model.knowledge.remember(kept["knowledge"], kept["meta"]["time"])
         self.model.domain(
             {
                 "name": "errands",

@@ -178,6 +178,22 @@ def test_what_vanished_while_the_monitor_was_away_is_not_said_to_have_never_been
     second.close()
 
 
+def test_what_was_so_in_an_earlier_life_of_the_monitor_is_as_old_as_it_was_then(tmp_path: Path) -> None:
+    first = RobotScenario(tmp_path, session="one")
+    first.changes("/door_sensor", remove=["(open d1)", "(at hall)"])
+    first.changes("/ana", add=["(open d1)"])
+    first.close()
+    second = RobotScenario(tmp_path, 20.0, session="one")
+    begin, end = clock_text(BEGIN), clock_text(BEGIN + 20.0)
+    for fact, said in (
+        ("(open d1)", f"it became so at {begin}, version 3 of the knowledge, by /ana."),
+        ("(at hall)", f"it became so between {begin} and {end}, by a client that is not known."),
+        ("(joins d1 hall kitchen)", "it has been so since before the recording began."),
+    ):
+        assert ask(second, fact).sentence == f"“{fact}” holds: {said}"
+    second.close()
+
+
 def test_of_a_search_that_takes_too_long_it_is_not_claimed_that_there_was_nothing(
     scenario: RobotScenario, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -118,7 +118,8 @@ class _Teller:
             said = f"“{self._words.fact(text)}” has been so since before the recording began"
             return Claim("origin", said, (shown,))
         version = int(entry.get("version") or 0)
-        return self._made(Change("+", text, str(entry.get("by") or ""), float(entry["at"]), version))
+        by, after = str(entry.get("by") or ""), entry.get("after")
+        return self._made(Change("+", text, by, float(entry["at"]), version, after))
 
     def _absent(self, text: str) -> Claim:
         """Who made a fact false."""
