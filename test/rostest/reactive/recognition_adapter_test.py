@@ -11,7 +11,7 @@ import unittest
 from pathlib import Path
 
 import rospy
-from actionlib_msgs.msg import GoalStatus
+from actionlib_msgs.msg import GoalStatus, GoalStatusArray
 from merlin_msgs.msg import RecognizeAction, RecognizeGoal
 from vision_msgs.msg import Detection3D, Detection3DArray, ObjectHypothesisWithPose
 
@@ -46,6 +46,23 @@ class RecognitionAdapter(unittest.TestCase):
         goal = self.client.send(RecognizeGoal(classes=classes))
         self.assertTrue(goal.wait(LONG))
         return goal
+
+    def cancelled(self):
+        """A goal whose cancel came after it had begun."""
+        goal = self.client.send(RecognizeGoal())
+        begun = False
+        while not begun:
+            known = rospy.wait_for_message("recognize/status", GoalStatusArray, LONG).status_list
+            begun = any(each.goal_id.id == goal.id and each.status != GoalStatus.PENDING for each in known)
+        goal.cancel()
+        self.assertTrue(goal.wait(LONG))
+        return goal
+
+    def test_a_cancel_ends_the_wait_for_the_detector(self):
+        end = time.monotonic() + LONG
+        while (goal := self.cancelled()).text == SILENT:  # a busy machine cancels too late
+            self.assertLess(time.monotonic(), end, SILENT)
+        self.assertEqual(goal.status, GoalStatus.PREEMPTED, goal.text)
 
     def test_detections_reach_whoever_asks_for_them(self):
         silent = self.look()
