@@ -9,7 +9,7 @@ from merlin_monitor.truth.worst_truth import lost_words
 BASE, GONE, WARNING = 0, 1, 2
 PLANNER = ("unsolvable", "no plan", "timeout", "crashed", "invalid")
 #: Section → its fields that are phrases about what is wrong.
-_TOLD = {"map": ("stands", "trouble"), "history": ("unwritten", "damaged")}
+_PHRASES = {"map": ("stands", "trouble"), "history": ("unwritten", "damaged")}
 #: s of wall time for which a problem has to be gone before it counts as a new one when it is back.
 OVER = 60.0
 
@@ -56,9 +56,9 @@ def problems_of(
             found.append(Problem(f"part {name} {level}", rank, said))
     if plan.get("planner", {}).get("state") in PLANNER:
         found.append(Problem("planner", GONE, say("No plan was found")))
-    for name, fields in _TOLD.items():
-        told = sections.get(name, {})
-        found += [Problem(f"{name} {field}", WARNING, told[field]) for field in fields if told.get(field)]
+    for name, fields in _PHRASES.items():
+        shown = sections.get(name, {})
+        found += [Problem(f"{name} {field}", WARNING, shown[field]) for field in fields if shown.get(field)]
     return sorted(found, key=lambda problem: problem.rank)
 
 
