@@ -233,11 +233,15 @@ def test_what_comes_behind_the_accepted_message_is_not_looked_at(monkeypatch: py
     assert state.execute(data) == "open" and data.open is True
 
 
-def test_without_a_message_the_topic_and_the_time_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("timeout", [0.01, 0.0])
+def test_without_a_message_the_topic_and_the_time_are_named(
+    monkeypatch: pytest.MonkeyPatch, timeout: float
+) -> None:
     topic = door(monkeypatch, Bool(False))
-    state = TopicState("door", Bool, lambda _, message: message.data, timeout=0.01)
+    state = TopicState("door", Bool, lambda _, message: message.data, timeout=timeout)
     assert state.execute(UserData()) == ABORTED
-    assert state.reason == "nothing fitting arrived on /door within 0.01 s" and topic.unregistered == 1
+    assert state.reason == f"nothing fitting arrived on /door within {timeout:g} s"
+    assert topic.unregistered == 1
 
 
 def test_a_preempt_ends_the_wait_for_a_message(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -234,5 +234,5 @@ class TopicState(MerlinState):
         if self.preempt_requested():
             return PREEMPTED
         topic = rospy.resolve_name(self._topic)
-        limit = f"within {self._timeout:g} s" if self._timeout else "before the node ended"
+        limit = "before the node ended" if self._timeout is None else f"within {self._timeout:g} s"
         return self.fail(f"nothing fitting arrived on {topic} {limit}")
