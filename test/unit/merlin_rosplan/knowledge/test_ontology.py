@@ -63,6 +63,17 @@ def test_any_name_of_the_file_and_a_mark_of_the_byte_order(files):
         (files / name).rename(files / "house.ttl")
 
 
+def test_classes_that_are_below_each_other_are_one_type(files):
+    classes = (
+        ":Heated rdfs:subClassOf :Warm . :Warm owl:equivalentClass :Hot . :Hot rdfs:subClassOf :Heated ."
+    )
+    (files / "house.ttl").write_text(f"{HOUSE}{classes} :oven a :Hot .")
+    assert run(files) == 0
+    domain = read_domain(files / "out" / "domain.pddl")
+    assert set(domain.types) == {"place", "poi", "bathroom", "heated"}
+    assert read_problem(files / "out" / "problem.pddl", domain).objects["oven"] == ("heated",)
+
+
 def test_a_class_that_a_restriction_defines_stays_a_type(files):
     restriction = "[ a owl:Restriction ; owl:onProperty :inside ; owl:someValuesFrom :Place ]"
     (files / "house.ttl").write_text(HOUSE + f":Poi owl:equivalentClass {restriction} .")

@@ -135,18 +135,22 @@ class _Reader:
         return name
 
     def _canonical_classes(self) -> Dict[Any, Any]:
-        """All named classes but owl:Thing, each with the one that stands for its equivalents."""
+        """All named classes but owl:Thing, each with the one that stands for its equivalents.
+
+        Those are equivalent, too, that are below each other.
+        """
         nodes = set(self._nodes(self._owl.Class)) | set(self._nodes(self._rdfs.Class))
         for first, second in self._graph.subject_objects(self._rdfs.subClassOf):
             nodes |= {node for node in (first, second) if isinstance(node, self._uri)}
         nodes.discard(self._owl.Thing)
-        groups = {node: {node} for node in nodes}
-        for first, second in self._graph.subject_objects(self._owl.equivalentClass):
-            if first in groups and second in groups:
-                merged = groups[first] | groups[second]
-                for node in merged:
-                    groups[node] = merged
-        return {node: min(group) for node, group in sorted(groups.items())}
+        parents: Dict[Any, Set[Any]] = {node: set() for node in nodes}
+        equivalent = list(self._graph.subject_objects(self._owl.equivalentClass))
+        below = list(self._graph.subject_objects(self._rdfs.subClassOf))
+        for first, second in (*equivalent, *((b, a) for a, b in equivalent), *below):
+            if first in nodes and second in nodes:
+                parents[first].add(second)
+        above = {node: _above(node, parents) for node in nodes}
+        return {node: min(other for other in above[node] if node in above[other]) for node in sorted(nodes)}
 
     def _properties(self, wanted: Optional[Set[str]]) -> List[Any]:
         nodes = self._nodes(self._owl.ObjectProperty)
@@ -199,3 +203,13 @@ class _Reader:
                 for pair in pairs:
                     found.setdefault(pair[place], set()).update(kinds)
         return dict(sorted(found.items()))
+
+
+def _above(node: Any, parents: Dict[Any, Set[Any]]) -> Set[Any]:
+    """A class and all above it."""
+    found, waiting = {node}, [node]
+    while waiting:
+        more = parents[waiting.pop()] - found
+        found |= more
+        waiting += more
+    return found
