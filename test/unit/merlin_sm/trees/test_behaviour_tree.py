@@ -133,6 +133,21 @@ def test_what_did_not_stop_ends_the_tree_with_its_name() -> None:
     assert run.ended() == (ABORTED, "/move_base did not stop within 2 s")
 
 
+def test_what_did_not_stop_may_be_tried_again_although_another_state_gave_up() -> None:
+    drive, see = Act(), Act()
+
+    def late() -> str:
+        drive.unstopped = "/move_base"
+        return drive.fail("/move_base did not stop within 2 s")
+
+    run = Run(both(leaf("DRIVE", drive), leaf("SEE", see)))
+    assert drive.begun.wait(LONG) and see.begun.wait(LONG)
+    drive.how = late
+    see.end(lambda: see.give_up("there is no cup"))
+    assert run.ended() == (ABORTED, "/move_base did not stop within 2 s")
+    assert not run.machine.given_up
+
+
 def test_an_exception_of_a_state_or_a_behaviour_ends_everything_and_is_raised() -> None:
     drive, speak = Act(), Act()
 
