@@ -268,6 +268,26 @@ def test_a_cancel_ends_the_hold_though_a_wish_has_come(world):
     assert [left.refused for left in world.left] == ["it was cancelled first"]
 
 
+def test_a_machine_that_is_left_as_wished_has_not_given_up(world):
+    world.work.run = lambda userdata: (
+        world.work.runs_now.set() or world.work.stop.wait(LONG) and world.work.give_up("no cup", "cup")
+    )
+    world.work.stop.clear()
+    outer = MerlinSM(["succeeded", "aborted", "preempted"])
+    with outer:
+        outer.add("INNER", world.machine)
+    hook_states(outer, "OUTER", world.outcomes)
+    ended = []
+    thread = threading.Thread(target=lambda: ended.append(outer.execute(smach.UserData())), daemon=True)
+    thread.start()
+    assert world.work.runs_now.wait(LONG)
+    world.outcomes.leave("OUTER/INNER", "aborted", "Ana")
+    world.work.stop.set()
+    thread.join(LONG)
+    assert ended == ["aborted"]
+    assert (outer.reason, outer.given_up, outer.about) == ("forced by Ana", False, "")
+
+
 class Part(enum.Enum):
     """Labels and outcomes."""
 
