@@ -42,7 +42,7 @@ class TakeOrder(MerlinActionSM):
     parameters = ["t"]
 
     def build(self):
-        ask = self.state("ask", "What for {t}?", "#JSGF V1.0; public <a> = a tea;")
+        ask = self.state("ask", "What for {t}?", "#JSGF V1.0; grammar g; public <a> = a tea;")
         self.add("ASK", ask, {"misunderstood": "aborted"})
 """
 
@@ -54,7 +54,7 @@ class Drive(MerlinActionSM):
     parameters = ["from", "to"]
 
     def build(self):
-        hear = self.state("ask", "Here?", "#JSGF V1.0; public <a> = yes;")
+        hear = self.state("ask", "Here?", "#JSGF V1.0; grammar g; public <a> = yes;")
         self.add("HEAR", hear, {"misunderstood": "aborted"})
 """
 

@@ -105,7 +105,7 @@ class Serve(MerlinActionSM):
     def build(self):
         self.add("DRIVE", self.state("navigation"), {"succeeded": "BAR"}, remapping={"target": "t"})
         self.add("BAR", self.state("navigation", "bar"), {"succeeded": "OFFER"})
-        offer = self.state("ask", "Is this {o} right?", "#JSGF V1.0; public <a> = yes;")
+        offer = self.state("ask", "Is this {o} right?", "#JSGF V1.0; grammar g; public <a> = yes;")
         self.add("OFFER", offer, {"succeeded": "TELL", "misunderstood": "aborted"})
         self.add("TELL", self.state("speak", "{heard}, {order}."))
 

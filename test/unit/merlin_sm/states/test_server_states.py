@@ -337,5 +337,7 @@ def test_nothing_to_say_is_an_error(server: Server) -> None:
 def test_what_was_heard_is_kept(server: Server, heard: str, outcome: str) -> None:
     server.end = (GoalStatus.SUCCEEDED, "", ListenResult(text=heard))
     data = userdata()
-    assert ListenState("#JSGF V1.0; public <order> = a coffee;", timeout=4.0).execute(data) == outcome
+    assert (
+        ListenState("#JSGF V1.0; grammar g; public <order> = a coffee;", timeout=4.0).execute(data) == outcome
+    )
     assert (data.heard, server.goals[0].timeout.to_sec()) == (heard, 4.0)

@@ -7,8 +7,9 @@ from typing import Dict, List, NoReturn
 _HEADER = re.compile(r"\s*#JSGF[^;]*;")
 #: Comments and tags, which may contain anything.
 _ASIDE = re.compile(r"//[^\n]*|/\*.*?\*/|\{(?:\\.|[^\\}])*\}", re.DOTALL)
-_RULE = re.compile(r"\s*(public\s+)?(<[^<>\s]+>)\s*=(.*)", re.DOTALL)
-_IGNORED = re.compile(r"\s*(grammar\s+[\w.]+|import\s+<[\w.*]+>)?\s*")
+_GRAMMAR = re.compile(r"\s*grammar\s+([\w.-]+)\s*")
+_IMPORT = re.compile(r"\s*import\s*<[\w.*-]+>\s*")
+_RULE = re.compile(r"\s*(public\s*)?(<[^<>\s]+>)\s*=(.*)", re.DOTALL)
 _TOKEN = re.compile(
     r"\s*(?:(?P<ref><[^<>\s]+>)|/[\d.eE+-]+/|(?P<mark>[*+])"
     r'|(?P<sign>[|()\[\]])|(?P<word>"[^"\n]+"|[^\s;=|*+<>()\[\]{}/#"]+))'
@@ -17,37 +18,49 @@ _CLOSES = {"(": ")", "[": "]"}
 
 
 def check_grammar(text: str) -> List[str]:
-    """Checks a grammar and returns its words.
+    """Checks a grammar and returns its words; one in quotes is a word with its quotes.
 
     :raises ValueError: it is not JSGF, names a rule that it does not define, or has no public rule.
     """
     # What stays has the lines that it had.
-    plain = _ASIDE.sub(lambda match: "\n" * match.group().count("\n"), text)
+    plain = _ASIDE.sub(lambda match: "\n" * match.group().count("\n") or " ", text)
     if not _HEADER.match(plain):
         raise ValueError("the grammar cannot be used, line 1: it has to begin with '#JSGF V1.0;'")
     *statements, rest = plain.split(";")
+    named = _GRAMMAR.fullmatch(statements[1]) if len(statements) > 1 else None
+    if named is None:
+        _refuse(1 + statements[0].count("\n"), "expected 'grammar <name>;' behind '#JSGF V1.0;'")
     words: List[str] = []
     rules: Dict[str, int] = {}
     used: Dict[str, int] = {}
-    public, line = False, 1 + statements[0].count("\n")
-    for statement in statements[1:]:
+    public, imports, line = False, False, 1 + "".join(statements[:2]).count("\n")
+    own = f"<{named.group(1)}."  # its rules may be called <grammar.rule>
+    for statement in statements[2:]:
         match = _RULE.fullmatch(statement)
         begin = line + statement[: len(statement) - len(statement.lstrip())].count("\n")
         line += statement.count("\n")
         if match is not None:
+            rule = match.group(2).replace(own, "<")
+            if match.group(1) and "." in rule:
+                _refuse(
+                    begin, f"the public rule {rule} is one of another grammar; leave out the part before '.'"
+                )
             public = public or bool(match.group(1))
-            if match.group(2) in rules:
-                _refuse(begin, f"the rule {match.group(2)} is defined twice")
-            rules[match.group(2)] = begin
-            used.update(dict.fromkeys(_read(match.group(3), match.group(2), begin, words), begin))
-        elif not _IGNORED.fullmatch(statement):
+            if rule in rules:
+                _refuse(begin, f"the rule {rule} is defined twice")
+            rules[rule] = begin
+            read = _read(match.group(3), rule, begin, words)
+            used.update((name.replace(own, "<"), begin) for name in read)
+        elif _IMPORT.fullmatch(statement) and not rules:
+            imports = True
+        elif statement.strip():
             _refuse(begin, f"expected '<rule> = …', found {' '.join(statement.split())[:40]!r}")
     if rest.strip():
         _refuse(line, f"expected ';' at its end, found {' '.join(rest.split())[-40:]!r}")
     if not public:
         _refuse(line, "it has no public rule; write public <rule> = …;")
     for name, begin in used.items():
-        if name not in (*rules, "<NULL>", "<VOID>") and "import" not in plain:
+        if name not in (*rules, "<NULL>", "<VOID>") and not imports:
             _refuse(begin, f"it has no rule {name}, only {', '.join(rules)}; define it")
     return words
 
@@ -76,7 +89,7 @@ def _read(body: str, rule: str, line: int, words: List[str]) -> List[str]:
                 _refuse(line, f"{match.group('mark')!r} stands behind nothing in the rule {rule}")
         elif match.group("ref") or match.group("word"):
             used += [match.group("ref")] if match.group("ref") else []
-            words += (match.group("word") or "").strip('"').split()
+            words += [match.group("word")] if match.group("word") else []
             empty = False
     if ends[-1]:
         _refuse(line, f"expected {ends[-1]!r} at the end of the rule {rule}")
