@@ -161,6 +161,15 @@ def test_the_knowledge_says_as_before_by_whom_it_was_changed(tmp_path: Path) -> 
     life.state.stop()
 
 
+def test_when_simulated_time_was_set_back_stays_known(tmp_path: Path) -> None:
+    first = before(tmp_path)
+    first.state.tree.set("meta", "set_back", 1000.5)
+    first.state.stop()
+    life = Life(tmp_path, 1020.0)
+    assert life.state.tree.get("meta", "set_back") == 1000.5
+    life.state.stop()
+
+
 def test_without_a_history_the_dispatcher_tells(tmp_path: Path) -> None:
     life = Life(tmp_path, 1020.0, kept=False)
     life.hears(34.0, 2)

@@ -143,14 +143,15 @@ class Recording:
             f'"frames":[{",".join(frames)}]}}'
         )
 
-    def readable(self, run: int, oldest: bool = False) -> Optional[str]:
+    def readable(self, run: int, oldest: bool = False, since: float = 0.0) -> Optional[str]:
         """The newest segment of a run of which something can be read, as :meth:`segment` has it.
 
         :param oldest: the oldest one instead.
+        :param since: of those that began then or later, s since 1970.
         """
         order = "ASC" if oldest else "DESC"
-        ask = f"SELECT began FROM segments WHERE run = ? ORDER BY number {order}"
-        for (began,) in self._connection.execute(ask, (run,)).fetchall():
+        ask = f"SELECT began FROM segments WHERE run = ? AND began >= ? ORDER BY number {order}"
+        for (began,) in self._connection.execute(ask, (run, since)).fetchall():
             with contextlib.suppress(ValueError, sqlite3.DatabaseError):
                 return self.segment(run, began)
         return None

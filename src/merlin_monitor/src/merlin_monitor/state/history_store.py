@@ -36,6 +36,7 @@ PRUNE_EVERY = 1000  # events between two looks at the limit
 MEGABYTE = 1_000_000
 SECTION = "history"
 NEWEST = 200  # events in the state; older ones are asked for page by page
+SET_BACK = 1.0  # s by which ROS time goes back when a simulator is begun anew; a clock is set by less
 GATHER = 0.2  # s that changes are gathered for one frame
 LONGEST_SEGMENT = 300.0  # s
 LARGEST_SEGMENT = 256 * 1024  # characters of changes, or as many as the whole state has
@@ -70,6 +71,7 @@ class Frames:
         self._segment, self._number = segment, 0
         self._room = -1  # characters that the segment may still take
         self._until = 0.0  # s of the clock at which the segment ends
+        self._at = 0.0  # ROS time of the last frame, s
         self._pack: Any = None
 
     def begin_segment(self) -> None:
@@ -88,7 +90,12 @@ class Frames:
         if not (kept or changes.whole or marked or self._pack is None):
             return None
         text = _compact(kept)
-        if changes.whole or len(text) > self._room or wall > self._until:
+        at = self._tree.get("meta", "time") or 0.0
+        back = 0.0 < at < self._at - SET_BACK
+        self._at = at or self._at
+        if back:  # who searches for a ROS time begins here
+            self._tree.set("meta", "set_back", wall)
+        if changes.whole or back or len(text) > self._room or wall > self._until:
             self._segment, self._number = self._segment + 1, -1
             self._until = wall + LONGEST_SEGMENT
             self._pack = zlib.compressobj(6)
@@ -97,7 +104,6 @@ class Frames:
             self._room = max(LARGEST_SEGMENT, len(text))
         else:
             self._room -= len(text)
-        at = self._tree.get("meta", "time") or 0.0
         whole = f"[{wall},{_compact(at)},{text},{version}]".encode()
         data = self._pack.compress(whole) + self._pack.flush(zlib.Z_SYNC_FLUSH)
         self._number += 1

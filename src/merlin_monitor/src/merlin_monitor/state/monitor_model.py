@@ -97,6 +97,9 @@ class MonitorModel:
             if problem["by"]:
                 self._acknowledged.acknowledge(problem["key"], problem["by"], time.monotonic())
         if kept:
+            meta = kept.get("meta", {})
+            if meta.get("set_back"):
+                self.tree.set("meta", "set_back", meta["set_back"])
             said = say("the monitor was started again")
             self.report(sentence("monitor", said, kept.get("meta", {}).get("time") or 0.0))
 
