@@ -2,6 +2,7 @@
 """How old the last recorded moment is, and which run of a history is meant."""
 
 import contextlib
+from pathlib import Path
 
 import pytest
 from robot_scenario import BEGIN, RobotScenario
@@ -9,7 +10,9 @@ from robot_scenario import BEGIN, RobotScenario
 from merlin_explain.claims import QuestionError
 from merlin_explain.execution.recorded_past import RecordedPast
 from merlin_monitor.history.history_file import HistoryError, begin_run, open_for_writing
-from merlin_monitor.state.history_store import LONGEST_SEGMENT
+from merlin_monitor.state.history_store import LONGEST_SEGMENT, HistoryStore
+from merlin_monitor.state.state_tree import StateTree
+from merlin_pddl.domain import Domain
 
 
 @pytest.mark.parametrize("jump", [0.0, 3600.0, -86400.0])
@@ -76,3 +79,22 @@ def test_a_segment_that_cannot_be_read_hides_no_other(scenario: RobotScenario) -
         file.execute("UPDATE frames SET data = zeroblob(9)")
     with pytest.raises(HistoryError, match="nothing that was shown in run 1 can be read"):
         scenario.past()
+
+
+def test_of_a_simulator_that_was_begun_anew_the_last_life_is_meant(tmp_path: Path) -> None:
+    wall = [BEGIN]
+    tree, store = StateTree(), HistoryStore(tmp_path / "history", 1000, clock=lambda: wall[0])
+    store.follow(tree, live=False)
+    clock_was_set = [*range(0, 30, 2), 27.5, *range(30, 60, 2)]
+    for life, times in (("first", [*range(10, 500, 10)]), ("second", clock_was_set)):
+        for at in times:
+            wall[0] += 1.0
+            tree.set("meta", "time", float(at))
+            tree.set("now", "doing", f"{life} {at}")
+            store.take()
+    store.close()
+    for at, doing in ((58.0, "second 58"), (30.0, "second 30"), (11.0, "second 10"), (0.0, "second 58")):
+        with contextlib.closing(RecordedPast(tmp_path / "history", Domain(""), at)) as past:
+            assert past.moment().section("now")["doing"] == doing
+    with pytest.raises(QuestionError, match="the recording is of 2.0 s to 58.0 s, and has no 450.0 s"):
+        RecordedPast(tmp_path / "history", Domain(""), 450.0)

@@ -31,6 +31,8 @@ LATER = 0.5  # s in which the monitor notes what has happened
 class RecordedPast:
     """A run of a history, up to a moment. For one thread; to be closed.
 
+    Of a run in which simulated time was set back, what came after that.
+
     :param path: of the file, or of its folder.
     :param at: the moment, ROS time, s; 0: the last that is recorded.
     :param session: of the monitor that goes on with the run; empty: any.
@@ -56,6 +58,9 @@ class RecordedPast:
                 raise QuestionError(f"there is no run {number}; there are: {', '.join(map(str, runs))}")
             self._run = runs[number]
             self._last = self._readable()
+            # A simulator was begun anew: its time since then grows.
+            back = (self._last["frames"][0][2].get("meta") or {}).get("set_back") or 0.0
+            self._run["began"] = max(float(self._run["began"]), back)
             self._wall = self._wall_of(at) if at else self._last_wall()
         except BaseException:
             self.close()
@@ -201,7 +206,8 @@ class RecordedPast:
 
     def _readable(self, oldest: bool = False) -> Dict[str, Any]:
         """The newest segment that can be read, or the oldest one; it is not changed."""
-        text = self._recording.readable(int(self._run["run"]), oldest)
+        since = float(self._run["began"]) if oldest else 0.0
+        text = self._recording.readable(int(self._run["run"]), oldest, since)
         if text is None:
             raise HistoryError(f"nothing that was shown in run {self._run['run']} can be read")
         return self._keep(text)
