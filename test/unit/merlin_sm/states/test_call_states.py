@@ -319,6 +319,7 @@ def no_servers(monkeypatch: pytest.MonkeyPatch) -> None:
     ("made", "reason"),
     [
         (None, "the goal is None; it has to be a ListenGoal"),
+        (SetBoolRequest(), "the goal is a SetBoolRequest; it has to be a ListenGoal"),
         (ListenGoal(timeout="x"), "the goal cannot be sent: "),
     ],
 )

@@ -36,7 +36,9 @@ def check_message(what: str, message: Any, kind: type) -> None:
     :raises ValueError: when it has another type, or a field a wrong value.
     """
     if not isinstance(message, kind):
-        raise ValueError(f"the {what} is {message!r}; it has to be a {kind.__name__}")
+        # A message is printed in many lines.
+        given = f"a {type(message).__name__}" if isinstance(message, genpy.Message) else repr(message)
+        raise ValueError(f"the {what} is {given}; it has to be a {kind.__name__}")
     sent: Any = message
     try:
         sent.serialize(BytesIO())
