@@ -9,7 +9,7 @@ from typing import Callable, NamedTuple, Optional
 
 FILE = "history.sqlite"
 SIDE_FILES = ("", "-wal", "-shm")  # endings of the file, and of those that SQLite keeps beside it
-#: Of the file; 0: events only, as files were before they held what was shown; 1: its frames have no checksums.
+#: Of the file. 0: events only, as files were before they held what was shown; 1: frames without checksums.
 VERSION = 2
 BUSY = 10.0  # s that another process may hold the file, before it counts as an error
 DIGITS = 6  # of a time behind the point, also in the address of a moment
