@@ -32,7 +32,7 @@ from merlin_pddl.plan_text import PlanStep
 from merlin_pddl.problem import Problem
 from merlin_pddl.problem_reader import LATEST, NANOSECONDS, parse_condition, parse_problem
 from merlin_pddl.problem_writer import object_lines, write_problem
-from merlin_pddl.text_reader import Expression, Node, PddlError, read_expression, read_text
+from merlin_pddl.text_reader import Expression, PddlError, read_expression, read_text
 
 #: s between what makes a goal true and its mark; planners separate happenings by as much.
 SEPARATION = 0.001
