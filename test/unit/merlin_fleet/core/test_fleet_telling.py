@@ -4,6 +4,7 @@
 from typing import Any, Dict
 
 import fleet_world as model
+from fakes.simulated_store import SimulatedStore
 
 from merlin_fleet.core import events as ev
 from merlin_fleet.core import records
@@ -109,6 +110,30 @@ def test_a_robot_that_was_away_obeys_when_it_is_back() -> None:
     lab.strike(("restart", "0"))
     lab.go(3)
     assert lab.robots[0].halts == ["Ana"], "it does not wait until the lease of its earlier process ends"
+
+
+def test_a_stop_of_another_hub_confirms_none_of_this_one() -> None:
+    lab = Lab()
+    lab.store.revision += 1000  # the revisions of the next hub are lower
+    lab.stop()
+    stop = lab.store.revision
+    lab.go(4)
+    lab.tell(records.STATUS, Status(stop=stop, at=1.0))
+    assert lab.view().status["r0"].stop == stop
+    lab.strike(("hub down",))
+    lab.go(1)
+    lab.store, lab.robots[0].heard = SimulatedStore(), False
+    lab.strike(("hub up",))
+    lab.go(20)
+    assert lab.view().status == {"r0": Status(at=1.0)}
+    lab.tell(records.STATUS, Status(stop=stop, at=2.0))
+    assert lab.view().status == {"r0": Status(at=2.0)}
+    lab.robots[0].inbox.append(ev.Obeyed(stop))  # its guard confirms it only now
+    lab.stop("Bo")
+    assert lab.store.revision < stop
+    lab.go(4)
+    assert lab.robots[0].halts == ["Ana", "Bo"]
+    assert lab.view().halts == {}
 
 
 def test_who_forgets_a_robot_forgets_what_it_has_said() -> None:

@@ -169,6 +169,31 @@ def test_a_stop_is_not_obeyed_before_the_guard_confirms_it(robot: Robot) -> None
     robot.until(lambda said: said.hold == HELD)
 
 
+def test_of_two_stops_the_newest_one_counts_whichever_is_answered_last(robot: Robot) -> None:
+    waiting: List[threading.Thread] = []
+    waits, go_on = threading.Event(), threading.Event()
+
+    def wait_held(limit: float = 1.0) -> Dict[str, bool]:
+        if limit:
+            waiting.append(threading.current_thread())
+            waits.set()
+            if len(waiting) == 1:
+                assert go_on.wait(LONG)
+        return {"": bool(robot.held)}
+
+    robot.wait_held = wait_held  # type: ignore[method-assign]
+    obeyed: List[int] = []
+    for revision in (17, 18):
+        robot.report.halt(Halt("Ana", 5.0, revision), lambda obeys=revision: obeyed.append(obeys))
+        assert waits.wait(LONG)
+    robot.until(lambda said: said.stop == 18)
+    go_on.set()
+    waiting[0].join(LONG)
+    assert robot.said[-1].stop == 18
+    robot.confirm(HELD)
+    assert obeyed == [18]
+
+
 def test_a_guard_that_says_nothing_more_confirms_nothing(robot: Robot) -> None:
     robot.confirm(HELD)
     robot.until(lambda said: bool(said.hold))

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Dict, List, Optional, Tuple
 
 from merlin_fleet.core import events as ev
 from merlin_fleet.core import records
-from merlin_fleet.core.records import LONGEST_RECORD, Facts
+from merlin_fleet.core.records import LONGEST_RECORD, Facts, Status
 from merlin_fleet.core.store import Compare, Put, Txn
 
 if TYPE_CHECKING:
@@ -129,8 +129,11 @@ class Telling:
         """Revision of the last one that was carried out."""
 
     def tell(self, event: ev.Tell) -> None:
-        """The robot says something of itself."""
-        text = records.encode(event.record)
+        """The robot says something of itself. Only a stop of this store has a revision that clients know."""
+        record = event.record
+        if isinstance(record, Status) and record.stop != self._asked:
+            record = record._replace(stop=0)
+        text = records.encode(record)
         if len(text) > LONGEST_RECORD:
             self._agent.say(
                 f"the fleet does not get the {event.kind} of this robot: {len(text)} characters are more "
@@ -140,12 +143,16 @@ class Telling:
         self._said[event.kind] = text
 
     def obeyed(self, event: ev.Obeyed) -> None:
-        """A stop was carried out."""
-        self._obeyed = max(self._obeyed, event.revision)
+        """A stop was carried out; one before the last, or of another store, says nothing of the last."""
+        if event.revision == self._asked:
+            self._obeyed = event.revision
 
     def read_anew(self) -> None:
         """All keys were read: another store may have none of this."""
         self._written, self._asked, self._obeyed = {}, 0, 0
+        if records.STATUS in self._said:
+            said = records.decode(Status, self._said[records.STATUS])
+            self.tell(ev.Tell(records.STATUS, said))
 
     def refused(self, reason: str) -> None:
         """The hub does not allow it: its rights are those of an older version."""

@@ -59,6 +59,7 @@ class RobotReport:
         self._changed = threading.Condition()  # guards the fields below
         self._executor: Optional[ExecutorStatus] = None
         self._guard: Optional[GuardStatus] = None
+        self._halt_asked: Optional[Halt] = None  # the last one; revisions begin low again at another hub
         self._stop = 0
         self._obeyed: Optional[Callable[[], None]] = None  # of a stop that the guard has not confirmed
         self._news = True
@@ -80,8 +81,11 @@ class RobotReport:
     def halt(self, halt: Halt, obeyed: Callable[[], None]) -> None:
         """Has the guard hold the base until a release there, and cancels all requests; returns at once.
 
-        :param obeyed: called when the guard has confirmed it. The status says after 1 s whether it has.
+        :param obeyed: called when the guard has confirmed it, unless another stop has come since. The status
+            says after 1 s whether it has.
         """
+        with self._changed:
+            self._halt_asked = halt
         threading.Thread(target=self._halt, args=(halt, obeyed), name="fleet halt", daemon=True).start()
 
     def hold(self) -> str:
@@ -94,7 +98,8 @@ class RobotReport:
         rospy.logwarn(f"{halt.by} stops this robot from the fleet's page; it is held until merlin/release")
         self._guards.wait_held()
         with self._changed:
-            self._stop, self._obeyed = halt.revision, obeyed
+            if halt is self._halt_asked:
+                self._stop, self._obeyed = halt.revision, obeyed
         self._say(self._status())
         self._look_whether_held()
 
