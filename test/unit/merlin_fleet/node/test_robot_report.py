@@ -155,7 +155,7 @@ def test_a_stop_is_obeyed_when_the_status_says_how_the_guard_holds(robot: Robot)
     assert robot.order == ["stop by Ana", "cancel"]
     assert holds == [HELD]
     assert robot.said[-1].stop == 17
-    assert robot.report.hold() == HELD, "it takes no goals meanwhile"
+    assert robot.report.unfit() == HELD, "it takes no goals meanwhile"
 
 
 def test_a_stop_is_not_obeyed_before_the_guard_confirms_it(robot: Robot) -> None:
@@ -199,6 +199,26 @@ def test_a_guard_that_says_nothing_more_confirms_nothing(robot: Robot) -> None:
     robot.until(lambda said: bool(said.hold))
     robot.held = ""
     robot.until(lambda said: not said.hold)
+
+
+@pytest.mark.parametrize(
+    ("executor", "why"),
+    [
+        (ExecutorStatus(paused=True), "its Executor is paused"),
+        (ExecutorStatus(held="(in_service)"), "its Executor is held before (in_service)"),
+    ],
+)
+def test_it_takes_no_goals_that_its_executor_does_not_begin(
+    robot: Robot, executor: ExecutorStatus, why: str
+) -> None:
+    assert robot.report.unfit() == ""
+    executor.stage = "DISPATCH_PLAN"
+    executor.state = ExecutorStatus.RUNNING
+    robot.say("merlin/status", executor)
+    assert robot.report.unfit() == why
+    assert robot.until(lambda said: bool(said.stage)).hold == "", "it says nothing of the base"
+    robot.alive = False
+    assert robot.report.unfit() == "", "an Executor that is gone has said this"
 
 
 @pytest.mark.parametrize(

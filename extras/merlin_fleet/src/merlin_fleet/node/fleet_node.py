@@ -110,7 +110,7 @@ class FleetNode:
             GuardClient(knowledge_base).halt,
             parameters.lease.stop_time,
             parameters.priority,
-            lambda: battery.unfit() or self._report.hold(),
+            lambda: battery.unfit() or self._report.unfit(),
         )
         profile = Profile(parameters.robot, parameters.groups, parameters.capabilities, domain)
         outbox = SqliteOutbox(parameters.outbox)

@@ -88,8 +88,18 @@ class RobotReport:
             self._halt_asked = halt
         threading.Thread(target=self._halt, args=(halt, obeyed), name="fleet halt", daemon=True).start()
 
-    def hold(self) -> str:
-        """How the base is held, as a sentence; empty: its guard does not say so now."""
+    def unfit(self) -> str:
+        """Why the robot would not begin a goal: its base or its Executor is held; empty: it would."""
+        hold = self._hold()
+        with self._changed:
+            executor = self._executor
+        if hold or executor is None or not self._alive():
+            return hold
+        if executor.paused:
+            return "its Executor is paused"
+        return _short(f"its Executor is held before {executor.held}") if executor.held else ""
+
+    def _hold(self) -> str:
         return _short(self._guards.holders_now())
 
     def _halt(self, halt: Halt, obeyed: Callable[[], None]) -> None:
@@ -158,7 +168,7 @@ class RobotReport:
                 place=place,
                 x=x,
                 y=y,
-                hold=self.hold(),
+                hold=self._hold(),
                 stop=self._stop,
                 page=self._page or self._monitor,
             )
