@@ -143,7 +143,7 @@ def test_a_backup_is_found_without_a_new_token_and_at_a_later_revision(
 
 
 def test_the_lines_of_the_page_put_a_hub_back(etcd: EtcdProcess, tmp_path: Path) -> None:
-    save, restore = re.findall(r"^etcdctl snapshot .*$", PAGE, re.MULTILINE)
+    save, restore, _ = re.findall(r"^etcdctl snapshot .*$", PAGE, re.MULTILINE)
     env = dict(os.environ, ETCDCTL_ENDPOINTS=etcd.endpoint, ETCDCTL_API="3", HOME=str(tmp_path))
 
     def run(line: str) -> None:

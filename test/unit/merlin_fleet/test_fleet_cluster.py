@@ -1,14 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Three hubs as the page has them: one of them is lost, and nothing of the fleet notices."""
+"""Three hubs as the page has them: one of them is lost and nothing of the fleet notices; all are put back."""
 
+import functools
 import os
 import re
 import shlex
+import shutil
 import signal
 import subprocess
 import uuid
 from pathlib import Path
-from typing import Dict, Iterator, List
+from typing import Iterator, List
 
 import pytest
 import roslaunch.arg_dump
@@ -22,6 +24,7 @@ from merlin_fleet.core.records import Profile
 from merlin_fleet.core.reporting import Outbox
 from merlin_fleet.core.robot_lease import LeaseTimes
 from merlin_fleet.fleet_client import FleetClient
+from merlin_fleet.fleet_request import FleetRequest
 from merlin_fleet.fleet_robot import FleetRobot
 from merlin_fleet.hub import EtcdHub
 from merlin_test import LONG
@@ -30,7 +33,8 @@ from merlin_test.ports import free_ports
 pytestmark = pytest.mark.processes
 
 ROOT = Path(__file__).resolve().parents[3]
-BLOCKS = re.findall(r"```ini\n(.*?)```", (ROOT / "docs" / "fleet.md").read_text(encoding="utf-8"), re.DOTALL)
+PAGE = (ROOT / "docs" / "fleet.md").read_text(encoding="utf-8")
+BLOCKS = re.findall(r"```ini\n(.*?)```", PAGE, re.DOTALL)
 #: A test machine may stand still for many seconds.
 RULES = Rules(LeaseTimes(ttl=120.0, renew_every=0.5, stop_time=1.0), AuctionTimes(0.1, 30.0))
 
@@ -43,28 +47,32 @@ class Cluster:
         make_certificates(self.certificates.path, ["127.0.0.1"], ["ann"], ["desk"])
         ports = free_ports(6)
         self.clients, self.peers = ports[:3], ports[3:]
-        self.processes = [self._start(folder, number) for number in range(3)]
+        self.folder = folder
+        self.start()
+
+    def start(self) -> None:
+        self.processes = [self._start(number) for number in range(3)]
 
     @property
     def endpoints(self) -> List[str]:
         return [f"127.0.0.1:{port}" for port in self.clients]
 
-    def _start(self, folder: Path, number: int) -> subprocess.Popen:
-        text = BLOCKS[0].replace("hub1=", "MEMBER=").replace("/etc/merlin_fleet", str(self.certificates.path))
-        own = {"0.0.0.0:2379": self.clients[number], "0.0.0.0:2380": self.peers[number]}
-        lines: Dict[str, str] = dict(line.split("=", 1) for line in text.split())
-        lines["ETCD_NAME"] = f"hub{number + 1}"
-        lines["ETCD_DATA_DIR"] = f"{folder}/{number}"
-        for name, value in lines.items():
-            if name != "ETCD_INITIAL_CLUSTER":
-                value = value.replace("hub1.lab", f"hub{number + 1}.lab")
-            for address, port in own.items():
-                value = value.replace(address, f"127.0.0.1:{port}")
-            for other in range(3):
-                value = value.replace(f"hub{other + 1}.lab:2379", f"127.0.0.1:{self.clients[other]}")
-                value = value.replace(f"hub{other + 1}.lab:2380", f"127.0.0.1:{self.peers[other]}")
-            lines[name] = value.replace("MEMBER=", "hub1=")
-        with (folder / f"{number}.log").open("wb") as log:
+    def here(self, text: str, number: int) -> str:
+        """A text of the page about the first hub, for this one on this machine."""
+        name = f"hub{number + 1}"
+        words = [word if "hub1=" in word else word.replace("hub1", name) for word in text.split()]
+        text = " ".join(words).replace("/etc/merlin_fleet", str(self.certificates.path))
+        text = text.replace("0.0.0.0:2379", f"127.0.0.1:{self.clients[number]}")
+        text = text.replace("0.0.0.0:2380", f"127.0.0.1:{self.peers[number]}")
+        for other in range(3):
+            text = text.replace(f"hub{other + 1}.lab:2379", f"127.0.0.1:{self.clients[other]}")
+            text = text.replace(f"hub{other + 1}.lab:2380", f"127.0.0.1:{self.peers[other]}")
+        return text
+
+    def _start(self, number: int) -> subprocess.Popen:
+        lines = dict(line.split("=", 1) for line in self.here(BLOCKS[0], number).split())
+        lines["ETCD_DATA_DIR"] = f"{self.folder}/{number}"
+        with (self.folder / f"{number}.log").open("wb") as log:
             return subprocess.Popen(["etcd"], env={**os.environ, **lines}, stdout=log, stderr=log)
 
     def close(self) -> None:
@@ -105,6 +113,43 @@ def test_losing_one_of_three_hubs_costs_nothing(cluster: Cluster) -> None:
         body.stop = lambda goal, reason: body.ended(False, "CANCELLED", reason)  # type: ignore[method-assign]
         robot.close()
         client.close()
+
+
+def knows(client: FleetClient, requests: List[FleetRequest]) -> bool:
+    return all(client.news(request.id) for request in requests)
+
+
+def test_the_lines_of_the_page_put_three_hubs_back(cluster: Cluster) -> None:
+    save, _, restore = re.findall(r"^etcdctl snapshot .*$", PAGE, re.MULTILINE)
+    tls = cluster.certificates.tls("hub")
+    env = dict(os.environ, ETCDCTL_API="3", ETCDCTL_ENDPOINTS=cluster.endpoints[0], ETCDCTL_CACERT=tls.ca)
+    env.update(ETCDCTL_CERT=tls.certificate, ETCDCTL_KEY=tls.key)
+
+    def run(line: str) -> None:
+        command = ["bash", "-c", line]
+        done = subprocess.run(
+            command, env=env, cwd=cluster.folder, capture_output=True, text=True, check=False
+        )
+        assert done.returncode == 0, done.stderr
+
+    desk = cluster.certificates.tls("client.desk")
+    clients = [FleetClient("lab", [endpoint], desk) for endpoint in cluster.endpoints]
+    try:
+        before = clients[0].send("(done a)")
+        run(save)
+        cluster.close()
+        for number in range(3):
+            folder = cluster.folder / str(number)
+            shutil.rmtree(folder)
+            run(cluster.here(restore, number).replace("~/.ros/merlin/hub_again", str(folder)))
+        cluster.start()
+        # Each is asked alone: three hubs that do not know each other would have these goals in one only.
+        sent = [client.send("(done b)") for client in clients]
+        for client in clients:
+            assert client.wait(functools.partial(knows, client, [before, *sent]), LONG), client.missing
+    finally:
+        for client in clients:
+            client.close()
 
 
 def test_a_robot_cannot_speak_as_a_hub(cluster: Cluster) -> None:
