@@ -335,6 +335,23 @@ def test_a_launch_file_is_found_in_its_package() -> None:
     assert request.launch_file.name == "monitor.launch" and request.arguments == {"history": ""}
 
 
+def test_a_path_counts_from_the_callers_folder_and_home(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("HOME", "/home/ann")
+    for name in ("d.pddl", "run"):
+        (tmp_path / name).touch()
+    words = ["domain_path:=d.pddl", "problem_path:=new.pddl", "results:=~/bags", "state_file:=run"]
+    given = LaunchRequest.from_command_line(["merlin", "application.launch", *words]).arguments
+    assert given == {
+        "domain_path": str(tmp_path / "d.pddl"),
+        "problem_path": "new.pddl",
+        "results": "/home/ann/bags",
+        "state_file": "run",  # a word, also where a file has this name
+    }
+
+
 def test_arguments_of_a_file_that_takes_all_of_them_are_known(tmp_path: Path) -> None:
     for name, text in (
         ("top", '<arg name="on"/><include file="$(dirname)/middle.launch" pass_all_args="true"/>'),

@@ -59,6 +59,7 @@ def test_the_command_line_says_so_unless_the_launch_file_has_the_word_itself(tmp
             Page(Path("/r/h.sqlite"), "0.0.0.0", 9000),
         ),
         ({"/ann/page/history": "/r/h.sqlite"}, Page(Path("/r/h.sqlite"), "127.0.0.1", 8080)),
+        ({"/ann/page/history": "~/h.sqlite"}, Page(Path.home() / "h.sqlite", "127.0.0.1", 8080)),
         ({"/ann/page/history": "none"}, None),
         ({"/ann/page/history": "/r/h.sqlite", "/ann/page/port": "9 thousand"}, None),
         ({"/ann/other/history": "/r/h.sqlite"}, None),

@@ -5,6 +5,7 @@ Everything that can be wrong with a command line is found here, before any proce
 """
 
 import difflib
+import os
 import re
 import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass, field
@@ -70,6 +71,7 @@ class LaunchRequest:
             if word in ("-h", "--help"):
                 raise HelpWanted(f"[package] <launch file> name:=value …\n\n{HELP}")
             name, assigned, value = word.partition(":=")
+            value = _as_nodes_find_it(value)
             if assigned and pairs.setdefault(name, value) != value:
                 raise LaunchError(f"{name}:={pairs[name]} and {word} contradict each other; leave one out")
             if not assigned:
@@ -229,6 +231,14 @@ def one_line(error: object) -> str:
         paragraphs[:2] = [" ".join(paragraphs[:2])]
     tags = [text[len("Arg xml is ") :] for text in paragraphs[1:] if text.startswith("Arg xml is ")]
     return shortened(" ".join(" ".join([paragraphs[0], *tags]).split()), 1000) or type(error).__name__
+
+
+def _as_nodes_find_it(value: str) -> str:
+    """A value that names a file from the caller's folder, for nodes, which start in another one."""
+    if value.startswith("~/"):
+        return os.path.expanduser(value)
+    # A word as `run` or `1` is not meant as a path, whatever file has its name.
+    return os.path.abspath(value) if set("/.") & set(value) and os.path.isfile(value) else value
 
 
 def _check_names(launch_file: Path, given: Dict[str, str], declared: Dict[str, Optional[str]]) -> None:

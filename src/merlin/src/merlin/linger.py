@@ -53,7 +53,9 @@ def page_of(nodes: Iterable[Node], parameters: Dict[str, Any]) -> Optional[Page]
         history = str(parameters.get(f"{own}history", ""))
         if (node.package, node.type) == MONITOR and history not in NO_FILE:
             host, port = str(parameters.get(f"{own}host", "127.0.0.1")), parameters.get(f"{own}port", 8080)
-            return Page(Path(history), host, port) if isinstance(port, int) else None  # the monitor says why
+            if isinstance(port, int):  # else the monitor says why
+                return Page(Path(history).expanduser(), host, port)
+            return None
     return None
 
 

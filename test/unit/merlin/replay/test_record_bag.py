@@ -89,6 +89,15 @@ def test_the_newest_recording_has_the_name_and_earlier_ones_have_numbers(tmp_pat
     assert found(folder) == {"run.1.bag": "first", "run.2.bag": "second", "run.bag": "third"}
 
 
+def test_a_folder_below_home_is_written_as_everywhere(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("HOME", str(tmp_path))
+    Recorder(Path("~/bags"), "mine").end()
+    assert found(tmp_path / "bags") == {"run.bag": "mine"}
+
+
 def test_a_recording_that_was_killed_is_kept(tmp_path: Path) -> None:
     Recorder(tmp_path, "killed").kill()
     later = Recorder(tmp_path, "later")
