@@ -221,6 +221,18 @@ def test_a_goal_to_finish_is_taken_up_by_the_next_life_of_its_robot() -> None:
     assert world.succeeded == [("a", first.name)]
 
 
+def test_a_goal_to_finish_that_was_begun_in_time_is_not_missed_by_the_next_life_of_its_robot() -> None:
+    world = model.World(1, finish=True)
+    world.send("a", deadline=10.0)
+    begun(world)
+    world.strike(("kill", "0"))
+    while world.now < 20.0:
+        world.act()
+    world.strike(("restart", "0"))
+    assert world.settles() == ""
+    assert end_of(world, "a").outcome == "SUCCEEDED"
+
+
 def test_a_report_survives_the_robots_death() -> None:
     world = model.World(1)
     world.send("a")
@@ -273,6 +285,17 @@ def test_a_goal_that_no_robot_can_take_ends_at_its_deadline() -> None:
     assert not world.ends("a")
     assert world.settles() == ""
     assert end_of(world, "a").outcome == "MISSED"
+
+
+def test_a_goal_whose_owner_is_gone_at_its_deadline_is_not_called_one_that_never_began() -> None:
+    world = model.World(2, takes=100)
+    world.send("a", deadline=10.0)
+    first = begun(world)
+    world.strike(("kill", str(first.index)))
+    while not world.ends("a"):
+        world.act()
+    end = end_of(world, "a")
+    assert (end.outcome, end.reason) == ("MISSED", "its deadline has passed, and no robot has it")
 
 
 def test_a_goal_for_one_robot_waits_for_it() -> None:

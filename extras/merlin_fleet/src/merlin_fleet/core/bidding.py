@@ -328,7 +328,9 @@ class Bidding:
     def _miss(self, goal: str) -> None:
         agent, keys = self._agent, self._agent.keys
         end = keys.key(records.ENDS, agent.robot.name, goal)
-        report = Report(goal, agent.robot.name, 0, MISSED, "no robot began it by its deadline", agent.wall)
+        report = Report(
+            goal, agent.robot.name, 0, MISSED, "its deadline has passed, and no robot has it", agent.wall
+        )
         compare = (
             Compare(keys.key(records.GOALS, goal), agent.view.written[goal]),
             Compare(keys.key(records.CANCELS, goal), 0),

@@ -40,6 +40,7 @@ class Owned:
         self.epoch = epoch
         self.phase = Phase.WAITING
         self.begun = False
+        """Whether it was in time; what an earlier process of this robot has left counts as begun."""
 
     @property
     def executing(self) -> bool:
@@ -60,6 +61,8 @@ class Possession:
         self._most_settled = REMEMBERED
         self._claiming: Set[str] = set()
         """Goals whose claim is under way."""
+        self._taken_over: Set[str] = set()
+        """Goals of an earlier process of this robot, which may have begun them."""
         self._behind = (0, 0.0)
         """Revision of the last claim that was lost, and until when that revision is awaited."""
         self._lost_claims = 0
@@ -116,6 +119,7 @@ class Possession:
             agent.still_open(goal.id),
             agent.mine(),
         )
+        self._taken_over.discard(goal.id)
         lease = 0 if goal.finish else agent.robot_lease.lease
         put = Put(keys.key(records.CLAIMS, agent.robot.name, goal.id), claim, lease)
         if agent.transact(f"claim {goal.id}", Txn(compare, (put, agent.mark(goal.id)))):
@@ -169,6 +173,7 @@ class Possession:
         """Forgets goals that the store does not have any more: no answer or change makes them ours again."""
         goals = self._agent.view.goals.keys() | self.owned.keys() | self._claiming
         self._settled = {goal: epoch for goal, epoch in self._settled.items() if goal in goals}
+        self._taken_over &= goals
         self._most_settled = 2 * len(self._settled) + REMEMBERED
 
     def _reconcile(self) -> None:
@@ -189,7 +194,8 @@ class Possession:
         if epoch <= self._settled.get(goal.id, 0):
             return  # an old answer or change
         if owned is None:
-            self.owned[goal.id] = Owned(goal, epoch)
+            self.owned[goal.id] = owned = Owned(goal, epoch)
+            owned.begun = goal.id in self._taken_over
             self.version += 1
         elif owned.phase is not Phase.LOST:
             owned.epoch = max(owned.epoch, epoch)
@@ -344,6 +350,7 @@ class Possession:
             put = Put(key, records.encode(Claim(agent.robot.name, agent.life, ttl=agent.rules.lease.ttl)))
             if agent.transact(f"claim {goal_id}", Txn((Compare(key, claim.epoch), agent.mine()), (put,))):
                 self._claiming.add(goal_id)
+                self._taken_over.add(goal_id)
 
 
 def _running_first(owned: Owned) -> Tuple[bool, float, float, float, str]:
