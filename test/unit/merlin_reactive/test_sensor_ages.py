@@ -57,12 +57,13 @@ class Goal:
 class Robot:
     """The topics of a robot at (1, 2.5), which stands whatever it is told, and its navigation."""
 
-    def __init__(self, clock: Any, monkeypatch: pytest.MonkeyPatch, **parameters: str) -> None:
+    def __init__(self, clock: Any, monkeypatch: pytest.MonkeyPatch, **parameters: Any) -> None:
         self.receive: Dict[str, Any] = {}
         self.velocities: queue.Queue[Twist] = queue.Queue()
         self.buffer: Any = None
         self._clock, self._time = clock, 100.0
         self.x = 1.0  # m, of its odometry
+        self.sees = 9.0  # m, all round; more than 5: nothing
         self.slash = ""  # before each frame in its messages
         self.stamps: Dict[str, float] = {}  # s, of sensors whose messages say another time than now
         self.ahead = 0.0  # s, the clock of the base
@@ -80,8 +81,8 @@ class Robot:
         monkeypatch.setattr(navigation_node, "SerialActionServer", self._serve)
         monkeypatch.setattr(velocity_publisher, "publish", lambda publisher, twist: publisher.publish(twist))
         NavigationNode()
-        made.set_transform_static(self._transform("base", "laser", 0.0), "test")
         self.buffer = made
+        self.set_clock(self._time)
         world = OccupancyGrid(data=[0] * 10_000)
         world.info.width = world.info.height = 100
         world.info.resolution, world.info.origin.orientation.w = 0.05, 1.0
@@ -101,6 +102,12 @@ class Robot:
     def _transform(parent: str, child: str, at: float) -> TransformStamped:
         return transform(Pose(0.0, 0.0, 0.0), parent, child, rospy.Time.from_sec(at))
 
+    def set_clock(self, time: float) -> None:
+        """ROS time is another, s, and tf begins anew, as its listener does then."""
+        self._time = time
+        self.buffer.clear()
+        self.buffer.set_transform_static(self._transform("base", "laser", 0.0), "test")
+
     def tick(self, *silent: str) -> None:
         """Time passes, and all sensors but the silent ones speak."""
         self._time += STEP
@@ -108,7 +115,7 @@ class Robot:
         if "tf" not in silent:
             self.buffer.set_transform(self._transform("map", "odom", self._time + self.ahead), "test")
         if "scan" not in silent:
-            scan = LaserScan(ranges=[9.0] * 9, angle_min=-1.0, angle_increment=0.25, range_max=5.0)
+            scan = LaserScan(ranges=[self.sees] * 9, angle_min=-3.2, angle_increment=0.8, range_max=5.0)
             scan.header.stamp, scan.header.frame_id = self._stamp("scan"), f"{self.slash}laser"
             self.receive["scan"](scan)
         if "odom" not in silent:
@@ -252,4 +259,29 @@ def test_it_gives_way_whatever_the_clock_of_its_base_says(
     finally:
         goal.cancel_event.set()
         bob.cancel(goal)
+        driving.join(LONG)
+
+
+def test_a_clock_that_is_set_back_makes_its_patience_no_longer(
+    clock: Any, monkeypatch: pytest.MonkeyPatch, goal: Goal
+) -> None:
+    robot = Robot(clock, monkeypatch, patience=1.0)
+    driving = threading.Thread(target=robot.execute, args=(goal,), daemon=True)
+    driving.start()
+    try:
+        robot.drives()
+        robot.sees = 0.4
+        for _ in range(5):
+            robot.tick()
+            robot.speed()
+        robot.set_clock(20.0)
+        for _ in range(400):  # 20 s; it backs off for 10 s once
+            robot.tick()
+            robot.speed()
+            if goal.text:
+                break
+        assert goal.text.startswith(navigation_node.NO_PLAN_TEXT)
+    finally:
+        goal.cancel_event.set()
+        robot.cancel(goal)
         driving.join(LONG)

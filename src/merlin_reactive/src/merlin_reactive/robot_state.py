@@ -17,6 +17,7 @@ from sensor_msgs.msg import LaserScan
 from merlin_reactive.pose import Pose, wrap
 from merlin_reactive.ros_messages import hangs, pose_of, pose_of_transform
 from merlin_ros.deadline import Deadline
+from merlin_ros.work.passed_time import PassedTime
 
 HISTORY = 40  # odometry messages kept, to place a scan where it was made
 JUMP, JUMP_SPEED = 0.3, 2.0  # m and m/s; no base of this kind moves further between two odometries
@@ -53,6 +54,7 @@ class RobotState:
         self.global_frame = global_frame
         self.changed = threading.Condition()  # guards the messages; notified at each odometry
         self._odometry: Deque[Odometry] = deque(maxlen=HISTORY)
+        self._time = PassedTime(0.0)
         self._heard = rospy.Time()  # when the last of it came that had another stamp than before
         self._scan: Optional[LaserScan] = None
         self._mount: Optional[TransformStamped] = None  # of the laser on the robot
@@ -65,9 +67,12 @@ class RobotState:
 
     @property
     def time(self) -> float:
-        """Stamp of the newest odometry, s; 0: there is none. What a drive remembers is of its clock."""
+        """s that have passed by the stamps of the odometry; never less than before, also when they go back.
+
+        What a drive remembers, and how long it waits, is of this clock.
+        """
         with self.changed:
-            return self._odometry[-1].header.stamp.to_sec() if self._odometry else 0.0
+            return self._time.line
 
     def wait_news(
         self, after: Optional[rospy.Time], stop: threading.Event, timeout: float
@@ -170,6 +175,7 @@ class RobotState:
                 self._odometry.clear()
             if not self._odometry or message.header.stamp != self._odometry[-1].header.stamp:
                 self._heard = rospy.Time.now()
+            self._time.look(message.header.stamp.to_sec())
             self._odometry.append(message)
             self.changed.notify_all()
 
@@ -205,7 +211,8 @@ def unusable_odometry(message: Odometry) -> str:
 def jumped(last: Odometry, odometry: Odometry) -> bool:
     """Whether the wheels cannot have made the way between two odometries."""
     before, after = pose_of(last.pose.pose), pose_of(odometry.pose.pose)
-    elapsed = abs((odometry.header.stamp - last.header.stamp).to_sec())
+    # A clock that was set back does not say how much has passed.
+    elapsed = max(0.0, (odometry.header.stamp - last.header.stamp).to_sec())
     way, turned = before.distance(after), abs(wrap(after.yaw - before.yaw))
     return way > JUMP + JUMP_SPEED * elapsed or turned > JUMP_TURN + JUMP_TURN_SPEED * elapsed
 

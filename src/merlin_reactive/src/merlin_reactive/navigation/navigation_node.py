@@ -241,7 +241,7 @@ class NavigationNode:
                 rospy.loginfo("navigation: the robot drives on: nothing is missing any more")
                 goal.tell("")
             standing, patience = False, Deadline(PATIENCE)
-            now = odometry.header.stamp.to_sec()
+            now = self._state.time
             if scan is not None:
                 scanned = scan.stamp
                 navigator.see(scan.pose, scan.angles, scan.ranges, now, scan.mount)
