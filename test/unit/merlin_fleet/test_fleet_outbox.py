@@ -91,6 +91,12 @@ def test_the_fleet_is_remembered(path: str) -> None:
     assert SqliteOutbox(path).fleet_id == "ward"
 
 
+def test_a_path_may_begin_at_home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("HOME", str(tmp_path))
+    SqliteOutbox("~/outbox.sqlite").note_fleet("ward")  # an argument of roslaunch: no shell replaces its ~
+    assert SqliteOutbox(str(tmp_path / "outbox.sqlite")).fleet_id == "ward"
+
+
 def test_a_file_that_is_not_an_outbox_is_left_alone(tmp_path: Path) -> None:
     text, newer = tmp_path / "text", tmp_path / "newer"
     text.write_text("not a database, but a file of the user's")

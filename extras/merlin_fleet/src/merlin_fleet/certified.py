@@ -2,6 +2,7 @@
 """Certificates of one side of the connection to the hub, and what is wrong with them."""
 
 import http.client
+import os
 import socket
 import ssl
 from email.utils import parsedate_to_datetime
@@ -15,7 +16,7 @@ class HubError(Exception):
 
 
 class Tls(NamedTuple):
-    """Files of certificates."""
+    """Files of certificates. A path may begin with `~`, which no shell replaces in a line of roslaunch."""
 
     ca: str
     certificate: str
@@ -30,7 +31,7 @@ class Tls(NamedTuple):
         parts = []
         for path in (self.ca, self.key, self.certificate):
             try:
-                with open(path, "rb") as file:
+                with open(os.path.expanduser(path), "rb") as file:
                     parts.append(file.read())
             except OSError as error:
                 raise HubError(f"the certificate cannot be read: {error}") from None
@@ -42,9 +43,10 @@ class Tls(NamedTuple):
         :raises HubError: for files that cannot be read, or do not belong together.
         """
         context = ssl.create_default_context(ssl.Purpose.SERVER_AUTH)
+        ca, certificate, key = map(os.path.expanduser, self)
         try:
-            context.load_verify_locations(self.ca)
-            context.load_cert_chain(self.certificate, self.key, password=lambda: "")
+            context.load_verify_locations(ca)
+            context.load_cert_chain(certificate, key, password=lambda: "")
         except OSError as error:  # those of ssl are such errors, too
             files = f"{self.ca}, {self.certificate} and {self.key}"
             raise HubError(f"the certificates {files} cannot be read or do not fit: {error}") from None

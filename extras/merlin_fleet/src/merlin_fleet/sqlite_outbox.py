@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The outbox in a file: what was reported to it survives a power cut."""
 
+import os
 import sqlite3
 from pathlib import Path
 from typing import Any, Dict, Tuple
@@ -22,13 +23,13 @@ class SqliteOutbox(Outbox):
 
     A full disk costs the safety of new reports, not the reports: they stay in memory, and `add` says so.
 
-    :param path: is made when it does not exist; its folder, too.
+    :param path: is made when it does not exist; its folder, too. It may begin with `~`.
     :raises OutboxError: for a file that is not an outbox of this version, or cannot be opened.
     """
 
     def __init__(self, path: str) -> None:
         super().__init__()
-        self._path = path
+        self._path = path = os.path.expanduser(path)
         self._only_in_memory: Dict[Tuple[str, int], Kept] = {}
         try:
             Path(path).parent.mkdir(parents=True, exist_ok=True)

@@ -44,3 +44,9 @@ def test_a_removed_name_is_not_given_again(tmp_path: Path) -> None:
 def test_names_that_cannot_be(tmp_path: Path, hosts: List[str], robots: List[str], message: str) -> None:
     with pytest.raises(CertificateError, match=message):
         make_certificates(tmp_path / "new", hosts, robots, [])
+
+
+def test_the_path_of_a_certificate_may_begin_at_home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    make_certificates(tmp_path / "keys", ["hub"], ["ann"], [])
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert Folder(Path("~/keys")).tls("robot.ann").credentials()  # as in an argument of roslaunch
