@@ -157,6 +157,17 @@ def test_a_clock_that_is_set_back_makes_no_wait_longer(watch: FollowerWatch) -> 
     assert waits.outcome() == LOST
 
 
+def test_a_clock_that_is_set_back_lets_no_lost_client_count_as_there(watch: FollowerWatch) -> None:
+    see(1.5)
+    Clock.now -= 50.0
+    for _ in range(4):
+        see(0.0)
+        assert not watch.lost
+        Clock.now += UNSEEN / 3
+    see(0.0)
+    assert watch.lost
+
+
 def test_a_wall_clock_that_is_set_forward_makes_no_wait_shorter(
     watch: FollowerWatch, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -12,6 +12,7 @@ from sensor_msgs.msg import LaserScan
 
 from merlin_restaurant.person_tracker import PersonTracker
 from merlin_ros.ros_alarm import RosStopwatch
+from merlin_ros.work.passed_time import PassedTime
 from merlin_sm.states.merlin_state import PREEMPTED, SUCCEEDED, MerlinState
 
 BEHIND = 1.9  # m of distance at which the robot waits
@@ -29,7 +30,8 @@ class FollowerWatch:
         self.changed = threading.Condition()  # guards all below
         self._tracker = PersonTracker()
         self._pose: Optional[Tuple[float, float, float]] = None
-        self._now = self._begun = 0.0  # times of the last scan that was used, and of the beginning, s
+        self._time = PassedTime(0.0)  # that passes from scan to scan, of those that were used
+        self._begun = 0.0  # s of it
         self._subscribers: List[rospy.Subscriber] = []
 
     def begin(self, *_: Any) -> None:
@@ -38,7 +40,8 @@ class FollowerWatch:
         with self.changed:
             self._tracker = PersonTracker()
             self._pose = None  # where the robot was when it ended is not where it begins
-            self._begun = self._now = rospy.get_time()
+            self._begun = rospy.get_time()
+            self._time = PassedTime(self._begun)
         self._subscribers = [
             rospy.Subscriber("odom", Odometry, self._move, tcp_nodelay=True, queue_size=1),
             rospy.Subscriber("scan", LaserScan, self._see, tcp_nodelay=True, queue_size=1),
@@ -53,8 +56,8 @@ class FollowerWatch:
     @property
     def lost(self) -> bool:
         """Whether the person is gone: not seen for a while, by a lidar that works or not, or too far away."""
-        unseen = self._now - max(self._begun, self._tracker.seen)
-        silent = rospy.get_time() - self._now
+        unseen = self._time.line - max(self._begun, self._tracker.seen)
+        silent = rospy.get_time() - self._time.now
         return unseen > UNSEEN or abs(silent) > SILENT or self._tracker.distance > GONE
 
     @property
@@ -88,8 +91,8 @@ class FollowerWatch:
         points = np.stack([ranges * np.cos(angles), ranges * np.sin(angles)], axis=1)
         with self.changed:
             if self._pose is not None:
-                self._now = scan.header.stamp.to_sec()
-                self._tracker.update(self._now, self._pose, points)
+                passed = self._time.look(scan.header.stamp.to_sec())
+                self._tracker.update(passed, self._pose, points)
                 self.changed.notify_all()
 
 
