@@ -36,7 +36,7 @@ class Roles:
         self._keys = Keys(fleet)
 
     def set(self, robots: Iterable[str], clients: Iterable[str]) -> List[str]:
-        """Gives these robots and clients their rights, and takes those of all others; returns the users.
+        """Gives these robots and clients their rights; returns the users. Others keep theirs: see `remove`.
 
         :raises HubError: when etcd does not answer, or refuses.
         """

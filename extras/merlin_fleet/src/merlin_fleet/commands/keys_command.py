@@ -56,7 +56,7 @@ def _parser() -> argparse.ArgumentParser:
     allow = actions.add_parser(
         "allow",
         parents=[hub],
-        help="give each robot and client of the folder its rights, and take those of all others",
+        help="give each robot and client of the folder its rights; others keep theirs until `remove`",
     )
     allow.set_defaults(do=_allow)
     remove = actions.add_parser("remove", parents=[hub], help="take all rights from a certificate")
