@@ -265,6 +265,26 @@ def test_an_argument_with_two_values_is_refused() -> None:
         LaunchRequest.from_command_line([*home, "simulator:=false"])
 
 
+@pytest.mark.parametrize("word", ["state_file:=", "state_file:= ", "planner_command:=popf a:=b"])
+def test_what_roslaunch_would_drop_is_refused(word: str) -> None:
+    with pytest.raises(LaunchError, match=f"{word}.*roslaunch drops"):
+        LaunchRequest.from_command_line(["merlin", "application.launch", word])
+
+
+def test_an_empty_argument_is_taken_where_that_is_the_default() -> None:
+    request = LaunchRequest.from_command_line(["merlin", "application.launch", "planner_command:="])
+    assert request.arguments == {"planner_command": ""}
+
+
+@pytest.mark.parametrize("file", FILES)
+def test_without_a_state_file_nothing_is_kept(file: str) -> None:
+    config = load(file, **FILES[file], state_file="none")
+    kept = [
+        each.value for name, each in config.params.items() if name.endswith(("/state_file", "/goals_file"))
+    ]
+    assert kept and set(kept) == {""}
+
+
 @pytest.mark.parametrize(
     ("wrong", "why"),
     [
@@ -331,8 +351,8 @@ def test_a_package_path_without_merlin_is_named(monkeypatch: pytest.MonkeyPatch)
 
 
 def test_a_launch_file_is_found_in_its_package() -> None:
-    request = LaunchRequest.from_command_line(["merlin", "monitor.launch", "history:="])
-    assert request.launch_file.name == "monitor.launch" and request.arguments == {"history": ""}
+    request = LaunchRequest.from_command_line(["merlin", "monitor.launch", "history:=none"])
+    assert request.launch_file.name == "monitor.launch" and request.arguments == {"history": "none"}
 
 
 def test_a_path_counts_from_the_callers_folder_and_home(

@@ -63,7 +63,7 @@ class LaunchRequest:
 
         :raises HelpWanted: it has --help.
         :raises LaunchError: no such launch file, no such argument, a required argument is missing, a bad port
-            or word for lingering, or an argument has two values.
+            or word for lingering, or an argument has two values or one that roslaunch drops.
         """
         files: List[str] = []
         pairs: Dict[str, str] = {}
@@ -242,7 +242,14 @@ def _as_nodes_find_it(value: str) -> str:
 
 
 def _check_names(launch_file: Path, given: Dict[str, str], declared: Dict[str, Optional[str]]) -> None:
-    for name in given:
+    for name, value in given.items():
+        fault = "has ':=' twice" if ":=" in value else ""
+        if name in declared and not value.strip() and declared[name] != "":
+            fault = "is empty"
+        if fault:
+            raise LaunchError(
+                f"{name}:={value} {fault}, which roslaunch drops; give another value, or leave it out"
+            )
         if name in declared:
             continue
         near = difflib.get_close_matches(name, declared, 1)
