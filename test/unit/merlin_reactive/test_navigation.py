@@ -99,6 +99,28 @@ def test_it_stands_just_within_the_tolerance_of_the_goal(drive):
     assert min(speed for speed, _ in result.speeds) > -0.02
 
 
+@pytest.fixture
+def navigator():
+    """On an empty map of 10 m, at its goal in the middle, where it has to turn on the spot from now = 0 on."""
+    grid = OccupancyGrid(np.zeros((200, 200), dtype=np.int8), 0.05, (0.0, 0.0))
+    made = Navigator(grid, NavigationSettings())
+    made.start(Pose(5.0, 5.0, 3.0), Pose(4.95, 5.0), 0.0)
+    assert made.step(Pose(4.95, 5.0), (0.0, 0.0), 0.0).turn > 0.0
+    return made
+
+
+def test_passing_the_edge_of_the_tolerance_while_turning_at_the_goal_starts_nothing_anew(navigator):
+    assert navigator.step(Pose(4.85, 5.0, 3.0), (0.0, 0.0), 1.0).outcome is DriveOutcome.REACHED
+
+
+def test_it_drives_again_where_it_was_moved_away_from_its_goal(navigator):
+    away = Pose(3.0, 5.0, 3.0)
+    assert navigator.step(away, (0.0, 0.0), 1.0).turn != 0.0, "the goal is behind it"
+    assert navigator.step(Pose(3.0, 5.0), (0.0, 0.0), 2.0).speed > 0.0
+    assert navigator.path[0] == pytest.approx(away.point, abs=0.1)
+    assert navigator.step(Pose(4.95, 5.0, 3.0), (0.0, 0.0), 9.0).outcome is DriveOutcome.REACHED
+
+
 def test_the_follower_steers_for_the_farthest_point_that_it_can_go_straight_to():
     corner = [(0.0, 0.0), (0.2, 0.0), (0.2, 1.0)]
 

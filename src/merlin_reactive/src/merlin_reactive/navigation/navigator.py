@@ -146,7 +146,12 @@ class Navigator:
         assert self._goal is not None and self._follower is not None, "start() comes first"
         settings = self.settings
         self._follower.locate(pose)
-        if self._at_goal or pose.distance(self._goal) <= settings.xy_goal_tolerance:
+        off = pose.distance(self._goal)
+        if self._at_goal and off > 2 * settings.xy_goal_tolerance:  # it was pushed, or localised anew
+            self._at_goal = False
+            self._moved_at, self._moved_from = now, pose
+            self._replan(pose, now)
+        if self._at_goal or off <= settings.xy_goal_tolerance:
             self._at_goal = True  # passing the edge of the tolerance while turning starts nothing anew
             return self._finish(pose, velocity)
         stop = self._stops_at(pose, velocity[0])
