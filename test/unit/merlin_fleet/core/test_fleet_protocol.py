@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """All that can happen to a small fleet with few faults, and much that can happen to it with more."""
 
+import pickle
 from typing import Optional, Tuple
 
 import fleet_search
@@ -181,6 +182,29 @@ def test_a_late_report_is_recorded_and_not_applied() -> None:
     assert [records.decode(records.Report, change.value).robot for change in late] == [first.name]
     assert end_of(world, "a").robot == second.name
     assert not first.outbox.reports()
+
+
+def test_what_was_done_for_a_hub_that_was_put_back_from_before_the_claim_is_late() -> None:
+    world = model.World(2, takes=100)
+    for _ in range(4):
+        world.act()
+    world.send("a")
+    store = pickle.dumps(world.store)
+    first = begun(world)
+    world.strike(("hub down",))
+    world.act()
+    world.store = pickle.loads(store)
+    for robot in world.robots:
+        robot.heard = False
+    world.strike(("hub up",))
+    world.act()  # it hears that its claim is gone, and stops; the goal is done at this moment
+    first.running.pop("a")
+    first.inbox.append(model.ev.Ended("a", True, "SUCCEEDED"))
+    assert world.settles(200) == ""
+    late = [change for change in world.store.changes if "/late/" in change.key]
+    assert [records.decode(records.Report, change.value).robot for change in late] == [first.name]
+    assert any("recorded as late" in text for _, text in first.said)
+    assert end_of(world, "a").epoch > 0
 
 
 def test_a_report_whose_answer_was_lost_is_not_late() -> None:

@@ -68,6 +68,8 @@ class Reporting:
         if not self._agent.usable:
             return
         for name, (report, final) in list(self._waiting.items()):
+            if not report.epoch:  # of a store that was replaced; a compare with 0 holds where no claim is
+                self._put_aside(name, report)
             if name in self._late:
                 self._agent.transact(f"late {name}", self._late_txn(name, report))
             else:
@@ -95,13 +97,16 @@ class Reporting:
             self._late.pop(name, None)
             self._outbox.remove(report.goal, report.epoch)
         else:
-            self._late[name] = True
-            known = report.goal in self._agent.view.goals
-            self._agent.say(
-                f"the end of {report.goal} ({report.outcome}) comes after "
-                f"{'its lease was lost' if known else 'the fleet has removed that goal'}: "
-                "it is recorded as late and not applied"
-            )
+            self._put_aside(name, report)
+
+    def _put_aside(self, name: str, report: Report) -> None:
+        self._late[name] = True
+        known = report.goal in self._agent.view.goals
+        self._agent.say(
+            f"the end of {report.goal} ({report.outcome}) comes after "
+            f"{'its lease was lost' if known else 'the fleet has removed that goal'}: "
+            "it is recorded as late and not applied"
+        )
 
 
 def _name(goal: str, epoch: int) -> str:
