@@ -16,7 +16,8 @@ if [ -z "${ROS_IP:-}${ROS_HOSTNAME:-}" ] && ! has_address "$name"; then
   export ROS_IP=127.0.0.1
   echo "in_workspace: '$name' cannot be resolved, 127.0.0.1 is used; plain roslaunch needs the line '127.0.1.1 $name' in /etc/hosts" >&2
 fi
-case ${ROS_MASTER_URI:-http://localhost:11311} in
-  http://localhost:*) has_address localhost || export ROS_MASTER_URI=http://127.0.0.1:11311 ;;
+master=${ROS_MASTER_URI:-http://localhost:11311}
+case $master in
+  http://localhost:*) has_address localhost || export ROS_MASTER_URI="${master/localhost/127.0.0.1}" ;;
 esac
 exec "${command[@]}"

@@ -104,6 +104,8 @@ def test_the_tools_of_the_workspace_do_not_need_them(tmp_path: Path) -> None:
     done = without([name, "localhost"], tmp_path, str(TOOLS / "in_workspace.sh"), *shell)
     assert done.stdout.split() == ["127.0.0.1", "http://127.0.0.1:11311"], done.stderr
     assert f"'127.0.1.1 {name}' in /etc/hosts" in done.stderr
+    given = ["env", "ROS_MASTER_URI=http://localhost:11999", str(TOOLS / "in_workspace.sh"), *shell]
+    assert without([name, "localhost"], tmp_path, *given).stdout.split()[-1] == "http://127.0.0.1:11999"
 
 
 @pytest.fixture
