@@ -136,6 +136,19 @@ def test_a_stop_of_another_hub_confirms_none_of_this_one() -> None:
     assert lab.view().halts == {}
 
 
+def test_a_forgotten_robot_that_comes_back_says_again_what_it_has_said() -> None:
+    lab = Lab()
+    lab.tell(records.SCHEMAS, HOME)
+    lab.strike(("cut", "0"))
+    lab.go(20)
+    lab.forget(lab.robots[0])
+    assert lab.view().schemas == {}
+    lab.robots[0].linked = True  # its watch goes on where it was
+    lab.go(20)
+    assert "r0" in lab.view().lives
+    assert lab.view().schemas == {"r0": HOME}
+
+
 def test_who_forgets_a_robot_forgets_what_it_has_said() -> None:
     lab = Lab()
     lab.tell(records.SCHEMAS, HOME)

@@ -169,6 +169,9 @@ class Telling:
         if not agent.usable:
             return
         name = agent.robot.name
+        life = agent.view.lives.get(name)
+        if life is None or life.life != agent.life:
+            self._written.clear()  # before it joins again, it may have been forgotten
         halt = agent.view.halts.get(name)
         if halt is not None and halt.revision == self._obeyed:
             key = agent.keys.key(records.HALTS, name)
