@@ -58,6 +58,30 @@ class Folder(NamedTuple):
         except OSError as error:
             raise CertificateError(str(error)) from None
 
+    def fleet_id(self, fleet: str) -> str:
+        """The id that a fleet had in its last hub; empty: it is not noted.
+
+        :raises CertificateError: for a note that cannot be read.
+        """
+        try:
+            note = self._fleet_note(fleet)
+            return note.read_text(encoding="utf-8").strip() if note.exists() else ""
+        except (OSError, ValueError) as error:
+            raise CertificateError(str(error)) from None
+
+    def note_fleet(self, fleet: str, fleet_id: str) -> None:
+        """Notes the id of a fleet, which its robots keep, for a hub that begins with nothing.
+
+        :raises CertificateError: for a folder that cannot be written.
+        """
+        try:
+            self._fleet_note(fleet).write_text(f"{fleet_id}\n", encoding="utf-8")
+        except OSError as error:
+            raise CertificateError(str(error)) from None
+
+    def _fleet_note(self, fleet: str) -> Path:
+        return self.path / f"{fleet}.fleet"
+
 
 def user(kind: str, name: str) -> str:
     """Name of a robot's or client's certificate, and of its user in etcd.

@@ -35,9 +35,10 @@ class Roles:
         self._fleet = fleet
         self._keys = Keys(fleet)
 
-    def set(self, robots: Iterable[str], clients: Iterable[str]) -> List[str]:
+    def set(self, robots: Iterable[str], clients: Iterable[str], fleet_id: str = "") -> List[str]:
         """Gives these robots and clients their rights; returns the users. Others keep theirs: see `remove`.
 
+        :param fleet_id: of the fleet, where the hub has none yet; empty: a new one.
         :raises HubError: when etcd does not answer, or refuses.
         """
         self._role(ADMINISTRATOR, ADMINISTRATOR, ())
@@ -49,10 +50,20 @@ class Roles:
                 self._role(one, role, self._rights(kind, name))
                 set_.append(one)
         about = self._keys.key(records.ABOUT)
-        text = records.encode_about(secrets.token_hex(16))
+        text = records.encode_about(fleet_id or secrets.token_hex(16))
         self._hub.transact(Txn((Compare(about, 0),), (Put(about, text),)))
         self._hub.ask("Auth/AuthEnable", message("AuthEnableRequest"))
         return set_
+
+    def fleet_id(self) -> str:
+        """The id of the fleet that the hub has, after `set`.
+
+        :raises HubError: when etcd does not answer, or refuses.
+        :raises RecordError: for a fleet of another protocol.
+        """
+        about = self._keys.key(records.ABOUT)
+        (found,) = self._hub.transact(Txn((Compare(about, 0),), reads=(about,))).items
+        return records.decode_about(found.value)
 
     def remove(self, name: str) -> None:
         """Takes all rights from a user: its certificate is no longer of use.

@@ -227,6 +227,26 @@ def test_a_robot_with_the_certificate_of_another_one_says_so_once(lab: Lab, tmp_
     assert said.empty()
 
 
+def test_a_hub_that_begins_with_nothing_is_of_the_same_fleet_after_allow(tmp_path: Path) -> None:
+    lab = Lab(tmp_path / "keys")
+    try:
+        for _ in range(2):
+            robot, said = robot_of(lab, "ann", "lab", "robot.ann", SqliteOutbox(f"{tmp_path}/outbox"))
+            client = FleetClient("lab", [lab.etcd.endpoint], lab.folder.tls("client.desk"))
+            try:
+                request = client.send("(done a)")
+                assert request.wait(LIMIT), list(said.queue)
+            finally:
+                robot.close()
+                client.close()
+            assert said.empty()
+            lab.etcd.close()
+            lab.etcd = EtcdProcess(certificates=lab.folder.path)
+            lab.allow("lab")
+    finally:
+        lab.etcd.close()
+
+
 def test_a_client_removes_ended_goals_as_robots_may_not(lab: Lab, tmp_path: Path) -> None:
     lab.allow("kept")
     keep = Retention(hours=1e-9, goals=0, grace=0.0)

@@ -73,8 +73,10 @@ def _make(given: argparse.Namespace) -> None:
 def _allow(given: argparse.Namespace) -> None:
     folder = Folder(given.folder)
     with _roles(given) as roles:
-        for name in roles.set(folder.names(ROBOT), folder.names(CLIENT)):
+        known = folder.fleet_id(given.fleet)
+        for name in roles.set(folder.names(ROBOT), folder.names(CLIENT), known):
             print(f"{name} has its rights in the fleet '{given.fleet}'")
+        folder.note_fleet(given.fleet, roles.fleet_id())
     for path in sorted(given.folder.glob("*.removed")):
         print(f"{path.stem} was removed and gets none; to give them again, delete {path}")
 
