@@ -18,6 +18,7 @@ from merlin.new.package_writer import files_of, write_application
 from merlin.new.robots_added import with_robots
 from merlin_actions.core.names import snake_case
 from merlin_monitor.text.sentences import domain_faults, read_sentences
+from merlin_pddl.domain import used_predicates
 from merlin_pddl.domain_reader import parse_domain, read_domain
 from merlin_pddl.problem_reader import parse_problem, read_problem
 from merlin_pddl.text_reader import PddlError
@@ -331,6 +332,31 @@ def test_a_domain_of_one_robot_gets_robots_and_keeps_the_rest(folder, tmp_path):
     assert all("r" not in action.parameters for action in application.actions)
 
 
+def test_an_object_that_is_no_robot_gives_no_robot_its_name():
+    domain, problem = (PDDL / "home" / f"{name}.pddl" for name in ("domain", "problem"))
+    with pytest.raises(ApplicationRefused, match="anywhere is an object already"):
+        application_of("two", domain, problem, ["bob", "anywhere"])
+
+
+def test_each_operator_asks_that_its_robot_is_available():
+    text = "(define (domain lab) (:types b - object) (:predicates (robot_at ?b - b) (done))\n"
+    text += "(:action wave :parameters () :effect (done))\n"
+    text += "(:durative-action turn :parameters () :duration (= ?duration 1) :effect (at end (done))))"
+    problem = "(define (problem p) (:domain lab) (:objects) (:init) (:goal (done)))"
+    found = parse_domain(with_robots(text, problem, ["ria"], ("domain", "problem"))[0])
+    for operator in found.operators.values():
+        (asked,) = operator.conditions
+        assert used_predicates(asked.condition) == {("available", False)}
+
+
+def test_the_world_has_places_of_any_name(tmp_path):
+    domain, problem = tmp_path / "domain.pddl", tmp_path / "problem.pddl"
+    domain.write_text((PDDL / "home" / "domain.pddl").read_text())
+    problem.write_text((PDDL / "home" / "problem.pddl").read_text().replace("kitchen", "no"))
+    written = files_of(application_of("my_home", domain, problem))["worlds/my_home.yaml"]
+    assert "no" in yaml.safe_load(written)["points_of_interest"]
+
+
 def test_a_domain_of_several_robots_is_kept_and_has_to_know_them(tmp_path):
     domain, problem = (PDDL / "home" / f"robots{name}.pddl" for name in ("", "_problem"))
     text = problem.read_text().replace("(:goal (robot_at ann anywhere))", "(:goal (checked kitchen))")
@@ -350,6 +376,8 @@ def test_a_domain_of_several_robots_is_kept_and_has_to_know_them(tmp_path):
         ("ria ria", ["f"], "named twice"),
         ("and", ["f"], "keyword of PDDL"),
         ("hall", ["f"], "hall is an object already"),
+        ("bob anywhere", ["f"], "anywhere is an object already"),
+        ("yes no", ["f"], "robot 'yes': YAML reads it as True"),
         ("ria tom", ["f ?r - poi"], "--robots adds the robot, as ?r"),
         ("ria tom", ["f ?x - robot"], "--robots adds the robot, as ?r"),
         ("a b c d e f", ["f"], "6 robots; at most 5"),

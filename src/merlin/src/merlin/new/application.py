@@ -3,7 +3,7 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Dict, List, Sequence, Tuple
+from typing import Collection, Dict, List, Sequence, Tuple
 
 from merlin.new.names import (
     MOST_PARAMETERS,
@@ -197,9 +197,7 @@ def new_application(
     application = NewApplication(package, actions, types=types, robots=robots)
     _add_objects(application, domain)
     application.goals = [_goal(action, application, domain) for action in actions]
-    taken = [name for name in robots if name in application.points or name in application.objects]
-    if taken:
-        raise ApplicationRefused(f"--robots: {taken[0]} is an object already; call the robot something else")
+    _check_taken(robots, {"anywhere", *application.points, *application.objects})
     return application
 
 
@@ -219,6 +217,8 @@ def application_of(
     if robots:
         _check_robots(robots)
         if ROBOT not in domain.types:
+            before = parse_problem(problem_text, domain, str(problem_file))
+            _check_taken(robots, before.typed(domain.constants))
             names = str(domain_file), str(problem_file)
             domain_text, problem_text = with_robots(domain_text, problem_text, robots, names)
             domain = parse_domain(domain_text, str(domain_file))
@@ -275,6 +275,13 @@ def _check_robots(robots: Sequence[str]) -> None:
         raise ApplicationRefused(
             f"--robots: {len(robots)} robots; at most {MOST_ROBOTS} begin in the new room"
         )
+
+
+def _check_taken(robots: Sequence[str], objects: Collection[str]) -> None:
+    """Refuses names of robots that other objects have."""
+    for name in robots:
+        if name in objects:
+            raise ApplicationRefused(f"--robots: {name} is an object already; call the robot something else")
 
 
 def _is_ready_navigate(operator: Signature, domain: Domain, robots: Sequence[str]) -> bool:

@@ -7,6 +7,8 @@ import re
 import sys
 from typing import Collection, Mapping
 
+import yaml
+
 from merlin_pddl.checks.portability import KEYWORDS
 
 #: Longest name, characters: with it no line of the written files is longer than ruff allows.
@@ -81,9 +83,12 @@ def check_symbol(kind: str, name: str) -> None:
 def check_robot(name: str) -> None:
     """Checks the name of a robot, which is its namespace and an object of the problem.
 
-    :raises NameRefused: when it has other signs, is too long or a keyword of PDDL.
+    :raises NameRefused: when it has other signs, is too long, a keyword of PDDL or not a text in YAML.
     """
     _check_form("robot", name, _ROBOT, "lower case, digits and _, beginning with a letter")
+    read = yaml.safe_load(name)  # so do launch files
+    if not isinstance(read, str):
+        raise NameRefused(f"robot '{name}': YAML reads it as {read}; take another name")
     _check_pddl("robot", name)
 
 

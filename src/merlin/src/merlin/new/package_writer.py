@@ -63,6 +63,7 @@ def files_of(application: NewApplication, python: str = sys.executable) -> Dict[
 
     values: Dict[str, Any] = {
         "python": python,
+        "key": _key,
         "classes": _classes(application),
         "imports": _imports(application),
         "servers": repr(application.servers).replace("'", '"'),

@@ -109,14 +109,16 @@ def _operator(text: _Text, operator: Expression) -> None:
     text.inside(parameters, f"{VARIABLE} - robot{' ' if parameters else ''}")
     for found in _with_head(operator, AT):
         text.after(found[0], f" {VARIABLE}")
-    for name, condition in _CONDITIONS.items():
-        asked = fields.get(Word(name))
-        if isinstance(asked, Expression) and asked.head == "and":
-            text.after(asked[0], f" {condition}")
-        elif isinstance(asked, Expression) and not asked:
-            text.inside(asked, f"and {condition}")
-        elif isinstance(asked, Expression):
-            text.around(asked, f"(and {condition} ", ")")
+    name = ":precondition" if operator.head == ":action" else ":condition"
+    condition, asked = _CONDITIONS[name], fields.get(Word(name))
+    if not isinstance(asked, Expression):
+        text.around(parameters, "", f"\n    {name} {condition}")
+    elif asked.head == "and":
+        text.after(asked[0], f" {condition}")
+    elif not asked:
+        text.inside(asked, f"and {condition}")
+    else:
+        text.around(asked, f"(and {condition} ", ")")
 
 
 def _problem(text: _Text, robots: Sequence[str]) -> str:
