@@ -101,7 +101,7 @@ def test_it_stands_just_within_the_tolerance_of_the_goal(drive):
 
 @pytest.fixture
 def navigator():
-    """On an empty map of 10 m, at its goal in the middle, where it has to turn on the spot from now = 0 on."""
+    """On an empty map of 10 m, at its goal in the middle, where it has to turn from now = 0 on."""
     grid = OccupancyGrid(np.zeros((200, 200), dtype=np.int8), 0.05, (0.0, 0.0))
     made = Navigator(grid, NavigationSettings())
     made.start(Pose(5.0, 5.0, 3.0), Pose(4.95, 5.0), 0.0)
@@ -119,6 +119,40 @@ def test_it_drives_again_where_it_was_moved_away_from_its_goal(navigator):
     assert navigator.step(Pose(3.0, 5.0), (0.0, 0.0), 2.0).speed > 0.0
     assert navigator.path[0] == pytest.approx(away.point, abs=0.1)
     assert navigator.step(Pose(4.95, 5.0, 3.0), (0.0, 0.0), 9.0).outcome is DriveOutcome.REACHED
+
+
+def _end(navigator, pose, velocity):
+    """How a drive ends where pose and velocity stay as they are, whatever the robot is to do."""
+    steps = (navigator.step(pose, velocity, now) for now in np.arange(0.05, 60.0, 0.05))
+    return next((step for step in steps if step.ended), None)
+
+
+def test_a_robot_that_does_not_turn_at_its_goal_gives_up(navigator):
+    ended = _end(navigator, Pose(4.95, 5.0), (0.0, 0.0))
+    assert ended.outcome is DriveOutcome.NO_CONTROL and (ended.speed, ended.turn) == (0.0, 0.0)
+    assert "Failed to find a valid control" in ended.text
+
+
+def test_a_robot_that_stood_without_sensors_at_its_goal_turns_when_they_are_there_again(navigator):
+    assert navigator.step(Pose(4.95, 5.0), (0.0, 0.0), 9.0).turn > 0.0
+
+
+@pytest.mark.parametrize(
+    ("speed", "outcome"), [(0.03, DriveOutcome.REACHED), (-0.5, DriveOutcome.NO_CONTROL)]
+)
+def test_a_gyro_with_a_bias_holds_no_goal_open_and_a_robot_that_turns_on_does_not_reach_it(
+    navigator, speed, outcome
+):
+    at_goal = Pose(4.95, 5.0, 3.0)
+    assert not navigator.step(at_goal, (0.0, speed), 0.05).ended, "it may have to brake"
+    assert _end(navigator, at_goal, (0.0, speed)).outcome is outcome
+
+
+def test_a_turn_at_the_goal_may_take_long_as_long_as_it_goes_on(navigator):
+    for step in range(280):  # 0.1 rad/s
+        now = 0.1 * step
+        assert not navigator.step(Pose(4.95, 5.0, 0.1 * now), (0.0, 0.1), now).ended
+    assert navigator.step(Pose(4.95, 5.0, 2.95), (0.0, 0.0), 30.0).outcome is DriveOutcome.REACHED
 
 
 def test_the_follower_steers_for_the_farthest_point_that_it_can_go_straight_to():

@@ -28,6 +28,8 @@ NO_CONTROL_TEXT = "Failed to find a valid control. Even after executing recovery
 AHEAD = 2.0  # m of path that is watched for obstacles
 STOP_GAP = 0.25  # m before the place where an obstacle would be too close at which the robot waits
 STANDING = 0.02  # m/s and rad/s below which the robot counts as standing
+BIAS = 0.1  # m/s and rad/s that odometry may show at most while it stands
+TURNED = 0.1  # rad nearer to the heading of the goal that count as turning to it
 CREEP = 0.03  # m/s below which it rather stands
 HERE = 0.7  # m within which waiting continues and does not begin anew
 GIVE_WAY = 0.5  # m that it backs off for a person that waits for it
@@ -132,6 +134,7 @@ class Navigator:
         self._backing: Optional[Pose] = None  # where it began to back off
         self._backing_way, self._backing_since = 0.0, now
         self._at_goal = False
+        self._least_error = math.inf  # rad, of the heading at the goal
         self._astray_since: Optional[float] = None  # since its path leads elsewhere than it is to go
         if self._giving:
             self._giving.start()
@@ -148,12 +151,12 @@ class Navigator:
         self._follower.locate(pose)
         off = pose.distance(self._goal)
         if self._at_goal and off > 2 * settings.xy_goal_tolerance:  # it was pushed, or localised anew
-            self._at_goal = False
+            self._at_goal, self._least_error = False, math.inf
             self._moved_at, self._moved_from = now, pose
             self._replan(pose, now)
         if self._at_goal or off <= settings.xy_goal_tolerance:
             self._at_goal = True  # passing the edge of the tolerance while turning starts nothing anew
-            return self._finish(pose, velocity)
+            return self._finish(pose, velocity, now)
         stop = self._stops_at(pose, velocity[0])
         if stop.distance(self._goal) <= settings.xy_goal_tolerance - STOP_RESERVE:
             return DriveStep(0.0, 0.0, DriveOutcome.DRIVING, "braking for the goal")
@@ -278,12 +281,25 @@ class Navigator:
         speed, turn = self._follower.command(pose, limit)
         return DriveStep(*self._guard.steered(speed, turn, settings.cruise.turn_speed), DriveOutcome.DRIVING)
 
-    def _finish(self, pose: Pose, velocity: Tuple[float, float]) -> DriveStep:
+    def _finish(self, pose: Pose, velocity: Tuple[float, float], now: float) -> DriveStep:
+        """Turns and stops at the goal, and gives up a base that does not."""
         assert self._goal is not None and self._follower is not None
+        settings = self.settings
         error = wrap(self._goal.yaw - pose.yaw)
-        if self.settings.yaw_goal_tolerance < math.pi and abs(error) > self.settings.yaw_goal_tolerance:
+        if abs(error) < self._least_error - TURNED:
+            self._moved_at, self._least_error = now, abs(error)
+        late = now - self._moved_at > settings.recover_after
+        turns = settings.yaw_goal_tolerance < math.pi and abs(error) > settings.yaw_goal_tolerance
+        speed = max(abs(velocity[0]), abs(velocity[1]))
+        if late and (turns or speed > BIAS):
+            self._moved_at = now
+            self._recoveries += 1
+            if self._recoveries > settings.recoveries:
+                why = f"The robot does not {'turn' if turns else 'stop'} at its goal."
+                return DriveStep(0.0, 0.0, DriveOutcome.NO_CONTROL, f"{NO_CONTROL_TEXT} {why}")
+        if turns:
             return DriveStep(0.0, self._follower.turn(error), DriveOutcome.DRIVING)
-        if abs(velocity[0]) > STANDING or abs(velocity[1]) > STANDING:
+        if speed > (BIAS if late else STANDING):
             return DriveStep(0.0, 0.0, DriveOutcome.DRIVING)
         return DriveStep(0.0, 0.0, DriveOutcome.REACHED, REACHED_TEXT)
 
