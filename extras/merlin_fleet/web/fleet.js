@@ -20,7 +20,7 @@ const about = ({ robot, finish, over, why }) =>
   [robot && (over ? robot : finish ? t("{robot}, which finishes it without the hub too", { robot }) : t("{robot}, on its lease", { robot })), why].filter(Boolean).join(" – ");
 
 // Simulated time says nothing of an age.
-const ageOf = ({ heard }, { simulated, time }) => (simulated || !time || !heard ? 0 : Math.max(0, time - heard));
+const ageOf = ({ spoke }, { simulated, time }) => (simulated || !time || !spoke ? 0 : Math.max(0, time - spoke));
 const where = ({ place, at }) => [place && t("at {place}", { place }), at && `(${at.join(", ")}) m`].filter(Boolean).join(" ");
 
 function doing(robot, age) {

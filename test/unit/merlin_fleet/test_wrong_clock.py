@@ -13,9 +13,10 @@ from merlin_fleet import fleet_client, fleet_robot
 from merlin_fleet.commands.fleet_command import main, words
 from merlin_fleet.core.agent import Agent, Rules
 from merlin_fleet.core.auction import AuctionTimes
-from merlin_fleet.core.records import Profile
+from merlin_fleet.core.records import ROBOTS, STATUS, Keys, Profile, Status, encode
 from merlin_fleet.core.reporting import Outbox
 from merlin_fleet.core.robot_lease import LeaseTimes
+from merlin_fleet.core.store import Put, Txn
 from merlin_fleet.fleet_client import FleetClient
 from merlin_fleet.fleet_robot import FleetRobot, FleetStatus
 from merlin_fleet.hub import EtcdHub
@@ -83,3 +84,35 @@ def test_a_robot_with_a_wrong_clock_says_so_and_the_goal_waits(
     finally:
         robot.close()
         client.close()
+
+
+@pytest.mark.parametrize("off", [-3600.0, 3600.0])
+def test_a_word_of_a_robot_ages_by_the_clock_of_the_client(etcd: EtcdProcess, off: float) -> None:
+    keys, began = Keys("lab"), time.time()
+    hub = EtcdHub(keys.root, [etcd.endpoint], timeout=20.0)
+    clients = [FleetClient("lab", [etcd.endpoint])]
+
+    def say(kind: str, record: Any) -> None:
+        hub.transact(Txn(puts=(Put(keys.key(kind, "ann"), encode(record)),)))
+
+    try:
+        assert clients[0].wait_for_hub(LONG)
+        say(ROBOTS, Profile("ann", heard=began + off))
+        assert clients[0].wait(lambda: clients[0].spoke("ann"), LONG)
+        first = clients[0].spoke("ann")
+        assert began <= first <= time.time()
+        say(STATUS, Status(at=began + off + 1.0))
+        assert clients[0].wait(lambda: clients[0].spoke("ann") > first, LONG)
+        status = clients[0].spoke("ann")
+        assert status <= time.time()
+        say(ROBOTS, Profile("ann", ("seen",), heard=began + off + 2.0))
+        assert clients[0].wait(lambda: clients[0].robots()[0][0].groups, LONG)
+        assert clients[0].spoke("ann") == status, "what is shown is its status"
+        clients.append(FleetClient("lab", [etcd.endpoint]))
+        assert clients[1].wait_for_hub(LONG)
+        assert clients[1].spoke("ann") <= time.time(), "it ages from now on at the latest"
+        assert off > 0.0 or clients[1].spoke("ann") == began + off + 1.0, "how old it was is not known"
+    finally:
+        hub.close()
+        for client in clients:
+            client.close()

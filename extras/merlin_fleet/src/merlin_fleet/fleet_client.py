@@ -6,13 +6,13 @@ import threading
 import time
 import traceback
 import uuid
-from typing import Any, Callable, List, Optional, Sequence, Tuple, Union
+from typing import Any, Callable, Dict, Iterable, List, Optional, Sequence, Tuple, Union
 
 from merlin_fleet.certified import HubError, Tls
 from merlin_fleet.core import records
 from merlin_fleet.core.clock import CLOCK_MARGIN, difference
 from merlin_fleet.core.possession import CANCELLED
-from merlin_fleet.core.records import Goal, Halt, Keys, RecordError, Report, Status
+from merlin_fleet.core.records import Goal, Halt, Keys, Profile, RecordError, Report, Status
 from merlin_fleet.core.retention import Keeper, removal
 from merlin_fleet.core.store import Change, Compare, Put, Snapshot, Txn, TxnResult
 from merlin_fleet.core.view import FleetGoalState, FleetView
@@ -31,6 +31,7 @@ LIMIT = 10.0  # s for the hub to take a goal or a cancel
 PULSE = 0.7  # s between two checks that the hub answers; it has 2 s for an answer
 STOPS = 2.0  # s for a robot to confirm a stop; the page waits 3 s
 PAUSE = 0.3  # s between attempts
+WORDS = (records.ROBOTS, records.STATUS)  # what robots say of themselves all the time
 OVER = (FleetGoalState.ENDED, FleetGoalState.CANCELLED)
 
 
@@ -62,6 +63,7 @@ class FleetClient(Listener):
         self._unusable = ""  # what no waiting mends
         self._heard = 0.0
         self._stores = 0
+        self._words: Dict[str, Tuple[float, float]] = {}  # robot → time of its last word, by it and by us
         self._requests: List[Tuple[FleetRequest, Optional[Callable[[FleetRequest], None]]]] = []
         try:
             self._keys = Keys(fleet)
@@ -200,6 +202,14 @@ class FleetClient(Listener):
         """What a robot says of itself, and the stop that it has not carried out yet."""
         with self._changed:
             return self._view.status.get(robot, Status()), self._view.halts.get(robot)
+
+    def spoke(self, robot: str) -> float:
+        """When its status came, or its profile where it has none, s since 1970 by this machine's clock.
+
+        What was there before this client is as old as the robot says, and not of a later time. 0: nothing is.
+        """
+        with self._changed:
+            return self._words.get(robot, (0.0, 0.0))[1]
 
     def execute(
         self, goals: Union[str, Sequence[str]], timeout: Optional[float] = None, **options: Any
@@ -416,6 +426,7 @@ class FleetClient(Listener):
             self._stores += snapshot.another or not view.follows(self._view)
             self._view = view
             self._heard = time.time()
+            self._note_words(view.robots, all_came_now=False)
             about = self._view.unreadable.get(self._keys.key(records.ABOUT), "")
             self._unusable = f"the fleet '{self.fleet}' of this hub cannot be used: {about}" if about else ""
             self._said = ""
@@ -432,6 +443,8 @@ class FleetClient(Listener):
         with self._changed:
             self._view.apply(changes)
             self._heard = time.time()
+            said = (self._keys.parts(change.key) for change in changes)
+            self._note_words(parts[1] for parts in said if parts and parts[0] in WORDS and len(parts) == 2)
         self._tell()
 
     def on_disconnected(self, reason: str) -> None:
@@ -439,6 +452,15 @@ class FleetClient(Listener):
         with self._changed:
             self._said = reason
         self._tell()
+
+    def _note_words(self, robots: Iterable[str], all_came_now: bool = True) -> None:
+        view, now = self._view, time.time()
+        for robot in robots:
+            at = view.status.get(robot, Status()).at or view.robots.get(robot, Profile("")).heard
+            before = self._words.get(robot)
+            if before is None or before[0] != at:
+                came_now = all_came_now or before is not None
+                self._words[robot] = (at, now if came_now else min(at, now))
 
     def _pulse(self) -> None:
         while not self._closed.wait(PULSE):

@@ -32,7 +32,8 @@ def shown(client: FleetClient, most: int = MOST) -> Dict[str, Any]:
     robots = {
         robot.name: {
             "joined": joined,
-            "heard": client.status(robot.name)[0].at or robot.heard,  # what is shown is as old as that
+            "heard": client.status(robot.name)[0].at or robot.heard,
+            "spoke": client.spoke(robot.name),  # its clock may be wrong: what is shown is as old as that
             "is": [*robot.groups, *robot.capabilities],
             "has": owned.get(robot.name, []),
             **_said(*client.status(robot.name)),

@@ -81,6 +81,7 @@ class Client:
         self.goals = lambda remarked=None: goals
         self.robots = lambda: robots
         self.status = lambda robot: (Status(), None)
+        self.spoke = lambda robot: 7.0
 
 
 def test_goals_that_go_on_come_first_and_the_last_ends_then() -> None:
@@ -100,6 +101,7 @@ def test_goals_that_go_on_come_first_and_the_last_ends_then() -> None:
     assert found["goals"][0]["why"] == "ann: no plan"
     ann, bob = (found["robots"][name] for name in ("ann", "bob"))
     assert (ann["joined"], ann["heard"], ann["is"], ann["has"]) == (True, 5.0, ["ward", "arm"], ["(done b)"])
+    assert ann["spoke"] == 7.0
     assert (bob["joined"], bob["heard"], bob["is"], bob["has"]) == (False, 4.0, [], [])
 
 
@@ -217,5 +219,28 @@ def test_the_page_shows_it(
     page.wait(
         f"() => [...document.querySelectorAll('p')].some((each) => each.innerText.startsWith({link!r}))"
     )
+    assert page.complaints == []
+    page.close()
+
+
+def test_a_robot_is_grey_when_its_last_word_is_old_by_the_clock_of_the_page(
+    browser: Any, served: Served
+) -> None:
+    show_panels(served)
+    served.server._scripts["fleet"] = script_of(FleetPanel)
+    served.state.tree.set("meta", "panels", [panel.described() for panel in (*own_panels(), FleetPanel)])
+    now = 1e6
+    served.state.tree.put("meta", time=now, simulated=False)
+    times = {"behind": (now - 120.0, now - 1.0), "ahead": (now + 60.0, now - 240.0)}
+    robots = {
+        name: {"joined": True, "heard": heard, "spoke": spoke, "is": [], "has": []}
+        for name, (heard, spoke) in times.items()
+    }
+    served.state.tree.set("fleet", "robots", robots)
+    page = Visit(browser, f"{served.url}?lang=en")
+    page.wait("() => document.querySelectorAll('#fleet-robots li').length === 2")
+    behind, ahead = page.texts("#fleet-robots li")
+    assert "joined" in behind and "1.0 s ago" in behind
+    assert "not seen since" in ahead and "ago" in ahead
     assert page.complaints == []
     page.close()
