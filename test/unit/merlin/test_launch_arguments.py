@@ -2,6 +2,7 @@
 """planning:=, dispatcher:=, planner_command:= and robots:= of the applications' launch files."""
 
 import re
+import shlex
 import subprocess
 from pathlib import Path
 
@@ -326,6 +327,14 @@ def test_a_text_is_not_taken_for_true(file: str, arguments: dict, names: tuple, 
 def test_what_would_begin_another_robot_is_refused(file: str, wrong: dict, why: str) -> None:
     with pytest.raises(RLException, match=why):
         load(file, **wrong)
+
+
+def test_a_bag_in_a_folder_with_a_blank_is_replayed(tmp_path: Path) -> None:
+    folder = tmp_path / "my own"
+    folder.mkdir()
+    (folder / "parameters.yaml").write_text("{}")
+    (player,) = [node for node in load("include/replay.launch", folder=folder).nodes if node.type == "play"]
+    assert shlex.split(player.args)[-1] == str(folder / "replay.bag")
 
 
 def test_the_launch_files_leave_limits_as_they_are_documented() -> None:

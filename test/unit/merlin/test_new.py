@@ -268,8 +268,12 @@ def test_options_that_do_not_fit_are_refused(words, tmp_path, monkeypatch, capsy
 def test_the_commands_that_it_prints_stand_a_blank_in_the_path(tmp_path, capsys):
     workspace = tmp_path / "my own"
     assert command.main(["my_robot", "--workspace", str(workspace)]) == 0
-    (line,) = [line for line in capsys.readouterr().out.splitlines() if "catkin_make" in line]
+    said = capsys.readouterr()
+    (line,) = [line for line in said.out.splitlines() if "catkin_make" in line]
     assert shlex.split(line)[:3] == ["cd", str(workspace), "&&"]
+    assert f"warning: the path '{workspace}' has a blank" in said.err and "run_tests" in said.err
+    assert command.main(["my_robot", "--workspace", str(tmp_path / "own")]) == 0
+    assert not capsys.readouterr().err
 
 
 @pytest.mark.parametrize("specs", [["greet ?p - poi", "wave"], []], ids=str)

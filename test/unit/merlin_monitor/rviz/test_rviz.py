@@ -3,6 +3,7 @@
 
 import os
 import queue
+import shlex
 import subprocess
 from pathlib import Path
 from types import SimpleNamespace
@@ -270,8 +271,10 @@ def test_an_application_starts_it_when_asked_to(
     monkeypatch.setenv("DISPLAY", ":0")
     monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
     nodes = {node.name: node for node in load(file, rviz="true").nodes}
-    assert nodes["rviz"].args == f"-d {PACKAGE}/config/merlin.rviz"
+    assert shlex.split(nodes["rviz"].args) == ["-d", f"{PACKAGE}/config/merlin.rviz"]
     assert "rviz_markers" in nodes
+    (window,) = [node for node in load("include/rviz.launch", config="/my own/a.rviz").nodes if node.args]
+    assert shlex.split(window.args) == ["-d", "/my own/a.rviz"]
 
 
 def test_without_rviz_nothing_is_started(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

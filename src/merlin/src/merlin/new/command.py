@@ -2,6 +2,7 @@
 """The command `rosrun merlin new`."""
 
 import argparse
+import re
 import sys
 from pathlib import Path
 from shlex import quote
@@ -22,6 +23,8 @@ from merlin.new.package_writer import write_application
 from merlin_pddl.text_reader import PddlError
 
 EXIT_REFUSED = 2
+#: Characters that catkin and rostest do not quote; the same as in MERLIN's own tools/build.sh.
+UNQUOTED = re.compile(r"""[\s:;"'`$&()#%\\]""")
 
 
 def main(arguments: Optional[List[str]] = None) -> int:
@@ -35,6 +38,12 @@ def main(arguments: Optional[List[str]] = None) -> int:
     except (NameRefused, ApplicationRefused, PddlError, OSError, jinja2.TemplateError) as error:
         print(f"merlin new: {error}", file=sys.stderr)
         return EXIT_REFUSED
+    if UNQUOTED.search(str(workspace)):
+        print(
+            f"merlin new: warning: the path '{workspace}' has a blank, or another character with which "
+            "catkin_make run_tests fails; move the workspace",
+            file=sys.stderr,
+        )
     print(f"{folder}: the package {application.package}, its mission and a test. Next:")
     there, python = quote(str(workspace)), quote(sys.executable)
     print(f"  cd {there} && catkin_make -DPYTHON_EXECUTABLE={python} && . devel/setup.bash")
