@@ -104,7 +104,8 @@ def make_certificates(
 
     :param hosts: names and addresses of the hub; for the first time at least one.
     :param days: for which they are valid.
-    :raises CertificateError: for a name that is not allowed, a folder that cannot be written, no openssl.
+    :raises CertificateError: for a name that is not allowed, a host that the hub's certificate does not have,
+        a folder that cannot be written, no openssl.
     """
     users = [user(ROBOT, name) for name in robots] + [user(CLIENT, name) for name in clients]
     wanted = {AUTHORITY: AUTHORITY_PARTS, ADMINISTRATOR: f"{PARTS}clientAuth"}
@@ -118,6 +119,12 @@ def make_certificates(
         missing = [name for name in wanted if not (folder / f"{name}.pem").exists()]
         if AUTHORITY in missing and len(list(folder.glob("*.pem"))):
             raise CertificateError(f"{folder} has certificates and no {AUTHORITY}.pem; use another folder")
+        for host in () if HUB in missing else hosts:
+            if not _is_for(folder / f"{HUB}.pem", host):
+                raise CertificateError(
+                    f"{folder / HUB}.pem is not for {host}; to make it for all hosts that are named, remove "
+                    f"{HUB}.pem and {HUB}.key"
+                )
         for name in missing:
             if Folder(folder).removal(name).exists():
                 raise CertificateError(
@@ -149,6 +156,13 @@ def _make(folder: Path, name: str, extensions: str, days: int) -> None:
         os.chmod(f"{scratch}/key", 0o600)
         os.replace(f"{scratch}/key", folder / f"{name}.key")
         os.replace(f"{scratch}/pem", folder / f"{name}.pem")
+
+
+def _is_for(certificate: Path, host: str) -> bool:
+    check = "-checkip" if _alternative(host).startswith("IP:") else "-checkhost"
+    command = ["openssl", "x509", "-noout", "-in", str(certificate), check, host]
+    answer = subprocess.run(command, capture_output=True, text=True, check=False).stdout
+    return " does match " in answer
 
 
 def _authority_key(folder: Path) -> str:

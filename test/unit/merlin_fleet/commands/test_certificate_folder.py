@@ -18,6 +18,16 @@ def test_what_is_there_is_never_made_again(tmp_path: Path) -> None:
     assert all(path.stat().st_mode & 0o077 == 0 for path in tmp_path.glob("*.key"))
 
 
+def test_a_further_host_needs_another_certificate(tmp_path: Path) -> None:
+    make_certificates(tmp_path, ["hub.lab", "10.1.2.3", "::1"], [], [])
+    assert make_certificates(tmp_path, ["::1", "hub.lab"], ["ann"], []) == ["robot.ann"]
+    with pytest.raises(CertificateError, match=r"hub\.pem is not for hub2\.lab; .*remove hub\.pem"):
+        make_certificates(tmp_path, ["hub.lab", "hub2.lab"], ["bob"], [])
+    for end in ("pem", "key"):
+        (tmp_path / f"hub.{end}").unlink()
+    assert make_certificates(tmp_path, ["hub.lab", "hub2.lab"], ["bob"], []) == ["hub", "robot.bob"]
+
+
 def test_a_removed_name_is_not_given_again(tmp_path: Path) -> None:
     make_certificates(tmp_path, ["hub"], ["ann"], [])
     Folder(tmp_path).note_removal("robot.ann")
