@@ -47,6 +47,19 @@ def test_time_runs_at_the_factor_asked_for():
     assert pacer.achieved() > 0.0
 
 
+def test_time_that_as_good_as_stands_goes_on_when_it_is_to_run_faster():
+    pacer = Pacer(1.0e-12)
+    assert pacer.wait(0.01)
+    stepped = []
+    thread = threading.Thread(target=lambda: stepped.append(pacer.wait(0.01)))
+    thread.start()
+    thread.join(0.05)
+    assert thread.is_alive()
+    pacer.set_factor(0.0)
+    thread.join(60.0)
+    assert stepped == [True]
+
+
 def test_a_pause_holds_it_and_a_stop_ends_it():
     pacer = Pacer(0.0)
     pacer.set_paused(True)

@@ -7,6 +7,7 @@ import time
 from typing import Optional
 
 MAX_LAG = 0.1  # s of wall time behind schedule that is made up for; more is given up
+LONGEST = 3600.0  # s of one wait; Python can wait for no more than 292 years
 
 
 class Pacer:
@@ -75,7 +76,7 @@ class Pacer:
                     self._simulated += step
                     self._stepping = True
                     return True
-                self._changed.wait(left)
+                self._changed.wait(min(left, LONGEST))
             return False
 
     def step_ended(self) -> None:
