@@ -174,6 +174,37 @@ def test_it_follows_the_hub_that_the_robot_was_told(served: Served, monkeypatch:
 
 
 @pytest.mark.usefixtures("closed")
+def test_it_follows_another_hub_when_the_robots_part_begins_with_that(
+    served: Served, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    follows: List[str] = []
+
+    class Follower:
+        def __init__(self, fleet: str, endpoints: Tuple[str, ...], *_: Any) -> None:
+            self._name = f"{fleet} at {','.join(endpoints)}"
+            follows.append(self._name)
+
+        def close(self) -> None:
+            follows.remove(self._name)
+
+    monkeypatch.setattr(fleet_panel, "FleetClient", Follower)
+    panel = FleetPanel(served.state, RosSystem())
+
+    def look(parameters: Any) -> List[str]:
+        monkeypatch.setattr(fleet_panel, "bounded_master", lambda: Master(parameters))
+        panel.look({})
+        return list(follows)
+
+    lab = {"fleet": "lab", "hub": "a:2379"}
+    assert look(lab) == ["lab at a:2379"]
+    first = follows[0]
+    assert look(dict(lab))[0] is first, "it goes on"
+    assert look(None)[0] is first, "the last known hub stays"
+    assert look({**lab, "hub": "b:2379"}) == ["lab at b:2379"]
+    assert look({"fleet": "ward", "hub": "b:2379"}) == ["ward at b:2379"]
+
+
+@pytest.mark.usefixtures("closed")
 @pytest.mark.parametrize("hub", [2379, [2379], "hub"])
 def test_a_hub_that_is_not_one_is_named(served: Served, monkeypatch: pytest.MonkeyPatch, hub: Any) -> None:
     monkeypatch.setattr(fleet_panel, "bounded_master", lambda: Master({"fleet": "lab", "hub": hub}))

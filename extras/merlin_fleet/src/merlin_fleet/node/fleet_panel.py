@@ -29,17 +29,17 @@ class FleetPanel(Panel):
         super().__init__(state, ros)
         self._node = rospy.resolve_name(NODE)
         self._client: Optional[FleetClient] = None
+        self._parameters: Dict[str, Any] = {}  # of the client
         self._changed = threading.Event()  # set in the hub's thread, cleared in the model's
+        rospy.on_shutdown(self._close)
 
     def look(self, topics: Dict[str, str]) -> None:
-        """Connects when the robot's part in the fleet has its parameters."""
-        if self._client is not None:
-            return
+        """Connects when the robot's part in the fleet has its parameters, and anew when it has others."""
         try:
             found = bounded_master().getParam(self._node)
-            if isinstance(found, dict) and "fleet" in found:
-                self._client = _client(found, self._changed.set)
-                rospy.on_shutdown(self._client.close)
+            if isinstance(found, dict) and "fleet" in found and found != self._parameters:
+                self._close()
+                self._client, self._parameters = _client(found, self._changed.set), found
         except ERRORS:  # the master is gone, or has no such parameters: the next look sees
             return
         except FleetError as error:
@@ -47,10 +47,16 @@ class FleetPanel(Panel):
 
     def check(self, at: float, wall: float) -> None:
         """Shows what has changed."""
-        if self._client is not None and self._changed.is_set():
+        client = self._client
+        if client is not None and self._changed.is_set():
             self._changed.clear()
-            for part, value in shown(self._client).items():
+            for part, value in shown(client).items():
                 self.set(part, value)
+
+    def _close(self) -> None:
+        client, self._client, self._parameters = self._client, None, {}
+        if client is not None:
+            client.close()
 
 
 def _client(parameters: Dict[str, Any], on_change: Any) -> FleetClient:
