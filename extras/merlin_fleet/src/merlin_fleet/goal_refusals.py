@@ -28,6 +28,9 @@ def check_goal(goal: Goal) -> None:
     """
     if not goal.goals:
         raise ValueError("no goal is given")
+    for text in goal.goals:
+        if not isinstance(text, str):
+            raise ValueError(f"a goal is a text, not {text!r}")
     try:
         check_size(goal.goals)
         for text in goal.goals:

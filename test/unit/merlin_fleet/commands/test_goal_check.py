@@ -37,6 +37,12 @@ def test_the_largest_goals_fit_into_what_the_hub_sends_at_once() -> None:
     assert PAGE * (LONGEST_RECORD + 1000) < LARGEST
 
 
+@pytest.mark.parametrize("text", [5, None, ["(done a)"]])
+def test_what_is_not_a_text_is_not_a_goal(text: Any) -> None:
+    with pytest.raises(ValueError, match=re.escape(f"a goal is a text, not {text!r}")):
+        check_goal(goal(text))
+
+
 # --- what the robots know -------------------------------------------------------------------------------
 
 DOMAIN = """(define (domain home) (:types poi cup)
