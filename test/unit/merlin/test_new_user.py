@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the trial of a second application missed: help, the last recording, a file of points near the test."""
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -9,9 +10,10 @@ import pytest
 
 from merlin import check, launch_runner
 from merlin.new.application import new_application
-from merlin.new.package_writer import files_of
+from merlin.new.package_writer import files_of, write_application
 from merlin.replay.command import _arguments
 from merlin.testing import simulated_robot
+from merlin_test import LONG
 
 
 @pytest.mark.parametrize(("name", "main"), [("run", launch_runner.main), ("check", check.main)])
@@ -68,6 +70,24 @@ def test_a_test_that_fails_says_why_and_nothing_of_the_master(tmp_path):
     lines = done.stdout.splitlines()
     assert done.returncode == 1 and any("the reason" in line for line in lines), done.stdout + done.stderr
     assert len(lines) < 60 and not any("rosmaster" in line for line in lines), done.stdout
+
+
+@pytest.mark.processes
+def test_the_tests_of_two_new_packages_run_together(tmp_path):
+    packages = [write_application(new_application(name, []), tmp_path / "ws") for name in ("one", "two")]
+    path = os.pathsep.join([*(str(package / "src") for package in packages), os.environ["PYTHONPATH"]])
+    plan = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "--setup-plan"]
+    for chosen in (packages[:1], packages):
+        done = subprocess.run(
+            [*plan, *chosen],
+            capture_output=True,
+            text=True,
+            cwd=tmp_path / "ws",
+            timeout=LONG,
+            env={**os.environ, "PYTHONPATH": path},
+        )
+        assert done.returncode == 0, done.stdout + done.stderr
+        assert done.stdout.count("test_a_cancel_stops_it") == len(chosen)
 
 
 def test_the_rostest_of_a_new_application_can_answer():

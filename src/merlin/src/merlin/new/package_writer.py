@@ -40,8 +40,7 @@ FILES = {
     "actions/init.py": "src/{name}/actions/__init__.py",
     "app.test": "test/{name}.test",
     "mission_test.py": "test/mission_test.py",
-    "conftest.py": "test/conftest.py",
-    "test_actions.py": "test/test_actions.py",
+    "test_actions.py": "test/test_{name}_actions.py",
 }
 EXECUTABLE = ("test/mission_test.py",)
 
