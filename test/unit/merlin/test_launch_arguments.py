@@ -406,6 +406,27 @@ def test_arguments_of_a_file_that_takes_all_of_them_are_known(tmp_path: Path) ->
         LaunchRequest.from_command_line([top, "on:=robot", "rate:=7"])
 
 
+@pytest.mark.parametrize(
+    "own",
+    [
+        '<arg name="file" value="low"/>',
+        '<arg name="kind" value="low"/><arg name="file" default="$(arg kind)"/>',
+        '<arg name="real" default="false"/>'
+        "<arg name=\"file\" value=\"$(eval 'high' if arg('real') else 'low')\"/>",
+        '<arg name="real" default="false"/><arg if="$(arg real)" name="file" value="high"/>'
+        '<arg unless="$(arg real)" name="file" value="low"/>',
+    ],
+)
+def test_a_file_that_is_chosen_by_arguments_is_known(own: str, tmp_path: Path) -> None:
+    (tmp_path / "low.launch").write_text('<launch><arg name="rate" default="1"/></launch>')
+    top = tmp_path / "top.launch"
+    inner = '<include file="$(dirname)/$(arg file).launch" pass_all_args="true"/>'
+    top.write_text(f"<launch>{own}{inner}</launch>")
+    assert LaunchRequest.from_command_line([str(top), "rate:=2"]).arguments == {"rate": "2"}
+    with pytest.raises(LaunchError, match="has no argument 'speed'"):
+        LaunchRequest.from_command_line([str(top), "speed:=2"])
+
+
 def test_a_file_of_parameters_that_is_not_utf8_is_named(tmp_path: Path) -> None:
     world = tmp_path / "world.yaml"
     world.write_bytes("name: Küche".encode("latin-1"))

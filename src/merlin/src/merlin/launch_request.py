@@ -4,19 +4,21 @@
 Everything that can be wrong with a command line is found here, before any process is started.
 """
 
+import contextlib
 import difflib
 import os
 import re
 import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Dict, FrozenSet, Iterable, List, Mapping, Optional, Tuple
+from typing import Any, Dict, FrozenSet, Iterable, List, Mapping, Optional, Tuple
 
 import roslaunch.arg_dump
 import roslib.packages
 import rospkg
 from roslaunch.core import RLException
-from roslaunch.substitution_args import ArgException, SubstitutionException, resolve_args
+from roslaunch.loader import convert_value
+from roslaunch.substitution_args import resolve_args
 
 from merlin.linger import Linger
 from merlin_pddl.text_reader import shortened
@@ -171,8 +173,7 @@ def declared_arguments(launch_file: Path) -> Dict[str, Optional[str]]:
     except (RLException, rospkg.ResourceNotFound) as error:
         raise LaunchError(f"{launch_file}: {one_line(error)}") from error
     # roslaunch lists a name whose fixed value is empty among the arguments that are required.
-    tree = ElementTree.parse(str(launch_file))
-    tags = [*tree.iterfind("arg"), *tree.iterfind(".//group/arg")]
+    tags = _own_arguments(ElementTree.parse(str(launch_file)).getroot())
     fixed = {tag.get("name") for tag in tags if "value" in tag.attrib}
     return {name: text for name, (_doc, text) in found.items() if text is not None or name not in fixed}
 
@@ -205,16 +206,36 @@ def known_arguments(launch_file: Path, given: Mapping[str, str] = {}) -> Dict[st
 
 def _passed_on(launch_file: Path, values: Mapping[str, str]) -> Iterable[Tuple[Path, FrozenSet[str]]]:
     """The files that a launch file with these arguments includes with all of them but some that it sets."""
-    context = {"arg": dict(values), "filename": str(launch_file)}
-    for tag in ElementTree.parse(str(launch_file)).iter("include"):
+    root = ElementTree.parse(str(launch_file)).getroot()
+    context = _context(launch_file, root, values)
+    for tag in root.iter("include"):
         if tag.get("pass_all_args", "").lower() not in ("true", "1"):
             continue
         try:
             included = Path(resolve_args(tag.get("file", ""), context))
-        except (SubstitutionException, ArgException, rospkg.ResourceNotFound):
+        except Exception:  # of roslaunch, a missing package, or what an expression $(eval …) raises
             continue  # it is not included, or roslaunch says what is wrong
         if is_file(included):
             yield included, frozenset(each.get("name", "") for each in tag.iterfind("arg"))
+
+
+def _own_arguments(root: ElementTree.Element) -> List[ElementTree.Element]:
+    """The tags of a launch file's arguments; a group's come last, as they count in it alone."""
+    return [*root.iterfind("arg"), *root.iterfind(".//group/arg")]
+
+
+def _context(launch_file: Path, root: ElementTree.Element, values: Mapping[str, str]) -> Dict[str, Any]:
+    """What resolves the texts of a launch file: the arguments that it is given, and those that it makes."""
+    found = dict(values)
+    context = {"arg": found, "filename": str(launch_file)}
+    for tag in _own_arguments(root):
+        name = tag.get("name", "")
+        text, condition = tag.get("value", values.get(name)), tag.get("if", tag.get("unless"))
+        with contextlib.suppress(Exception):  # roslaunch says what is wrong
+            holds = condition is None or convert_value(resolve_args(condition, context), "bool")
+            if text is not None and holds != ("unless" in tag.attrib):
+                found[name] = resolve_args(text, context)
+    return context
 
 
 def one_line(error: object) -> str:
