@@ -45,8 +45,9 @@ class StandIn:
         self.cancelled = False
         self.endings = {}
         self.dispatching = threading.Lock()
-        self.dispatches = rospy.Publisher("~action_dispatch", ActionDispatch, latch=True, queue_size=1)
-        self.feedbacks = rospy.Publisher("~action_feedback", ActionFeedback, latch=True, queue_size=1)
+        # ROSPlan has queues of one, and what these drop depends on the machine: test_plain_progress.py has it.
+        self.dispatches = rospy.Publisher("~action_dispatch", ActionDispatch, latch=True, queue_size=1000)
+        self.feedbacks = rospy.Publisher("~action_feedback", ActionFeedback, latch=True, queue_size=1000)
         if self.esterel:
             self.drawings = rospy.Publisher("~plan_graph", String, latch=True, queue_size=1000)
         plan_class = EsterelPlan if self.esterel else CompletePlan
