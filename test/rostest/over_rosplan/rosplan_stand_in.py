@@ -45,7 +45,7 @@ class StandIn:
         self.cancelled = False
         self.endings = {}
         self.dispatching = threading.Lock()
-        # ROSPlan has queues of one, and what these drop depends on the machine: test_plain_progress.py has it.
+        # ROSPlan has queues of one; what they drop depends on the machine: test_plain_progress.py has it.
         self.dispatches = rospy.Publisher("~action_dispatch", ActionDispatch, latch=True, queue_size=1000)
         self.feedbacks = rospy.Publisher("~action_feedback", ActionFeedback, latch=True, queue_size=1000)
         if self.esterel:
