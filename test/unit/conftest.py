@@ -13,7 +13,7 @@ import time
 import xmlrpc.client
 from io import BytesIO
 from pathlib import Path
-from typing import Any, Dict, Iterator, List, Optional
+from typing import Any, Callable, Dict, Iterator, List, Optional, Set
 
 import pytest
 
@@ -218,3 +218,20 @@ def robot(monkeypatch: pytest.MonkeyPatch) -> Any:
     made = FakeRobot()
     put_in_place(made, monkeypatch)
     return made
+
+
+@pytest.fixture
+def open_files() -> Callable[[], Set[str]]:
+    """Gives the files, sockets and pipes behind the descriptors of this process.
+
+    Their count says less: what an earlier test has left may be closed meanwhile.
+    """
+
+    def look() -> Set[str]:
+        found: Set[str] = set()
+        for number in os.listdir("/proc/self/fd"):
+            with contextlib.suppress(FileNotFoundError):  # of the listing itself
+                found.add(os.readlink(f"/proc/self/fd/{number}"))
+        return found
+
+    return look
