@@ -131,11 +131,12 @@ class Served:
         self.operators = folder / "operators.yaml"
         if token:
             write_operators(self.operators, {"Ana": token})
+        self.scripts = {"plan": WEB / "panels" / "plan.js"}
         self.server = WebServer(
             self.state,
             WebAccess(host, names, Operators(self.operators), open_stop, open_look=open_look),
             control,
-            scripts={"plan": WEB / "panels" / "plan.js"},
+            scripts=self.scripts,
             tls=tls.context if tls else None,
         )
         self.state.start()

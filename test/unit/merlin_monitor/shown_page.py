@@ -69,7 +69,7 @@ DOMAIN: Dict[str, Any] = {
 def show_panels(served: Served) -> None:
     """Has the page draw all panels of the monitor."""
     panels = sorted(own_panels(), key=lambda panel: panel.place)
-    served.server._scripts.update({panel.name: script_of(panel) for panel in panels})
+    served.scripts.update({panel.name: script_of(panel) for panel in panels})
     tree = served.state.tree
     served.state.checked_at = float("inf")  # nothing hangs here
     for field, shown in (

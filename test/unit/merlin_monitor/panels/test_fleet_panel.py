@@ -232,7 +232,7 @@ def test_the_page_shows_it(
     browser: Any, served: Served, language: str, heard: str, lease: str, link: str
 ) -> None:
     show_panels(served)
-    served.server._scripts["fleet"] = script_of(FleetPanel)
+    served.scripts["fleet"] = script_of(FleetPanel)
     panels = [panel.described() for panel in (*own_panels(), FleetPanel)]
     served.state.tree.set("meta", "panels", panels)
     for part, value in SHOWN.items():
@@ -258,7 +258,7 @@ def test_a_robot_is_grey_when_its_last_word_is_old_by_the_clock_of_the_page(
     browser: Any, served: Served
 ) -> None:
     show_panels(served)
-    served.server._scripts["fleet"] = script_of(FleetPanel)
+    served.scripts["fleet"] = script_of(FleetPanel)
     served.state.tree.set("meta", "panels", [panel.described() for panel in (*own_panels(), FleetPanel)])
     now = 1e6
     served.state.tree.put("meta", time=now, simulated=False)

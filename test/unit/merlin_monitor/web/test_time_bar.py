@@ -26,7 +26,7 @@ TITLED = PANELS[2:]
 def shown(served: Served) -> Iterator[Served]:
     """A server whose pages show all panels, and whose robot has done twelve things."""
     panels = [{"name": name, "title": name.title() if name in TITLED else "", "width": 6} for name in PANELS]
-    served.server._scripts.update({name: WEB / "panels" / f"{name}.js" for name in PANELS})
+    served.scripts.update({name: WEB / "panels" / f"{name}.js" for name in PANELS})
     tree = served.state.tree
     served.state.checked_at = float("inf")  # without a pulse the pages get this once: all is up to date
     for field, value in (("panels", panels), ("control", True), ("simulated", True), ("time", 0.5)):
