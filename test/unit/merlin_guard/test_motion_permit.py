@@ -112,6 +112,15 @@ def test_an_owner_that_returns_resumes():
     assert world.drive() and world.cancels == []
 
 
+def test_a_halt_outlasts_a_status_list_of_a_second_server_of_that_name():
+    world = driving()
+    world.do(world.permit.halt("the operator halted it", world.now))
+    world.status(("other", ACTIVE))
+    world.status(*DRIVING)
+    assert not world.drive() and "the operator halted it" in world.reason
+    assert world.status(("a", PREEMPTED)) and world.status(("b", ACTIVE)) and world.drive()
+
+
 def test_a_suspended_lease_holds_and_resumes():
     world = driving()
     assert world.lease([], ["a"]).send is Send.ZERO

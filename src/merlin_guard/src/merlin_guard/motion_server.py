@@ -18,6 +18,7 @@ KEEP_UNSEEN = 5.0  # s for which a goal may be missing from the status list afte
 KEEP_CANCEL = 60.0  # s for which a cancel waits for the goal that it overtook
 UNSEEN = 1000  # goals that no status list has named; then the oldest is forgotten until one does
 EARLY_CANCELS = 1000  # that wait at most; then the oldest is forgotten
+REFUSED = 1000  # goals that have left the status list and stay refused, at most; then the oldest is forgotten
 
 
 class GoalReport(NamedTuple):
@@ -99,6 +100,7 @@ class MotionServer:
         self._heard_wall: Optional[float] = None
         self._heard_world = 0.0
         self._early_cancels: OrderedDict[str, float] = OrderedDict()
+        self._refused: OrderedDict[str, str] = OrderedDict()  # reasons, of goals that have left the list
         self._cancelled_before = -math.inf  # goals sent until then were cancelled; in the order of the clock
 
     def report(self, reports: Iterable[GoalReport]) -> None:
@@ -109,7 +111,7 @@ class MotionServer:
         for report in reports:
             listed.add(report.id)
             if report.status not in LIVE:
-                self.goals.pop(report.id, None)
+                self._remove(report.id)
                 continue
             goal = self.goals.get(report.id) or self._add(report.id, report.stamp, report.earlier)
             goal.status = report.status
@@ -118,7 +120,7 @@ class MotionServer:
         for goal in list(self.goals.values()):
             unseen = goal.status is None and now - goal.seen_at <= KEEP_UNSEEN
             if goal.id not in listed and not unseen:
-                del self.goals[goal.id]
+                self._remove(goal.id)
 
     def goal_sent(self, goal_id: str, stamp: int) -> None:
         """A client has sent a goal, at `stamp` (ns of ROS time)."""
@@ -182,7 +184,20 @@ class MotionServer:
         late = stamp and order.place(stamp) <= self._cancelled_before
         if self._early_cancels.pop(goal_id, None) is not None or late:
             goal.mark_cancelled(self._clock.wall)
+        goal.refuse(self._refused.pop(goal_id, ""))
         return goal
+
+    def _remove(self, goal_id: str) -> None:
+        """Forgets a goal, but not that its motion was refused.
+
+        Where two servers share a name, the list of one does not have the goals of the other: a goal that
+        has left the list may be back with the next one.
+        """
+        goal = self.goals.pop(goal_id, None)
+        if goal is not None and goal.refused:
+            self._refused[goal_id] = goal.refused
+            if len(self._refused) > REFUSED:
+                self._refused.popitem(last=False)
 
 
 def _forget_unseen(goals: Dict[str, MotionGoal]) -> None:
