@@ -135,15 +135,32 @@ def test_what_a_function_makes_has_to_be_a_request(service: Service, made: Any, 
     assert state.reason.startswith(reason) and service.requests == []
 
 
-@pytest.mark.parametrize("error", [ValueError("no air"), GivenUp("no air")])
-def test_a_request_that_cannot_be_made_aborts_with_its_text(service: Service, error: Exception) -> None:
-    def request(_: Any) -> Any:
+ERRORS = [ValueError("no air"), GivenUp("no air")]
+
+
+def fails(error: Exception) -> Callable[..., Any]:
+    def function(*_: Any) -> Any:
         raise error
 
-    state = call(request=request)
+    return function
+
+
+@pytest.mark.parametrize("error", ERRORS)
+def test_a_request_that_cannot_be_made_aborts_with_its_text(service: Service, error: Exception) -> None:
+    state = call(request=fails(error))
     assert state.execute(UserData()) == ABORTED
     assert (state.reason, state.given_up) == ("no air", isinstance(error, GivenUp))
     assert service.requests == []
+
+
+@pytest.mark.parametrize("error", ERRORS)
+def test_what_came_and_cannot_be_used_aborts_with_the_text_of_its_function(
+    service: Service, monkeypatch: pytest.MonkeyPatch, error: Exception
+) -> None:
+    door(monkeypatch, Bool(True))
+    for state in (call(on_response=fails(error)), TopicState("door", Bool, fails(error))):
+        assert state.execute(UserData()) == ABORTED
+        assert (state.reason, state.given_up) == ("no air", isinstance(error, GivenUp))
 
 
 def test_a_preempt_does_not_wait_for_the_answer(service: Service) -> None:

@@ -187,6 +187,15 @@ def test_a_result_may_choose_the_outcome_after_success_only(server: Server) -> N
     assert drive.execute(userdata()) == ABORTED and seen == ["result"]
 
 
+def test_a_result_that_cannot_be_used_aborts_with_the_text_of_its_function(server: Server) -> None:
+    def refuse(_: Any, result: Any) -> str:
+        raise ValueError(f"{result} is not a place")
+
+    drive = state(on_result=refuse)
+    server.end = (GoalStatus.SUCCEEDED, "", "result")
+    assert drive.execute(userdata()) == ABORTED and drive.reason == "result is not a place"
+
+
 def test_an_answer_to_the_result_that_is_not_an_outcome_is_no_success(server: Server) -> None:
     machine = MerlinSM([SUCCEEDED, ABORTED, PREEMPTED])
     with machine:

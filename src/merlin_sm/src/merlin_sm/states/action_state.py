@@ -15,7 +15,7 @@ from merlin_ros.actions.client_goal import ClientGoal
 from merlin_ros.actions.hang_watch import hangs
 from merlin_ros.deadline import Deadline
 from merlin_sm.guard_watch import shared_guard_watch
-from merlin_sm.states.merlin_state import PREEMPTED, MerlinState, chosen
+from merlin_sm.states.merlin_state import PREEMPTED, SUCCEEDED, MerlinState
 from merlin_sm.states.ros_calls import check_message, check_name, check_times
 from merlin_sm.states.text_keys import check_keys
 
@@ -102,7 +102,7 @@ class ActionState(MerlinState):
     :param goal: the goal, or a function from userdata to the goal; raise ValueError to abort with its text,
         GivenUp when another try cannot help.
     :param on_result: called with userdata and the result after SUCCEEDED; returns an outcome, or None for
-        succeeded.
+        succeeded; raise ValueError to abort with its text, GivenUp when another try cannot help.
     :param outcomes: those that `on_result` may return.
     :param input_keys: userdata that `goal` reads.
     :param output_keys: userdata that `on_result` sets.
@@ -206,7 +206,7 @@ class ActionState(MerlinState):
 
     def _outcome(self, userdata: Any, sent: ClientGoal) -> str:
         if sent.status == GoalStatus.SUCCEEDED:
-            return chosen(self._on_result(userdata, sent.result) if self._on_result else None)
+            return self.choose(self._on_result, userdata, sent.result) if self._on_result else SUCCEEDED
         if self.preempt_requested() and sent.status != GoalStatus.LOST:
             # A foreign server may end a cancelled goal ABORTED; its text is kept, as it may name a fault.
             if sent.text and sent.status not in (GoalStatus.PREEMPTED, GoalStatus.RECALLED):

@@ -3,9 +3,7 @@
 
 from typing import Any, Callable, Optional, Sequence
 
-from merlin_planning.knowledge_client import KnowledgeError
-from merlin_ros.service_proxy import ServiceError
-from merlin_sm.states.merlin_state import MerlinState, chosen
+from merlin_sm.states.merlin_state import MerlinState
 from merlin_sm.states.text_keys import check_keys
 
 
@@ -34,7 +32,4 @@ class FunctionState(MerlinState):
 
     def run(self, userdata: Any) -> str:
         """Calls the function; its result is the outcome."""
-        try:
-            return chosen(self._function(userdata))
-        except (ValueError, KnowledgeError, ServiceError) as error:
-            return self.fail_for(error)
+        return self.choose(self._function, userdata)

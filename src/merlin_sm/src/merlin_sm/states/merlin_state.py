@@ -5,11 +5,14 @@ import threading
 from typing import Any, Callable, Iterator, Optional, Sequence
 
 import smach
+from merlin_planning.knowledge_client import KnowledgeError
+from merlin_ros.service_proxy import ServiceError
 from merlin_sm.userdata_keys import check_lists
 
 SUCCEEDED = "succeeded"
 ABORTED = "aborted"
 PREEMPTED = "preempted"
+FAILURES = (ValueError, KnowledgeError, ServiceError)  # with which a user's function aborts its state
 
 
 class GivenUp(ValueError):
@@ -87,6 +90,17 @@ class MerlinState(smach.State):
         """Fails with the text of an error; gives up for :class:`GivenUp`."""
         return self.give_up(str(error), error.about) if isinstance(error, GivenUp) else self.fail(str(error))
 
+    def choose(self, function: Callable[..., Optional[str]], *values: Any) -> str:
+        """The outcome that a user's function returns for `values`; None is succeeded, False and "" are not.
+
+        ValueError, and a knowledge base or service that refuses or does not answer, abort with their text.
+        """
+        try:
+            answer = function(*values)
+        except FAILURES as error:
+            return self.fail_for(error)
+        return SUCCEEDED if answer is None else answer
+
     def request_preempt(self) -> None:
         """Sets the flag and interrupts what the state waits for, in the caller's thread."""
         super().request_preempt()
@@ -105,11 +119,6 @@ class MerlinState(smach.State):
             self._interrupt = interrupt
         if interrupt is not None and self.preempt_requested():
             interrupt()
-
-
-def chosen(answer: Optional[str]) -> str:
-    """The outcome that a function of a user has returned; None is succeeded, False and "" are not."""
-    return SUCCEEDED if answer is None else answer
 
 
 def merlin_states(container: Any) -> Iterator[MerlinState]:

@@ -15,7 +15,7 @@ from merlin_ros.master.master_link import MasterSilent
 from merlin_ros.parameters import is_name
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
 from merlin_ros.work.threads import start_thread
-from merlin_sm.states.merlin_state import PREEMPTED, SUCCEEDED, MerlinState, chosen
+from merlin_sm.states.merlin_state import FAILURES, PREEMPTED, SUCCEEDED, MerlinState
 from merlin_sm.states.text_keys import check_keys
 
 
@@ -100,7 +100,8 @@ class ServiceCallState(MerlinState):
     :param service_class: the generated service type.
     :param request: the request, or a function from userdata to it; raise ValueError to abort with its text,
         GivenUp when another try cannot help. None: the default request.
-    :param on_response: called with userdata and the response; returns an outcome, or None for succeeded.
+    :param on_response: called with userdata and the response; returns an outcome, or None for succeeded;
+        raise ValueError to abort with its text, GivenUp when another try cannot help.
     :param outcomes: those that `on_response` may return.
     :param input_keys: userdata that `request` reads.
     :param output_keys: userdata that `on_response` sets.
@@ -162,7 +163,7 @@ class ServiceCallState(MerlinState):
         if isinstance(answers[0], Exception):
             raise answers[0]
         if self._on_response is not None:
-            return chosen(self._on_response(userdata, answers[0]))
+            return self.choose(self._on_response, userdata, answers[0])
         if getattr(answers[0], "success", True) is False:
             said = getattr(answers[0], "message", "")
             return self.fail(f"{self._proxy.name} did not succeed" + (f": {said}" if said else ""))
@@ -174,7 +175,8 @@ class TopicState(MerlinState):
 
     :param topic: its name.
     :param message_class: its type.
-    :param accept: a function from userdata and message to True (the message is the one), or an outcome.
+    :param accept: a function from userdata and message to True (the message is the one), or an outcome;
+        raise ValueError to abort with its text, GivenUp when another try cannot help.
     :param timeout: s of running time; None: as long as it takes.
     :param outcomes: those that `accept` may return.
     :param input_keys: userdata that `accept` reads.
@@ -229,6 +231,8 @@ class TopicState(MerlinState):
         ended.set()
         self.interruptible(None)
         subscriber.unregister()
+        if accepted and isinstance(accepted[0], FAILURES):
+            return self.fail_for(accepted[0])
         if accepted and isinstance(accepted[0], Exception):
             raise accepted[0]
         if accepted:
