@@ -133,6 +133,16 @@ def test_a_robot_that_does_not_turn_at_its_goal_gives_up(navigator):
     assert "Failed to find a valid control" in ended.text
 
 
+def test_a_robot_that_sways_where_it_stands_gives_up(navigator):
+    navigator.start(Pose(5.0, 5.0, 3.0), Pose(3.0, 5.0), 0.0)
+    steps = (
+        navigator.step(Pose(3.0, 5.0, 0.15 * math.sin(2.0 * now)), (0.0, 0.0), now)
+        for now in np.arange(0.05, 600.0, 0.05)
+    )
+    ended = next((step for step in steps if step.ended), None)
+    assert ended is not None and "does not get away" in ended.text
+
+
 def test_a_robot_that_stood_without_sensors_at_its_goal_turns_when_they_are_there_again(navigator):
     assert navigator.step(Pose(4.95, 5.0), (0.0, 0.0), 9.0).turn > 0.0
 

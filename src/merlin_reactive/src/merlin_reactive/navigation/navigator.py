@@ -6,7 +6,7 @@ Knows no ROS: the node feeds poses and scans in and sends the velocities that co
 
 import enum
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import List, Optional, Tuple
 
 import numpy as np
@@ -29,7 +29,8 @@ AHEAD = 2.0  # m of path that is watched for obstacles
 STOP_GAP = 0.25  # m before the place where an obstacle would be too close at which the robot waits
 STANDING = 0.02  # m/s and rad/s below which the robot counts as standing
 BIAS = 0.1  # m/s and rad/s that odometry may show at most while it stands
-TURNED = 0.1  # rad nearer to the heading of the goal that count as turning to it
+TURNED = 0.1  # rad, also nearer to the heading of the goal, that count as turning
+TURNS = math.ceil(2 * math.pi / TURNED)  # on the spot that count: a base that sways does not get away
 CREEP = 0.03  # m/s below which it rather stands
 HERE = 0.7  # m within which waiting continues and does not begin anew
 GIVE_WAY = 0.5  # m that it backs off for a person that waits for it
@@ -130,6 +131,7 @@ class Navigator:
         self._planned_at = -math.inf
         self._why = ""
         self._moved_at, self._moved_from = now, pose
+        self._turns = 0  # since it last changed its place
         self._recoveries = 0
         self._backing: Optional[Pose] = None  # where it began to back off
         self._backing_way, self._backing_since = 0.0, now
@@ -270,8 +272,11 @@ class Navigator:
     def _drive(self, pose: Pose, limit: float, now: float) -> DriveStep:
         assert self._follower is not None
         settings = self.settings
-        if pose.distance(self._moved_from) > 0.05 or abs(wrap(pose.yaw - self._moved_from.yaw)) > 0.1:
-            self._moved_at, self._moved_from = now, pose
+        if pose.distance(self._moved_from) > 0.05:
+            self._moved_at, self._moved_from, self._turns = now, pose, 0
+        elif abs(wrap(pose.yaw - self._moved_from.yaw)) > TURNED and self._turns < TURNS:
+            self._moved_at, self._moved_from = now, replace(self._moved_from, yaw=pose.yaw)
+            self._turns += 1
         if now - self._moved_at > settings.recover_after:
             self._recoveries += 1
             if self._recoveries > settings.recoveries:
