@@ -4,6 +4,8 @@
 import contextlib
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from merlin_reactive.listening.speech_recognizer import (
     GrammarError,
@@ -46,6 +48,10 @@ def test_a_grammar_that_can_be_used(rules: str) -> None:
         (HEADER + "\npublic <a> = <b>;", "line 2: it has no rule <b>, only <a>"),
         (HEADER + "public <a> = x; <a> = y;", "the rule <a> is defined twice"),
         (HEADER + "public <a> = * yes;", "'\\*' stands behind nothing"),
+        (HEADER + "public <a> = yes {t}*;", "'\\*' stands behind nothing"),
+        (HEADER + "public <a> =\n{t} yes;", "a tag stands behind nothing"),
+        (HEADER + "public <a> = /1/ /2/ yes;", "a weight stands before nothing"),
+        (HEADER + "public <a> = yes | no /2/;", "a weight stands before nothing"),
         (HEADER + "public <a = yes;", "expected '<rule> = …'"),
         (HEADER + "public <a> = <imported>;", "it has no rule <imported>, only <a>"),
         (HEADER + "public <a> = <b>; import <x.b>;", "expected '<rule> = …', found 'import <x.b>'"),
@@ -103,3 +109,19 @@ def test_the_check_takes_what_the_recogniser_of_merlin_takes(
     with contextlib.nullcontext() if fits else pytest.raises(ValueError):
         if unknown_words(check_grammar(grammar)):
             raise ValueError("a word is unknown")
+
+
+PARTS = ["yes", "no", "/1.5/", "{a tag}", "*", "+", "(", ")", "[", "]", "|", "<NULL>", "<b>", "/* or */"]
+
+
+@pytest.mark.skipif(not available(), reason="pip has no pocketsphinx for this Python and processor")
+@given(body=st.lists(st.sampled_from(PARTS), min_size=1, max_size=7).map(" ".join))
+def test_of_any_rule_the_check_says_what_the_recogniser_says(recognizer: SpeechRecognizer, body: str) -> None:
+    grammar = f"{HEADER}<b> = no; public <a> = {body};"
+    try:
+        recognizer.use(grammar)
+    except GrammarError:
+        with pytest.raises(ValueError, match="the grammar cannot be used, line 1: "):
+            check_grammar(grammar)
+    else:
+        check_grammar(grammar)

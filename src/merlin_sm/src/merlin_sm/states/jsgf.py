@@ -5,13 +5,13 @@ import re
 from typing import Dict, List, NoReturn
 
 _HEADER = re.compile(r"\s*#JSGF[^;]*;")
-#: Comments and tags, which may contain anything.
+#: Comments and tags, which may contain anything; what stays of a tag is {}.
 _ASIDE = re.compile(r"//[^\n]*|/\*.*?\*/|\{(?:\\.|[^\\}])*\}", re.DOTALL)
 _GRAMMAR = re.compile(r"\s*grammar\s+([\w.-]+)\s*")
 _IMPORT = re.compile(r"\s*import\s*<[\w.*-]+>\s*")
 _RULE = re.compile(r"\s*(public\s*)?(<[^<>\s]+>)\s*=(.*)", re.DOTALL)
 _TOKEN = re.compile(
-    r"\s*(?:(?P<ref><[^<>\s]+>)|/[\d.eE+-]+/|(?P<mark>[*+])"
+    r"\s*(?:(?P<ref><[^<>\s]+>)|(?P<weight>/(?:\d+\.?\d*|\.\d+)/)|(?P<mark>[*+])|(?P<tag>\{\})"
     r'|(?P<sign>[|()\[\]])|(?P<word>"[^"\n]+"|[^\s;=|*+<>()\[\]{}/#"]+))'
 )
 _CLOSES = {"(": ")", "[": "]"}
@@ -23,7 +23,9 @@ def check_grammar(text: str) -> List[str]:
     :raises ValueError: it is not JSGF, names a rule that it does not define, or has no public rule.
     """
     # What stays has the lines that it had.
-    plain = _ASIDE.sub(lambda match: "\n" * match.group().count("\n") or " ", text)
+    plain = _ASIDE.sub(
+        lambda found: ("{}" if found[0][0] == "{" else " ") + "\n" * found[0].count("\n"), text
+    )
     if not _HEADER.match(plain):
         raise ValueError("the grammar cannot be used, line 1: it has to begin with '#JSGF V1.0;'")
     *statements, rest = plain.split(";")
@@ -68,33 +70,41 @@ def check_grammar(text: str) -> List[str]:
 def _read(body: str, rule: str, line: int, words: List[str]) -> List[str]:
     """The rules that one names; its words are added."""
     used: List[str] = []
-    ends, at, empty = [""], 0, True
+    ends, at = [""], 0
+    last = ""  # what stands before: an item, the group of another token, or nothing in its alternative
     body = body.rstrip()
     while at < len(body):
         match = _TOKEN.match(body, at)
         if match is None:
             _refuse(line, f"{body[at:].strip()[:1]!r} cannot stand in the rule {rule}")
-        at, sign = match.end(), match.group("sign") or ""
+        at, sign, kind = match.end(), match.group("sign") or "", str(match.lastgroup)
+        if last == "weight" and (kind in ("weight", "mark", "tag") or sign in ("|", ")", "]")):
+            _refuse(line, f"a weight stands before nothing in the rule {rule}")
         if sign in ("|", ")", "]"):
-            if empty:
+            if not last:
                 _refuse(line, f"an alternative of the rule {rule} is empty")
             if sign != "|" and ends.pop() != sign:
                 _refuse(line, f"{sign!r} closes nothing in the rule {rule}")
-            empty = sign == "|"
+            last = "" if sign == "|" else "item"
         elif sign:
             ends.append(_CLOSES[sign])
-            empty = True
-        elif match.group("mark"):
-            if empty:
-                _refuse(line, f"{match.group('mark')!r} stands behind nothing in the rule {rule}")
-        elif match.group("ref") or match.group("word"):
-            used += [match.group("ref")] if match.group("ref") else []
-            words += [match.group("word")] if match.group("word") else []
-            empty = False
+            last = ""
+        elif kind in ("mark", "tag"):
+            if not last or (last, kind) == ("tag", "mark"):
+                what = repr(match.group("mark")) if kind == "mark" else "a tag"
+                _refuse(line, f"{what} stands behind nothing in the rule {rule}")
+            last = "item" if kind == "mark" else kind
+        elif kind == "weight":
+            last = kind
+        else:
+            (used if kind == "ref" else words).append(match.group(kind))
+            last = "item"
     if ends[-1]:
         _refuse(line, f"expected {ends[-1]!r} at the end of the rule {rule}")
-    if empty:
+    if not last:
         _refuse(line, f"an alternative of the rule {rule} is empty")
+    if last == "weight":
+        _refuse(line, f"a weight stands before nothing in the rule {rule}")
     return used
 
 
