@@ -142,8 +142,8 @@ class Findings:
             text = text_of(source)
             self.fits.update(dict.fromkeys(misspelt_supertypes(text, str(source))))
             domain = parse_domain(text, str(source))
-            unforeseen = [f"{source}: warning: {each}" for each in open_durations(domain, at_start=False)]
-            self.fits.update(dict.fromkeys(unforeseen))
+            unkept = [*open_durations(domain, at_start=False), *map(_timed, domain.timed_constraints)]
+            self.fits.update(dict.fromkeys(f"{source}: warning: {each}" for each in unkept))
             problem = Problem("", domain.name)
             if config.param(f"{name}/problem_path"):
                 file = config.file(f"{name}/problem_path")
@@ -153,6 +153,10 @@ class Findings:
                 self.fits.update(dict.fromkeys(warnings))
             self._tasks[name] = Task(domain, problem)
         return self._tasks[name]
+
+
+def _timed(constraint: str) -> str:
+    return f"{constraint}: a plan keeps its times as far as actions last as planned; the dispatch does not"
 
 
 def report(name: str, config: LaunchConfig, at_start: bool = False) -> int:

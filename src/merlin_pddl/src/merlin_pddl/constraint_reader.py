@@ -37,12 +37,14 @@ class ConstraintReader:
     :param domain: knows the predicates, functions and constants.
     :param formulas: reads the conditions.
     :ivar reads: what each constraint that was read depends on, as in :class:`Domain`.
+    :ivar timed: those with times, likewise.
     """
 
     def __init__(self, domain: Domain, formulas: FormulaReader) -> None:
         self._domain = domain
         self._formulas = formulas
         self.reads: List[FrozenSet[Key]] = []
+        self.timed: List[str] = []
 
     def read(self, node: Node) -> str:
         """The constraint as PDDL on one line.
@@ -84,6 +86,8 @@ class ConstraintReader:
             value = number_of(part)
             if value is None or value < 0:
                 raise part.error(f"'{node.head}' takes a time in s here")
+        if numbers:
+            self.timed.append(node.text())
         parts = [self._formulas.condition(part, scope) for part in node[1 + numbers :]]
         self.reads.append(frozenset(key for part in parts for key in self._keys(part, scope)))
 

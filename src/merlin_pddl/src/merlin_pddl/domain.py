@@ -78,6 +78,7 @@ class Domain:
     #: for each trajectory constraint the predicates and functions that it reads, with objects and variables
     #: of its `forall`; an empty argument, or one that is missing, stands for any object
     constraints: Tuple[FrozenSet[Key], ...] = ()
+    timed_constraints: Tuple[str, ...] = ()  # the texts of those with times, which only a plan keeps
     digest: str = ""  # of the file's content: shows whether stored knowledge belongs to this domain
 
     def constants_of(self, type_name: str, subtypes: bool = True) -> List[str]:

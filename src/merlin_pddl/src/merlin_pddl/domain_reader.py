@@ -132,6 +132,7 @@ class DomainReader:
                 for node in section[1:]:
                     constraints.read(node)
                 self._domain.constraints += tuple(constraints.reads)
+                self._domain.timed_constraints += tuple(constraints.timed)
         return self._domain
 
     def _types(self, section: Expression) -> None:

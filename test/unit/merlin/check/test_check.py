@@ -270,6 +270,21 @@ def test_an_effect_that_needs_an_open_duration_is_named(check: Any, tmp_path: Pa
     assert "cannot start: its effect on spent: ?duration is not known" in done.stderr
 
 
+def test_a_constraint_whose_times_the_dispatch_does_not_keep_is_named(check: Any, tmp_path: Path) -> None:
+    launch = Path(application(tmp_path, f"{NAVIGATE}, {ASK}", points="kitchen bathroom dorm_room main_door"))
+    home = Path(__file__).resolve().parents[4] / "pddl" / "home" / "domain.pddl"
+    domain = tmp_path / "domain.pddl"
+    within = "(forall (?p - place) (preference soon (within 600 (robot_at ?p))))"
+    constraints = f"(:constraints (and {within} (sometime (robot_at main_door))))"
+    domain.write_text(home.read_text().replace("(:functions", f"{constraints}\n(:functions", 1))
+    launch.write_text(launch.read_text().replace("$(find merlin)/pddl/home/domain.pddl", str(domain)))
+    said = [line for line in check(tmp_path, str(launch)).stdout.splitlines() if "warning" in line]
+    assert [line.split("warning: ")[1] for line in said] == [
+        "(within 600 (robot_at ?p)): a plan keeps its times as far as actions last as planned; the "
+        "dispatch does not"
+    ]
+
+
 def test_a_mission_that_does_not_make_its_base_is_named(check: Any, tmp_path: Path) -> None:
     launch = Path(application(tmp_path, f"{NAVIGATE}, {ASK}", points="kitchen bathroom dorm_room main_door"))
     node = '<node pkg="merlin_executor" type="mission" name="mission" args="mission:=KIND"/>'
