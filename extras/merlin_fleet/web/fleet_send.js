@@ -7,8 +7,8 @@ export function show(section, { store, control }) {
   const goal = el("input", { id: "goal", class: "code", spellcheck: "false", placeholder: "(checked kitchen)" });
   const names = el("datalist", { id: "robot-names" });
   const robot = el("input", { id: "for-robot", list: "robot-names" });
-  const groups = el("input", { id: "for-groups" });
-  const needs = el("input", { id: "for-needs" });
+  const groups = el("input", { id: "for-groups", placeholder: "ward, night" });
+  const needs = el("input", { id: "for-needs", placeholder: "arm, lamp" });
   const beginBy = el("input", { id: "begin-by", type: "number", min: "1", step: "any" });
   const value = el("input", { id: "value", type: "number", value: "0", step: "any" });
   const finish = el("input", { id: "finish", type: "checkbox", title: t("Its owner finishes it without the hub too") });

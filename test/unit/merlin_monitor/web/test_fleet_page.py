@@ -333,7 +333,7 @@ def test_only_for_listed_goals_it_is_looked_why_they_are_open(
 
 def test_operators_send_and_cancel(lab: Lab) -> None:
     lab.start()
-    fields = {"goal": " (done a) ", "groups": "ward, night", "needs": "arm", "value": 2, "begin_by": 60.0}
+    fields = {"goal": " (done a) ", "groups": "ward, night", "needs": "long arm,", "value": 2, "begin_by": 60.0}
     answer = ask(
         lab.server.address,
         "control/send",
@@ -347,7 +347,7 @@ def test_operators_send_and_cancel(lab: Lab) -> None:
     assert (goal.goals, goal.groups, goal.needs, goal.value) == (
         ("(done a)",),
         ("ward", "night"),
-        ("arm",),
+        ("long arm",),
         2.0,
     )
     assert goal.deadline == pytest.approx(goal.sent + 60.0)

@@ -96,7 +96,7 @@ def _text(fields: Dict[str, Any], name: str, longest: int = LONGEST_NAME) -> str
 
 
 def _words(fields: Dict[str, Any], name: str) -> Tuple[str, ...]:
-    return tuple(_text(fields, name).replace(",", " ").split())
+    return tuple(word for part in _text(fields, name).split(",") if (word := part.strip()))
 
 
 def _number(fields: Dict[str, Any], name: str) -> Optional[float]:
