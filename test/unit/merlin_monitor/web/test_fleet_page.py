@@ -333,7 +333,8 @@ def test_only_for_listed_goals_it_is_looked_why_they_are_open(
 
 def test_operators_send_and_cancel(lab: Lab) -> None:
     lab.start()
-    fields = {"goal": " (done a) ", "groups": "ward, night", "needs": "long arm,", "value": 2, "begin_by": 60.0}
+    fields = {"goal": " (done a) ", "groups": "ward, night", "needs": "long arm,"}
+    fields.update(value=2, begin_by=60.0)
     answer = ask(
         lab.server.address,
         "control/send",
