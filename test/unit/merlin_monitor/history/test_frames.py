@@ -253,6 +253,25 @@ def test_a_clock_that_went_back_takes_no_picture_from_a_run_that_is_kept(tmp_pat
     third.store.close()
 
 
+def test_robots_that_share_a_file_keep_their_part_of_it_and_their_own_pictures(tmp_path: Path) -> None:
+    robots = {name: Recorded(tmp_path, megabytes=0.1, session=f"master {name}") for name in ("/ann", "/bob")}
+    for name, recorded in robots.items():
+        recorded.store.add_picture("map", f"map of {name}", bytes(5_000))
+        recorded.tree.set("map", "version", f"map of {name}")
+    for number in range(25):
+        for recorded in robots.values():
+            recorded.tree.set("plan", "step", f"{[hash((number, each)) for each in range(500)]}")
+            recorded.tick += history_store.LONGEST_SEGMENT
+            recorded.frame()
+    for name, recorded in robots.items():
+        (run,) = recorded.store.runs().result(LONG)
+        assert history_store.LONGEST_SEGMENT < run["began"] < recorded.tick, "a part is kept"
+        state = state_at(recorded.store, run["run"], recorded.tick)
+        assert recorded.store.picture("map", state["map"]["version"]).result(LONG), name
+    for recorded in robots.values():
+        recorded.store.close()
+
+
 def test_a_lost_frame_makes_the_next_one_whole(tmp_path: Path) -> None:
     recorded = Recorded(tmp_path)
     recorded.frame()

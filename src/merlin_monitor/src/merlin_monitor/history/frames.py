@@ -13,7 +13,7 @@ import sqlite3
 import zlib
 from typing import Any, Dict, List, NamedTuple, Optional
 
-from merlin_monitor.history.history_file import OF_MONITOR
+from merlin_monitor.history.history_file import MONITOR, OF_MONITOR
 
 Row = Dict[str, Any]
 _FLUSHED = b"\x00\x00\xff\xff"  # ends each flush of zlib
@@ -165,15 +165,20 @@ class Recording:
             size -= freed
 
     def _prune_segment(self) -> int:
-        """Forgets the oldest segment; returns its bytes, 0: there is none."""
-        oldest = self._one("SELECT run, number, bytes FROM segments ORDER BY run, number LIMIT 1")
+        """Forgets the oldest segment of the monitor that has most; returns its bytes, 0: there is none."""
+        held = f"SELECT run, number, bytes, {MONITOR} AS monitor FROM segments LEFT JOIN runs ON run = id"
+        most = "SELECT monitor FROM held GROUP BY monitor ORDER BY SUM(bytes) DESC LIMIT 1"
+        oldest = self._one(
+            f"WITH held AS ({held}) SELECT run, number, bytes FROM held WHERE monitor IS ({most})"
+            " ORDER BY run, number LIMIT 1"
+        )
         if oldest is None:
             return 0
-        run, number, held = oldest
+        run, number, size = oldest
         ask = self._connection.execute
         ask("DELETE FROM frames WHERE run = ? AND segment = ?", (run, number))
         ask("DELETE FROM segments WHERE run = ? AND number = ?", (run, number))
-        return int(held)
+        return int(size)
 
     def _prune_pictures(self, wall: float) -> int:
         """Forgets the pictures that no kept frame can name; returns their bytes.

@@ -31,10 +31,10 @@ CREATE TABLE IF NOT EXISTS pictures (
   name TEXT NOT NULL, version TEXT NOT NULL, wall REAL NOT NULL, data BLOB NOT NULL,
   PRIMARY KEY (name, version));
 """
-#: Condition for the runs of a monitor, by its name as a node, and those of which the monitor is not known.
-OF_MONITOR = (
-    "+run IN (SELECT id FROM runs WHERE session = '' OR substr(session, instr(session, ' ') + 1) = {})"
-)
+#: The monitor of a run, by its name as a node; empty: it is not known.
+MONITOR = "substr(session, instr(session, ' ') + 1)"
+#: Condition for the runs of a monitor, and those of which the monitor is not known.
+OF_MONITOR = f"+run IN (SELECT id FROM runs WHERE session = '' OR {MONITOR} = {{}})"
 _LAST_RUN = """
 SELECT id, MAX(number), MAX(ended) FROM runs JOIN segments ON run = id
 WHERE session = ? GROUP BY id ORDER BY id DESC LIMIT 1;

@@ -163,8 +163,7 @@ class HistoryStore(HistoryReader):
         self.on_events: Callable[[List[Row]], None] = lambda events: None
         """Called with the events as they were stored, in the store's thread."""
         self._lost = 0
-        self._newest: Dict[str, Any] = {}  # name of a picture → its job
-        self._pictures_due = False  # whether these come once more, with the next whole frame
+        self._newest: Dict[str, Tuple[str, bytes]] = {}  # name of a picture → its version and data
         self._again_at = 0.0  # monotonic, s
         self._written = PRUNE_EVERY  # many short runs are looked at too
         self._frames: Optional[Frames] = None
@@ -263,9 +262,8 @@ class HistoryStore(HistoryReader):
 
     def add_picture(self, name: str, version: str, data: bytes) -> None:
         """Takes a picture; the next frame may name it."""
-        key = name, version, self.now()
-        self._newest[name] = key, data
-        self._put(key, data)
+        self._newest[name] = version, data
+        self._put((name, version), data)
 
     def _put(self, key: Any, job: Any) -> None:
         try:
@@ -321,27 +319,26 @@ class HistoryStore(HistoryReader):
 
     def _begin_anew(self) -> None:
         """Something is lost: the next frame is whole, and comes with the newest pictures."""
-        self._pictures_due = True
         if self._frames is not None:
             self._frames.begin_segment()
 
     def _store(self, jobs: List[Any]) -> List[Row]:
         stored: List[Row] = []
-        again = self._pictures_due and any(isinstance(job, Frame) and not job.number for _, job in jobs)
         with self._connection:
-            for key, job in [*jobs, *self._newest.values()] if again else jobs:
+            for key, job in jobs:
                 if isinstance(job, Frame):
                     self._recording.add(self.run, job, self._bytes)
+                    # It names them: kept with its time, they are not older than what is kept of this run.
+                    for name, picture in () if job.number else list(self._newest.items()):
+                        self._recording.put_picture(name, picture[0], job.wall, picture[1])
                 elif isinstance(job, bytes):
-                    name, version, wall = key
-                    self._recording.put_picture(name, version, wall, job)
+                    self._recording.put_picture(*key, self.now(), job)
                 else:
                     stored.append(self._log.add(self.run, key, job))
             self._written += len(stored)
             if self._written >= PRUNE_EVERY:
                 self._written = 0
                 self._log.prune(self._limit)
-        self._pictures_due = self._pictures_due and not again
         return stored
 
     def _use(self, connection: sqlite3.Connection) -> None:
