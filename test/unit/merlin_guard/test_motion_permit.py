@@ -121,6 +121,21 @@ def test_a_halt_outlasts_a_status_list_of_a_second_server_of_that_name():
     assert world.status(("a", PREEMPTED)) and world.status(("b", ACTIVE)) and world.drive()
 
 
+def test_a_cancel_and_a_halt_count_while_two_servers_share_a_name():
+    world = World()
+    world.status(*DRIVING)
+    world.cancel("a")
+    for _ in range(20):  # the list of one does not have the goal of the other
+        world.after(0.05, [], commands=False)
+        world.after(0.05, [("a", PREEMPTING)])
+    assert not world.drive() and "cancelled and still runs" in world.reason and "a" in world.cancels
+    world.status(("b", ACTIVE))
+    world.status()
+    world.permit.halt("halted", world.now)
+    world.status(("b", ACTIVE))
+    assert not world.drive() and "halted" in world.reason
+
+
 def test_a_suspended_lease_holds_and_resumes():
     world = driving()
     assert world.lease([], ["a"]).send is Send.ZERO

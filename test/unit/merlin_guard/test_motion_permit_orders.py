@@ -30,6 +30,7 @@ class RandomOrders(RuleBasedStateMachine):
         self.clock = 0.0  # what the guard counts
         self.stopped = False
         self.moving = False
+        self.fresh = 0  # goals that no other one shares its id with
 
     def note(self, decision, command=None):
         if decision.send is Send.COMMAND:
@@ -162,7 +163,8 @@ class RandomOrders(RuleBasedStateMachine):
         self.release()
         self.status(BASE, {})
         self.status(DOCK, {})
-        fresh = f"fresh {self.now} {id(object())}"
+        self.fresh += 1
+        fresh = f"fresh {self.fresh}"
         self.lease(BASE, "/z", "1", {fresh}, set())
         self.status(BASE, {fresh: ACTIVE})
         decision = self.permit.command(True, self.now)

@@ -284,8 +284,8 @@ class MotionPermit:
         return "no lease names it (require_lease)" if self.settings.require_lease else ""
 
     def _refuse_all(self, reason: str) -> None:
-        for _, goal in self._goals():
-            goal.refuse(reason)
+        for server in self._servers.values():
+            server.refuse_all(reason)
 
     def _due_cancels(self) -> List[GoalCancel]:
         now = self._clock.wall

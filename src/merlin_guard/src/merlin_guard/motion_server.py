@@ -18,7 +18,7 @@ KEEP_UNSEEN = 5.0  # s for which a goal may be missing from the status list afte
 KEEP_CANCEL = 60.0  # s for which a cancel waits for the goal that it overtook
 UNSEEN = 1000  # goals that no status list has named; then the oldest is forgotten until one does
 EARLY_CANCELS = 1000  # that wait at most; then the oldest is forgotten
-REFUSED = 1000  # goals that have left the status list and stay refused, at most; then the oldest is forgotten
+LEFT = 1000  # goals that have left the status list and are remembered, at most; then the oldest is forgotten
 
 
 class GoalReport(NamedTuple):
@@ -100,7 +100,7 @@ class MotionServer:
         self._heard_wall: Optional[float] = None
         self._heard_world = 0.0
         self._early_cancels: OrderedDict[str, float] = OrderedDict()
-        self._refused: OrderedDict[str, str] = OrderedDict()  # reasons, of goals that have left the list
+        self._left: OrderedDict[str, MotionGoal] = OrderedDict()  # the list, and may be back
         self._cancelled_before = -math.inf  # goals sent until then were cancelled; in the order of the clock
 
     def report(self, reports: Iterable[GoalReport]) -> None:
@@ -111,7 +111,7 @@ class MotionServer:
         for report in reports:
             listed.add(report.id)
             if report.status not in LIVE:
-                self._remove(report.id)
+                self._remove(report.id, ended=True)
                 continue
             goal = self.goals.get(report.id) or self._add(report.id, report.stamp, report.earlier)
             goal.status = report.status
@@ -148,6 +148,11 @@ class MotionServer:
         while self._early_cancels and now - next(iter(self._early_cancels.values())) > KEEP_CANCEL:
             self._early_cancels.popitem(last=False)
 
+    def refuse_all(self, reason: str) -> None:
+        """Refuses the motion of all goals there are, for good; also of those that may be back."""
+        for goal in (*self.goals.values(), *self._left.values()):
+            goal.refuse(reason)
+
     @property
     def gone(self) -> bool:
         """Whether it has been silent for so long that it counts as dead; it may come back with its goals."""
@@ -180,24 +185,25 @@ class MotionServer:
     def _add(self, goal_id: str, stamp: int, earlier: bool) -> MotionGoal:
         order = self._clock.order
         sent = order.sent(stamp) if stamp else math.inf
-        goal = self.goals[goal_id] = MotionGoal(goal_id, sent, self._clock.wall, earlier)
+        goal = self._left.pop(goal_id, None) or MotionGoal(goal_id, sent, self._clock.wall, earlier)
+        self.goals[goal_id] = goal
         late = stamp and order.place(stamp) <= self._cancelled_before
         if self._early_cancels.pop(goal_id, None) is not None or late:
             goal.mark_cancelled(self._clock.wall)
-        goal.refuse(self._refused.pop(goal_id, ""))
         return goal
 
-    def _remove(self, goal_id: str) -> None:
-        """Forgets a goal, but not that its motion was refused.
+    def _remove(self, goal_id: str, ended: bool = False) -> None:
+        """Takes a goal out, but does not forget when it was cancelled, nor that its motion was refused.
 
         Where two servers share a name, the list of one does not have the goals of the other: a goal that
         has left the list may be back with the next one.
         """
         goal = self.goals.pop(goal_id, None)
-        if goal is not None and goal.refused:
-            self._refused[goal_id] = goal.refused
-            if len(self._refused) > REFUSED:
-                self._refused.popitem(last=False)
+        if goal is not None and (goal.refused or not ended):
+            goal.status = None
+            self._left[goal_id] = goal
+            if len(self._left) > LEFT:
+                self._left.popitem(last=False)
 
 
 def _forget_unseen(goals: Dict[str, MotionGoal]) -> None:
