@@ -51,8 +51,8 @@ class GoalLeases:
         if change.state is not LeaseState.LOST or change.released or self._over:
             return
         # A client that was restarted may want the same goal again.
-        wanted = {to_pddl(item) for lease in self._watch.beside(change.goal) for item in self._goals(lease)}
-        lost = [item for item in self._goals(change.goal) if to_pddl(item) not in wanted]
+        wanted = {_key(item) for lease in self._watch.beside(change.goal) for item in self._goals(lease)}
+        lost = [item for item in self._goals(change.goal) if _key(item) not in wanted]
         try:
             with self._store.transaction(self._scope) as transaction:
                 for item in lost:
@@ -82,3 +82,8 @@ class GoalLeases:
         except PDDLSyntaxError as error:
             rospy.logwarn("%s: a lease of goals cannot be read: %s", self._scope, error)
             return []
+
+
+def _key(goal: KnowledgeItem) -> str:
+    """The goal for comparison: names do not depend on case."""
+    return to_pddl(goal).lower()
