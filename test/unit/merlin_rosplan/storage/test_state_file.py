@@ -197,6 +197,20 @@ def test_full_disk_takes_nothing_new_but_what_runs_comes_to_its_end(disk):
 
 
 @pytest.mark.everywhere
+def test_full_disk_lets_everything_be_taken_away(disk):
+    path = disk.folder / "state.sqlite"
+    store = open_store(path)
+    store.load_problem(parse_problem(PROBLEM, DOMAIN))
+    disk.fill()
+    with store.transaction() as change:
+        change.clear()
+    store.close()
+    again = open_store(path)
+    assert again.instances() == [] and again.goals() == []
+    again.close()
+
+
+@pytest.mark.everywhere
 def test_where_no_reserve_can_be_made_changes_are_taken(path):
     (path.parent / f"{path.name}.reserve").mkdir(parents=True)  # as one that belongs to another user
     store = open_store(path)

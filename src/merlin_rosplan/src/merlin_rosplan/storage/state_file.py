@@ -261,9 +261,8 @@ class StateFile(Journal):
 
 def _ends_something(steps: Sequence[Step]) -> bool:
     """Whether a transaction closes an execution, or only takes away."""
-    return all(after is None for *_, after in steps) or any(
-        table.kind == "execution" and after is not None and after.data.get("ended")
-        for table, _, _, after in steps
+    return not any(after for *_, after in steps) or any(
+        table.kind == "execution" and after and after.data.get("ended") for table, _, _, after in steps
     )
 
 
