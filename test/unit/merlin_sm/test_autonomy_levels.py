@@ -1,9 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Outcomes above the autonomy level wait until operators confirm them or force others; a cancel wins."""
 
+import threading
+
 import pytest
 from outcome_world import Work, World
 
+import smach
 from merlin_sm.holding.outcomes import Outcomes
 from merlin_sm.holding.state_holds import GRACE, StateHolds
 from merlin_sm.holding.state_hook import hook_states
@@ -112,6 +115,67 @@ def test_a_cancel_ends_the_wait_and_the_outcome_is_not_taken(high, wished):
     high.outcomes.set_level("full")
     high.begin()
     assert high.end() == "succeeded"
+
+
+class Twice:
+    """A machine whose state TRY is run, left by LOOK, and run again; its outcome requires `high`."""
+
+    def __init__(self, cancel):
+        self.tried, self.changed = [], threading.Condition()
+        self.holds = StateHolds()
+        self.holds.on_change = self.notify
+        self.outcomes = Outcomes(self.holds)
+        self.outcomes.set_level("off")
+        self.machine = MerlinSM(["again"])
+        self.state = smach.CBState(self.run, outcomes=["again", "preempted"])
+        look = smach.CBState(lambda _: cancel(self.state) or "go", outcomes=["go"])
+        with self.machine:
+            self.machine.add("TRY", self.state, {"preempted": "LOOK"}, autonomy={"again": "high"})
+            self.machine.add("LOOK", look, {"go": "TRY"})
+        hook_states(self.machine, "DO", self.outcomes)
+        self.ended = False
+        self.thread = threading.Thread(target=self.live, daemon=True)
+
+    def live(self):
+        self.machine.execute()
+        self.ended = True
+        self.notify()
+
+    def run(self, userdata):
+        self.tried.append(len(self.tried))
+        return "again"
+
+    def notify(self):
+        with self.changed:
+            self.changed.notify_all()
+
+    def wait(self, waits):
+        with self.changed:
+            assert self.changed.wait_for(waits, LONG)
+
+    def ends_when_confirmed(self):
+        self.wait(lambda: self.holds.unconfirmed or self.ended)
+        assert self.holds.unconfirmed == [("DO/TRY", "again")]
+        self.outcomes.leave("DO/TRY", "", "Ana")
+        self.thread.join(LONG)
+        assert not self.thread.is_alive() and len(self.tried) == 1
+
+
+def test_after_a_cancel_before_it_was_entered_an_outcome_of_the_next_entry_waits():
+    twice = Twice(lambda state: None)
+    twice.holds.set(["DO/TRY"])
+    twice.thread.start()
+    twice.wait(lambda: twice.holds.waiting == ["DO/TRY"])
+    twice.holds.set([])
+    twice.machine.request_preempt()
+    twice.ends_when_confirmed()
+
+
+def test_after_a_cancel_that_came_too_late_an_outcome_of_the_next_entry_waits():
+    twice = Twice(lambda state: state.request_preempt())
+    twice.machine.set_initial_state(["LOOK"])
+    twice.thread.start()
+    twice.ends_when_confirmed()
 
 
 def test_without_a_console_it_is_left_as_it_ended_and_the_level_is_the_usual_one(high):

@@ -113,16 +113,15 @@ class Outcomes:
         with self._lock:
             self._controls.setdefault(labels, weakref.WeakSet()).add(control)
 
-    def begin(self, controls: List[StateControl]) -> None:
-        """A run of a machine begins: what came too late for the last one is forgotten."""
-        with self._lock:
-            for control in controls:
-                control.cancelled = False
-
     def cancel(self, control: StateControl) -> None:
-        """A state is preempted by its machine; called before the state is preempted."""
+        """A state is preempted by its machine; called before the state is preempted.
+
+        One that is outside counts by its flag: it has just been left, or comes next.
+        """
         with self._lock:
             control.cancelled = control.marked = True
+            if control.stage == OUT:  # its run takes no lock to end
+                control.cancelled = False
 
     def crashed(self, control: StateControl) -> None:
         """A state has raised an exception."""
@@ -153,7 +152,8 @@ class Outcomes:
             _note(control.state, wish)
             return wish.outcome
         if preempted() and _ends_unentered(control.state):
-            control.stage = OUT
+            with self._lock:
+                self._end(control)
             control.state.service_preempt()
             return PREEMPTED
         return None

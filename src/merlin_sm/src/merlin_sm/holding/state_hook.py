@@ -27,13 +27,8 @@ def hook_states(machine: smach.Container, name: str, outcomes: Outcomes) -> None
         outcomes.add(control)
         _hook_state(control, outcomes)
     holds.declare(name, [control.path for control in controls])
-
-    def begin(*_: Any) -> None:
-        outcomes.begin(controls)
-        holds.end_step(one)
-
-    machine.register_start_cb(begin)
-    machine.register_termination_cb(lambda *_: holds.end_step(one))
+    for register in (machine.register_start_cb, machine.register_termination_cb):
+        register(lambda *_: holds.end_step(one))
 
 
 def _controls(container: Any, path: str, one: Machine, within: Sequence[Any]) -> List[StateControl]:
