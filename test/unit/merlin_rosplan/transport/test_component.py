@@ -71,6 +71,16 @@ def test_the_services_of_a_component_come_together_when_it_is_complete(master: A
     assert not services(master)
 
 
+@pytest.mark.parametrize("given", [float("inf"), float("nan"), True, "1"])
+def test_what_is_not_a_finite_number_is_refused(master: Any, given: Any) -> None:
+    for name, value in {**PARAMS, "small": given}.items():
+        master.api.setParam("/test", f"/part/{name}", value)
+    master.api.setParam("/test", "/elsewhere", 4)
+    node = master.node(COMPONENT)
+    assert node.ended() == 2
+    assert f"the parameter /part/small is {given!r}, expected a finite number" in node.output
+
+
 @pytest.mark.parametrize("given, code", [("false", 2), ([], 2), (0, 0), (False, 0)])
 def test_a_text_is_neither_true_nor_false(master: Any, given: Any, code: int) -> None:
     for name, value in {**PARAMS, "sure": given}.items():
@@ -90,6 +100,30 @@ def test_a_component_that_cannot_start_announces_nothing(master: Any) -> None:
     node.ended()
     assert "RuntimeError: no" in node.output
     assert not services(master)
+
+
+ENDING = """
+from merlin_rosplan.transport.component import Component, run_components
+
+class Part(Component):
+    def on_shutdown(self):
+        print("ends", self.scope, flush=True)
+        raise OSError("no space")
+
+def make(_):
+    for scope in ("older", "younger"):
+        Part(scope)
+    print("made", flush=True)
+
+raise SystemExit(run_components("parts", make))
+"""
+
+
+def test_a_component_that_fails_at_its_end_keeps_no_other_from_ending(master: Any) -> None:
+    node = master.node(ENDING)
+    node.expect("made")
+    node.end()
+    assert "ends /younger" in node.output and "ends /older" in node.output
 
 
 TOGETHER = """

@@ -7,6 +7,7 @@ when the scope is the node's own name, and unchanged ones when several component
 """
 
 import gc
+import math
 import threading
 from typing import Any, Callable, ClassVar, Dict, List, Optional, Type
 
@@ -17,6 +18,7 @@ from merlin_ros.lean_start import importing
 from merlin_ros.master.announcing import announced_together
 from merlin_ros.node import keep_params, run_node
 from merlin_ros.ports.service_server import Service
+from merlin_ros.work.threads import log_failure
 from merlin_rosplan.transport.direct_service import offer
 
 #: Scope of the knowledge base where nothing else is said.
@@ -100,14 +102,15 @@ class Component(metaclass=_ComponentType):
             return default
 
     def number(self, name: str, default: float, minimum: float = float("-inf")) -> float:
-        """A parameter that must be a number of at least `minimum`.
+        """A parameter that must be a finite number of at least `minimum`.
 
-        :raises ComponentError: it is not a number, or too small.
+        :raises ComponentError: it is not a number, not finite, or too small.
         """
         value = self.param(name, default)
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not value >= minimum:
+        is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
+        if not is_number or not math.isfinite(value) or value < minimum:
             raise ComponentError(
-                f"the parameter {self.resolve(name)} is {value!r}, expected a number"
+                f"the parameter {self.resolve(name)} is {value!r}, expected a finite number"
                 + (f" of at least {minimum:g}" if minimum > float("-inf") else "")
             )
         return float(value)
@@ -230,11 +233,14 @@ class Component(metaclass=_ComponentType):
 
     @staticmethod
     def shutdown_all() -> None:
-        """Ends every component of this process, the youngest first."""
+        """Ends every component of this process, the youngest first; one that fails keeps no other one."""
         with Component._running_lock:
             running = list(Component._running.values())
         for component in reversed(running):
-            component.shutdown()
+            try:
+                component.shutdown()
+            except Exception:
+                log_failure(component.scope)
 
 
 def run_components(node_name: str, make: Callable[[str], Any]) -> int:
