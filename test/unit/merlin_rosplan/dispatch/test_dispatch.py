@@ -284,10 +284,14 @@ def test_a_cancelled_action_that_succeeds_is_the_last_one(world):
     assert ("action", 1) not in world.published
 
 
-def test_who_does_not_answer_a_cancel_is_named(world):
+@pytest.mark.parametrize("said", [[], [FeedbackStatus.FAILED], [FeedbackStatus.SUCCEEDED]])
+def test_who_does_not_answer_a_cancel_is_named(world, said):
     run = Run(world, SequentialSchedule(actions("work")), cancel=0.05)
     world.wait("action", 0)
     run.dispatch.cancel()
+    world.wait("cancel", 0)
+    for status in said:  # latched since an earlier run
+        run.feedback(0, status, 0)
     report = run.report()
     assert [a.id for a in report.unanswered] == [
         0

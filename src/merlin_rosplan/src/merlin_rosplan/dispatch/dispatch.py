@@ -161,13 +161,11 @@ class PlanDispatch:
 
     def _take_in(self, patience: float) -> None:
         """Waits for an event, and takes all events that have arrived."""
-        try:
+        with contextlib.suppress(queue.Empty):
             wait = None if math.isinf(patience) else max(patience, 0.001)
             self._taken_in.append(self._events.get(timeout=wait))
             while True:
                 self._taken_in.append(self._events.get_nowait())
-        except queue.Empty:
-            pass
 
     def _patience(self) -> float:
         """Seconds until one of the running actions may have to be given up."""
@@ -314,18 +312,14 @@ class PlanDispatch:
                 self._check_interface(record)
 
     def _feedback(self, feedback: Feedback) -> None:
-        record = self._running.get(feedback.action_id)
-        if record is None or feedback.plan_id not in (0, self.plan_id):
-            return  # of an earlier run, or a repeated answer
-        status = feedback.status
+        record, status = self._meant(feedback), feedback.status
+        if record is None:
+            return
         if record.leaving is not None:
             self._unpublished = True
             if status == FeedbackStatus.FAILED and feedback.unstopped:
                 self._fail(f"{record.action} was cancelled and did not stop", record.action)
             return self._answer(feedback)
-        final = status in (FeedbackStatus.SUCCEEDED, FeedbackStatus.FAILED)
-        if final and not record.taken and feedback.plan_id != self.plan_id:
-            return  # latched since an earlier run: interfaces report that they have taken an action first
         if status == FeedbackStatus.SUCCEEDED:
             if record.is_affected(self._changes):  # while it still ran
                 self._check_over_all([record])
@@ -347,6 +341,16 @@ class PlanDispatch:
             if record.applied is None:
                 record.applied = self._environment.deadline(self._limits.settle)
             record.take(self._environment, self._limits.liveness)
+
+    def _meant(self, feedback: Feedback) -> Optional[Running]:
+        """The action that it is about; None: it is of an earlier run, or repeated."""
+        record = self._running.get(feedback.action_id)
+        if record is None or feedback.plan_id not in (0, self.plan_id):
+            return None
+        final = feedback.status in (FeedbackStatus.SUCCEEDED, FeedbackStatus.FAILED)
+        if final and not record.taken and feedback.plan_id != self.plan_id:
+            return None  # latched since an earlier run: interfaces first say that they have taken an action
+        return record
 
     # --- another plan -------------------------------------------------------------------------------
 
@@ -472,8 +476,8 @@ class PlanDispatch:
             feedback.carry_out(lambda _: "the plan ends, or has ended")
         if not isinstance(feedback, Feedback):
             return
-        record = self._running.get(feedback.action_id)
-        if record is None or feedback.plan_id not in (0, self.plan_id):
+        record = self._meant(feedback)
+        if record is None:
             return
         if feedback.status == FeedbackStatus.SUCCEEDED and record.leaving is None:
             self._done += 1
