@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What other nodes change in a knowledge base: a client that keeps facts there writes them again."""
+"""What is changed in a knowledge base: a client that keeps facts there writes them again."""
 
 from typing import Any, Callable, Optional, Set
 
@@ -15,11 +15,15 @@ class ForeignChanges:
 
     :param knowledge_base: its global name.
     :param changed: called with each change that another node has made; None: everything may have changed, as
-        the knowledge base was cleared or has begun anew. Must not block.
+        the knowledge base was cleared or has begun anew, or was out of reach. Must not block.
+    :param own: those that this node has made count too.
     """
 
-    def __init__(self, knowledge_base: str, changed: Callable[[Optional[KnowledgeChanges]], None]) -> None:
+    def __init__(
+        self, knowledge_base: str, changed: Callable[[Optional[KnowledgeChanges]], None], own: bool = False
+    ) -> None:
         self._changed = changed
+        self._ignored = "" if own else rospy.get_name()
         self._sockets: Set[Any] = set()  # of the connections at the last look
         self._subscriber = rospy.Subscriber(
             f"{knowledge_base}/changes", KnowledgeChanges, self._receive, tcp_nodelay=True
@@ -37,7 +41,7 @@ class ForeignChanges:
         self._subscriber.unregister()
 
     def _receive(self, message: KnowledgeChanges) -> None:
-        if message.client != rospy.get_name():
+        if message.client != self._ignored or not self._ignored:
             self._changed(None if message.cleared else message)
 
     def _look(self) -> None:

@@ -28,6 +28,7 @@ from rosplan_knowledge_msgs.msg import DomainFormula, KnowledgeItem, StatusUpdat
 from merlin_pddl.breakpoints import Breakpoints
 from merlin_planning.action_messages import OWN_MARK
 from merlin_planning.dispatch_progress import CANCEL_ACTION
+from merlin_planning.foreign_changes import ForeignChanges
 from merlin_planning.robot_roster import RobotRoster
 from merlin_ros.actions.lease_holder import LeaseHolder
 from merlin_ros.actions.peers import address_over, reaches, sender_of
@@ -345,7 +346,7 @@ class KnowledgeEvents:
         if store is not None:
             store.listen(self._changed)
             return
-        self._changes = component.subscriber(f"{name}/changes", KnowledgeChanges, self._receive_changes)
+        self._changes = component.own(ForeignChanges(name, self._receive_changes, own=True))
         component.subscriber(f"{name}/status/update", StatusUpdate, self._receive_update)
 
     def _changed(self, change: "StateChange") -> None:
@@ -356,18 +357,20 @@ class KnowledgeEvents:
         facts.update((row.key, not row.negative) for row in change.added if isinstance(row, Fact))
         self._tell(change.cleared, ("" if isinstance(row, Instance) else row.name for row in rows), facts)
 
-    def _receive_changes(self, message: KnowledgeChanges) -> None:
+    def _receive_changes(self, message: Optional[KnowledgeChanges]) -> None:
+        if message is None:
+            self._put(KnowledgeChanged())
+            return
         items = (*message.added, *message.removed, *message.changed)
         facts = {_key(item): False for item in message.removed if item.knowledge_type == item.FACT}
         facts.update(
             (_key(item), not item.is_negative) for item in message.added if item.knowledge_type == item.FACT
         )
-        self._tell(message.cleared, (item.attribute_name for item in items), facts)
+        self._tell(False, (item.attribute_name for item in items), facts)
 
     def _receive_update(self, _: StatusUpdate) -> None:
         # A knowledge base that publishes the changes themselves says there what they were.
-        connected = self._changes.get_num_connections() > 0
-        self._put(KnowledgeChanged(frozenset() if connected else None))
+        self._put(KnowledgeChanged(frozenset() if self._changes.connected else None))
 
     def _tell(self, cleared: Any, names: Iterable[str], facts: Dict[Tuple[str, ...], bool]) -> None:
         changed = None if cleared else frozenset(name.lower() for name in names)
