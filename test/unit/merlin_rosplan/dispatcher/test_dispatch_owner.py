@@ -23,6 +23,7 @@ from merlin_ros.actions.ownership import ownership
 from merlin_ros.alarms import Alarm, wait_ticks
 from merlin_ros.deadline import Deadline
 from merlin_rosplan.dispatch.dispatch import DispatchReport, DispatchState
+from merlin_rosplan.dispatch.dispatch_environment import Event, KnowledgeChanged
 from merlin_rosplan.dispatch.dispatch_schedule import Schedule
 from merlin_rosplan.dispatcher import plan_dispatcher
 from merlin_rosplan.dispatcher.simple_and_esterel import SimplePlanDispatcher
@@ -44,12 +45,16 @@ class Dispatch:
         self._lasts = lasts
         self._report = DispatchReport(DispatchState.SUCCEEDED, "")
         self.reasons: List[str] = []
+        self.events: List[Event] = []
         self.suspended, self.resumed, self.ended = threading.Event(), threading.Event(), threading.Event()
 
     def cancel(self, reason: str) -> None:
         self.reasons.append(reason)
         self._report = DispatchReport(DispatchState.CANCELLED, reason)
         self.ended.set()
+
+    def put(self, event: Event) -> None:
+        self.events.append(event)
 
     def suspend(self, suspended: bool) -> None:
         (self.suspended if suspended else self.resumed).set()
@@ -263,6 +268,17 @@ def test_a_watch_begins_with_what_has_changed_since_the_dispatch_before(
                 bench.topics.send("/rosplan_knowledge_base/changes", change)
             assert bench.dispatch().success
     assert begun_with == [{"open"}, None, set()], "None: any may have"
+
+
+def test_what_changes_while_a_dispatch_is_made_reaches_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    def watch(*_: Any) -> None:
+        opened = KnowledgeChanges(added=[KnowledgeItem(attribute_name="open")])
+        bench.topics.send("/rosplan_knowledge_base/changes", opened)
+
+    monkeypatch.setattr("merlin_rosplan.rest.rest_watch.PlanWatch", watch)
+    with contextlib.closing(Bench(monkeypatch, watch_rest=True)) as bench:
+        assert bench.dispatch().success
+        assert bench.next().events == [KnowledgeChanged(frozenset({"open"}))]
 
 
 # --- whose turn it is -----------------------------------------------------------------------------------

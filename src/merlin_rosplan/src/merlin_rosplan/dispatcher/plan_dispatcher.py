@@ -415,6 +415,9 @@ class PlanDispatcher(Component):
         )
         with self._state:
             turn.dispatch = dispatch
+            missed, self._missed = self._missed, frozenset()
+        if missed != frozenset():  # while it was made
+            dispatch.put(KnowledgeChanged(missed))
         if self.closed or turn.ends:  # a cancel before this point found no dispatch to stop
             dispatch.cancel("cancelled before it began")
         if goal is not None:
