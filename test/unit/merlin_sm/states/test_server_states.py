@@ -10,6 +10,7 @@ from actionlib_msgs.msg import GoalStatus
 from fakes.action_server import Server, userdata
 from geometry_msgs.msg import PoseStamped
 from merlin_msgs.msg import GuardStatus, ListenResult
+from std_msgs.msg import Header
 
 from merlin_ros.actions import hang_watch
 from merlin_ros.actions.hang_watch import HUNG, HangWatch
@@ -17,6 +18,7 @@ from merlin_ros.master.master_link import MasterSilent
 from merlin_sm.merlin_sm import MerlinSM
 from merlin_sm.states import action_state, navigation
 from merlin_sm.states.action_state import ActionState
+from merlin_sm.states.knowledge import KnowledgeState
 from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, SUCCEEDED, GivenUp, MerlinState
 from merlin_sm.states.navigation import NavigationState
 from merlin_sm.states.speech import MISUNDERSTOOD, ListenState, SpeakState
@@ -334,6 +336,28 @@ def test_names_of_pddl_are_spoken_with_blanks(server: Server) -> None:
     assert (said.arg, said.arg2, said.volume) == ("Is table 4 free?", "en", 0.5)
     assert SpeakState().execute(userdata(text="snake_case stays")) == SUCCEEDED
     assert server.goals[1].sound_request.arg == "snake_case stays"
+
+
+def test_a_text_may_name_fields_and_forms_of_what_it_says(server: Server) -> None:
+    speak = SpeakState("{pose.header.frame_id}, {left:.1f} m")
+    pose = PoseStamped(header=Header(frame_id="base_link"))
+    assert speak.execute(userdata(pose=pose, left=2.04)) == SUCCEEDED
+    assert server.goals[0].sound_request.arg == "base link, 2.0 m"
+
+
+@pytest.mark.usefixtures("server")
+@pytest.mark.parametrize("state", [SpeakState, lambda text: KnowledgeState([text])], ids=["speak", "facts"])
+@pytest.mark.parametrize("text", ["(at {who})", "(at {place.nothing})", "(at {place:d})"])
+def test_a_text_that_cannot_be_filled_aborts(state: Any, text: str) -> None:
+    made = state(text)
+    assert made.execute(userdata(place="kitchen")) == ABORTED
+    assert f"the text '{text}' cannot be filled" in made.reason
+
+
+@pytest.mark.parametrize("timeout", [-1.0, float("nan"), "3"])
+def test_a_listener_waits_for_a_number_of_seconds(timeout: Any) -> None:
+    with pytest.raises(ValueError, match=f"timeout is {timeout!r}"):
+        ListenState("#JSGF V1.0; grammar g; public <answer> = yes;", timeout)
 
 
 def test_nothing_to_say_is_an_error(server: Server) -> None:

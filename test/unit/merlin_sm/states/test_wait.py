@@ -5,8 +5,9 @@ import threading
 from typing import Any, List
 
 import pytest
+import rospy
 
-from merlin_sm.states.merlin_state import PREEMPTED, SUCCEEDED
+from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, SUCCEEDED
 from merlin_sm.states.wait import WaitState
 from merlin_test import LONG
 from smach import UserData
@@ -62,7 +63,17 @@ def test_a_preempted_wait_ends_at_once_and_leaves_no_thread(
     assert not alarm.is_alive()
 
 
-@pytest.mark.parametrize("seconds", [-1.0, float("nan")])
-def test_a_time_that_cannot_be_waited_is_refused(seconds: float) -> None:
-    with pytest.raises(ValueError, match="0 s or more"):
+@pytest.mark.usefixtures("clock")
+def test_a_wait_that_the_end_of_the_node_cuts_short_has_not_succeeded(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    state = WaitState(3600.0)
+    runner = Runner(state, monkeypatch)
+    monkeypatch.setattr(rospy, "is_shutdown", lambda: True)
+    assert runner.ended() == [ABORTED] and "the node ended" in state.reason
+
+
+@pytest.mark.parametrize("seconds", [-1.0, float("nan"), "3"])
+def test_a_time_that_cannot_be_waited_is_refused(seconds: Any) -> None:
+    with pytest.raises(ValueError, match="a number of seconds, 0 or more"):
         WaitState(seconds)

@@ -212,7 +212,7 @@ class ActionState(MerlinState):
             if sent.text and sent.status not in (GoalStatus.PREEMPTED, GoalStatus.RECALLED):
                 self.reason = f"cancelled: {sent.text}"
             return PREEMPTED
-        status = _STATUS_TEXT.get(sent.status, str(sent.status))
+        status = _STATUS_TEXT.get(sent.status, "had not ended when the node did")
         return self.fail(f"{self._client.name} {status}" + (f": {sent.text}" if sent.text else ""))
 
 

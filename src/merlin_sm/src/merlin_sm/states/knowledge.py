@@ -3,10 +3,8 @@
 
 from typing import Any, Optional, Sequence
 
-from merlin_planning.knowledge_client import KnowledgeError
-from merlin_ros.service_proxy import ServiceError
 from merlin_sm.rosplan_assistant import MerlinROSPlanAssistant
-from merlin_sm.states.merlin_state import SUCCEEDED, MerlinState
+from merlin_sm.states.merlin_state import FAILURES, SUCCEEDED, MerlinState
 from merlin_sm.states.text_keys import filled, keys_of
 from merlin_sm.userdata_keys import check_lists
 
@@ -30,9 +28,11 @@ class KnowledgeState(MerlinState, MerlinROSPlanAssistant):
 
     def run(self, userdata: Any) -> str:
         """Applies the change."""
-        added, removed = ([filled(each, userdata) for each in texts] for texts in (self._add, self._remove))
         try:
+            added, removed = (
+                [filled(each, userdata) for each in texts] for texts in (self._add, self._remove)
+            )
             self.change_facts(add=added, remove=removed)
-        except (ValueError, KnowledgeError, ServiceError) as error:
+        except FAILURES as error:
             return self.fail(str(error))
         return SUCCEEDED

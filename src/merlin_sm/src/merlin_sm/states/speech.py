@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Speech out and in: sound_play and the listen action."""
 
+import string
 from typing import Any, Optional, Sequence
 
 import rospy
@@ -9,9 +10,18 @@ from sound_play.msg import SoundRequest, SoundRequestAction, SoundRequestGoal
 
 from merlin_sm.states.action_state import ActionState
 from merlin_sm.states.jsgf import check_grammar
-from merlin_sm.states.text_keys import keys_of
+from merlin_sm.states.ros_calls import check_times
+from merlin_sm.states.text_keys import filled, keys_of
 
 MISUNDERSTOOD = "misunderstood"
+
+
+class _Spoken(string.Formatter):
+    """Writes values as they are spoken."""
+
+    def format_field(self, value: Any, format_spec: str) -> str:
+        """Of a name its words."""
+        return str(super().format_field(value, format_spec)).replace("_", " ")
 
 
 class SpeakState(ActionState):
@@ -34,18 +44,17 @@ class SpeakState(ActionState):
         action: str = "sound_play",
         **options: Any,
     ) -> None:
-        named = keys_of([text], keys) if text is not None else []
-        inputs = named if text is not None else ["text"]
+        fixed, form = ("{text}", None) if text is None else (text, _Spoken())
+        inputs = keys_of([fixed], None if text is None else keys)
 
         def goal(userdata: Any) -> SoundRequestGoal:
-            spoken = {key: str(userdata[key]).replace("_", " ") for key in named}
-            said = userdata.text if text is None else text.format(**spoken)
-            if not str(said).strip():
+            said = filled(fixed, userdata, form)
+            if not said.strip():
                 raise ValueError("there is no text to say")
             request = SoundRequest(
                 sound=SoundRequest.SAY,
                 command=SoundRequest.PLAY_ONCE,
-                arg=str(said),
+                arg=said,
                 arg2=voice,
                 volume=volume,
             )
@@ -62,7 +71,7 @@ class ListenState(ActionState):
     :param grammar: JSGF text.
     :param timeout: s of ROS time; 0: the server's default.
     :param action: name of the listen action.
-    :raises ValueError: for a grammar that cannot be used.
+    :raises ValueError: for a grammar or a timeout that cannot be used.
     """
 
     def __init__(self, grammar: str, timeout: float = 0.0, action: str = "listen", **options: Any) -> None:
@@ -71,6 +80,7 @@ class ListenState(ActionState):
             return None if result.text else MISUNDERSTOOD
 
         words = check_grammar(grammar)
+        check_times(timeout=timeout)
         goal = ListenGoal(grammar=grammar, timeout=rospy.Duration(timeout))
         super().__init__(
             action,

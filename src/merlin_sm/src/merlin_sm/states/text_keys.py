@@ -34,9 +34,16 @@ def keys_of(texts: Sequence[str], keys: Optional[Sequence[str]] = None) -> List[
     return list(dict.fromkeys(named)) if keys is None else list(keys)
 
 
-def filled(text: str, userdata: Any) -> str:
-    """A text with the userdata that it names."""
-    return text.format(**{key: userdata[key] for key in keys_of([text])})
+def filled(text: str, userdata: Any, form: Optional[string.Formatter] = None) -> str:
+    """A text with the userdata that it names.
+
+    :param form: writes the values; None: as ``str.format`` does.
+    :raises ValueError: a key has no value, or its value is not as the text needs it.
+    """
+    try:
+        return (form or string.Formatter()).vformat(text, (), userdata)
+    except (LookupError, AttributeError, TypeError, ValueError) as error:
+        raise ValueError(f"the text {text!r} cannot be filled: {error}") from error
 
 
 def keys_read(function: Callable[..., Any]) -> List[str]:

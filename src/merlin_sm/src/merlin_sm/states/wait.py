@@ -7,19 +7,19 @@ from typing import Any
 from merlin_ros.deadline import Deadline
 from merlin_ros.ros_alarm import call_after
 from merlin_sm.states.merlin_state import PREEMPTED, SUCCEEDED, MerlinState
+from merlin_sm.states.ros_calls import check_times
 
 
 class WaitState(MerlinState):
     """Waits, and is preempted at once.
 
     :param seconds: s of ROS time.
-    :raises ValueError: for a negative time.
+    :raises ValueError: for a time that is not a number, 0 or more.
     """
 
     def __init__(self, seconds: float) -> None:
         super().__init__()
-        if not seconds >= 0.0:
-            raise ValueError(f"a wait takes 0 s or more, not {seconds}")
+        check_times(seconds=seconds)
         self._seconds = seconds
 
     def run(self, userdata: Any) -> str:
@@ -30,4 +30,6 @@ class WaitState(MerlinState):
         Deadline(None).wait_event(over)
         self.interruptible(None)
         alarm.shutdown()
-        return PREEMPTED if self.preempt_requested() else SUCCEEDED
+        if self.preempt_requested():
+            return PREEMPTED
+        return SUCCEEDED if over.is_set() else self.fail("the node ended before its wait")
