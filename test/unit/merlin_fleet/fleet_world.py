@@ -99,6 +99,8 @@ class World:
                 yield "quick", index
             elif robot.linked and robot.cursor == len(self.store.changes):
                 yield "slow", index
+            if robot.rules.ask_again < RULES.ask_again:  # else it does not notice
+                yield ("fit" if robot.unfit else "unfit"), index
             # Of a goal to finish it is the operator's word: "forget". Of a claim that is deleted alone, its
             # owner hears by its watch only.
             for goal in () if self.finish or robot.slow else self.goals:
@@ -166,6 +168,8 @@ class World:
             robot.linked = False
         elif what in ("slow", "quick"):
             robot.slow = what == "slow"
+        elif what in ("fit", "unfit"):
+            robot.unfit = "its Executor is paused" if what == "unfit" else ""
         else:
             robot.state = {"hang": HUNG, "kill": DEAD, "resume": UP}[what]
 
@@ -173,7 +177,7 @@ class World:
         """Everything lives again."""
         self.hub_up = True
         for robot in self.robots:
-            robot.linked, robot.heard, robot.slow = True, False, False
+            robot.linked, robot.heard, robot.slow, robot.unfit = True, False, False, ""
             if robot.state == DEAD:
                 robot.restart()
             robot.state = UP

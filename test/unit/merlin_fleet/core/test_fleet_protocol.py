@@ -383,6 +383,32 @@ def test_a_robot_that_is_fit_again_takes_what_it_refused_behind_goals_that_it_ca
     assert world.succeeded == [("b", "r0")]
 
 
+def test_a_robot_gives_back_what_it_cannot_do_any_more_and_has_not_begun() -> None:
+    world = model.World(2, model.RULES._replace(ask_again=5.0), takes=1000)
+    owner, other = world.robots
+    other.unfit = "its battery is low"
+    world.send("a")
+    begun(world)
+    world.send("b")
+    while world.store.value(model.KEYS.key(records.CLAIMS, owner.name, "b")) == "":
+        world.act()
+    owner.unfit, other.unfit = "its Executor is paused", ""
+    assert begun(world, "b") is other
+    assert list(owner.running) == ["a"]
+    assert any("gives b back" in text and owner.unfit in text for _, text in owner.said)
+    assert not world.wrong()
+
+
+@pytest.mark.parametrize(
+    "kinds", [("unfit", "fit"), ("unfit", "kill", "restart"), ("unfit", "delay", "arrive")]
+)
+def test_goals_that_are_given_back_do_no_harm(kinds: Tuple[str, ...]) -> None:
+    rules = model.RULES._replace(ask_again=2.0)
+    scenarios, found = explore(2, "abc", 2, kinds, every=4, rules=rules, takes=6)
+    assert found is None
+    assert scenarios > 50
+
+
 # --- random scenarios ---------------------------------------------------------------------------------
 
 

@@ -51,12 +51,15 @@ class Bidding:
     def costed(self, event: ev.Costed) -> None:
         """The cost of a goal is known."""
         self._asked = None
-        if event.queue == self._queue:
-            before = self._costs.get(event.goal)
-            old = "; ".join(self._agent.sharing.stale) if event.cost is not None else ""
-            self._costs[event.goal] = bid = Bid(event.cost, records.reason_text(event.reason or old))
-            self._costed_at[event.goal] = self._agent.now
-            self._refusals += _refuses(before) is not _refuses(bid)
+        if event.queue != self._queue:
+            return
+        before = self._costs.get(event.goal)
+        old = "; ".join(self._agent.sharing.stale) if event.cost is not None else ""
+        self._costs[event.goal] = bid = Bid(event.cost, records.reason_text(event.reason or old))
+        self._costed_at[event.goal] = self._agent.now
+        self._refusals += _refuses(before) is not _refuses(bid)
+        if event.cost is None:
+            self._agent.possession.give_back(event.goal, bid.reason)
 
     def answered(self, result: Optional[TxnResult]) -> None:
         """Bids were written, or not."""
@@ -78,7 +81,9 @@ class Bidding:
             goal.id: max(self._opened.get(goal.id, agent.now), agent.possession.free_at(goal.id))
             for goal in considered
         }
-        self._write(Bids({}, FULL) if full else Bids(self._bids(considered)))
+        bids = self._bids(considered)
+        self._ask([goal for goal in considered if not self._refusal(goal)])
+        self._write(Bids({}, FULL) if full else Bids(bids))
         for goal in considered:
             self._take(goal)
 
@@ -92,8 +97,11 @@ class Bidding:
         seen = (id(view), view.version, pool, *counts, left, self._agent.clock.refusal)
         if seen != self._seen:
             self._seen = seen
+            owned = self._agent.possession.owned
             self._costs = {
-                name: bid for name, bid in self._costs.items() if view.state(name) is FleetGoalState.OPEN
+                name: bid
+                for name, bid in self._costs.items()
+                if name in owned or view.state(name) is FleetGoalState.OPEN
             }
             self._costed_at = {name: self._costed_at[name] for name in self._costs}
             suited, refused = self._choose(pool)
@@ -169,34 +177,39 @@ class Bidding:
         return len(view.lives) - view.offers.closed
 
     def _bids(self, considered: List[Goal]) -> Dict[str, Bid]:
-        agent = self._agent
         bids = {}
         for goal in considered:
-            reason = unsuited(goal, agent.robot) or self._timeless(goal)
+            reason = self._refusal(goal)
             bid = Bid(None, reason) if reason else self._costs.get(goal.id)
             if bid is not None and self._useful(goal, bid):
                 bids[goal.id] = bid
-        self._ask(
-            [goal for goal in considered if not unsuited(goal, agent.robot) and not self._timeless(goal)]
-        )
         return bids
+
+    def _refusal(self, goal: Goal) -> str:
+        """Why it does not take a goal, whatever it costs; empty: it may."""
+        return unsuited(goal, self._agent.robot) or self._timeless(goal)
 
     def _timeless(self, goal: Goal) -> str:
         """Why it does not take a goal with a deadline: a wrong clock does not show whether it has passed."""
         return self._agent.clock.refusal if goal.deadline is not None else ""
 
     def _ask(self, goals: List[Goal]) -> None:
-        """Asks for one cost: of a goal that has none, or for the oldest, as much may have changed."""
+        """Asks for one cost: of a goal that has none, or for the oldest, as much may have changed.
+
+        Also of what it has not begun: a robot that cannot do it any more gives it back.
+        """
         agent = self._agent
         if self._asked is not None:
             return
+        goals = goals + agent.possession.returnable()
         goal = min(goals, key=lambda each: self._costed_at.get(each.id, -1.0), default=None)
         if goal is None or goal.id in self._costs:
             goal = self._one_further() or goal
         if goal is None or not self._is_old(goal):
             return
         self._asked = goal.id
-        agent.decided.append(ev.AskCost(goal, tuple(agent.possession.queue()), self._queue))
+        behind = tuple(owned for owned in agent.possession.queue() if owned.id != goal.id)
+        agent.decided.append(ev.AskCost(goal, behind, self._queue))
 
     def _is_old(self, goal: Goal) -> bool:
         """Whether the cost of a goal is missing, or was asked for so long ago that it may be another one."""

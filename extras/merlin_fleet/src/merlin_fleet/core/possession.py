@@ -63,6 +63,8 @@ class Possession:
         """Goals whose claim is under way."""
         self._taken_over: Set[str] = set()
         """Goals of an earlier process of this robot, which may have begun them."""
+        self._given_back: Set[str] = set()
+        """Goals that it has not begun, and cannot do; until it claims them anew."""
         self._behind = (0, 0.0)
         """Revision of the last claim that was lost, and until when that revision is awaited."""
         self._lost_claims = 0
@@ -120,6 +122,7 @@ class Possession:
             agent.mine(),
         )
         self._taken_over.discard(goal.id)
+        self._given_back.discard(goal.id)
         lease = 0 if goal.finish else agent.robot_lease.lease
         put = Put(keys.key(records.CLAIMS, agent.robot.name, goal.id), claim, lease)
         if agent.transact(f"claim {goal.id}", Txn(compare, (put, agent.mark(goal.id)))):
@@ -174,6 +177,7 @@ class Possession:
         goals = self._agent.view.goals.keys() | self.owned.keys() | self._claiming
         self._settled = {goal: epoch for goal, epoch in self._settled.items() if goal in goals}
         self._taken_over &= goals
+        self._given_back &= goals
         self._most_settled = 2 * len(self._settled) + REMEMBERED
 
     def _reconcile(self) -> None:
@@ -230,6 +234,18 @@ class Possession:
             return
         self._end(owned, event.achieved, event.outcome, event.reason)
 
+    def returnable(self) -> List[Goal]:
+        """The goals that it has not begun, and that another robot may do."""
+        waiting = (owned for owned in self.owned.values() if owned.phase is Phase.WAITING and not owned.begun)
+        return [owned.goal for owned in waiting if not (owned.goal.finish or owned.goal.robot)]
+
+    def give_back(self, goal: str, reason: str) -> None:
+        """Gives a goal back that it cannot do at present, unless it is too late for that."""
+        if any(each.id == goal for each in self.returnable()):
+            self._agent.decided.append(ev.Say(f"it gives {goal} back, which it has not begun: {reason}"))
+            self._given_back.add(goal)
+            self._drop(self.owned[goal])
+
     def stopped(self, *goals: str) -> None:
         """Goals that run were stopped at the end of the lease, when this robot was late to decide it."""
         for goal in goals:
@@ -277,8 +293,9 @@ class Possession:
                 if owned.phase is Phase.RUNNING:
                     self._stop(owned, "the robot leaves the fleet")
                     owned.phase = Phase.LOST
-            if self.to_return() and agent.usable:
-                self._return()
+        if agent.usable:
+            self._return()
+        if agent.leaving:
             return
         self._begin()
         if agent.joined:
@@ -314,25 +331,29 @@ class Possession:
         self._agent.decided.append(ev.StopExecution(owned.goal.id, reason))
 
     def to_return(self) -> List[str]:
-        """Goals on the lease of a robot that leaves, of which nothing moves any more."""
+        """Goals on its lease that it leaves to others, and of which nothing moves any more."""
         agent = self._agent
         view = agent.view
         return [
             goal
             for goal in view.owned_by.get(agent.robot.name, ())
             if view.claims[goal].life == agent.life
+            and (agent.leaving or goal in self._given_back)
             and (agent.robot_lease.lease and goal in view.goals and not view.goals[goal].finish)
             and not (goal in self.owned or agent.reporting.knows(goal, view.claims[goal].epoch))
         ]
 
     def _return(self) -> None:
-        """Says that it stands: no robot has to wait when these claims end with the lease."""
+        """Says that it stands, so that none has to wait; then removes the claims, unless the lease ends."""
         agent, claims = self._agent, self._agent.view.claims
-        names = {goal: agent.keys.key(records.CLAIMS, agent.robot.name, goal) for goal in self.to_return()}
+        said = [goal for goal in agent.view.owned_by.get(agent.robot.name, ()) if not claims[goal].life]
+        goals = self.to_return() or ([] if agent.leaving else said)
+        keys = tuple(agent.keys.key(records.CLAIMS, agent.robot.name, goal) for goal in goals)
+        compare = tuple(Compare(key, claims[goal].epoch) for goal, key in zip(goals, keys))
         text = records.encode(Claim(agent.robot.name, ""))
-        compare = tuple(Compare(key, claims[goal].epoch) for goal, key in names.items())
-        puts = tuple(Put(key, text, agent.robot_lease.lease) for key in names.values())
-        agent.transact("return", Txn(compare, puts))
+        puts = tuple(Put(key, text, agent.robot_lease.lease) for key in keys)
+        if keys:
+            agent.transact("return", Txn(compare, (), keys) if goals == said else Txn(compare, puts))
 
     def _take_over(self) -> None:
         """Goals that an earlier process of this robot has to finish."""
