@@ -8,7 +8,14 @@ from typing import Iterator, Tuple
 import pytest
 
 from merlin_fleet.core.records import Goal
-from merlin_fleet.node.planned_cost import CannotPlan, PlannedCost, domain_identity, length, vocabulary
+from merlin_fleet.node.planned_cost import (
+    CannotPlan,
+    PlannedCost,
+    RobotDomain,
+    domain_identity,
+    length,
+    vocabulary,
+)
 from merlin_pddl.domain import Domain
 from merlin_pddl.domain_reader import parse_domain, read_domain
 from merlin_pddl.problem import Problem
@@ -110,3 +117,26 @@ def test_what_goals_can_be_about_is_the_domain_without_its_actions() -> None:
     )
     assert list(found.types) == list(known.types)
     assert found.operators == {}
+
+
+def test_a_knowledge_base_that_begins_anew_with_another_domain_is_noticed(tmp_path: Path) -> None:
+    class Knowledge:
+        def __init__(self) -> None:
+            self.began = read_domain(HOME / "domain.pddl")
+
+        def domain(self) -> Domain:
+            return self.began
+
+    knowledge, file = Knowledge(), tmp_path / "domain.pddl"
+    text = (HOME / "domain.pddl").read_text()
+    file.write_text(text)
+    known = RobotDomain(knowledge, lambda: str(file))
+    assert known.identity == domain_identity("home", text) and known.vocabulary == vocabulary(text)
+    file.write_text(text.replace("checked", "looked_at"))
+    assert not known.replaced(), "it has not read the file again"
+    file.write_text(text)
+    knowledge.began = read_domain(file)
+    assert not known.replaced(), "it has the same one"
+    file.write_text(text.replace("checked", "looked_at"))
+    knowledge.began = read_domain(file)
+    assert known.replaced()

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Node: this robot's part in a fleet."""
 
+import contextlib
 import math
 import os
 import signal
 import uuid
-from pathlib import Path
 from typing import Callable, Optional, Tuple
 
 import rospy
@@ -21,7 +21,7 @@ from merlin_fleet.fleet_robot import FleetRobot, FleetStatus
 from merlin_fleet.hub import EtcdHub
 from merlin_fleet.node.executor_body import NO_EXECUTOR, ExecutorBody
 from merlin_fleet.node.fleet_parameters import FleetParameters, read_parameters
-from merlin_fleet.node.planned_cost import PlannedCost, domain_identity, vocabulary
+from merlin_fleet.node.planned_cost import PlannedCost, RobotDomain
 from merlin_fleet.node.robot_report import RobotReport
 from merlin_fleet.node.shared_knowledge import OBJECTS, SharedKnowledge
 from merlin_fleet.sqlite_outbox import OutboxError, SqliteOutbox
@@ -35,6 +35,8 @@ from merlin_rosplan.planning.planner import PlannerSettings
 
 NAME = "merlin_fleet"
 RUNNING = (GoalStatus.PENDING, GoalStatus.ACTIVE, GoalStatus.PREEMPTING)
+#: What the domain of a knowledge base that is not there raises.
+NO_DOMAIN = (KnowledgeBaseError, OSError, PddlError)
 CLOSE_LIMIT = 7.0  # s for what runs to stop; a node has 10 s to end
 
 
@@ -102,7 +104,7 @@ class FleetNode:
         # The Executor checks the goals itself, as it does for every client.
         self._client = MerlinExecutorClient(knowledge_base=None, on_client_lost=CANCEL)
         busy = Occupation(self._client.name).busy
-        domain, self._vocabulary, self._costs = _planned_cost(knowledge_base, parameters, busy)
+        self._domain, self._costs = _planned_cost(knowledge_base, parameters, busy)
         battery = Battery(parameters.battery, parameters.battery_least)
         body = ExecutorBody(
             self._client,
@@ -112,7 +114,7 @@ class FleetNode:
             parameters.priority,
             lambda: battery.unfit() or self._report.unfit(),
         )
-        profile = Profile(parameters.robot, parameters.groups, parameters.capabilities, domain)
+        profile = Profile(parameters.robot, parameters.groups, parameters.capabilities, self._domain.identity)
         outbox = SqliteOutbox(parameters.outbox)
         agent = Agent(
             parameters.fleet,
@@ -146,7 +148,7 @@ class FleetNode:
             note_fleet=outbox.note_fleet,
             on_status=self._take,
             learn=self._knowledge.learn,
-            on_failed=_end,
+            on_failed=lambda error: _begin_anew(f"it has failed:\n{error}"),
             on_halt=self._report.halt,
         )
 
@@ -185,8 +187,11 @@ class FleetNode:
     def _know(self, predicate: str, facts: Optional[Tuple[str, ...]], version: int) -> None:
         if predicate != OBJECTS:
             self._robot.know(predicate, facts, version)
-        elif facts is not None and self._vocabulary:
-            self._robot.tell(SCHEMAS, Schema(self._vocabulary, facts))
+        elif facts is not None:
+            with contextlib.suppress(*NO_DOMAIN):  # the knowledge base ends; the next one is looked at
+                if self._domain.replaced():
+                    _begin_anew("its knowledge base has another domain")
+            self._robot.tell(SCHEMAS, Schema(self._domain.vocabulary, facts))
 
     def _take(self, status: FleetStatus) -> None:
         before, self._status = self._status, status
@@ -200,33 +205,27 @@ class FleetNode:
         self._robot.close(CLOSE_LIMIT)
 
 
-def _end(error: str) -> None:
+def _begin_anew(why: str) -> None:
     """Ends the node as a signal to it alone does: what runs is cancelled, and it is started again."""
-    rospy.logfatal(f"the robot's part in the fleet has failed and begins anew:\n{error}")
+    rospy.logfatal(f"the robot's part in the fleet begins anew: {why}")
     os.kill(os.getpid(), signal.SIGTERM)
 
 
 def _planned_cost(
     knowledge_base: str, parameters: FleetParameters, busy: Callable[[], bool]
-) -> Tuple[str, str, PlannedCost]:
-    """The domain's identity, what goals can be about, and what plans in it."""
+) -> Tuple[RobotDomain, PlannedCost]:
+    """The robot's domain, and what plans in it."""
     wait = parameters.start_wait
     if not knowledge_client(knowledge_base).wait(wait):
         raise NotThere(f"the knowledge base {knowledge_base} does not run after {wait:g} s; is it launched?")
-    path = str(rospy.get_param(f"{knowledge_base}/domain_path", ""))
     snapshots = KnowledgeSnapshots(knowledge_base)
     try:
-        name = snapshots.domain().name
-        text = Path(path).read_text(encoding="utf-8", errors="replace")
-        identity, known = domain_identity(name, text), vocabulary(text)
-    except (KnowledgeBaseError, OSError, PddlError) as error:
+        domain = RobotDomain(snapshots, lambda: str(rospy.get_param(f"{knowledge_base}/domain_path", "")))
+    except NO_DOMAIN as error:
         raise NotThere(f"the domain of {knowledge_base} cannot be read: {error}") from None
     settings = PlannerSettings(command=parameters.planner_command, time_limit=parameters.planning_time)
-    return (
-        identity,
-        known,
-        PlannedCost(snapshots, path, settings, parameters.action_duration, parameters.goal_duration, busy),
-    )
+    times = parameters.action_duration, parameters.goal_duration
+    return domain, PlannedCost(snapshots, domain.path, settings, *times, busy)
 
 
 def _start() -> None:

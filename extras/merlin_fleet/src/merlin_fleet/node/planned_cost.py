@@ -3,6 +3,7 @@
 
 import hashlib
 import re
+from pathlib import Path
 from typing import Callable, List, Optional, Tuple
 
 from merlin_fleet.core.records import Goal
@@ -110,6 +111,35 @@ def length(plan: str, action_duration: float) -> float:
         raise CannotPlan(f"the plan cannot be read: {error}") from None
     timed = [step.time + step.duration for step in steps if step.duration > NO_DURATION]
     return max(timed, default=0.0) + action_duration * (len(steps) - len(timed))
+
+
+class RobotDomain:
+    """What a fleet knows of a robot's domain: of the file that its knowledge base has read.
+
+    :param knowledge: the robot's knowledge base.
+    :param path: says which file it has read.
+    :raises KnowledgeBaseError: it does not answer.
+    :raises OSError, PddlError: the file cannot be read, or is not a domain.
+
+    :ivar identity: `home@1a2b3c4d`.
+    :ivar vocabulary: what a goal can be about, PDDL.
+    """
+
+    def __init__(self, knowledge: KnowledgeSnapshots, path: Callable[[], str]) -> None:
+        self._knowledge, self._path = knowledge, path
+        self._read = knowledge.domain()
+        self.path = path()
+        text = Path(self.path).read_text(encoding="utf-8", errors="replace")
+        self.identity, self.vocabulary = domain_identity(self._read.name, text), vocabulary(text)
+
+    def replaced(self) -> bool:
+        """Whether the knowledge base has begun anew with another domain; raises what the constructor does."""
+        domain = self._knowledge.domain()
+        another = (
+            domain is not self._read and RobotDomain(self._knowledge, self._path).identity != self.identity
+        )
+        self._read = domain
+        return another
 
 
 def vocabulary(text: str) -> str:
