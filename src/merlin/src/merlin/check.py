@@ -206,12 +206,13 @@ def check_host(found: Findings, config: LaunchConfig, namespace: str, host: Node
     paths = config.param(f"{own}/actions", [])
     if not isinstance(paths, list) or not all(isinstance(path, str) for path in paths):
         raise LaunchError(f"parameter {own}/actions has to be a list of package.module:Class")
+    given = config.param(f"{namespace}world/points_of_interest", {})
     if not found.points_read:
-        found.wrong(*point_faults(config.param(f"{namespace}world/points_of_interest", {})))
+        found.wrong(*point_faults(given))
+    points = list(given) if isinstance(given, dict) else []
     machines = make_machines(paths)
     robot = str(config.param(f"{own}/robot", ""))
     robots = config.robots()
-    points = list(config.param(f"{namespace}world/points_of_interest", {}))
     served = config.servers(namespace)
     world = ApplicationWorld(
         _signatures(domain.operators),

@@ -2,6 +2,7 @@
 """`rosrun merlin check`: what is said of the applications that come with MERLIN, and of a wrong one."""
 
 import os
+import shutil
 import subprocess
 from pathlib import Path
 from typing import Any, List
@@ -202,6 +203,17 @@ def test_panels_that_are_no_list_are_one_mistake(check: Any, tmp_path: Path) -> 
     done = check(tmp_path, "merlin", "application.launch", "panels:=my_robot.battery:Battery")
     said = "~panels is 'my_robot.battery:Battery'; give [package.module:Class, …]"
     assert done.returncode == 2 and len(done.stderr.splitlines()) == 1 and said in done.stderr
+
+
+@pytest.mark.parametrize("points", ["5", "[1, 2]"])
+def test_points_of_interest_that_are_no_map_are_named(check: Any, tmp_path: Path, points: str) -> None:
+    file = tmp_path / "guide" / "guide.launch"
+    shutil.copytree(Path(__file__).parent / "guide", file.parent)
+    end = f'<rosparam param="world/points_of_interest">{points}</rosparam></launch>'
+    file.write_text(file.read_text().replace("</launch>", end))
+    done = check(file.parent, str(file))
+    assert done.returncode == 2
+    assert f"world/points_of_interest is {points}; write name" in done.stderr
 
 
 def test_a_robot_for_which_the_world_has_no_start_is_named(check: Any, tmp_path: Path) -> None:
