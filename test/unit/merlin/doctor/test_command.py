@@ -145,6 +145,14 @@ def test_simulated_time_without_a_clock_is_reported(master: Any) -> None:
     assert "wrong: /use_sim_time is true and nothing publishes /clock" in done.stdout
 
 
+def test_a_node_whose_address_is_none_is_reported(master: Any) -> None:
+    uri = "http://127.0.0.1:11311:40001/"  # of ROS_IP with a port
+    master.api.registerPublisher("/odd", "/chatter", "std_msgs/String", uri)
+    done = doctor(master.env)
+    assert done.returncode == 2 and not done.stderr, done
+    assert f"wrong: /odd does not answer ({uri}" in done.stdout
+
+
 def test_what_the_shell_sets_wrongly_is_reported(master: Any) -> None:
     master.kill()
     done = doctor({**master.env, "ROS_IP": "192.0.2.7", "ROS_HOME": "/proc/nowhere"})

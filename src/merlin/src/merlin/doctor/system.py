@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What runs below a master, for the doctor."""
 
+import contextlib
 import threading
 from typing import Any, Dict, List, Tuple
 
@@ -60,7 +61,8 @@ def _ask(node: str, silent: Dict[str, str], hosts: Dict[str, str]) -> None:
         bounded_proxy(uri, ANSWER).getPid(CALLER)
     except ERRORS as error:
         silent[node] = f"{uri}: {getattr(error, 'strerror', None) or error}"
-        hosts[node] = parse_http_host_and_port(uri)[0]
+        with contextlib.suppress(ValueError):  # with a port in ROS_IP it is no address
+            hosts[node] = parse_http_host_and_port(uri)[0]
 
 
 class Listener:
