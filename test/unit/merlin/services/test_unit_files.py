@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """`rosrun merlin unit`: what it writes is what was asked for, and systemd takes it."""
 
+import os
 import shlex
 import shutil
 import subprocess
@@ -160,3 +161,13 @@ def test_the_command_that_installs_them_can_be_pasted(tmp_path: Path, capsys: py
     names = written(folder)
     line = next(line for line in capsys.readouterr().out.splitlines() if "sudo cp" in line)
     assert {Path(word).stem for word in shlex.split(line.partition("&&")[0])[2:-1]} == set(names)
+
+
+def test_where_users_have_no_names_one_has_to_be_given(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+) -> None:
+    for name in ("LOGNAME", "USER", "LNAME", "USERNAME", "SUDO_USER"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(os, "getuid", lambda: 2**30)
+    assert main([*ROBOT, "--folder", str(tmp_path)]) == 2
+    assert "give one that exists: --user NAME" in capsys.readouterr().err

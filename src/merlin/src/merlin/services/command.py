@@ -228,7 +228,9 @@ def _guards(config: LaunchConfig) -> List[Node]:
 def _user(name: Optional[str]) -> str:
     try:
         return pwd.getpwnam(name or getpass.getuser()).pw_name
-    except KeyError as error:
+    except (KeyError, OSError) as error:
+        if not name:  # a container may have no names of users
+            raise LaunchError("this user has no name here; give one that exists: --user NAME") from error
         raise LaunchError(f"there is no user {name}; add him first: sudo adduser --system {name}") from error
 
 
