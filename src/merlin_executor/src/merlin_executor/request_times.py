@@ -36,13 +36,13 @@ def ros_time(when: Optional[When], name: str) -> rospy.Time:
         raise ValueError(f"{name} is {when!r}; it has to be a rospy.Time, or a number of seconds from now")
     if when <= 0.0:
         raise ValueError(f"{name} is {when:g} s from now; it has to be in the future")
-    at = _now(name) + when
+    at = ros_now(name) + when
     if at > LAST:
         raise ValueError(f"{name} is {when:g} s from now; ROS has no time so late")
     return rospy.Time.from_sec(at)
 
 
-def _now(name: str) -> float:
+def ros_now(name: str) -> float:
     """ROS time, s; in a simulation the first message of its clock is waited for.
 
     :raises ValueError: there is none.
@@ -100,7 +100,7 @@ def at_time(written: Optional[Written], name: str) -> Optional[rospy.Time]:
         return None
     if isinstance(written, float):
         return ros_time(written, name)
-    now = _now(name)
+    now = ros_now(name)
     if now < CALENDAR:
         raise ValueError(f"{name}: the robot's clock is a simulator's; write a time from now, such as 10min")
     clock = "{:02}:{:02}:{:02}".format(*written)

@@ -2,6 +2,7 @@
 """What a command line asks, and how an answer is printed."""
 
 import sys
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,9 @@ from merlin_msgs.srv import ExplainRequest, ExplainResponse
 
 from merlin.why import command
 from merlin.why.command import lines, parser, request_of
+from merlin_executor import request_times
 from merlin_explain.node import recorded_run
+from merlin_test import LONG
 
 
 def asked(*words: str) -> ExplainRequest:
@@ -88,3 +91,32 @@ def test_what_others_have_written_cannot_move_the_cursor(
     assert command.main() == 0
     printed = capsys.readouterr().out.splitlines()
     assert len(printed) == 4 and all(line.isprintable() for line in printed), printed
+
+
+def test_a_past_moment_counts_from_the_first_word_of_a_simulators_clock(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    now, clock, asked_at, looked = [0.0], rospy.rostime.get_rostime_cond(), [], threading.Event()
+
+    def get_time() -> float:
+        looked.set()
+        return now[0]
+
+    def begin() -> None:
+        looked.wait(LONG)
+        with clock:
+            now[0] = 1231.0
+            clock.notify_all()
+
+    def answer(request: ExplainRequest) -> ExplainResponse:
+        asked_at.append(request.at.to_sec())
+        return ExplainResponse(ok=True)
+
+    monkeypatch.setattr(request_times, "CLOCK_WAIT", LONG)
+    monkeypatch.setattr(rospy, "get_time", get_time)
+    monkeypatch.setattr(command, "at_robot", lambda _, __, do, *___: do("/"))
+    monkeypatch.setattr(command, "ServiceProxy", lambda *_, **__: answer)
+    monkeypatch.setattr(sys, "argv", ["why", "--failed", "--at", "10s"])
+    threading.Thread(target=begin, name="clock").start()
+    assert command.main() == 0
+    assert asked_at == [1221.0]

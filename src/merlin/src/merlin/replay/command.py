@@ -12,12 +12,12 @@ import yaml
 
 from merlin.launch_request import LaunchError, LaunchRequest, launch_folder
 from merlin.launch_runner import EXIT_REFUSED, LaunchRun
+from merlin.running import EXIT_INTERRUPTED
 from merlin_monitor.bag.recording import BagRecording, RecordingError, parameter_tree
 from merlin_ros.lean_start import end_lightly
 from merlin_ros.processes.option_number import option_number
 from merlin_ros.processes.tidy_end import TIDY, handled
 
-EXIT_INTERRUPTED = 130
 LAUNCH_FILE = "include/replay.launch"
 #: Ends of the topics that the monitor follows, of those that are recorded.
 FOLLOWED = (

@@ -13,13 +13,12 @@ from merlin_msgs.msg import Claim, Evidence
 from merlin_msgs.srv import Explain, ExplainRequest, ExplainResponse
 from rospy.core import is_shutdown_requested
 
-from merlin.running import EXIT_REFUSED, at_robot
-from merlin_executor.request_times import read_time
+from merlin.running import EXIT_INTERRUPTED, EXIT_REFUSED, at_robot
+from merlin_executor.request_times import read_time, ros_now
 from merlin_monitor.terminal.terminal_view import printable
 from merlin_ros.call_scope import CallScope
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
 
-EXIT_INTERRUPTED = 130
 #: s of wall time for an answer: longer than any question takes.
 LIMIT = 60.0
 #: Option → the question that it asks, where it is one by itself.
@@ -115,7 +114,7 @@ def request_of(given: argparse.Namespace) -> ExplainRequest:
 
 def _ask(robot: str, request: ExplainRequest, given: argparse.Namespace) -> int:
     if given.at:
-        request.at = _moment(given.at, rospy.get_time())
+        request.at = _moment(given.at, ros_now("--at"))
     service = ServiceProxy(f"{robot}merlin/explain", Explain, timeout=LIMIT, patience=2.0)
     try:
         with CallScope() as scope:
