@@ -21,7 +21,7 @@ from merlin_reactive.navigation.right_of_way import ANNOUNCED, RightOfWay
 from merlin_reactive.navigation.way_exchange import WayExchange
 from merlin_reactive.pose import Pose
 from merlin_reactive.recognition.camera_placement import CameraPlacement
-from merlin_reactive.robot_state import StateError, rays_of, unusable
+from merlin_reactive.robot_state import StateError, rays_of, unusable, unusable_odometry
 from merlin_reactive.ros_messages import grid_of, pose_message, transform
 
 
@@ -107,6 +107,15 @@ def test_odometry_that_wheels_cannot_make_is_a_jump(after: Pose, jumps: bool, at
             _refuse_jump(before, odometry(after, at))
     else:
         _refuse_jump(before, odometry(after, at))
+
+
+@pytest.mark.parametrize("field", ["linear.x", "angular.z"])
+def test_a_speed_that_is_no_number_is_not_one_of_a_robot_that_stands(field: str) -> None:
+    message = odometry(Pose(1.0, 1.0), 5.0)
+    assert not unusable_odometry(message)
+    vector, axis = field.split(".")
+    setattr(getattr(message.twist.twist, vector), axis, math.nan)
+    assert "velocity" in unusable_odometry(message)
 
 
 @pytest.fixture(params=["map", "/map"])

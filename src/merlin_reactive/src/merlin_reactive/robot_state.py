@@ -203,9 +203,12 @@ def unusable(message: LaserScan) -> str:
 def unusable_odometry(message: Odometry) -> str:
     """Why odometry cannot be used, as a sentence; empty when it can."""
     pose = pose_of(message.pose.pose)
-    if all(map(math.isfinite, (pose.x, pose.y, pose.yaw))):
-        return ""
-    return f"odometry is ignored: its pose ({pose.x:g}, {pose.y:g}, {pose.yaw:g}) is not finite"
+    speed, turn = velocity_of(message)
+    if not all(map(math.isfinite, (pose.x, pose.y, pose.yaw))):
+        return f"odometry is ignored: its pose ({pose.x:g}, {pose.y:g}, {pose.yaw:g}) is not finite"
+    if not (math.isfinite(speed) and math.isfinite(turn)):
+        return f"odometry is ignored: its velocity ({speed:g}, {turn:g}) is not finite"
+    return ""
 
 
 def jumped(last: Odometry, odometry: Odometry) -> bool:
