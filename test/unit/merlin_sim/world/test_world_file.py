@@ -82,6 +82,7 @@ def test_doors_are_openings_of_their_own_width():
         (changed(people=[{"name": "ann", "path": []}]), ["people[0].path"]),
         (changed(starts=[{"x": math.nan, "y": 1}]), ["starts[0].x", "nan", "not a finite number"]),
         (changed(wall={"thickness": math.inf}), ["wall.thickness", "inf"]),
+        (changed(points_of_interest={True: {"x": 1, "y": 1}}), ["points_of_interest", "True", "quotes"]),
         (changed(walls=[{"from": [0, 0], "to": [1e9, 1e9]}]), ["walls", "too large"]),
         (changed(starts=[{"x": 2.9, "y": 1.6}]), ["starts[0]", "(2.9, 1.6)", "taken by table"]),
         (changed(starts=[{"x": 0.2, "y": 1.6}]), ["starts[0]", "in a wall"]),
@@ -103,6 +104,9 @@ def test_files_that_cannot_be_read(tmp_path):
     broken = tmp_path / "broken.yaml"
     broken.write_text("name: [room\nwalls: 3")
     with pytest.raises(WorldError, match=r"line 2.*not YAML"):
+        load_world(broken)
+    broken.write_text("[" * 5000)
+    with pytest.raises(WorldError, match="nested too deeply"):
         load_world(broken)
     broken.write_bytes(b"\xff\xfe\x00")
     with pytest.raises(WorldError, match="not UTF-8"):

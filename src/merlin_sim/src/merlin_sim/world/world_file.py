@@ -52,11 +52,11 @@ def parse_world(data: Any, source: str = "world") -> World:
     :raises WorldError: as in :func:`load_world`.
     """
     try:
-        infinite = [f"{_place(path)}: {value} is not a finite number" for path, value in _infinite(data)]
+        unusable = [f"{_place(path)}: {why}" for path, why in _unusable(data)]
     except RecursionError as error:
         raise WorldError(_in_words(source, ["something in it contains itself"])) from error
-    if infinite:
-        raise WorldError(_in_words(source, infinite))
+    if unusable:
+        raise WorldError(_in_words(source, unusable))
     errors = sorted(
         jsonschema.Draft7Validator(SCHEMA).iter_errors(data), key=lambda error: list(map(str, error.path))
     )
@@ -106,6 +106,8 @@ def _read(path: Union[str, Path]) -> Any:
         raise WorldError(f"world file {path} cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
         raise WorldError(f"world file {path} is not UTF-8 text: {error.reason}") from error
+    except RecursionError as error:
+        raise WorldError(f"world file {path} is nested too deeply") from error
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         where = f", line {mark.line + 1}, column {mark.column + 1}" if mark else ""
@@ -119,18 +121,19 @@ def _in_words(source: str, problems: List[str]) -> str:
     return f"world file {source}: " + "; ".join(problems[:REPORTED]) + more
 
 
-def _infinite(data: Any, path: Tuple[Any, ...] = ()) -> Iterator[Tuple[Tuple[Any, ...], float]]:
-    """The numbers that are not finite (.nan and .inf are YAML), and where they are."""
-    if isinstance(data, int) and abs(data) > LARGEST:
-        yield path, math.inf
-    elif isinstance(data, float) and not math.isfinite(data):
-        yield path, data
+def _unusable(data: Any, path: Tuple[Any, ...] = ()) -> Iterator[Tuple[Tuple[Any, ...], str]]:
+    """Numbers that are not finite, and names that YAML reads as something else; where, and why."""
+    too_large = isinstance(data, int) and abs(data) > LARGEST
+    if too_large or (isinstance(data, float) and not math.isfinite(data)):
+        yield path, f"{math.inf if too_large else data} is not a finite number"
     elif isinstance(data, dict):
         for key, value in data.items():
-            yield from _infinite(value, (*path, key))
+            if not isinstance(key, str):
+                yield path, f"YAML reads a name there as {key}; write it in quotes"
+            yield from _unusable(value, (*path, key))
     elif isinstance(data, list):
         for index, value in enumerate(data):
-            yield from _infinite(value, (*path, index))
+            yield from _unusable(value, (*path, index))
 
 
 def _place(path: Any) -> str:
