@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a launch file names as actions is made, or refused with what is wrong."""
 
+from typing import Any
+
 import pytest
 
 import smach
@@ -55,6 +57,15 @@ class ForgetsSuper(MerlinActionSM):
 def test_a_class_that_ends_the_process_or_is_not_made_is_refused(of: type, why: str) -> None:
     with pytest.raises(ValueError, match=f"{of.__name__} cannot be made: {why}"):
         make_machines([f"{__name__}:{of.__name__}"])
+
+
+@pytest.mark.parametrize("number", [0, 2.5, "2", None])
+def test_a_number_of_runs_at_once_that_is_not_one_is_refused(
+    number: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Navigate, "concurrent", number)
+    with pytest.raises(ValueError, match=f"concurrent has to be a whole number from 1 on, not {number!r}"):
+        make_machines(["merlin_actions.actions.navigate:Navigate"])
 
 
 @pytest.mark.parametrize("name", ["parameters", "outcomes", "if_interrupted", "while_running"])

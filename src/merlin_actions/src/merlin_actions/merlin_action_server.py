@@ -312,10 +312,7 @@ class MerlinActionServer(Serving):
 
     def _instances(self, machine: MerlinActionSM) -> List[MerlinActionSM]:
         """The machines of an action, as many as its class declares; this one first."""
-        number = machine.concurrent
-        if not isinstance(number, int) or number < 1:
-            raise ValueError(f"{type(machine).__name__}.concurrent has to be 1 or more, not {number!r}")
-        machines = [machine, *(type(machine)() for _ in range(1, number))]
+        machines = [machine, *(type(machine)() for _ in range(1, machine.concurrent))]
         for each in machines:
             self._prepare(each)
         return machines

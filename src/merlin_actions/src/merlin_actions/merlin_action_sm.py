@@ -69,6 +69,8 @@ class MerlinActionSM(MerlinSM):
     def __init__(self) -> None:
         lists = ("parameters", "optional", "outcomes", "safe_to_interrupt", *DECLARED)
         check_lists(**{name: getattr(self, name) for name in lists})
+        if not isinstance(self.concurrent, int) or self.concurrent < 1:
+            raise ValueError(f"concurrent has to be a whole number from 1 on, not {self.concurrent!r}")
         super().__init__([SUCCEEDED, ABORTED, PREEMPTED, *self.outcomes], input_keys=list(self.parameters))
         with self:
             self.build()

@@ -6,10 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from merlin_msgs.msg import RobotHost
 
-from merlin_actions.core.application_check import ApplicationWorld, Needs
 from merlin_actions.core.robot_book import GONE_AFTER, RobotBook, RobotChange
-from merlin_actions.core.robot_check import check_robots, robot_parameters
-from merlin_actions.core.robot_parameter import robot_parameter
 
 
 def word(robot, node, life, out="", leaving=False, operators=()):
@@ -149,54 +146,3 @@ def test_changes_tell_everything_and_nothing_twice(events):
             assert book.available(robot) == (robot in reported and reported[robot].available)
     book.pass_time(GONE_AFTER + 0.1)
     assert not any(book.available(robot) for robot in book.robots)
-
-
-DRIVE = Needs("Drive", "drive", ("r", "to"))
-WORLD = ApplicationWorld(
-    {
-        "drive": [("r", "waiter"), ("to", "place")],
-        "print": [("n", "note")],
-        "hand": [("a", "robot"), ("b", "robot")],
-    },
-    {"waiter": ["ann", "bob"], "robot": ["ann", "bob"], "place": ["hall"], "note": []}.__getitem__,
-    [],
-    parents={"waiter": "robot", "robot": "object", "place": "object", "note": "object"},
-)
-
-
-def test_the_type_or_the_class_says_which_parameter_names_the_robot():
-    operators = WORLD.operators
-    assert robot_parameter("drive", operators["drive"], WORLD.parents) == "r"
-    assert robot_parameter("print", operators["print"], WORLD.parents) == ""
-    assert robot_parameter("print", operators["print"], WORLD.parents, "n") == "n"
-    with pytest.raises(ValueError, match=r"has the robots \?a and \?b; say with robot_parameter"):
-        robot_parameter("hand", operators["hand"], WORLD.parents)
-    assert robot_parameters([DRIVE, Needs("Hand", "hand", ("a", "b"))], WORLD) == {"drive": "r"}
-
-
-@pytest.mark.parametrize(
-    "needs, robots, said",
-    [
-        (DRIVE, ["ann", "bob"], ""),
-        (DRIVE, [], ""),
-        (DRIVE, ["ann", "ann"], "robot ann is named twice"),
-        (DRIVE, ["carl"], "robot carl is not an object of the problem, as ?r of drive has to be"),
-        (DRIVE, ["hall"], "robot hall is of type place, not waiter"),
-        (
-            DRIVE._replace(concurrent=2),
-            ["ann"],
-            "Drive runs on a robot, one at a time; take out concurrent = 2",
-        ),
-        (
-            DRIVE._replace(robot_parameter="x"),
-            [],
-            "robot_parameter is 'x', but operator drive has the parameters",
-        ),
-        (DRIVE._replace(concurrent=0), [], "Drive.concurrent has to be 1 or more, not 0"),
-        (Needs("Print", "print", ("n",)), ["ann"], "no action has a parameter of type robot"),
-        (Needs("Hand", "hand", ("a", "b")), ["ann"], "say with robot_parameter which one runs it"),
-    ],
-)
-def test_each_mistake_is_one_sentence(needs, robots, said):
-    found = check_robots([needs], WORLD, robots)
-    assert len(found) == bool(said) and said in "".join(found)

@@ -18,7 +18,11 @@ WAIT = Needs("Wait", "wait", ("to",))
 DRIVE = Needs("Drive", "drive", ("r", "from", "to"))
 OBJECTS = {"robot": ["ann", "bob"], "place": ["kitchen"], "object": ["ann", "bob", "kitchen"]}
 WORLD = ApplicationWorld(
-    {"drive": [("r", "robot"), ("from", "place"), ("to", "place")], "wait": [("to", "place")]},
+    {
+        "drive": [("r", "robot"), ("from", "place"), ("to", "place")],
+        "lift": [("r", "robot"), ("s", "robot")],
+        "wait": [("to", "place")],
+    },
     lambda kind: OBJECTS.get(kind, []),
     ["kitchen"],
     parents={"robot": "object", "place": "object"},
@@ -56,10 +60,10 @@ def test_an_application_that_names_no_robots_may_wait_for_one(
         (DRIVE, ["ann", "ann"], ["robot ann is named twice"]),
         (DRIVE, ["ann", "eve"], ["robot eve is not an object of the problem, as ?r of drive"]),
         (DRIVE, ["kitchen"], ["robot kitchen is of type place, not robot, as ?r of drive"]),
-        (DRIVE._replace(concurrent=0), [], ["Drive.concurrent has to be 1 or more, not 0"]),
         (DRIVE._replace(concurrent=2), ["ann"], ["Drive runs on a robot, one at a time"]),
         (DRIVE._replace(concurrent=2), [], []),
         (DRIVE._replace(robot_parameter="q"), [], ["Drive: robot_parameter is 'q', but operator drive has"]),
+        (Needs("Lift", "lift", ("r", "s")), ["ann"], ["Lift: operator lift has the robots ?r and ?s; say"]),
         (WAIT, ["ann", "bob"], ["no action has a parameter of type robot: nothing runs on ann, bob"]),
         (WAIT, [], []),
     ],
@@ -71,7 +75,6 @@ def test_what_does_not_fit_is_one_sentence(needs: Needs, robots: List[str], said
 
 
 def test_which_parameter_names_the_robot() -> None:
-    unclear = Needs("Carry", "carry", ("r", "s"))
-    world = WORLD._replace(operators={**WORLD.operators, "carry": [("r", "robot"), ("s", "robot")]})
-    assert robot_parameters([DRIVE, WAIT, unclear], world) == {"drive": "r"}
-    assert robot_parameters([unclear._replace(robot_parameter="s")], world) == {"carry": "s"}
+    unclear = Needs("Lift", "lift", ("r", "s"))
+    assert robot_parameters([DRIVE, WAIT, unclear], WORLD) == {"drive": "r"}
+    assert robot_parameters([unclear._replace(robot_parameter="s")], WORLD) == {"lift": "s"}

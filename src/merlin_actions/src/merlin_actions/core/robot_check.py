@@ -30,8 +30,6 @@ def check_robots(classes: Sequence[Needs], world: ApplicationWorld, robots: Sequ
     """
     found: List[str] = []
     for needs in classes:
-        if needs.concurrent < 1:
-            found.append(f"{needs.name}.concurrent has to be 1 or more, not {needs.concurrent}")
         try:
             variable = _parameter(needs, world) if robots or needs.robot_parameter else ""
         except ValueError as error:
