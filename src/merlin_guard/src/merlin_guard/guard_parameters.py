@@ -2,7 +2,8 @@
 """The guard's private parameters, checked when they are read."""
 
 import math
-from typing import Any, List, NamedTuple, Optional
+import sys
+from typing import Any, Callable, List, NamedTuple
 
 import rospy
 
@@ -13,6 +14,7 @@ from merlin_ros.parameters import ParameterError, flag, is_name
 DEFAULT_SERVERS = ("move_base",)
 CLAMP, REFUSE = "clamp", "refuse"
 LONGEST_TIMEOUT = 0.5  # s that a base may go on without commands, as docs/real-robot.md has it checked
+LEASE = "require_lease"
 SERVER_WAIT = 30.0  # s; a simulator loads its world that long on a busy machine
 
 
@@ -59,14 +61,8 @@ def read_parameters() -> GuardParameters:
     :raises ParameterError: when one has the wrong type or a value that makes no sense.
     """
     default = GuardSettings()
-    settings = GuardSettings(
-        require_lease=flag("~require_lease", default.require_lease),
-        **{
-            name: _duration(f"~{name}", value)
-            for name, value in default._asdict().items()
-            if name != "require_lease"
-        },
-    )
+    times = {name: _seconds(name, value) for name, value in default._asdict().items() if name != LEASE}
+    settings = GuardSettings(**times, require_lease=flag(f"~{LEASE}", default.require_lease))
     try:
         settings.check()
     except ValueError as error:
@@ -76,12 +72,14 @@ def read_parameters() -> GuardParameters:
     return GuardParameters(
         servers=_servers(rospy.get_param("~motion_servers", list(DEFAULT_SERVERS))),
         settings=settings,
-        server_wait=_duration("~server_wait", SERVER_WAIT),
+        server_wait=_seconds("server_wait", SERVER_WAIT),
         stop_button=_button(rospy.get_param("~stop_button", -1)),
         limits=VelocityLimits(**{name: _limit(name, value) for name, value in limits.items()}),
         limits_given=all(_given(f"~{name}") is not None for name in finite),
         refuse=_refuse(_given("~over_limit")),
-        base_timeout=_base_timeout(),
+        base_timeout=_number(
+            "~base_timeout", 0.0, "a number of seconds; empty or 0: not known", lambda s: 0.0 <= s < math.inf
+        ),
     )
 
 
@@ -91,44 +89,35 @@ def _given(name: str) -> Any:
     return None if value == "" else value
 
 
-def _number(name: str, wanted: str) -> Optional[float]:
+def _number(name: str, default: float, wanted: str, fits: Callable[[float], bool]) -> float:
     """A parameter that may be missing; a text, as `inf` is for YAML, may be a number too."""
     value = _given(name)
     if value is None:
-        return None
+        return default
     try:
         number = math.nan if isinstance(value, bool) else float(value)
     except (TypeError, ValueError):
         number = math.nan
-    if math.isnan(number):
+    if not fits(number):  # NaN does not
         raise ParameterError(f"parameter {name} is {value!r}; it has to be {wanted}")
     return number
 
 
+def _seconds(name: str, default: float) -> float:
+    return _number(f"~{name}", default, "a number of seconds, more than 0", lambda s: 0.0 < s < math.inf)
+
+
 def _limit(name: str, default: float) -> float:
-    wanted = "a number, more than 0"
-    value = _number(f"~{name}", wanted)
-    if value is None:
-        return default
-    if value <= 0.0:
-        raise ParameterError(f"parameter ~{name} is {value:g}; it has to be {wanted}")
-    if math.isinf(value) and name.endswith("speed"):
-        raise ParameterError(f"parameter ~{name} is infinite; a speed may not be without a limit")
-    return value
+    most, wanted = math.inf, "a number, more than 0"
+    if name.endswith("speed"):
+        most, wanted = sys.float_info.max, f"{wanted}, and not infinite"
+    return _number(f"~{name}", default, wanted, lambda value: 0.0 < value <= most)
 
 
 def _refuse(value: Any) -> bool:
     if value not in (None, CLAMP, REFUSE):
         raise ParameterError(f"parameter ~over_limit is {value!r}; it has to be {CLAMP} or {REFUSE}")
     return bool(value == REFUSE)
-
-
-def _base_timeout() -> float:
-    wanted = "a number of seconds; empty or 0: not known"
-    value = _number("~base_timeout", wanted) or 0.0
-    if not 0.0 <= value < math.inf:
-        raise ParameterError(f"parameter ~base_timeout is {value:g}; it has to be {wanted}")
-    return value
 
 
 def _servers(value: Any) -> List[str]:
@@ -142,15 +131,6 @@ def _servers(value: Any) -> List[str]:
                 f"parameter ~motion_servers has {name!r}, which is not the name of an action"
             )
     return list(dict.fromkeys(rospy.resolve_name(name) for name in value))
-
-
-def _duration(name: str, default: float) -> float:
-    value = rospy.get_param(name, default)
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
-        raise ParameterError(f"parameter {name} is {value!r}; it has to be a number of seconds")
-    if value <= 0.0:
-        raise ParameterError(f"parameter {name} is {value:g}; it has to be more than 0 s")
-    return float(value)
 
 
 def _button(value: Any) -> int:

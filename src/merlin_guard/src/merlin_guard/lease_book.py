@@ -127,22 +127,16 @@ class GuardLeases:
         if not suspended and goal_id not in owner.held:
             return FOREIGN
         silent = now - owner.heard_at
-        if owner.gone and silent > min(LOSE_GONE_AFTER, self._settings.lose_after):
-            return LeaseClaim(BaseOwnership.LOST, f"its owner {name} is gone", owner.heard_at)
-        if owner.gone and SUSPEND_GONE_AFTER < silent <= self._settings.suspend_after:
-            return LeaseClaim(
-                BaseOwnership.SUSPENDED, f"its owner {name} is not connected any more", owner.heard_at
-            )
-        for ownership, limit in (
-            (BaseOwnership.LOST, self._settings.lose_after),
-            (BaseOwnership.SUSPENDED, self._settings.suspend_after),
-        ):
-            if silent > limit:
-                return LeaseClaim(
-                    ownership, f"its owner {name} has been silent for {limit:g} s", owner.heard_at
-                )
-        if suspended:
-            return LeaseClaim(
-                BaseOwnership.SUSPENDED, f"its owner {name} says that its own owner is silent", owner.heard_at
-            )
-        return LeaseClaim(BaseOwnership.HELD, heard_at=owner.heard_at)
+        lose, suspend = self._settings.lose_after, self._settings.suspend_after
+        if owner.gone and silent > min(LOSE_GONE_AFTER, lose):
+            held, reason = BaseOwnership.LOST, f"its owner {name} is gone"
+        elif owner.gone and SUSPEND_GONE_AFTER < silent <= suspend:
+            held, reason = BaseOwnership.SUSPENDED, f"its owner {name} is not connected any more"
+        elif silent > suspend:
+            held = BaseOwnership.LOST if silent > lose else BaseOwnership.SUSPENDED
+            reason = f"its owner {name} has been silent for {lose if silent > lose else suspend:g} s"
+        elif suspended:
+            held, reason = BaseOwnership.SUSPENDED, f"its owner {name} says that its own owner is silent"
+        else:
+            held, reason = BaseOwnership.HELD, ""
+        return LeaseClaim(held, reason, owner.heard_at)
