@@ -66,6 +66,20 @@ rospy.Publisher.publish, guard_node.set_param = tell, keep
 sys.exit(guard_node.main())
 """
 
+# A guard whose log hangs, as the disk or the terminal below it may.
+DUMB = """
+import io, sys, threading
+from merlin_guard.guard_node import main
+
+class Hung(io.StringIO):
+    def write(self, text):
+        print("HANGS", flush=True)
+        threading.Event().wait()
+
+sys.stderr = Hung()
+sys.exit(main())
+"""
+
 # A motion server and its controller: drives while a line says so.
 DRIVER = """
 import sys, threading, rospy
@@ -272,3 +286,14 @@ def test_a_stop_is_confirmed_once_it_outlives_the_guard(master: Any) -> None:
     guard.expect("TOLD")
     said = [line for line in guard.output.splitlines() if line.startswith(("TOLD", "KEPT"))]
     assert said[:2] == ["KEPT stopped by /stopper", "TOLD"]
+
+
+def test_a_log_that_hangs_keeps_no_velocity_and_no_stop(master: Any) -> None:
+    master.api.setParam("/test", "/use_sim_time", False)
+    guard, driver = master.node(DUMB), master.node(DRIVER)
+    guard.expect("HANGS")
+    driver.expect("started")
+    driver.say("drive")
+    driver.expect("MOVES")
+    master.node(STOPPER).expect("True stopped until /merlin/release is called")
+    driver.expect("STANDS")

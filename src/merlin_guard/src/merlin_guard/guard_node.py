@@ -4,7 +4,7 @@
 import math
 import threading
 import time
-from typing import Any, Callable, Optional, Set, Tuple
+from typing import Any, Callable, Optional, Tuple
 
 import rospy
 from actionlib_msgs.msg import GoalID, GoalStatusArray
@@ -19,12 +19,14 @@ from merlin_guard.guard_parameters import GuardParameters, read_parameters
 from merlin_guard.motion_permit import GuardState, MotionPermit, PermitDecision, Send, View
 from merlin_guard.motion_server import GoalReport
 from merlin_guard.surroundings import Surroundings
+from merlin_ros.actions.peers import connected_peers, sender_of
 from merlin_ros.deadline import SIM_STATUS_TOPIC, SLOWEST, simulated
 from merlin_ros.master.master_link import MasterSilent, get_param, set_param
 from merlin_ros.node import run_node
 from merlin_ros.parameters import ParameterError
 from merlin_ros.processes.process_priority import raise_priority
 from merlin_ros.publishing import OnSubscriber
+from merlin_ros.work.threads import CallQueue
 
 NAME = "merlin_guard"
 #: Nice value: about nine times the share of a process at 0, and a short way to the processor. What stops the
@@ -52,6 +54,7 @@ class GuardNode:
         self._surroundings.check_start()
         stopped = str(get_param(STOPPED_PARAM, ""))
         self._lock = threading.RLock()  # guards the fields below, and orders what is published
+        self._log = CallQueue("guard log")  # a screen or disk that hangs keeps no velocity and no stop
         self._memory = threading.Lock()  # orders the writers of the parameter that keeps a stop
         self._permit = MotionPermit(parameters.servers, parameters.settings, stopped)
         self._commands = Commands(self._input, self._permit, parameters)
@@ -94,11 +97,9 @@ class GuardNode:
         self._surroundings.start()
         unknown = parameters.unknown_of_base()
         if unknown:
-            rospy.logwarn(f"{rospy.get_name()}: {unknown}")
+            self._warn(unknown)
         if stopped:
-            rospy.logwarn(
-                f"{rospy.get_name()}: {stopped}; it was so when the guard began. {_how_to_release()}"
-            )
+            self._warn(f"{stopped}; it was so when the guard began. {_how_to_release()}")
 
     def _subscribe(self, parameters: GuardParameters) -> None:
         def listen(topic: str, message_class: Any, callback: Any, **options: Any) -> rospy.Subscriber:
@@ -195,7 +196,7 @@ class GuardNode:
             self._keeping += fresh
             self._apply(self._permit.stop(reason, time.monotonic()))
         if fresh:
-            rospy.logwarn(f"{rospy.get_name()}: {reason}. {_how_to_release()}")
+            self._warn(f"{reason}. {_how_to_release()}")
             self._remember_stop()
             with self._lock:
                 self._keeping -= 1
@@ -217,7 +218,7 @@ class GuardNode:
         if not stopped:
             return TriggerResponse(True, "it was not stopped")
         self._remember_stop()
-        rospy.loginfo(f"{rospy.get_name()}: released by {_caller(request)}")
+        self._log.put(rospy.loginfo, f"{rospy.get_name()}: released by {_caller(request)}")
         return TriggerResponse(True, "released")
 
     def _serve_halt(self, request: TriggerRequest) -> TriggerResponse:
@@ -255,9 +256,7 @@ class GuardNode:
         for cancel in decision.cancels:
             self._cancels[cancel.server].publish(GoalID(id=cancel.goal_id))
             if cancel.first:
-                rospy.logwarn(
-                    f"{rospy.get_name()}: cancels {cancel.goal_id} of {cancel.server}: {cancel.reason}"
-                )
+                self._warn(f"cancels {cancel.goal_id} of {cancel.server}: {cancel.reason}")
         self._publish_status(self._permit.view)
 
     def _publish_status(self, view: View) -> None:
@@ -292,8 +291,8 @@ class GuardNode:
         before, logged, since = "", "", time.monotonic()
         while not self._over.wait(TICK):
             with self._lock:
-                clients = {server: _connected(topic) for server, topic in self._leases.items()}
-                simulator = self._foreign or bool(self._simulator and _connected(self._simulator))
+                clients = {server: connected_peers(topic) for server, topic in self._leases.items()}
+                simulator = self._foreign or bool(self._simulator and connected_peers(self._simulator))
                 self._look_at_clock()
                 decision = self._permit.tick(time.monotonic(), clients, simulator)
                 self._commands.look()
@@ -305,7 +304,10 @@ class GuardNode:
             elif reason != logged and time.monotonic() - since >= WARN_AFTER:
                 logged = reason
                 if reason:
-                    rospy.logwarn(f"{rospy.get_name()}: {reason}")
+                    self._warn(reason)
+
+    def _warn(self, text: str) -> None:
+        self._log.put(rospy.logwarn, f"{rospy.get_name()}: {text}")
 
     def _warning(self) -> str:
         """What is wrong, though the base may move; called with the lock held."""
@@ -322,15 +324,6 @@ class GuardNode:
         with self._lock:
             self._closing = True
             self._velocity.publish(Twist())  # a node that ends waits until it is read
-
-
-def _connected(subscriber: rospy.Subscriber) -> Set[str]:
-    """The nodes whose connection is open. rospy's own count keeps those that died for a while."""
-    return {
-        str(connection.callerid_pub)
-        for connection in subscriber.impl.connections
-        if connection.socket is not None
-    }
 
 
 def _stop_button(index: int, stop: Callable[[str], None], note: Callable[[str], None]) -> rospy.Subscriber:
@@ -360,7 +353,7 @@ def _line(text: str, default: str) -> str:
 
 
 def _caller(request: TriggerRequest) -> str:
-    return str(getattr(request, "_connection_header", {}).get("callerid", "an unknown node"))
+    return sender_of(request) or "an unknown node"
 
 
 def _how_to_release() -> str:
