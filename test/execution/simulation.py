@@ -27,8 +27,8 @@ from merlin_rosplan.dispatch.dispatch_environment import (
     KnowledgeChanged,
     Tick,
 )
-from merlin_rosplan.dispatch.dispatch_graph import GraphSchedule
-from merlin_rosplan.dispatch.dispatch_schedule import PlannedAction, Schedule, SequentialSchedule
+from merlin_rosplan.dispatch.dispatch_graph import GraphSchedule, SequentialSchedule
+from merlin_rosplan.dispatch.dispatch_schedule import PlannedAction
 from merlin_rosplan.dispatch.operator_model import ActionModel, Conditions, PlanTerm
 from merlin_rosplan.dispatch.plan_graph import TimedLiteral, TimedValue
 from merlin_rosplan.dispatch.plan_graph_builder import build_graph
@@ -58,7 +58,7 @@ class Planned(NamedTuple):
         actions = [model.ground(step.name, step.arguments) for step in steps]
         return Planned(model, domain, list(steps), actions, operators)
 
-    def schedule(self, kind: str) -> Schedule:
+    def schedule(self, kind: str) -> GraphSchedule:
         """What the parser of a kind makes of it, and the dispatcher of the same kind."""
         planned = [
             PlannedAction(

@@ -12,7 +12,8 @@ from merlin_pddl.plan_text import NO_DURATION, PlanStep
 from merlin_pddl.problem_reader import parse_problem
 from merlin_pddl.problem_writer import write_problem
 from merlin_rosplan.dispatch.dispatch_environment import KnowledgeChanged, PlanGoals
-from merlin_rosplan.dispatch.dispatch_schedule import PlannedAction, SequentialSchedule
+from merlin_rosplan.dispatch.dispatch_graph import SequentialSchedule
+from merlin_rosplan.dispatch.dispatch_schedule import PlannedAction
 from merlin_rosplan.dispatch.operator_model import ActionModel, Conditions, PlanTerm
 from merlin_rosplan.knowledge.executions import Executions
 from merlin_rosplan.knowledge.foreseen import after_actions

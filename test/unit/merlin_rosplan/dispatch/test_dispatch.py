@@ -16,7 +16,7 @@ from merlin_rosplan.dispatch.dispatch_environment import (
     KnowledgeChanged,
     Tick,
 )
-from merlin_rosplan.dispatch.dispatch_schedule import SequentialSchedule
+from merlin_rosplan.dispatch.dispatch_graph import SequentialSchedule
 from merlin_rosplan.dispatch.operator_model import PlanTerm, TimedEffects
 from merlin_test import LONG
 

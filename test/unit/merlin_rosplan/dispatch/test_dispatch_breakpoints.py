@@ -14,7 +14,7 @@ from merlin_rosplan.dispatch.dispatch_environment import (
     FeedbackStatus,
     Tick,
 )
-from merlin_rosplan.dispatch.dispatch_schedule import SequentialSchedule
+from merlin_rosplan.dispatch.dispatch_graph import SequentialSchedule
 from merlin_test import LONG
 
 

@@ -20,8 +20,8 @@ from merlin_rosplan.dispatch.dispatch_environment import (
     KnowledgeChanged,
     Tick,
 )
-from merlin_rosplan.dispatch.dispatch_graph import GraphSchedule
-from merlin_rosplan.dispatch.dispatch_schedule import PlanError, PlannedAction, SequentialSchedule
+from merlin_rosplan.dispatch.dispatch_graph import GraphSchedule, SequentialSchedule
+from merlin_rosplan.dispatch.dispatch_schedule import PlanError, PlannedAction
 from merlin_rosplan.dispatch.operator_model import ActionModel, Conditions
 from merlin_rosplan.dispatch.plan_graph_builder import build_graph
 from merlin_rosplan.messages.plan_graph_messages import graph_from_message, graph_to_dot

@@ -6,7 +6,7 @@ from rest_world import RestWorld, planned
 
 from merlin_rosplan.dispatch.dispatch import PlanDispatch
 from merlin_rosplan.dispatch.dispatch_environment import DispatchLimits, DispatchState, FeedbackStatus
-from merlin_rosplan.dispatch.dispatch_schedule import SequentialSchedule
+from merlin_rosplan.dispatch.dispatch_graph import SequentialSchedule
 
 DOMAIN = """(define (domain d) (:predicates (here) (there) (open) (done))
   (:action go :precondition (here) :effect (and (there) (not (here))))

@@ -6,8 +6,7 @@ from dispatch_world import GUARDED, WORK, Run, World, actions, parallel
 
 from merlin_pddl.plan_text import PlanStep
 from merlin_rosplan.dispatch.dispatch_environment import DispatchState, FeedbackStatus
-from merlin_rosplan.dispatch.dispatch_graph import GraphSchedule
-from merlin_rosplan.dispatch.dispatch_schedule import SequentialSchedule
+from merlin_rosplan.dispatch.dispatch_graph import GraphSchedule, SequentialSchedule
 from merlin_rosplan.dispatch.operator_model import PlanTerm
 from merlin_rosplan.dispatch.plan_graph_builder import build_graph
 from merlin_test import LONG

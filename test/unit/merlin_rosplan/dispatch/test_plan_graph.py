@@ -11,8 +11,8 @@ from rosplan_dispatch_msgs.msg import ActionDispatch, CompletePlan
 from merlin_pddl.formula import Atom as FormulaAtom
 from merlin_pddl.formula import Comparison, Fluent, Forall, Number, Or, Variable
 from merlin_pddl.plan_text import PlanStep
-from merlin_rosplan.dispatch.dispatch_graph import GraphSchedule
-from merlin_rosplan.dispatch.dispatch_schedule import PlanError, PlannedAction, SequentialSchedule
+from merlin_rosplan.dispatch.dispatch_graph import GraphSchedule, SequentialSchedule
+from merlin_rosplan.dispatch.dispatch_schedule import PlanError, PlannedAction
 from merlin_rosplan.dispatch.operator_model import (
     ActionModel,
     Conditions,

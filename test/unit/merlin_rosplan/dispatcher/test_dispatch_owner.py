@@ -24,7 +24,7 @@ from merlin_ros.alarms import Alarm, wait_ticks
 from merlin_ros.deadline import Deadline
 from merlin_rosplan.dispatch.dispatch import DispatchReport, DispatchState
 from merlin_rosplan.dispatch.dispatch_environment import Event, KnowledgeChanged
-from merlin_rosplan.dispatch.dispatch_schedule import Schedule
+from merlin_rosplan.dispatch.dispatch_graph import GraphSchedule
 from merlin_rosplan.dispatcher import plan_dispatcher
 from merlin_rosplan.dispatcher.simple_and_esterel import SimplePlanDispatcher
 from merlin_rosplan.transport import component
@@ -70,7 +70,7 @@ class Dispatcher(SimplePlanDispatcher):
 
     on_schedule: Callable[[], object] = staticmethod(lambda: None)
 
-    def make_schedule(self, plan: CompletePlan, *_: Any) -> Schedule:
+    def make_schedule(self, plan: CompletePlan, *_: Any) -> GraphSchedule:
         self.on_schedule()
         return super().make_schedule(plan)
 

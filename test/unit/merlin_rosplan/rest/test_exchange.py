@@ -8,7 +8,8 @@ from dispatch_world import WORK, Run, World, actions, parallel
 
 from merlin_pddl.plan_text import PlanStep
 from merlin_rosplan.dispatch.dispatch_environment import DispatchState, Exchange, FeedbackStatus, Tick
-from merlin_rosplan.dispatch.dispatch_schedule import Ongoing, PlanError, PlannedAction, SequentialSchedule
+from merlin_rosplan.dispatch.dispatch_graph import SequentialSchedule
+from merlin_rosplan.dispatch.dispatch_schedule import Ongoing, PlanError, PlannedAction
 from merlin_rosplan.dispatch.operator_model import ActionModel, Conditions, PlanTerm, TimedEffects
 from merlin_rosplan.dispatch.plan_graph_builder import build_graph
 from merlin_rosplan.rest.exchange import continued_graph, continued_list

@@ -19,8 +19,8 @@ from merlin_rosplan.dispatch.dispatch_environment import (
     FeedbackStatus,
     KnowledgeChanged,
 )
-from merlin_rosplan.dispatch.dispatch_graph import GraphSchedule
-from merlin_rosplan.dispatch.dispatch_schedule import PlannedAction, SequentialSchedule
+from merlin_rosplan.dispatch.dispatch_graph import GraphSchedule, SequentialSchedule
+from merlin_rosplan.dispatch.dispatch_schedule import PlannedAction
 from merlin_rosplan.dispatch.operator_model import ActionModel, Conditions, PlanTerm, TimedEffects
 from merlin_rosplan.dispatch.plan_graph_builder import build_graph
 from merlin_rosplan.rest.exchange import continued_graph, continued_list

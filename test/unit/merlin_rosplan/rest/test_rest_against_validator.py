@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from rest_world import RestWorld
 
 from merlin_pddl.plan_text import NO_DURATION
-from merlin_rosplan.dispatch.dispatch_schedule import PlannedAction, Schedule, SequentialSchedule
+from merlin_rosplan.dispatch.dispatch_graph import GraphSchedule, SequentialSchedule
+from merlin_rosplan.dispatch.dispatch_schedule import PlannedAction
 
 kairos = pytest.importorskip("kairos")
 FACTS = [f"f{number}" for number in range(6)]
@@ -21,7 +22,7 @@ class InTime(SequentialSchedule):
     """The happenings as they are planned, some at once."""
 
     def happenings(self):
-        return Schedule.happenings(self)
+        return GraphSchedule.happenings(self)
 
 
 def literals(rng, least, most):

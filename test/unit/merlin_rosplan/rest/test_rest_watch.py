@@ -7,7 +7,7 @@ from rest_world import RestWorld, planned
 from merlin_pddl.knowledge import FunctionValue, Instance
 from merlin_pddl.plan_text import OUTDATED
 from merlin_rosplan.dispatch.dispatch_environment import DispatchError
-from merlin_rosplan.dispatch.dispatch_schedule import SequentialSchedule
+from merlin_rosplan.dispatch.dispatch_graph import SequentialSchedule
 from merlin_rosplan.rest.rest_watch import PlanWatch
 
 DOMAIN = """(define (domain house) (:requirements :adl :typing :durative-actions :numeric-fluents

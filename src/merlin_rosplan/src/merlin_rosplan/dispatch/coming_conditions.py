@@ -4,8 +4,9 @@
 from typing import Any, Collection, Dict, Iterator, List, Set
 
 from merlin_rosplan.dispatch.dispatch_environment import DispatchEnvironment
+from merlin_rosplan.dispatch.dispatch_graph import GraphSchedule
 from merlin_rosplan.dispatch.dispatch_running import Running
-from merlin_rosplan.dispatch.dispatch_schedule import PlannedAction, Schedule
+from merlin_rosplan.dispatch.dispatch_schedule import PlannedAction
 from merlin_rosplan.dispatch.operator_model import Conditions
 
 
@@ -15,7 +16,7 @@ class ComingConditions:
     :param settle: s within which start effects and timed changes are applied.
     """
 
-    def __init__(self, environment: DispatchEnvironment, schedule: Schedule, settle: float) -> None:
+    def __init__(self, environment: DispatchEnvironment, schedule: GraphSchedule, settle: float) -> None:
         self._environment = environment
         self._schedule = schedule
         self._settle = settle

@@ -32,8 +32,9 @@ from merlin_rosplan.dispatch.dispatch_environment import (
     Tick,
     together,
 )
+from merlin_rosplan.dispatch.dispatch_graph import GraphSchedule
 from merlin_rosplan.dispatch.dispatch_running import Running, broken_over_all
-from merlin_rosplan.dispatch.dispatch_schedule import PlannedAction, Schedule
+from merlin_rosplan.dispatch.dispatch_schedule import PlannedAction
 from merlin_rosplan.dispatch.operator_model import Conditions
 
 _NOTHING: FrozenSet[str] = frozenset()
@@ -56,7 +57,7 @@ class PlanDispatch:
 
     def __init__(
         self,
-        schedule: Schedule,
+        schedule: GraphSchedule,
         environment: DispatchEnvironment,
         limits: DispatchLimits,
         plan_id: int = 0,

@@ -20,9 +20,10 @@ from typing import (
     Union,
 )
 
-from merlin_rosplan.dispatch.dispatch_schedule import Ongoing, PlanError, PlannedAction, Schedule
+from merlin_rosplan.dispatch.dispatch_schedule import Ongoing, PlanError, PlannedAction
 
 if TYPE_CHECKING:  # a dispatcher answers before it has operators
+    from merlin_rosplan.dispatch.dispatch_graph import GraphSchedule
     from merlin_rosplan.dispatch.operator_model import ActionModel, Conditions, PlanTerm
 
 
@@ -113,7 +114,7 @@ class DispatchReport:
     def of(
         state: Optional[DispatchState],
         failure: Optional[DispatchFailure],
-        schedule: Schedule,
+        schedule: "GraphSchedule",
         running: Sequence[PlannedAction],
         steps_done: int,
         unanswered: Sequence[PlannedAction],
@@ -344,7 +345,7 @@ class Exchange:
     def __init__(
         self,
         keep: FrozenSet[int],
-        make: Callable[[Ongoing], Tuple[Schedule, Optional[RestWatch]]],
+        make: "Callable[[Ongoing], Tuple[GraphSchedule, Optional[RestWatch]]]",
         known: Optional[FrozenSet[int]] = None,
     ) -> None:
         self.keep = keep

@@ -1,19 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a plan graph allows to start next; actions run in parallel."""
+"""What a plan allows to start next: actions run in parallel, or in the order of a list."""
 
-from typing import Dict, List, Optional, Set
+from typing import Dict, Iterable, List, Optional, Set, Tuple
 
 from merlin_ros.work.passed_time import PassedTime
-from merlin_rosplan.dispatch.dispatch_schedule import Overtaken, PlanError, PlannedAction, Schedule
+from merlin_rosplan.dispatch.dispatch_schedule import Overtaken, PlanError, PlannedAction
 from merlin_rosplan.dispatch.plan_graph import MIN_BOUND, NO_BOUND, EdgeType, Node, NodeType, PlanGraph
 
 _PAST = 1e-6  # s after a latest time at which it has passed
 
 
-class GraphSchedule(Schedule):
-    """Dispatches as the edges of a plan graph allow; actions run in parallel.
+class GraphSchedule:
+    """One run of a plan, as the edges of its graph allow; actions run in parallel. Not thread-safe.
 
-    Its times are ROS time as it passes: where the clock is set back, what has passed has passed.
+    Its times are s of ROS time as it passes: where the clock is set back, what has passed has passed.
 
     :param graph: ids of nodes and edges are their indices.
     :param actions: by index, as `Node.action` counts.
@@ -26,7 +26,10 @@ class GraphSchedule(Schedule):
     def __init__(
         self, graph: PlanGraph, actions: List[PlannedAction], bounds: bool = False, fraction: float = 0.0
     ) -> None:
-        super().__init__(actions)
+        self.actions = {action.id: action for action in actions}
+        for action in actions:
+            if self.actions[action.id] is not action:
+                raise PlanError(f"two actions of the plan have the id {action.id}")
         self._graph = graph
         self._actions = actions
         self._bounds = bounds
@@ -66,6 +69,13 @@ class GraphSchedule(Schedule):
             if self._graph.edges[edge].sink not in self._time
         }
 
+    def happenings(self) -> List[Tuple[int, bool]]:
+        """The start (False) and the end (True) of every action, by its id, in the order of the plan."""
+        # Times of messages are float32: an end and a start of one moment may differ by some µs.
+        timed = [(round(each.time, 3), True, each.id) for each in self.actions.values()]
+        timed += [(round(each.time + each.duration, 3), False, each.id) for each in self.actions.values()]
+        return [(action_id, not is_start) for _, is_start, action_id in sorted(timed)]
+
     def node_state(self, node: Node) -> str:
         """``waiting``, ``dispatched`` or ``completed``."""
         if node.type == NodeType.PLAN_START:
@@ -93,7 +103,7 @@ class GraphSchedule(Schedule):
         ]
 
     def started(self, action_id: int, now: float, seen: bool = True) -> None:
-        """The start node happens, once its effects are applied."""
+        """An action was dispatched; not `seen`: whether its start effects are applied is not known yet."""
         now = self._clock.look(now)
         self._started.add(action_id)
         node = self._start_of[action_id]
@@ -107,7 +117,7 @@ class GraphSchedule(Schedule):
             self._block(sink)
 
     def seen(self, action_id: int, now: float) -> None:
-        """The start node happens."""
+        """The start effects of an action are applied: its start node happens."""
         node = self._start_of[action_id]
         if node.id in self._unseen:
             sent = self._unseen.pop(node.id)
@@ -129,7 +139,7 @@ class GraphSchedule(Schedule):
         return sorted(self._actions[self._graph.nodes[node].action].id for node in nodes)
 
     def ended(self, action_id: int, now: float) -> None:
-        """The end node happens, once its other edges allow it."""
+        """An action has succeeded: its end node happens, once its other edges allow it."""
         self.seen(action_id, now)
         self._completed.add(action_id)
         node = self._end_of[action_id]
@@ -158,7 +168,7 @@ class GraphSchedule(Schedule):
         return found
 
     def wake_time(self, now: float) -> Optional[float]:
-        """The next bound of a node that waits for nothing else."""
+        """The next time at which a node that waits for nothing else becomes ready or late; None: never."""
         times: List[float] = []
         for node in self._candidates:
             if self._graph.nodes[node].type == NodeType.ACTION_START:
@@ -174,7 +184,7 @@ class GraphSchedule(Schedule):
         return self._earliest(self._start_of[action_id].id) > 0.0
 
     def late(self, now: float) -> Optional[str]:
-        """The first node whose latest time has passed; without bounds nothing is late."""
+        """The first node whose latest time has passed, one sentence; without bounds nothing is late."""
         if not self._bounds:
             return None
         now = self._clock.look(now)
@@ -252,3 +262,22 @@ class GraphSchedule(Schedule):
         if seen < len(self._graph.nodes):
             stuck = [node.name for node in self._graph.nodes if missing[node.id] > 0]
             raise PlanError(f"the plan graph has a cycle through {', '.join(stuck[:5])}")
+
+
+class SequentialSchedule(GraphSchedule):
+    """One action after the other, in the order of the list; their times do not matter."""
+
+    def __init__(self, actions: Iterable[PlannedAction]) -> None:
+        ordered = list(actions)
+        graph = PlanGraph([Node(0, NodeType.PLAN_START, "plan_start", -1)])
+        for index, action in enumerate(ordered):
+            start, end = 2 * index + 1, 2 * index + 2
+            graph.nodes.append(Node(start, NodeType.ACTION_START, f"{action.name}_start", index))
+            graph.nodes.append(Node(end, NodeType.ACTION_END, f"{action.name}_end", index))
+            graph.connect(EdgeType.CONDITION, start - 1, start)
+            graph.connect(EdgeType.START_END, start, end)
+        super().__init__(graph, ordered)
+
+    def happenings(self) -> List[Tuple[int, bool]]:
+        """Each action ends before the next one starts."""
+        return [(action_id, at_end) for action_id in self.actions for at_end in (False, True)]

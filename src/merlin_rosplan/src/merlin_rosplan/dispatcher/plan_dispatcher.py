@@ -48,7 +48,7 @@ from merlin_rosplan.dispatch.dispatch_environment import (
     Tick,
     together,
 )
-from merlin_rosplan.dispatch.dispatch_schedule import Ongoing, PlanError, Schedule
+from merlin_rosplan.dispatch.dispatch_schedule import Ongoing, PlanError
 from merlin_rosplan.dispatcher.dispatch_settler import DispatchSettler
 from merlin_rosplan.dispatcher.dispatch_topics import SHUTDOWN_DEADLINE, DispatchTopics, KnowledgeEvents
 from merlin_rosplan.transport.component import Component
@@ -56,6 +56,7 @@ from merlin_rosplan.transport.handover import Handover
 
 if TYPE_CHECKING:  # what carries out a plan is imported when the node serves
     from merlin_rosplan.dispatch.dispatch import PlanDispatch
+    from merlin_rosplan.dispatch.dispatch_graph import GraphSchedule
     from merlin_rosplan.dispatcher.plan_knowledge import PlanKnowledge
 
 SCOPE = "rosplan_plan_dispatcher"
@@ -140,7 +141,7 @@ class PlanDispatcher(Component):
             self,
             lambda: self._knowledge,
             self.publishes_feedback,
-            self._tick,
+            functools.partial(self._put, Tick()),
             self._forward,
             self.progressed,
             self._breakpoints,
@@ -209,7 +210,7 @@ class PlanDispatcher(Component):
 
     # --- for subclasses ---------------------------------------------------------------------------
 
-    def make_schedule(self, plan: Any, ongoing: Ongoing = NOTHING) -> Schedule:
+    def make_schedule(self, plan: Any, ongoing: Ongoing = NOTHING) -> "GraphSchedule":
         """The schedule of a plan message.
 
         :param ongoing: the actions that run meanwhile. The schedule contains those that go on.
@@ -249,7 +250,11 @@ class PlanDispatcher(Component):
             plan = self._take_plan()
         except PlanError as error:
             return ExchangePlanResponse(str(error))
-        make = functools.partial(self._continue, plan)
+
+        def make(ongoing: Ongoing) -> "Tuple[GraphSchedule, Optional[RestWatch]]":
+            schedule = self.make_schedule(plan, ongoing)
+            return schedule, self._watch(schedule, None)
+
         wish = Exchange(frozenset(request.keep), make, frozenset(request.known))
         dispatch.exchange(wish)
         if not Deadline(EXCHANGE_LIMIT).wait_event(wish.ended) and wish.take_back():
@@ -260,17 +265,13 @@ class PlanDispatcher(Component):
         rospy.loginfo("%s: %s", self.scope, refused or "goes on with another plan")
         return ExchangePlanResponse(refused)
 
-    def _continue(self, plan: Any, ongoing: Ongoing) -> Tuple[Schedule, Optional[RestWatch]]:
-        """Schedule and watch of a plan that takes the place of another; in the thread of the dispatch."""
+    def _watch(self, schedule: "GraphSchedule", missed: Optional[FrozenSet[str]]) -> Optional[RestWatch]:
         from merlin_rosplan.rest.rest_watch import PlanWatch
 
-        schedule = self.make_schedule(plan, ongoing)
-        return schedule, PlanWatch(schedule, self._topics, None) if self._watches_rest else None
+        return PlanWatch(schedule, self._topics, missed) if self._watches_rest else None
 
     def _accept(self, goal: ServerGoal) -> None:
         turn = self._arrive(_Turn(goal.sender, goal))
-        with self._state:
-            self._owed += 1
         try:
             start_thread(f"dispatch {self.scope}", self._run_goal, turn, goal)
         except RuntimeError:  # the server answers
@@ -324,6 +325,7 @@ class PlanDispatcher(Component):
     def _arrive(self, turn: _Turn) -> _Turn:
         with self._state:
             self._turns.arrive(turn)
+            self._owed += turn.goal is not None
         return turn
 
     def _stop(self, turn: _Turn, reason: str) -> None:
@@ -398,10 +400,8 @@ class PlanDispatcher(Component):
 
     def _run_plan(self, turn: _Turn) -> DispatchReport:
         from merlin_rosplan.dispatch.dispatch import PlanDispatch
-        from merlin_rosplan.rest.rest_watch import PlanWatch
 
-        plan = self._take_plan()
-        schedule = self.make_schedule(plan)
+        schedule = self.make_schedule(self._take_plan())
         goal = turn.goal
         with self._state:
             missed, self._missed = self._missed, frozenset()
@@ -411,13 +411,12 @@ class PlanDispatcher(Component):
             self._limits,
             self._topics.begin(goal.id if goal is not None else ""),
             breakpoints=self._breakpoints,
-            watch=PlanWatch(schedule, self._topics, missed) if self._watches_rest else None,
+            watch=self._watch(schedule, missed),
         )
         with self._state:
             turn.dispatch = dispatch
             missed, self._missed = self._missed, frozenset()
-        if missed != frozenset():  # while it was made
-            dispatch.put(KnowledgeChanged(missed))
+        dispatch.put(KnowledgeChanged(missed))  # while it was made
         if self.closed or turn.ends:  # a cancel before this point found no dispatch to stop
             dispatch.cancel("cancelled before it began")
         if goal is not None:
@@ -488,9 +487,6 @@ class PlanDispatcher(Component):
 
     def _breakpoints_changed(self) -> None:
         self._topics.repeat_status()
-        self._tick()
-
-    def _tick(self) -> None:
         self._put(Tick())
 
     def _put(self, event: Event) -> None:

@@ -1,20 +1,25 @@
 # SPDX-License-Identifier: Apache-2.0
 """ROSPlan's two plan dispatchers: simple and Esterel."""
 
-from typing import Optional
+from typing import TYPE_CHECKING, Optional
 
 from rosplan_dispatch_msgs.msg import ActionDispatch, CompletePlan, EsterelPlan
 
-from merlin_rosplan.dispatch.dispatch_schedule import Ongoing, PlannedAction, Schedule, SequentialSchedule
+from merlin_rosplan.dispatch.dispatch_schedule import Ongoing, PlannedAction
 from merlin_rosplan.dispatcher.plan_dispatcher import NOTHING, SCOPE, PlanDispatcher
 from merlin_rosplan.messages.plan_graph_drawer import PlanGraphDrawer
+
+if TYPE_CHECKING:  # what carries out a plan is imported when the node serves
+    from merlin_rosplan.dispatch.dispatch_graph import GraphSchedule, SequentialSchedule
 
 
 class SimplePlanDispatcher(PlanDispatcher):
     """Runs a CompletePlan, one action after the other."""
 
-    def make_schedule(self, plan: CompletePlan, ongoing: Ongoing = NOTHING) -> Schedule:
+    def make_schedule(self, plan: CompletePlan, ongoing: Ongoing = NOTHING) -> "SequentialSchedule":
         """The list, in its order."""
+        from merlin_rosplan.dispatch.dispatch_graph import SequentialSchedule
+
         actions = [planned_action(message) for message in plan.plan]
         if ongoing != NOTHING:
             from merlin_rosplan.rest.exchange import continued_list
@@ -48,12 +53,11 @@ class EsterelPlanDispatcher(PlanDispatcher):
 
     def prepare(self) -> None:
         """Imports what the first graph needs, too."""
-        from merlin_rosplan.dispatch import dispatch_graph  # noqa: F401
         from merlin_rosplan.messages import plan_graph_messages  # noqa: F401
 
         super().prepare()
 
-    def make_schedule(self, plan: EsterelPlan, ongoing: Ongoing = NOTHING) -> Schedule:
+    def make_schedule(self, plan: EsterelPlan, ongoing: Ongoing = NOTHING) -> "GraphSchedule":
         """The graph; with `~timeout_actions` its time bounds are kept."""
         from merlin_rosplan.dispatch.dispatch_graph import GraphSchedule
         from merlin_rosplan.messages.plan_graph_messages import graph_from_message

@@ -15,7 +15,8 @@ from merlin_rosplan.dispatch.dispatch_environment import (
     RestVerdict,
     RestWatch,
 )
-from merlin_rosplan.dispatch.dispatch_schedule import PlannedAction, Schedule
+from merlin_rosplan.dispatch.dispatch_graph import GraphSchedule
+from merlin_rosplan.dispatch.dispatch_schedule import PlannedAction
 from merlin_rosplan.dispatch.operator_model import Conditions, PlanTerm
 from merlin_rosplan.rest.plan_rest import Need, Needs, PlanRest, literal_of
 
@@ -55,7 +56,7 @@ class PlanWatch(RestWatch):
 
     def __init__(
         self,
-        schedule: Schedule,
+        schedule: GraphSchedule,
         environment: DispatchEnvironment,
         missed: Optional[FrozenSet[str]] = frozenset(),
     ) -> None:
