@@ -155,8 +155,20 @@ def test_a_path_of_any_length_keeps_its_ends(count: int) -> None:
     assert not count or (path[0][0] == 0.0 and path[-1][0] == count - 1)
 
 
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+def test_a_place_that_is_nowhere_is_not_shown(value: float) -> None:
+    tree = StateTree()
+    section = MapSection(tree)
+    section.people(PoseArray(poses=[Pose(position=Point(value, 2, 0)), Pose(position=Point(1, 2, 0))]))
+    section.path([(value, 0.0), (1.0, 0.0), (0.0, value)])
+    section.goal((0.0, 0.0, value))
+    assert tree.get("map", "people") == [[1.0, 2.0]]
+    assert tree.get("map", "path") == [[1.0, 0.0]]
+    assert tree.get("map", "goal") is None
+
+
 PLACE = {"x": "1.5", "y": 2}
-NO_PLACES = [None, "kitchen", 1.0, [], {"x": 1}, {"x": "1", "y": None}, {"x": [], "y": {}}]
+NO_PLACES = [None, "kitchen", 1.0, [], {"x": 1}, {"x": "1", "y": None}, {"x": []}, {"x": "nan", "y": 2}]
 SHAPES = st.sampled_from([*NO_PLACES, PLACE])
 
 

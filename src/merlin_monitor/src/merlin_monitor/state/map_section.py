@@ -69,6 +69,7 @@ class RobotTrack:
         """The way the robot means to take, m; none: it is not going anywhere."""
         if self._runs is None and at < self._ended:
             return
+        points = [(x, y) for x, y in points if math.isfinite(x + y)]
         stride = max(1, -(-len(points) // LONGEST_PATH))
         shown = [[round(x, 2), round(y, 2)] for x, y in points[::stride]]
         if points and stride > 1:
@@ -86,8 +87,8 @@ class RobotTrack:
         if older or (any(sent) and any(sent.is_of(end) for end in self._ends if end.stamp <= at)):
             return False
         self._runs = sent
-        shown = None if pose is None else [round(value, 3) for value in pose]
-        self._tree.set(*self._place, "goal", shown)
+        known = pose is not None and math.isfinite(sum(pose))
+        self._tree.set(*self._place, "goal", [round(value, 3) for value in pose or ()] if known else None)
         return True
 
     def ended(self, end: Sent, at: float) -> bool:
@@ -295,6 +296,8 @@ class MapSection:
                 if getattr(item, "state", None) == ABSENT or getattr(item, "action", SHOWN) != SHOWN:
                     continue
                 where = position(item)
+                if not math.isfinite(where.x + where.y):
+                    continue
                 name = str(getattr(item, "name", "") or "")
                 place: List[Union[float, str]] = [round(where.x, 2), round(where.y, 2)]
                 people.append([*place, name] if name else place)
@@ -306,9 +309,11 @@ def read_points(parameter: Any) -> Dict[str, List[float]]:
     points: Dict[str, List[float]] = {}
     for name, place in (parameter if isinstance(parameter, dict) else {}).items():
         try:
-            points[name] = [float(place["x"]), float(place["y"]), float(place.get("yaw", 0.0))]
+            point = [float(place["x"]), float(place["y"]), float(place.get("yaw", 0.0))]
         except (TypeError, KeyError, ValueError, AttributeError):
             continue  # another node's parameter of that name
+        if math.isfinite(sum(point)):
+            points[name] = point
     return points
 
 
