@@ -227,6 +227,7 @@ def test_it_takes_no_goals_that_its_executor_does_not_begin(
         ("http://127.0.0.1:8080/", ""),
         ("http://localhost:8080/", ""),
         ("http://[::1]:8080/", ""),
+        ("http://[robot.lab:8080/", ""),
         ("", ""),
         ("https://robot.lab:8080/", "https://robot.lab:8080/"),
     ],

@@ -190,7 +190,11 @@ class RobotReport:
 
 def own_page(address: str) -> str:
     """The address of a page, if other computers reach it; else empty."""
-    return "" if is_loopback(urlsplit(address).hostname or "localhost") else address
+    try:
+        host = urlsplit(address).hostname or "localhost"
+    except ValueError:  # half a pair of brackets: the parameter is not the monitor's
+        return ""
+    return "" if is_loopback(host) else address
 
 
 def _parameter(name: str) -> Any:
