@@ -7,7 +7,7 @@ from typing import Callable, List
 import rospy
 from std_srvs.srv import Trigger, TriggerResponse
 
-from merlin_ros.master.master_link import ERRORS, bounded_master
+from merlin_ros.master.master_link import MasterSilent, get_param, set_param
 
 RESUMED = "The next request may begin."
 PAUSED = "Paused: no further request begins; the running one continues."
@@ -15,7 +15,7 @@ PAUSED_PARAM = "~paused"
 
 
 def offer_pause(switch: Callable[[bool], None]) -> List[rospy.Service]:
-    """Offers the services ``merlin/pause`` and ``merlin/resume``; a pause outlives its process.
+    """Offers the services ``merlin/pause`` and ``merlin/resume``; a pause outlives its process and the master.
 
     :param switch: called with whether no further request begins; at once when the last process was paused.
     """
@@ -25,13 +25,12 @@ def offer_pause(switch: Callable[[bool], None]) -> List[rospy.Service]:
         with changing:
             switch(paused)
             try:
-                # It is in effect already; when the master hangs, only the parameter is missing.
-                bounded_master().setParam(rospy.resolve_name(PAUSED_PARAM), paused)
-            except ERRORS as error:
+                set_param(PAUSED_PARAM, paused)  # it is in effect already
+            except MasterSilent as error:
                 rospy.logerr(f"executor: the master does not keep the pause for a restart: {error}")
         return TriggerResponse(True, words)
 
-    if rospy.get_param(PAUSED_PARAM, False) is True:
+    if get_param(PAUSED_PARAM, False) is True:
         switch(True)
         rospy.logwarn("the executor is paused, as it was before; call merlin/resume")
     return [

@@ -1,0 +1,40 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A pause of the Executor outlives what it is kept in."""
+
+from typing import Any
+
+import pytest
+
+pytestmark = pytest.mark.processes
+
+PAUSED = """
+import sys
+from merlin_executor.node.pause_services import offer_pause
+from merlin_ros.node import on_master_replaced, run_node
+
+def start():
+    start.services = offer_pause(lambda paused: print("PAUSED", paused, flush=True))
+    on_master_replaced(lambda: print("REPLACED", flush=True))
+
+sys.exit(run_node("executor", start))
+"""
+
+OPERATOR = """
+import rospy
+from std_srvs.srv import Trigger
+
+rospy.init_node("operator")
+rospy.wait_for_service("merlin/pause")
+print(rospy.ServiceProxy("merlin/pause", Trigger)().message, flush=True)
+"""
+
+
+def test_a_pause_is_kept_at_a_master_that_is_started_anew_just_then(master: Any) -> None:
+    master.api.setParam("/test", "/use_sim_time", False)
+    executor = master.node(PAUSED)
+    master.node(OPERATOR).expect("Paused")
+    master.kill()
+    master.start()
+    executor.expect("REPLACED")
+    executor.end()
+    master.node(PAUSED).expect("PAUSED True")
