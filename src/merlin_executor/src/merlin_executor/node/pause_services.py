@@ -15,7 +15,7 @@ PAUSED_PARAM = "~paused"
 
 
 def offer_pause(switch: Callable[[bool], None]) -> List[rospy.Service]:
-    """Offers the services ``merlin/pause`` and ``merlin/resume``; a pause outlives its process and the master.
+    """Offers the services ``merlin/pause`` and ``merlin/resume``; a pause outlives process and master.
 
     :param switch: called with whether no further request begins; at once when the last process was paused.
     """
