@@ -4,6 +4,7 @@
 import itertools
 import math
 import threading
+import time
 from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
 
 import pytest
@@ -115,6 +116,8 @@ class FakeRobot:
         self.parameters: Dict[str, Any] = {}
         self.waited: List[Any] = []
         self.missing: Optional[Exception] = None
+        self.absent = False  # whether there is no Executor
+        self.awaited = threading.Event()  # set while it is waited for
         self.published: List[MissionStatus] = []
         self.services: Dict[str, Callable[[Any], Any]] = {}
         self.at_shutdown: List[Callable[[], None]] = []
@@ -142,8 +145,11 @@ class FakeRobot:
 
     # --- the Executor -----------------------------------------------------------------------------------
 
-    def wait_for_executor(self, timeout: float) -> bool:
-        return True
+    def wait_for_executor(self, timeout: float, unless: Callable[[], bool] = lambda: False) -> bool:
+        while self.absent and not unless():
+            self.awaited.set()
+            time.sleep(0.01)
+        return not self.absent
 
     def send(
         self, goals: Any, priority: int = 0, on_interrupt: int = 0, on_done: Any = None, **_: Any

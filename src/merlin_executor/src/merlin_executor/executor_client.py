@@ -82,13 +82,16 @@ class MerlinExecutorClient:
         self._lock = threading.Lock()  # guards the field below
         self._requests: List[ExecutorRequest] = []
 
-    def wait_for_executor(self, timeout: Optional[float] = None) -> bool:
+    def wait_for_executor(
+        self, timeout: Optional[float] = None, unless: Callable[[], bool] = lambda: False
+    ) -> bool:
         """Waits until the Executor runs.
 
         :param timeout: s; None: until ROS shuts down.
+        :param unless: ends the wait when it is true.
         :return: whether it runs.
         """
-        return self._client.wait_for_server(timeout)
+        return self._client.wait_for_server(timeout, unless)
 
     @property
     def name(self) -> str:

@@ -241,3 +241,16 @@ def test_the_node_of_a_mission_that_ends_meanwhile_stays_until_the_release(
     robot.held("")
     node.join(LONG)
     assert codes == [1]
+
+
+@MISSIONS
+def test_a_cancel_ends_the_wait_for_an_executor(robot: FakeRobot, kind: Any) -> None:
+    robot.absent = True
+    mission, ended = kind(WAIT), []
+    thread = threading.Thread(target=lambda: ended.append(mission.carry_out()))
+    thread.start()
+    assert robot.awaited.wait(LONG)
+    mission.cancel()
+    thread.join(LONG)
+    assert ended == [False] and robot.goals == []
+    assert robot.published[-1].state == MissionStatus.CANCELLED

@@ -103,8 +103,9 @@ class GoalDispatcher(MissionNode):
         """
         rospy.on_shutdown(self.cancel)
         try:
-            if not self.client.wait_for_executor(EXECUTOR_WAIT):
-                raise MissionFailed(f"no executor within {EXECUTOR_WAIT:g} s")
+            if not self.client.wait_for_executor(EXECUTOR_WAIT, self._cancelled.is_set):
+                missing = f"no executor within {EXECUTOR_WAIT:g} s"
+                raise MissionFailed("cancelled before it began" if self.cancelled else missing)
             with self._pause:
                 self.run()
         except (

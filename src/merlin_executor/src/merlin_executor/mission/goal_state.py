@@ -75,8 +75,9 @@ class GoalState(MerlinState):
         goals = [goal.format(**values) if isinstance(goal, str) else goal for goal in as_list(given)]
         if not goals:
             return NOTHING
-        if not self._client.wait_for_executor(EXECUTOR_WAIT):
-            return self.fail(f"no executor within {EXECUTOR_WAIT:g} s")
+        if not self._client.wait_for_executor(EXECUTOR_WAIT, self.preempt_requested):
+            missing = f"no executor within {EXECUTOR_WAIT:g} s"
+            return PREEMPTED if self.preempt_requested() else self.fail(missing)
         try:
             options = with_ros_times(self._options)
         except ValueError as error:
