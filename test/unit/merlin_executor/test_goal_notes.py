@@ -54,3 +54,8 @@ def test_of_a_full_disk_the_file_is_named(tmp_path: Path) -> None:
     (tmp_path / "goals.new").symlink_to("/dev/full")
     with pytest.raises(OSError, match=f"{notes.path} cannot be written: No space left on device"):
         notes.write(["(checked hall)"])
+
+
+def test_a_folder_in_the_place_of_the_file_is_refused_at_once(tmp_path: Path) -> None:
+    with pytest.raises(IsADirectoryError, match=str(tmp_path)):
+        GoalNotes(str(tmp_path))

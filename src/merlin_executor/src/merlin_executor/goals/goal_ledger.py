@@ -109,7 +109,7 @@ class GoalNotes:
         self._sync_end = sync_end
         self.path = Path(path).expanduser()
         self.path.parent.mkdir(parents=True, exist_ok=True)
-        self.path.touch()
+        self.path.open("a").close()  # touch() would take a folder
 
     def write(self, texts: Sequence[str]) -> None:
         """Notes these goals and no others. They are on the disk when this returns: the knowledge base, to
