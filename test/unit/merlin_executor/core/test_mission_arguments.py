@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A mission's constructor gets what its node's parameters say, or one sentence says what is wrong."""
 
+import sys
 from pathlib import Path
 from typing import Any, Dict, List, Optional
 
@@ -68,6 +69,17 @@ def test_a_value_that_does_not_fit_is_named(name: str, value: Any, what: str) ->
     with pytest.raises(ArgumentError) as refused:
         arguments(**{name: value})
     assert str(refused.value) == f"parameter ~{name} is {value!r}, {what}"
+
+
+@pytest.mark.skipif(sys.version_info < (3, 10), reason="Python has no X | None")
+def test_an_annotation_may_say_none_in_either_way() -> None:
+    def make(self: Any, text: "str | None" = None, rounds: "None | int" = None) -> None:
+        pass
+
+    newer = type("Newer", (), {"__init__": make})
+    assert arguments_of(newer, {"text": 3, "rounds": 2.0}.get) == {"text": "3", "rounds": 2}
+    with pytest.raises(ArgumentError, match="~rounds is 'two', not a whole number"):
+        arguments_of(newer, {"rounds": "two"}.get)
 
 
 def test_an_argument_without_default_has_to_be_given() -> None:

@@ -4,7 +4,7 @@
 import inspect
 import math
 from pathlib import Path
-from typing import Any, Callable, Dict, Type, Union, get_type_hints
+from typing import Any, Callable, Dict, Type, get_args, get_origin, get_type_hints
 
 
 class ArgumentError(ValueError):
@@ -42,9 +42,10 @@ def converted(name: str, value: Any, kind: Any) -> Any:
     :param kind: the annotation of the argument.
     :raises ArgumentError: when the value does not fit.
     """
-    if getattr(kind, "__origin__", None) is Union:  # Optional[X]
-        kind = kind.__args__[0]
-    kind = getattr(kind, "__origin__", kind)  # List[str] → list
+    kinds = [each for each in get_args(kind) if each is not type(None)]
+    if len(kinds) == 1 < len(get_args(kind)):  # Optional[X], or X | None
+        kind = kinds[0]
+    kind = get_origin(kind) or kind  # List[str] → list
     is_number = isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
     if kind in (str, Path) and (is_number or isinstance(value, str)):
         return kind(str(value))
