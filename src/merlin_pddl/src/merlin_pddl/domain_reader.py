@@ -13,6 +13,7 @@ from merlin_pddl.formula_reader import (
     SPECIALS,
     FormulaReader,
     Scope,
+    groups,
     parameters,
     preference_names,
     typed_list,
@@ -121,7 +122,7 @@ class DomainReader:
             self._derived(section)
         confused = self_negating(self._domain.derived)
         for section in derived:
-            if confused is not None and isinstance(section[1], Expression) and section[1].head == confused:
+            if confused is not None and section[1].head == confused:
                 raise section.error(f"the derived predicate '{confused}' depends on its own negation")
         for section in self._sections:
             if section.head in actions:
@@ -136,34 +137,16 @@ class DomainReader:
         return self._domain
 
     def _types(self, section: Expression) -> None:
-        types = self._domain.types
-        waiting: List[Word] = []
-        rest = iter(section[1:])
-        for node in rest:
-            if isinstance(node, Word) and node == "-":
-                parent = next(rest, None)
-                if parent is None or not waiting:
-                    raise node.error("'-' needs a type before it and a type after it")
-                parents = self._parent_types(parent)
-                for word in waiting:
-                    types.declare(str(word), parents)
-                waiting = []
-            else:
-                waiting.append(name_of(node, "the name of a type"))
-        for word in waiting:
-            types.declare(str(word))
+        types, what = self._domain.types, "the name of a type"
+        for names, kinds in groups(section[1:]):
+            words = [str(name_of(node, what)) for node in names]
+            parents = [str(name_of(kind, what)) for kind in kinds]
+            for word in words:
+                types.declare(word, parents)
         try:
             types.complete()
         except TypeCycleError as error:
             raise section.error(str(error)) from error
-
-    @staticmethod
-    def _parent_types(node: Node) -> List[str]:
-        if isinstance(node, Expression):
-            if node.head != "either" or len(node) < 2:
-                raise node.error("expected a type or (either ...)")
-            return [str(name_of(part, "the name of a type")) for part in node[1:]]
-        return [str(name_of(node, "the name of a type"))]
 
     def _constants(self, section: Expression) -> None:
         constants = self._domain.constants

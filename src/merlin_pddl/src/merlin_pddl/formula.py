@@ -136,7 +136,7 @@ Condition = Union[Atom, Equal, Comparison, Not, And, Or, Forall, Exists, Prefere
 Formula = Union[Condition, Numeric]
 
 #: What holds when a comparison does not.
-_OPPOSITE = {">": "<=", ">=": "<", "<": ">=", "<=": ">"}
+OPPOSITE = {">": "<=", ">=": "<", "<": ">=", "<=": ">"}
 
 
 @dataclass(frozen=True)
@@ -255,20 +255,20 @@ def violated(metric: Numeric) -> Set[str]:
     return {name for term in terms(metric) if term.name == "is-violated" for name in term.args}
 
 
-def conjuncts(condition: Condition) -> List[Condition]:
-    """The conditions that must all hold; negations move inwards, preferences are left out."""
+def must_hold(condition: Condition) -> List[Condition]:
+    """The conditions that must all hold for one; negations move inwards, preferences are left out."""
     if isinstance(condition, And):
-        return [found for part in condition.parts for found in conjuncts(part)]
+        return [found for part in condition.parts for found in must_hold(part)]
     if isinstance(condition, Or) and len(condition.parts) == 1:
-        return conjuncts(condition.parts[0])
+        return must_hold(condition.parts[0])
     if isinstance(condition, Not):
         part = condition.part
         if isinstance(part, Not):
-            return conjuncts(part.part)
+            return must_hold(part.part)
         if isinstance(part, Or):
-            return [found for inner in part.parts for found in conjuncts(Not(inner))]
-        if isinstance(part, Comparison) and part.op in _OPPOSITE:
-            return [Comparison(_OPPOSITE[part.op], part.left, part.right)]
+            return [found for inner in part.parts for found in must_hold(Not(inner))]
+        if isinstance(part, Comparison) and part.op in OPPOSITE:
+            return [Comparison(OPPOSITE[part.op], part.left, part.right)]
     return [] if isinstance(condition, Preference) else [condition]
 
 

@@ -3,7 +3,7 @@
 
 import math
 import re
-from typing import Dict, List, Mapping, Sequence, Set, Tuple, Union
+from typing import Dict, Iterator, List, Mapping, Sequence, Set, Tuple, Union
 
 from merlin_pddl.domain import Domain, Signature
 from merlin_pddl.formula import (
@@ -64,36 +64,44 @@ def typed_list(nodes: Sequence[Node], domain: Domain, variables: bool) -> List[T
     :raises PddlError: a word is not a name (or no variable, when those are asked for), or a type is unknown.
     """
     found: List[Tuple[Word, Tuple[str, ...]]] = []
-    waiting: List[Word] = []
-    rest = iter(nodes)
-    for node in rest:
-        if isinstance(node, Word) and node == "-":
-            type_node = next(rest, None)
-            if type_node is None or not waiting:
-                raise node.error("'-' needs a name before it and a type after it")
-            types = _types(type_node, domain)
-            found.extend((word, types) for word in waiting)
-            waiting = []
-            continue
-        if variables:
-            if not isinstance(node, Word) or not is_variable(node):
-                shown = node.text()[:40] if isinstance(node, Expression) else node
-                before = waiting[-1] if waiting else ""
-                hint = f"; write a blank before the '-' of '{before}'" if before.endswith("-") else ""
-                raise node.error(f"expected a variable such as '?x', found '{shown}'{hint}")
-            waiting.append(node)
-        else:
-            waiting.append(name_of(node, "a name"))
-    found.extend((word, ("object",)) for word in waiting)
+    for names, kinds in groups(nodes):
+        words = _variables(names) if variables else [name_of(node, "a name") for node in names]
+        types = tuple(dict.fromkeys(_type(kind, domain) for kind in kinds)) or ("object",)
+        found.extend((word, types) for word in words)
     return found
 
 
-def _types(node: Node, domain: Domain) -> Tuple[str, ...]:
-    if isinstance(node, Expression):
-        if node.head != "either" or len(node) < 2:
-            raise node.error(f"expected a type or (either ...), found '{node.text()[:40]}'")
-        return tuple(dict.fromkeys(_type(part, domain) for part in node[1:]))
-    return (_type(node, domain),)
+def groups(nodes: Sequence[Node]) -> Iterator[Tuple[List[Node], List[Node]]]:
+    """What stands together before a ``-``, and the types behind that; at the end what has none.
+
+    :raises PddlError: something is missing at a ``-``, or neither a word nor ``(either a b)`` is behind it.
+    """
+    waiting: List[Node] = []
+    rest = iter(nodes)
+    for node in rest:
+        if node != "-":
+            waiting.append(node)
+            continue
+        kind = next(rest, None)
+        if kind is None or not waiting:
+            raise node.error("'-' needs a name before it and a type after it")
+        if isinstance(kind, Expression) and (kind.head != "either" or len(kind) < 2):
+            raise kind.error(f"expected a type or (either ...), found '{kind.text()[:40]}'")
+        yield waiting, kind[1:] if isinstance(kind, Expression) else [kind]
+        waiting = []
+    yield waiting, []
+
+
+def _variables(nodes: Sequence[Node]) -> List[Word]:
+    found: List[Word] = []
+    for node in nodes:
+        if not isinstance(node, Word) or not is_variable(node):
+            shown = node.text()[:40] if isinstance(node, Expression) else node
+            before = found[-1] if found else ""
+            hint = f"; write a blank before the '-' of '{before}'" if before.endswith("-") else ""
+            raise node.error(f"expected a variable such as '?x', found '{shown}'{hint}")
+        found.append(node)
+    return found
 
 
 def _type(node: Node, domain: Domain) -> str:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any, List, Optional, Sequence, Tuple, Type, TypeVar, Union
 
 from merlin_pddl.formula import And, Atom, Comparison, Condition, Not, Numeric, to_pddl
+from merlin_pddl.plan_text import call_text
 
 Signed = TypeVar("Signed", Atom, Comparison)
 #: Lower-case name and arguments of a fact or function value.
@@ -82,10 +83,34 @@ class Instance(Row):
         return f"{self.name} - {self.type_name}"
 
 
-class Fact(Row):
+class _Ground(Row):
+    """A predicate or function with its arguments."""
+
+    __slots__ = ("name", "args", "since", "labels")
+
+    def __init__(
+        self, name: str, args: Tuple[str, ...], since: int, labels: Optional[Tuple[str, ...]]
+    ) -> None:
+        super().__init__()
+        self.name = name
+        self.args = args
+        self.since = since
+        self.labels = labels  # as sent, where the domain has no such predicate or function
+
+    @property
+    def key(self) -> Key:
+        """Its key in the table."""
+        return (self.name.lower(), *[arg.lower() for arg in self.args])
+
+    def text(self) -> str:
+        """Name and arguments as PDDL."""
+        return call_text(self.name, self.args)
+
+
+class Fact(_Ground):
     """A predicate that holds, or that is said not to hold."""
 
-    __slots__ = ("name", "args", "negative", "since", "labels")
+    __slots__ = ("negative",)
 
     def __init__(
         self,
@@ -95,28 +120,18 @@ class Fact(Row):
         since: int = 0,
         labels: Optional[Tuple[str, ...]] = None,
     ) -> None:
-        super().__init__()
-        self.name = name
-        self.args = args
+        super().__init__(name, args, since, labels)
         self.negative = negative
-        self.since = since
-        self.labels = labels  # as sent, where the domain has no such predicate
-
-    @property
-    def key(self) -> Key:
-        """Its key in the table."""
-        return (self.name.lower(), *[arg.lower() for arg in self.args])
 
     def text(self) -> str:
         """The row as PDDL."""
-        atom = f"({' '.join((self.name, *self.args))})"
-        return f"(not {atom})" if self.negative else atom
+        return f"(not {super().text()})" if self.negative else super().text()
 
 
-class FunctionValue(Row):
+class FunctionValue(_Ground):
     """The value of a numeric function. `op` is how it changes the stored value (in updates only)."""
 
-    __slots__ = ("name", "args", "value", "since", "op", "labels")
+    __slots__ = ("value", "op")
 
     def __init__(
         self,
@@ -127,22 +142,9 @@ class FunctionValue(Row):
         op: str = ASSIGN,
         labels: Optional[Tuple[str, ...]] = None,
     ) -> None:
-        super().__init__()
-        self.name = name
-        self.args = args
+        super().__init__(name, args, since, labels)
         self.value = value
-        self.since = since
         self.op = op
-        self.labels = labels
-
-    @property
-    def key(self) -> Key:
-        """Its key in the table."""
-        return (self.name.lower(), *[arg.lower() for arg in self.args])
-
-    def text(self) -> str:
-        """The function with its arguments, as PDDL."""
-        return f"({' '.join((self.name, *self.args))})"
 
 
 class Timed(Row):

@@ -55,7 +55,7 @@ class PlanStep:
     line: int = 0
 
     def __str__(self) -> str:
-        return "(" + " ".join((self.name,) + self.arguments) + ")"
+        return call_text(self.name, self.arguments)
 
 
 def is_action_line(line: str) -> bool:

@@ -6,6 +6,7 @@ from typing import Dict, Iterable, List, Mapping, Optional, Tuple
 
 from merlin_pddl.formula import Atom, Comparison, Condition, Fluent, Not, Number, to_pddl
 from merlin_pddl.knowledge import Fact, FunctionValue, Instance, Metric, Timed
+from merlin_pddl.plan_text import call_text
 
 
 @dataclass
@@ -60,5 +61,5 @@ class Problem:
             else:
                 raise ValueError(f"{to_pddl(change)} sets neither a fact nor a value; write (= (battery) 20)")
             if given.setdefault(key, wanted) != wanted:
-                raise ValueError(f"({' '.join(key[1:])}) is given twice, and both cannot be true")
+                raise ValueError(f"{call_text(key[1], key[2:])} is given twice, and both cannot be true")
         return replace(self, facts=list(facts.values()), values=list(values.values()))

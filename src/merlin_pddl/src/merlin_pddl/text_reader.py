@@ -55,6 +55,9 @@ class Word(str):
         word.source, word.line, word.column = source, line, column
         return word
 
+    head = ""
+    """As of an :class:`Expression`: a word has none."""
+
     def error(self, message: str) -> PddlError:
         """An error at this place."""
         return PddlError(message, self.source, self.line, self.column)
@@ -208,14 +211,14 @@ def read_file(path: Union[str, "os.PathLike[str]"]) -> Expression:
 
 
 def text_of(path: Union[str, "os.PathLike[str]"]) -> str:
-    """The text of a file.
+    """The text of a file, without a mark of the byte order.
 
     :raises PddlError: the file cannot be read, or is not UTF-8.
     """
     try:
         with open(path, "rb") as file:
             data = file.read()
-        return data.decode()
+        return data.decode().lstrip("\ufeff")
     except UnicodeDecodeError as error:
         before = re.split(rb"\r\n|\r|\n", data[: error.start])
         raise PddlError(

@@ -10,7 +10,7 @@ from merlin_pddl.analysis.relaxed_state import CutOffError
 from merlin_pddl.analysis.shortfall import Gap, Shortfall
 from merlin_pddl.checks.kairos_check import PlanQuality, PlanValidator
 from merlin_pddl.domain_reader import parse_domain
-from merlin_pddl.formula import Condition, conjuncts, numeric_text, to_pddl
+from merlin_pddl.formula import Condition, must_hold, numeric_text, to_pddl
 from merlin_pddl.plan_text import PlanStep, call_text
 from merlin_pddl.problem_reader import parse_condition, parse_problem
 
@@ -38,7 +38,7 @@ class Judge:
         :raises PddlError: it is not PDDL, or names what the problem does not have.
         """
         known = self.problem.typed(self.domain.constants)
-        return conjuncts(parse_condition(goal, self.domain, known, "the question"))
+        return must_hold(parse_condition(goal, self.domain, known, "the question"))
 
     def run(self, steps: Sequence[PlanStep]) -> Outcome:
         """A plan on paper.

@@ -8,7 +8,7 @@ from typing import Any, Dict, Iterator, List, Mapping, NamedTuple, Optional, Seq
 from merlin_explain.claims import FACT, REQUEST, STEP, VALUE, Claim, Evidence, QuestionError, Words
 from merlin_pddl.domain import Domain, Operator
 from merlin_pddl.evaluation import Evaluator, WorldState
-from merlin_pddl.formula import END, Atom, Condition, Not, conjuncts, ground, numeric_text, terms, to_pddl
+from merlin_pddl.formula import END, Atom, Condition, Not, ground, must_hold, numeric_text, terms, to_pddl
 from merlin_pddl.knowledge import Key
 from merlin_ros.work.passed_time import clock_text
 
@@ -234,7 +234,7 @@ class Moment(WorldState):
             ground(part, bindings)
             for timed in (operator.conditions if operator else ())
             if timed.when != END
-            for part in conjuncts(timed.condition)
+            for part in must_hold(timed.condition)
         ]
         return [each for each in found if not self.true(each, step.duration)]
 

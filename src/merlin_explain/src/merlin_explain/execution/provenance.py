@@ -8,7 +8,7 @@ from merlin_explain.core.wording import and_list
 from merlin_explain.execution.moment import RUNNING, Change, Moment, Step, checked_about, key_of
 from merlin_explain.execution.proof import proof
 from merlin_explain.execution.recorded_past import RecordedPast
-from merlin_pddl.formula import Atom, Condition, Fluent, Not, conjuncts, ground, terms, to_pddl
+from merlin_pddl.formula import Atom, Condition, Fluent, Not, ground, must_hold, terms, to_pddl
 from merlin_pddl.problem_reader import parse_condition
 
 NEAR = 0.5  # s between a change and the messages about the action that made it
@@ -31,7 +31,7 @@ def provenance(
     if key_of(about)[0] in moment.domain.functions and len(about.split("(")) == 2:
         return teller.value(about)
     condition = parse_condition(about, moment.domain, moment.typed(), "the question")
-    if not conjuncts(condition):
+    if not must_hold(condition):
         raise QuestionError(f"{about} names no fact")
     return teller.condition(condition)
 
@@ -60,7 +60,7 @@ class _Teller:
         """Why a condition holds, or does not."""
         what = self._words.fact(to_pddl(condition))
         if not self._moment.true(condition):
-            claims = [claim for part in conjuncts(condition) for claim in self._why_not(part)]
+            claims = [claim for part in must_hold(condition) for claim in self._why_not(part)]
             reasons = _joined(claims, what)
             because = "" if reasons == "it does not hold" else f": {reasons}"
             return Answer(f"“{what}” does not hold{because}.", tuple(claims))
@@ -100,7 +100,7 @@ class _Teller:
             body = ground(
                 rules[0].body, dict(zip((each.name for each in rules[0].head.parameters), part.args))
             )
-            missing = [each for each in conjuncts(body) if not self._moment.true(each)]
+            missing = [each for each in must_hold(body) if not self._moment.true(each)]
             rests = ", on which it rests"
         words, evidence = self._words.fact, self._moment.condition_evidence
         return [

@@ -7,11 +7,6 @@ from typing import Collection, Iterable, Set
 from merlin_pddl.text_reader import Expression, Node, Word, read_expression
 
 
-def head_of(node: Node) -> str:
-    """The first word of an expression; empty for a word."""
-    return node.head if isinstance(node, Expression) else ""
-
-
 def section(node: Expression, head: str) -> Expression:
     """A section of a domain; made behind its name, requirements, types and constants when it has none."""
     for found in node:
@@ -21,7 +16,7 @@ def section(node: Expression, head: str) -> Expression:
     order = (":requirements", ":types", ":constants")
     behind = order[: order.index(head)] if head in order else order
     place = 2
-    while place < len(node) and head_of(node[place]) in behind:
+    while place < len(node) and node[place].head in behind:
         place += 1
     node.insert(place, made)
     return made

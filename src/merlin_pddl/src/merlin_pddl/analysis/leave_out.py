@@ -6,7 +6,7 @@ Each operator concerned gets a predicate that says what is left out, and the con
 
 from typing import Dict, Iterable, List, Sequence, Set, Tuple
 
-from merlin_pddl.analysis.domain_text import head_of, require, section, unused, words
+from merlin_pddl.analysis.domain_text import require, section, unused, words
 from merlin_pddl.domain import Domain, Operator
 from merlin_pddl.domain_reader import DomainReader
 from merlin_pddl.formula import types_text
@@ -100,11 +100,9 @@ def extend_action(node: Expression, operator: Operator, key: str, part: str) -> 
     :param key: ``:condition``, ``:precondition`` or ``:effect``.
     """
     for action in node:
-        if head_of(action) not in (":action", ":durative-action"):
+        if action.head not in (":action", ":durative-action") or action[1] != operator.name:
             continue
         assert isinstance(action, Expression)
-        if action[1] != operator.name:
-            continue
         if key not in action:
             action[2:2] = [Word.at(key, "", 0, 0), read_expression("(and)")]
         place = action.index(Word(key)) + 1
@@ -130,7 +128,7 @@ def _after_init(problem: str, facts: str) -> str:
     """A problem with further facts; its text stays as it was otherwise, for the spelling of its objects."""
     problem = problem.lstrip("\ufeff")  # does not count in places
     for part in read_expression(problem, "problem"):
-        if head_of(part) == ":init":
+        if part.head == ":init":
             assert isinstance(part, Expression) and isinstance(part[0], Word)
             end = line_starts(problem)[part[0].line - 1] + part[0].column - 1 + len(":init")
             return f"{problem[:end]}{facts}\n{problem[end:]}"

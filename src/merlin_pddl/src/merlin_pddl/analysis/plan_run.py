@@ -16,14 +16,13 @@ from merlin_pddl.formula import (
     Effect,
     Formula,
     Special,
-    call_text,
-    conjuncts,
     ground,
+    must_hold,
     terms,
     to_pddl,
 )
 from merlin_pddl.knowledge import DECREASE, INCREASE, Fact, FunctionValue, Instance, Key
-from merlin_pddl.plan_text import PlanStep
+from merlin_pddl.plan_text import PlanStep, call_text
 from merlin_pddl.problem import Problem
 
 GOAL = -1  #: Stands for the goals where the number of a step is expected.
@@ -126,7 +125,7 @@ class PlanRun:
     def __init__(self, domain: Domain, problem: Problem, steps: Sequence[PlanStep]) -> None:
         self.domain = domain
         self.problem = problem
-        self.goals: List[Condition] = [part for goal in problem.goals for part in conjuncts(goal)]
+        self.goals: List[Condition] = [part for goal in problem.goals for part in must_hold(goal)]
         self.happenings: Dict[float, List[Tuple[_Step, bool]]] = {}
         """By time: steps, each with whether it ends then."""
         self.timed: Dict[float, List[Union[Instance, Fact, FunctionValue]]] = {}
@@ -380,7 +379,7 @@ def _ground(number: int, step: PlanStep, domain: Domain, known: Dict[str, Tuple[
             raise PlanRunError(f"step {number + 1} of the plan, {step}: the problem has no {kind} '{name}'")
     needs: Dict[str, List[Condition]] = {}
     for timed in operator.conditions:
-        needs.setdefault(timed.when, []).extend(conjuncts(ground(timed.condition, bindings)))
+        needs.setdefault(timed.when, []).extend(must_hold(ground(timed.condition, bindings)))
     begin = round(step.time, _DIGITS)
     end = round(step.time + step.duration, _DIGITS) if operator.durative else begin
     return _Step(number, operator, bindings, begin, end, needs)

@@ -5,6 +5,7 @@ import math
 from typing import Callable, Dict, NamedTuple, Sequence
 
 from merlin_pddl.evaluation import compare
+from merlin_pddl.formula import OPPOSITE
 
 
 class Range(NamedTuple):
@@ -20,7 +21,6 @@ class Range(NamedTuple):
 
 ANYTHING = Range(-math.inf, math.inf)
 POSITIVE = Range(0.0, math.inf)
-NEGATED = {">": "<=", ">=": "<", "<": ">=", "<=": ">"}
 
 
 def can_compare(op: str, left: Range, right: Range, negated: bool) -> bool:
@@ -29,7 +29,7 @@ def can_compare(op: str, left: Range, right: Range, negated: bool) -> bool:
         if negated:
             return not (left.low == left.high == right.low == right.high)
         return compare("<=", left.low, right.high) and compare(">=", left.high, right.low)
-    op = NEGATED[op] if negated else op
+    op = OPPOSITE[op] if negated else op
     return compare(op, left.high, right.low) if op in (">", ">=") else compare(op, left.low, right.high)
 
 

@@ -4,7 +4,7 @@
 from typing import Dict, Iterator, List, Set
 
 from merlin_pddl.domain_reader import open_definition
-from merlin_pddl.formula_reader import TRAJECTORY
+from merlin_pddl.formula_reader import TRAJECTORY, groups
 from merlin_pddl.text_reader import Expression, Node, Word, read_expression, suggestion
 from merlin_pddl.type_hierarchy import OBJECT
 
@@ -25,7 +25,7 @@ def warnings(text: str, source: str) -> List[str]:
     :raises PddlError: it is not a definition.
     """
     root = read_expression(text, source)
-    kind = root[1].head if len(root) > 1 and isinstance(root[1], Expression) else "domain"
+    kind = (root[1].head if len(root) > 1 else "") or "domain"
     _, sections = open_definition(root, kind)
     found: List[str] = []
     for section in sections:
@@ -50,12 +50,9 @@ def misspelt_supertypes(text: str, source: str) -> List[str]:
     declared: Set[str] = {OBJECT}
     parents: List[Word] = []
     for section in sections:
-        nodes = section[1:] if section.head == ":types" else []
-        for before, node in zip(["", *nodes], nodes):
-            if before == "-":
-                parents.extend(_words(node[1:] if isinstance(node, Expression) else [node]))
-            elif isinstance(node, Word):
-                declared.add(str(node))
+        for names, kinds in groups(section[1:] if section.head == ":types" else []):
+            declared.update(_words(names))
+            parents.extend(_words(kinds))
     return [
         f"{_place(word)}: warning: the type '{word}' is declared nowhere{hint}"
         for word in parents
@@ -74,13 +71,9 @@ def declared_twice(text: str, source: str) -> List[str]:
     first: Dict[str, Word] = {}
     found: List[str] = []
     for section in sections:
-        types = 0  # words behind a '-' are types
-        for node in section[1:] if section.head == ":objects" else []:
-            if node == "-":
-                types = 1
-            elif types or not isinstance(node, Word):
-                types = 0
-            elif first.setdefault(str(node), node) is not node:
+        listed = groups(section[1:] if section.head == ":objects" else [])
+        for node in _words([name for names, _ in listed for name in names]):
+            if first.setdefault(str(node), node) is not node:
                 before = first[str(node)]
                 found.append(
                     f"{_place(node)}: warning: '{node}' is declared in line {before.line} already; "

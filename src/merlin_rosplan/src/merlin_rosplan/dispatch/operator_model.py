@@ -203,7 +203,7 @@ class ActionModel:
 
         def needed(when: str) -> Conditions:
             timed = [each.condition for each in operator.conditions if each.when == when]
-            return _conditions([part for each in timed for part in formula.conjuncts(each)], derived)
+            return _conditions([part for each in timed for part in formula.must_hold(each)], derived)
 
         return ActionModel(
             operator.name,

@@ -20,7 +20,7 @@ from merlin_pddl.formula import (
     Not,
     TimedCondition,
     Variable,
-    conjuncts,
+    must_hold,
 )
 from merlin_rosplan.messages.expression_messages import (
     ASSIGNMENT_NUMBERS,
@@ -57,7 +57,7 @@ def operator_message(domain: Domain, operator: Operator) -> DomainOperator:
     writer = FormulaWriter(domain, types)
     message = DomainOperator(formula=signature_message(domain, operator))
     for timed in operator.conditions:
-        for condition in conjuncts(timed.condition):
+        for condition in must_hold(timed.condition):
             _add_condition(message, writer, timed.when, condition)
     for effect in operator.effects:
         if effect.when == OVER_ALL or effect.variables or effect.conditions:
