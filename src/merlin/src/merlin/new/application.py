@@ -21,7 +21,7 @@ from merlin_pddl.domain_reader import parse_domain
 from merlin_pddl.formula import Atom, Comparison, Not, to_pddl
 from merlin_pddl.formula_reader import parameters, typed_list
 from merlin_pddl.problem_reader import parse_problem
-from merlin_pddl.text_reader import Expression, PddlError, Word, read_expression, read_text
+from merlin_pddl.text_reader import Expression, PddlError, Word, read_expression, read_text, text_of
 
 #: Points of interest of a new domain.
 POINTS = ("hall", "kitchen")
@@ -212,7 +212,7 @@ def application_of(
     :raises NameRefused: when an operator cannot be a class.
     :raises ApplicationRefused: when the problem has no goals that a mission can send.
     """
-    domain_text, problem_text = _read(domain_file), _read(problem_file)
+    domain_text, problem_text = text_of(domain_file), text_of(problem_file)
     domain = parse_domain(domain_text, str(domain_file))
     if robots:
         _check_robots(robots)
@@ -247,13 +247,6 @@ def application_of(
         fitting = [name for name, types in objects if domain.accepts(wanted, types) and name != "anywhere"]
         application.points = fitting or list(POINTS)
     return application
-
-
-def _read(file: Path) -> str:
-    try:
-        return file.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise PddlError(f"this is not text in UTF-8: {error}", str(file)) from error
 
 
 def _labels(operator: Signature, domain: Domain, robots: Sequence[str]) -> List[str]:

@@ -4,7 +4,7 @@
 import re
 from typing import Iterator, List, Sequence, Tuple
 
-from merlin_pddl.text_reader import Expression, Node, Word, read_expression
+from merlin_pddl.text_reader import Expression, Node, Word, line_starts, read_expression
 
 VARIABLE = "?r"
 AT = "robot_at"
@@ -31,20 +31,20 @@ class _Text:
     def __init__(self, text: str, source: str) -> None:
         self.root = read_expression(text, source)
         self._text = text
-        self._lines = [0] + [match.end() for match in re.finditer(r"\r\n|\r|\n", text)]
+        self._lines = line_starts(text)
         self._found: List[Tuple[int, str]] = []
 
     def before(self, node: Node, text: str) -> None:
         """Inserts a text before a node."""
-        self._found.append((self._lines[node.line - 1] + node.column - 1, text))
+        self._found.append((self._place(node), text))
 
     def inside(self, node: Expression, text: str) -> None:
         """Inserts a text behind the opening parenthesis of a node."""
-        self._found.append((self._lines[node.line - 1] + node.column, text))
+        self._found.append((self._place(node) + 1, text))
 
     def around(self, node: Expression, begin: str, end: str) -> None:
         """Inserts texts before and behind a node."""
-        depth, first = 0, self._lines[node.line - 1] + node.column - 1
+        depth, first = 0, self._place(node)
         for found in re.finditer(r";[^\n\r]*|[()]", self._text[first:]):
             depth += {"(": 1, ")": -1}.get(found.group(), 0)
             if not depth:
@@ -54,7 +54,10 @@ class _Text:
     def after(self, word: Node, text: str) -> None:
         """Inserts a text behind a word."""
         assert isinstance(word, Word)
-        self._found.append((self._lines[word.line - 1] + word.column - 1 + len(word.written), text))
+        self._found.append((self._place(word) + len(word.written), text))
+
+    def _place(self, node: Node) -> int:
+        return self._lines[node.line - 1] + node.column - 1
 
     def section(self, name: str) -> Expression:
         """The part of a name.
