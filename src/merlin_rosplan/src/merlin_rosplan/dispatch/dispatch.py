@@ -242,7 +242,7 @@ class PlanDispatch:
     def _start_all(self, ready: List[PlannedAction]) -> None:
         """Starts those whose conditions hold, up to one that cannot start."""
         records = [
-            Running.make(action, self._environment.operator(action), self._environment, self._limits)
+            Running(action, self._environment.operator(action), self._environment, self._limits)
             for action in ready
         ]
         needed = [(record.action, record.needed_at_start) for record in records]

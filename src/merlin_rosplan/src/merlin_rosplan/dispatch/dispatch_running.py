@@ -2,8 +2,7 @@
 """An action that was dispatched and has not ended: what is known of it, and what is watched."""
 
 import math
-from dataclasses import dataclass, field
-from typing import Any, FrozenSet, Iterator, NamedTuple, Optional, Sequence, Set, Tuple
+from typing import Any, FrozenSet, Iterator, NamedTuple, Optional, Sequence, Tuple
 
 from merlin_pddl.plan_text import INTERFACE_GONE
 from merlin_rosplan.dispatch.dispatch_environment import DispatchEnvironment, DispatchLimits
@@ -23,56 +22,39 @@ class Fault(NamedTuple):
     gone: bool = False
 
 
-@dataclass
 class Running:
-    """One running action.
+    """One running action, from when it was sent.
 
-    :param acknowledge, accept, settle: deadlines, from when it was sent.
-    :param watched: over-all conditions that hold and have to stay true.
-    :param pending: over-all conditions that the start effects bring about; watched once seen true.
-    :param names: what the over-all conditions depend on.
-    :param ends: ROS time at which it is to end as planned, s.
+    :param operator: its ground model.
     """
 
-    action: PlannedAction
-    operator: ActionModel
-    acknowledge: Any
-    accept: Any
-    settle: Any
-    watched: Conditions
-    pending: Conditions
-    names: FrozenSet[str]
-    ends: float
-    taken: bool = False
-    alive: Optional[Any] = None  # until then its interface is alive, having taken the action
-    unannounced: float = math.inf  # s without an announcement when an interface took it that makes none
-    applied: Optional[Any] = None  # until then its start effects are applied, if it has taken the action
-    closed: Optional[Any] = None  # until then the node that took it may end it over another connection
-    sent_again: bool = False
-    grace: Optional[Any] = None
-    broken: str = ""
-    unheard: Set[str] = field(default_factory=set)  # names its start effects change, no change of them seen
-    leaving: Optional[Any] = None  # until then it has to have stopped: another plan does without it
-    look: bool = True  # whether it is worth asking again for its start effects
-
-    @staticmethod
-    def make(
-        action: PlannedAction, operator: ActionModel, environment: DispatchEnvironment, limits: DispatchLimits
-    ) -> "Running":
-        """The record of an action that is about to be sent."""
-        first = over_all_before_start(operator)
-        return Running(
-            action,
-            operator,
-            environment.deadline(limits.acknowledge),
-            environment.deadline(limits.accept),
-            environment.deadline(limits.settle),
-            first,
-            operator.over_all - first,
-            operator.over_all.names,
-            environment.now() + action.duration,
-            unheard=set(operator.start_effects.names) if operator.durative else set(),
-        )
+    def __init__(
+        self,
+        action: PlannedAction,
+        operator: ActionModel,
+        environment: DispatchEnvironment,
+        limits: DispatchLimits,
+    ) -> None:
+        self.action, self.operator = action, operator
+        self.acknowledge = environment.deadline(limits.acknowledge)
+        self.accept = environment.deadline(limits.accept)
+        self.settle = environment.deadline(limits.settle)
+        self.watched = over_all_before_start(operator)  # over-all conditions that hold and have to stay true
+        self.pending = operator.over_all - self.watched  # its start effects bring them about: then watched
+        self.names = operator.over_all.names
+        self.ends = environment.now() + action.duration  # as planned, s of ROS time
+        self.taken = False
+        self.alive: Optional[Any] = None  # until then its interface is alive, having taken the action
+        self.unannounced = math.inf  # s without an announcement when an interface took it that makes none
+        self.applied: Optional[Any] = None  # until then its start effects are applied, if it was taken
+        self.closed: Optional[Any] = None  # until then the node that took it may end it over a new connection
+        self.sent_again = False
+        self.grace: Optional[Any] = None
+        self.broken = ""
+        # names its start effects change, no change of them seen
+        self.unheard = set(operator.start_effects.names) if operator.durative else set()
+        self.leaving: Optional[Any] = None  # until then it has to have stopped: another plan does without it
+        self.look = True  # whether it is worth asking again for its start effects
 
     @property
     def seen_at_once(self) -> bool:
