@@ -65,38 +65,25 @@ class WireValue(NamedTuple):
     value: str
 
 
-class WireItem:
+class WireItem(NamedTuple):
     """A knowledge item that was read: the fields of the message, without expression and inequality.
 
     `wire` is what it was read from.
     """
 
-    __slots__ = (
-        "knowledge_type",
-        "initial_time",
-        "is_negative",
-        "instance_type",
-        "instance_name",
-        "attribute_name",
-        "values",
-        "function_value",
-        "assign_op",
-        "optimization",
-        "wire",
-    )
     knowledge_type: int
     initial_time: genpy.Time
     is_negative: bool
     instance_type: str
     instance_name: str
     attribute_name: str
-    values: List["WireValue"]
+    values: List[WireValue]
     function_value: float
     assign_op: int
     optimization: str
     wire: bytes
-    expr = ExprComposite()
-    ineq = DomainInequality()
+    expr: ExprComposite = ExprComposite()
+    ineq: DomainInequality = DomainInequality()
 
 
 _HEAD = struct.Struct("<BIIB")
@@ -194,9 +181,7 @@ def _read_items(data: bytes, position: int, max_items: int) -> Tuple[int, List[W
         return count, []
     items = []
     for _ in range(count):
-        start = position
         item, position = _read_item(data, position)
-        item.wire = data[start:position]
         items.append(item)
     return 0, items
 
@@ -207,14 +192,12 @@ def _read_text(data: bytes, position: int) -> Tuple[str, int]:
     return data[position + 4 : end].decode("utf-8", "rosmsg"), end
 
 
-def _read_item(data: bytes, position: int) -> Tuple[WireItem, int]:
-    item = WireItem()
-    item.knowledge_type, seconds, nanoseconds, negative = _HEAD.unpack_from(data, position)
-    item.is_negative = bool(negative)
-    item.initial_time = genpy.Time(seconds, nanoseconds) if seconds or nanoseconds else _NOW
-    item.instance_type, position = _read_text(data, position + _HEAD.size)
-    item.instance_name, position = _read_text(data, position)
-    item.attribute_name, position = _read_text(data, position)
+def _read_item(data: bytes, start: int) -> Tuple[WireItem, int]:
+    kind, seconds, nanoseconds, negative = _HEAD.unpack_from(data, start)
+    time = genpy.Time(seconds, nanoseconds) if seconds or nanoseconds else _NOW
+    instance_type, position = _read_text(data, start + _HEAD.size)
+    instance, position = _read_text(data, position)
+    name, position = _read_text(data, position)
     (count,) = _LENGTH.unpack_from(data, position)
     position += 4
     values = []
@@ -222,13 +205,17 @@ def _read_item(data: bytes, position: int) -> Tuple[WireItem, int]:
         key, position = _read_text(data, position)
         value, position = _read_text(data, position)
         values.append(WireValue(key, value))
-    item.values = values
-    item.function_value, item.assign_op = _NUMBER.unpack_from(data, position)
-    item.optimization, position = _read_text(data, position + _NUMBER.size)
+    number, op = _NUMBER.unpack_from(data, position)
+    optimization, position = _read_text(data, position + _NUMBER.size)
     tokens, _, left, right, _ = _TAIL.unpack_from(data, position)
     if tokens or left or right:
         raise _HasExpressions
-    return item, position + _TAIL.size
+    end = position + _TAIL.size
+    wire = data[start:end]
+    item = WireItem(
+        kind, time, bool(negative), instance_type, instance, name, values, number, op, optimization, wire
+    )
+    return item, end
 
 
 class UpdateArray(KnowledgeUpdateServiceArray):
