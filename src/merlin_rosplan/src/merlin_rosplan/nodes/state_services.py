@@ -2,7 +2,7 @@
 """The services of a knowledge base: its domain, its state, and its journal of executions."""
 
 import time
-from typing import Any, Callable, Mapping
+from typing import Any, Callable, Dict, Iterable, Mapping
 
 import genpy
 import rospy
@@ -17,7 +17,7 @@ from merlin_msgs.srv import (
     ListExecutionsResponse,
 )
 from rosplan_knowledge_msgs import srv
-from rosplan_knowledge_msgs.msg import StatusUpdate
+from rosplan_knowledge_msgs.msg import KnowledgeItem, StatusUpdate
 
 from merlin_pddl.domain import Domain
 from merlin_pddl.knowledge import Fact
@@ -158,34 +158,26 @@ class StateServices:
         self._max_query_time = component.number("max_query_time", MAX_QUERY_TIME, 0)
         self._store = store
         self._reader = KnowledgeReader(store.domain, keys)
-        self._writer = KnowledgeWriter(store.domain)
         component.service("state/instances", srv.GetInstanceService, self._instances)
-        component.service("state/propositions", srv.GetAttributeService, self._propositions)
-        component.service("state/functions", srv.GetAttributeService, self._functions)
-        component.service("state/timed_knowledge", srv.GetAttributeService, self._timed)
-        component.service("state/goals", srv.GetAttributeService, self._goals)
-        component.service("state/metric", srv.GetMetricService, self._metric)
+        writer = KnowledgeWriter(store.domain)
+        answers: Dict[str, Callable[[str], Any]] = {
+            "propositions": lambda name: StoredItems(store.facts(name), writer),
+            "functions": lambda name: StoredItems(store.values(name), writer),
+            "timed_knowledge": lambda name: _items(map(writer.timed, store.timed(name))),
+            "goals": lambda _: _items(map(writer.goal, store.goals())),
+        }
+        for name, answer in answers.items():
+            component.service(f"state/{name}", srv.GetAttributeService, _of_name(answer))
+        component.service(
+            "state/metric",
+            srv.GetMetricService,
+            lambda _: srv.GetMetricServiceResponse(writer.metric(store.metric)),
+        )
         component.service("query_state", bounded(Query, max_items), self._query)
 
     def _instances(self, request: srv.GetInstanceServiceRequest) -> srv.GetInstanceServiceResponse:
         names = self._store.instances(request.type_name, request.include_constants, request.include_subtypes)
         return srv.GetInstanceServiceResponse(names)
-
-    def _propositions(self, request: srv.GetAttributeServiceRequest) -> StoredItems:
-        return StoredItems(self._store.facts(request.predicate_name), self._writer)
-
-    def _functions(self, request: srv.GetAttributeServiceRequest) -> StoredItems:
-        return StoredItems(self._store.values(request.predicate_name), self._writer)
-
-    def _timed(self, request: srv.GetAttributeServiceRequest) -> srv.GetAttributeServiceResponse:
-        rows = self._store.timed(request.predicate_name)
-        return srv.GetAttributeServiceResponse([self._writer.timed(row) for row in rows])
-
-    def _goals(self, _request: srv.GetAttributeServiceRequest) -> srv.GetAttributeServiceResponse:
-        return srv.GetAttributeServiceResponse([self._writer.goal(goal) for goal in self._store.goals()])
-
-    def _metric(self, _request: srv.GetMetricServiceRequest) -> srv.GetMetricServiceResponse:
-        return srv.GetMetricServiceResponse(self._writer.metric(self._store.metric))
 
     def _query(self, request: QueryRequest) -> QueryResponse:
         refuse_too_many(request)
@@ -224,3 +216,11 @@ class StateServices:
             rospy.logwarn_throttle_identical(
                 60.0, f"{self._name}/query_state: the domain has no predicate '{item.name[:80]}'"
             )
+
+
+def _items(items: Iterable[KnowledgeItem]) -> srv.GetAttributeServiceResponse:
+    return srv.GetAttributeServiceResponse(list(items))
+
+
+def _of_name(answer: Callable[[str], Any]) -> Callable[[srv.GetAttributeServiceRequest], Any]:
+    return lambda request: answer(request.predicate_name)
