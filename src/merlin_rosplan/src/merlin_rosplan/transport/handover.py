@@ -70,16 +70,6 @@ class Handover:
             subscription.from_sender(last)
         return subscription
 
-    @classmethod
-    def deliver(cls, topic: str, message: Any) -> None:
-        """Gives a message to every receiver of its topic, in the calling thread."""
-        with cls._lock:
-            cls._count += 1
-            handed = cls._last[topic] = Handed(cls._count, message)
-            subscriptions = list(cls._receivers.get(topic, ()))
-        for subscription in subscriptions:
-            subscription.from_sender(handed)
-
 
 class Sender:
     """Hands messages of one topic over."""
@@ -91,7 +81,12 @@ class Sender:
     def hand_over(self, message: Any) -> None:
         """Gives the message to every receiver of this process, in the calling thread. Publish it after."""
         self._last = message
-        Handover.deliver(self._topic, message)
+        with Handover._lock:
+            Handover._count += 1
+            handed = Handover._last[self._topic] = Handed(Handover._count, message)
+            subscriptions = list(Handover._receivers.get(self._topic, ()))
+        for subscription in subscriptions:
+            subscription.from_sender(handed)
 
     def answer_digest(self, _: TriggerRequest) -> TriggerResponse:
         """Callback of :func:`digest_service`; success is whether there was a message."""
