@@ -74,10 +74,10 @@ class PlannerInterface(Component):
 
     def prepare(self) -> None:
         """Starts the process that plans, and imports what the first planning needs."""
-        from merlin_rosplan.supervision.planner_host import HostError, PlannerHosts
+        from merlin_rosplan.supervision.planner_host import HOSTS, HostError
 
         try:
-            PlannerHosts.of_process().warm_up()
+            HOSTS.warm_up()
         except HostError as error:  # tried again at each planning, which then says why
             rospy.logerr("%s: %s", self.scope, error)
         from merlin_pddl.checks import kairos_check  # while that process starts

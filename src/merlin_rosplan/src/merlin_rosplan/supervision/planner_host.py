@@ -142,21 +142,10 @@ class PlannerHosts:
     :param niceness: see :class:`PlannerHost`.
     """
 
-    _of_process: Optional["PlannerHosts"] = None
-    _making = threading.Lock()  # guards _of_process
-
     def __init__(self, niceness: int = 0) -> None:
         self._niceness = niceness
         self._lock = threading.Lock()  # guards the field below
         self._idle: List[PlannerHost] = []
-
-    @classmethod
-    def of_process(cls) -> "PlannerHosts":
-        """Those of this process."""
-        with cls._making:
-            if cls._of_process is None:
-                cls._of_process = cls()
-            return cls._of_process
 
     def warm_up(self) -> None:
         """Starts one in advance; returns before it is ready.
@@ -185,3 +174,7 @@ class PlannerHosts:
             return
         with self._lock:
             self._idle.append(host)
+
+
+#: Those of this process.
+HOSTS = PlannerHosts()

@@ -12,7 +12,7 @@ from merlin_rosplan.planning.planner_engines import engines
 from merlin_rosplan.planning.planner_kairos import KAIROS
 from merlin_rosplan.planning.planner_settings import PlannerSettings
 from merlin_rosplan.planning.planning_outcome import PlannerState, PlanningOutcome
-from merlin_rosplan.supervision.planner_host import HostError, PlannerHost, PlannerHosts
+from merlin_rosplan.supervision.planner_host import HOSTS, HostError, PlannerHost, PlannerHosts
 from merlin_rosplan.supervision.planner_job import PlannerJob
 
 #: s of running time, beyond the planner's, for reading and validating what it left
@@ -45,7 +45,7 @@ class Planning:
         self._domain = _absolute(domain_path)
         self._problem = _absolute(problem_path)
         self._data = _absolute(data_path) if data_path else ""
-        self._hosts = hosts or PlannerHosts.of_process()
+        self._hosts = hosts or HOSTS
         self._lock = threading.Lock()  # guards the two fields below
         self._cancelled = False
         self._host: Optional[PlannerHost] = None
