@@ -127,13 +127,6 @@ class KnowledgeTables(WorldState):
             found[lower] = (*found.get(lower, ()), instance.type_name.lower())
         return found
 
-    def evaluator(self, between: Callable[[], None] = lambda: None) -> Evaluator:
-        """Evaluates formulas in this state as it is now.
-
-        :param between: as of :class:`Evaluator`.
-        """
-        return Evaluator(self.domain, self, between=between)
-
     def true(
         self,
         item: Union[Instance, Fact, FunctionValue, Condition],
@@ -149,7 +142,7 @@ class KnowledgeTables(WorldState):
             return self._fact_true(item, between)
         if isinstance(item, FunctionValue):
             return self.values.first(item.key) is not None
-        return self.evaluator(between).holds(item)
+        return Evaluator(self.domain, self, between=between).holds(item)
 
     def _instance_true(self, item: Instance) -> bool:
         wanted = item.type_name.lower()
@@ -174,7 +167,7 @@ class KnowledgeTables(WorldState):
         if name == "=" and len(args) == 2:  # conditions of an operator are asked like this
             return (args[0] == args[1]) != item.negative
         if name in self.domain.derived:
-            return self.evaluator(between).holds(self._some(name, args)) != item.negative
+            return self.true(self._some(name, args), between) != item.negative
         if "" not in args:
             return self.holds(item.key) != item.negative
         some = any(not self.facts.rows[key].negative for key in self.facts.match(name, args))
