@@ -41,11 +41,10 @@ class DispatcherKind(ABC):
         :return: what is missing; empty: it may be sent.
         """
 
-    @abstractmethod
-    def dispatched(self, action_id: int, send: Callable[[], object]) -> None:
+    def dispatched(self, action_id: int, send: Callable[[], object]) -> None:  # noqa: B027 - most need not know
         """An action of the present dispatch was seen.
 
-        :param send: sends it once more.
+        :param send: sends it once more, for a dispatcher that does not by itself.
         """
 
     @abstractmethod
@@ -123,9 +122,6 @@ class ReportingDispatcher(DispatcherKind):
         """For the connection to its action server."""
         there = self._server.wait_for_server(SERVER_WAIT, interrupted)
         return "" if there else self._server.missing
-
-    def dispatched(self, action_id: int, send: Callable[[], object]) -> None:
-        """It sends again by itself what no interface takes."""
 
     def send(self, ended: Callable[[object], None], owner: Optional[str]) -> None:
         """A goal, which is leased."""
