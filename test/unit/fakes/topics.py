@@ -50,12 +50,16 @@ class Topics:
         if subscriber_listener is not None:
             self._listeners[topic].append(subscriber_listener)
 
+        closed = threading.Event()
+
         def publish(message: Any) -> None:
+            if closed.is_set():
+                raise rospy.ROSException("publish() to a closed topic")
             self.before(topic, message)
             self.published(topic).put(message)
 
         return SimpleNamespace(
-            impl=None, publish=publish, unregister=lambda: None, get_num_connections=lambda: 1
+            impl=None, publish=publish, unregister=closed.set, get_num_connections=lambda: 1
         )
 
     def _subscriber(self, name: str, _: type, callback: Callable[[Any], None], **__: Any) -> Any:

@@ -150,6 +150,14 @@ def test_both_end_with_the_client(topics: Topics) -> None:
     assert [goal.status for goal in (first, second)] == [GoalStatus.LOST] * 2
 
 
+def test_all_that_a_server_forgot_end_though_the_first_ends_the_client(topics: Topics) -> None:
+    client = ActionClient("owned", ListenAction)
+    goals = [client.send(ListenGoal(), lambda goal: client.shutdown()) for _ in range(3)]
+    topics.send("/owned/status", GoalStatusArray(status_list=[status(goal, 1) for goal in goals]))
+    topics.send("/owned/status", GoalStatusArray())
+    assert [goal.status for goal in goals] == [GoalStatus.LOST] * 3
+
+
 def test_what_cannot_be_sent_again_ends_nothing(
     topics: Topics, client: ActionClient, ended: List[ClientGoal]
 ) -> None:

@@ -285,7 +285,7 @@ class ActionClient:
             self._changed.notify_all()
         for goal in goals:
             if not goal.lasting:
-                publish(self._cancel_publisher, GoalID(id=goal.id))
+                self._publish_cancel(goal.id)
         self._lease.shutdown()
         unregister(*self._subscribers, self._goal_publisher, self._cancel_publisher)
         for goal in goals:
@@ -398,7 +398,8 @@ class ActionClient:
 
     def _publish_cancel(self, goal_id: str) -> None:
         # Never with a stamp: a server would also cancel every goal sent in the same tick of the clock.
-        publish(self._cancel_publisher, GoalID(id=goal_id))
+        with contextlib.suppress(rospy.ROSException):  # the client was shut down meanwhile
+            publish(self._cancel_publisher, GoalID(id=goal_id))
 
     def _look(self) -> None:
         """Ends goals whose server is silent and repeats cancels that got lost."""
