@@ -121,26 +121,24 @@ class _Builder:
         if start is not None:
             duration = self._steps[node.action].duration
             self._graph.connect(EdgeType.START_END, start, node.id, duration, duration)
-        if not any(self._orders(node, start, happening)):
+        self._order(node, start, happening)
+        if all(edge.source == start for edge in self._graph.into(node.id)):
             self._graph.connect(EdgeType.CONDITION, 0, node.id)
         self._remember(node.id, happening)
 
-    def _orders(self, node: Node, start: Optional[int], happening: Happening) -> List[bool]:
-        """Makes the edges into a node; which kinds of them there are."""
-        return [
-            self._support(node, start, happening),
-            self._timed_numbers(node),
-            self._timed_order(node, happening),
-            self._interference(node, start, happening),
-            self._numeric_order(node, start, happening),
-            self._name_order(node, start, happening),
-            self._constraint_order(node, start, happening),
-        ]
+    def _order(self, node: Node, start: Optional[int], happening: Happening) -> None:
+        """Makes the edges into a node, besides that from the start of its action."""
+        self._support(node, start, happening)
+        self._timed_numbers(node)
+        self._timed_order(node, happening)
+        self._interference(node, start, happening)
+        self._numeric_order(node, start, happening)
+        self._name_order(node, start, happening)
+        self._constraint_order(node, start, happening)
 
-    def _support(self, node: Node, start: Optional[int], happening: Happening) -> bool:
-        """Edges from whatever makes the node's conditions true; whether there is one."""
+    def _support(self, node: Node, start: Optional[int], happening: Happening) -> None:
+        """Edges from whatever makes the node's conditions true."""
         now = self._times[node.id]
-        supported = False
         for negative, atoms in ((False, happening.positive), (True, happening.negative)):
             for atom in atoms:
                 seen = self._touched.get(atom)
@@ -149,7 +147,6 @@ class _Builder:
                     provider = seen.last_deleter if negative else seen.last_adder
                 if provider is not None and provider != start:
                     self._graph.connect(EdgeType.CONDITION, provider, node.id, strict=start is not None)
-                    supported = True
                 since = self._times[provider] if provider is not None else -self._epsilon
                 given = [
                     entry.time
@@ -158,15 +155,12 @@ class _Builder:
                 ]
                 if given:
                     self._graph.connect(EdgeType.CONDITION, 0, node.id, lower=given[-1])
-                    supported = True
         positive, negated = self._lasting(node, happening)
         for negative, atoms in ((False, positive), (True, negated)):
             for atom in atoms:
                 breaks = _first_break(self._literals.get(atom, ()), negative, now)
                 if breaks is not None:
                     self._graph.connect(EdgeType.CONDITION, 0, node.id, upper=breaks - self._epsilon)
-                    supported = True
-        return supported
 
     def _lasting(self, _: Node, happening: Happening) -> Tuple[Sequence[PlanTerm], Sequence[PlanTerm]]:
         """What must not be broken before the node: over-all conditions have to last until the end."""
@@ -175,10 +169,10 @@ class _Builder:
             [*happening.negative, *happening.keep_negative],
         )
 
-    def _timed_numbers(self, node: Node) -> bool:
+    def _timed_numbers(self, node: Node) -> None:
         """An edge from the start of the plan when the node's conditions wait for a timed value."""
         if not self._numbers_in_time:
-            return False
+            return
         action = self._actions[node.action]
         conditions = action.at_start + action.over_all
         if node.type == NodeType.ACTION_END:
@@ -189,12 +183,10 @@ class _Builder:
             if number.writer is not None
         }
         lower = self._numbers_in_time.since(conditions, self._times[node.id], changed)
-        if lower is None:
-            return False
-        self._graph.connect(EdgeType.CONDITION, 0, node.id, lower=lower)
-        return True
+        if lower is not None:
+            self._graph.connect(EdgeType.CONDITION, 0, node.id, lower=lower)
 
-    def _timed_order(self, node: Node, happening: Happening) -> bool:
+    def _timed_order(self, node: Node, happening: Happening) -> None:
         """An edge from the start of the plan when the node's effects would be undone, or read too early.
 
         That is so before a timed change to the opposite, or of a number, that precedes the node in the plan.
@@ -203,7 +195,7 @@ class _Builder:
         if not (self._literals or self._values_in_time) or (
             node.type == NodeType.ACTION_START and not action.durative
         ):
-            return False
+            return
         ends = action.durative and node.type == NodeType.ACTION_END
         effects = action.end_effects if ends else action.start_effects
         changes = [
@@ -216,28 +208,23 @@ class _Builder:
         for term in (*happening.writes, *(term.key for term in effects.reads)):
             changes += self._values_in_time.get(term, ())
         earlier = [time for time in changes if 0.0 < time <= self._times[node.id]]
-        if not earlier:
-            return False
-        self._graph.connect(EdgeType.CONDITION, 0, node.id, lower=max(earlier))
-        return True
+        if earlier:
+            self._graph.connect(EdgeType.CONDITION, 0, node.id, lower=max(earlier))
 
-    def _interference(self, node: Node, start: Optional[int], happening: Happening) -> bool:
+    def _interference(self, node: Node, start: Optional[int], happening: Happening) -> None:
         """Edges from every earlier node whose condition or effect this node's effects contradict."""
-        supported = False
         for positive, atoms in ((True, happening.add), (False, happening.delete)):
             for atom in atoms:
                 seen = self._touched.get(atom)
                 if seen is not None:
                     earlier = seen.against(positive, self._reduce)
-                    supported |= self._follow(EdgeType.INTERFERENCE, earlier, node, start, seen.unchecked)
-        return supported
+                    self._follow(EdgeType.INTERFERENCE, earlier, node, start, seen.unchecked)
 
-    def _numeric_order(self, node: Node, start: Optional[int], happening: Happening) -> bool:
+    def _numeric_order(self, node: Node, start: Optional[int], happening: Happening) -> None:
         """Edges that keep changes of a number in order with each other and with its readers.
 
         ROSPlan has none of these: there, actions that use up the same resource start together.
         """
-        supported = False
         writes, additive = set(happening.writes), set(happening.additive)
         for numbers, reads in (
             (self._unchecked_numbers, happening.unchecked & set(happening.reads)),
@@ -250,18 +237,16 @@ class _Builder:
                 earlier = number.touch(node.id, term in reads, term in writes, term in additive)
                 type_ = EdgeType.INTERFERENCE if term in writes else EdgeType.CONDITION
                 strict = earlier if numbers is self._unchecked_numbers else ()
-                supported |= self._follow(type_, earlier, node, start, strict)
-        return supported
+                self._follow(type_, earlier, node, start, strict)
 
-    def _name_order(self, node: Node, start: Optional[int], happening: Happening) -> bool:
+    def _name_order(self, node: Node, start: Optional[int], happening: Happening) -> None:
         """Edges that keep what is known by name only behind earlier changes, and before later ones.
 
         Which change makes a disjunction or a quantified condition true is not looked into, nor what a
         conditional effect does: a name counts. ROSPlan has none of these edges.
         """
         if not self._named:
-            return False
-        supported = False
+            return
         unchecked = frozenset(atom.name for atom in happening.unchecked)
         for named, atoms, depends in (
             (self._unchecked_named, unchecked, happening.unchecked_names),
@@ -276,21 +261,18 @@ class _Builder:
                 for name in sorted(names & named.keys()):
                     earlier = note(named[name], node.id)
                     strict = earlier if named is self._unchecked_named else ()
-                    supported |= self._follow(type_, earlier, node, start, strict)
-        return supported
+                    self._follow(type_, earlier, node, start, strict)
 
-    def _constraint_order(self, node: Node, start: Optional[int], happening: Happening) -> bool:
+    def _constraint_order(self, node: Node, start: Optional[int], happening: Happening) -> None:
         """Edges that keep changes of what one trajectory constraint reads in the plan's order.
 
         Nothing looks at a constraint when the plan is carried out. ROSPlan has none of these edges.
         """
-        supported = False
         changed = (tuple(happening.add), tuple(happening.delete), tuple(happening.writes))
         effects = TimedEffects(*changed, wild=happening.wild)
         for constraint in self._constrained:
             earlier = constraint.change(node.id, effects)
-            supported |= self._follow(EdgeType.INTERFERENCE, earlier, node, start, earlier)
-        return supported
+            self._follow(EdgeType.INTERFERENCE, earlier, node, start, earlier)
 
     def _follow(
         self,
@@ -299,12 +281,10 @@ class _Builder:
         node: Node,
         start: Optional[int],
         strict: Collection[int] = (),
-    ) -> bool:
+    ) -> None:
         """Edges from earlier nodes; strict ones from those in `strict`, if the node is an end."""
-        sources = sorted(set(earlier) - {start, node.id})
-        for source in sources:
+        for source in sorted(set(earlier) - {start, node.id}):
             self._graph.connect(type_, source, node.id, strict=start is not None and source in strict)
-        return bool(sources)
 
     def _remember(self, node: int, happening: Happening) -> None:
         for positive, changes, atoms in (
@@ -338,8 +318,9 @@ class _RosplanBuilder(_Builder):
     def _lasts(self, step: PlanStep, action: ActionModel) -> float:
         return step.duration
 
-    def _orders(self, node: Node, start: Optional[int], happening: Happening) -> List[bool]:
-        return [self._support(node, start, happening), self._interference(node, start, happening)]
+    def _order(self, node: Node, start: Optional[int], happening: Happening) -> None:
+        self._support(node, start, happening)
+        self._interference(node, start, happening)
 
     def _lasting(self, node: Node, happening: Happening) -> Tuple[Sequence[PlanTerm], Sequence[PlanTerm]]:
         action = self._actions[node.action]
