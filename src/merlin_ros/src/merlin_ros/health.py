@@ -14,6 +14,7 @@ import rospy
 from diagnostic_msgs.msg import DiagnosticStatus
 from rospy.core import is_shutdown_requested
 
+from merlin_ros.publishing import writable
 from merlin_ros.work.threads import failure_text, start_thread
 
 PERIOD = 1.0  # s of wall time
@@ -88,14 +89,9 @@ def _task(check: Callable[[], Health]) -> Callable[[Any], Any]:
             health = check()
         except Exception as error:  # a part that raises is ill, and the others are still asked
             health = Health(ERROR, f"no report: {failure_text(error)}")
-        status.summary(health.level, _writable(health.message))
+        status.summary(health.level, writable(str(health.message)))
         for key, value in health.values.items():
-            status.add(key, _writable(value))
+            status.add(key, writable(str(value)))
         return status
 
     return fill
-
-
-def _writable(value: object) -> str:
-    """As text, with ``?`` for half of a character, as in the name of a file that is not UTF-8."""
-    return str(value).encode("utf-8", "replace").decode()

@@ -56,7 +56,7 @@ def publish(publisher: rospy.Publisher, message: Any) -> None:
             _publish(publisher, message)
         except UnicodeEncodeError:
             _forget_half(impl, latched)
-            _publish(publisher, _writable(message))
+            _publish(publisher, writable(message))
         except Exception:
             _forget_half(impl, latched)
             raise
@@ -91,13 +91,13 @@ def _forget_half(impl: Any, latched: Any) -> None:
         impl.latch = latched
 
 
-def _writable(value: Any) -> Any:
-    """A value without half characters; of a message itself."""
+def writable(value: Any) -> Any:
+    """A value with ``?`` for each half of a character; a message is changed itself."""
     if isinstance(value, str):
         return value.encode("utf-8", "replace").decode()
     if isinstance(value, list):
-        return [_writable(part) for part in value]
+        return [writable(part) for part in value]
     if isinstance(value, genpy.Message):
         for name in value.__slots__:
-            setattr(value, name, _writable(getattr(value, name)))
+            setattr(value, name, writable(getattr(value, name)))
     return value
