@@ -26,22 +26,12 @@ class Commands:
     def __init__(self, source: str, permit: MotionPermit, parameters: GuardParameters) -> None:
         self._permit = permit
         self._limiter = VelocityLimiter(parameters.limits, parameters.refuse)
-        self._watch = DriveWatch(source, parameters.settings)
+        self.watch = DriveWatch(source, parameters.settings)
+        self.warning = ""
+        """What is wrong with the drive, as of the last :meth:`look`; empty: nothing."""
         self._odometry = rospy.Subscriber(
             "odom", Odometry, self._receive_odometry, tcp_nodelay=True, queue_size=1
         )
-        self.warning = ""
-        """What is wrong with the drive, as of the last :meth:`look`; empty: nothing."""
-
-    @property
-    def limited(self) -> int:
-        """How many velocities did not go to the base as they came, though it may move."""
-        return self._watch.faults
-
-    @property
-    def uncommanded(self) -> Tuple[str, ...]:
-        """Goals for which no velocity has come for long, as of the last :meth:`look`."""
-        return self._watch.uncommanded
 
     def receive(self, velocity: Twist, now: float) -> Tuple[PermitDecision, Twist]:
         """Takes a velocity.
@@ -56,7 +46,7 @@ class Commands:
         if decision.send is not Send.COMMAND:
             sent, fault = STANDING, ""
         self._limiter.sent(sent, now)
-        self._watch.command(sent, fault, self._permit.world)
+        self.watch.command(sent, fault, self._permit.world)
         if fault:
             velocity = Twist(Vector3(sent.x, sent.y, 0.0), Vector3(0.0, 0.0, sent.yaw))
         return decision, velocity
@@ -67,8 +57,8 @@ class Commands:
 
     def look(self) -> None:
         """Time has passed; to be called several times per second."""
-        self.warning = self._watch.look(self._permit.drivers, self._permit.view.goals, self._permit.world)
+        self.warning = self.watch.look(self._permit.drivers, self._permit.view.goals, self._permit.world)
 
     def _receive_odometry(self, odometry: Odometry) -> None:
         position, turn = odometry.pose.pose.position, odometry.pose.pose.orientation
-        self._watch.odometry((position.x, position.y, turn.z, turn.w))
+        self.watch.odometry((position.x, position.y, turn.z, turn.w))

@@ -267,7 +267,7 @@ class GuardNode:
         self._state = view.state
         now = time.monotonic()
         warning = self._warning()
-        said = view, warning, self._commands.uncommanded
+        said = view, warning, self._commands.watch.uncommanded
         if self._keeping or (said == self._published and now - self._published_at < STATUS_PERIOD):
             return
         self._published, self._published_at = said, now
@@ -280,9 +280,9 @@ class GuardNode:
             cancelled=list(view.cancelled),
             servers=list(self._cancels),
             heard=list(view.heard),
-            limited=self._commands.limited,
+            limited=self._commands.watch.faults,
             warning=warning,
-            uncommanded=list(self._commands.uncommanded),
+            uncommanded=list(self._commands.watch.uncommanded),
         )
         status.header.stamp = stamp
         self._status.publish(status)

@@ -48,39 +48,19 @@ class RosGraph:
     """
 
     def __init__(self) -> None:
-        self._caller = rospy.get_name()
         self._master = bounded_master(MASTER_TIMEOUT)
 
     def other_guards(self, topic: str) -> List[str]:
         """Guards other than this one that publish a topic; a text for one that does not answer."""
-        guards = []
-        types = dict(self._master.getTopicTypes())
         publishers = self._publishers()
-        suspects = {
-            node for name, nodes in publishers.items() if types.get(name) == GUARD_TYPE for node in nodes
-        }
-        for node in sorted(suspects.intersection(publishers.get(topic, ())) - {self._caller}):
-            try:
-                address = self._master.lookupNode(node)
-            except rosgraph.MasterException:
-                continue
-            try:
-                if topic in publications(address):
-                    guards.append(node)
-            except NodeGone:
-                continue
-            except OSError:
-                guards.append(f"{node} (which does not answer; end its process)")
-        return guards
+        status = [name for name, kind in self._master.getTopicTypes() if kind == GUARD_TYPE]
+        guards = {node for name in status for node in publishers.get(name, ())}
+        silent = " (which does not answer; end its process)"
+        return self._living(topic, guards.intersection(publishers.get(topic, ())), silent)
 
     def other_publishers(self, topic: str) -> List[str]:
-        """Living nodes other than this one that publish a topic, too."""
-        found = []
-        for node in sorted(set(self._publishers().get(topic, ())) - {self._caller}):
-            with contextlib.suppress(NodeGone, rosgraph.MasterException, OSError):
-                if topic in publications(self._master.lookupNode(node)):
-                    found.append(node)
-        return found
+        """Nodes other than this one that answer, and publish a topic, too."""
+        return self._living(topic, set(self._publishers().get(topic, ())))
 
     def actions(self) -> List[str]:
         """Resolved names of the actions that are served."""
@@ -91,6 +71,21 @@ class RosGraph:
             for name, type_name in self._master.getTopicTypes()
             if type_name == STATUS_TYPE and name.endswith(suffix) and served.get(name)
         )
+
+    def _living(self, topic: str, nodes: Set[str], silent: str = "") -> List[str]:
+        """Those of the nodes that publish a topic, without this one.
+
+        :param silent: is added to the name of one that does not answer; empty: such a node is left out.
+        """
+        found = []
+        for node in sorted(nodes - {rospy.get_name()}):
+            with contextlib.suppress(NodeGone, rosgraph.MasterException):
+                address = self._master.lookupNode(node)
+                try:
+                    found += [node] if topic in publications(address) else []
+                except OSError:
+                    found += [f"{node}{silent}"] if silent else []
+        return found
 
     def _publishers(self) -> Dict[str, List[str]]:
         publishers, _, _ = self._master.getSystemState()
