@@ -15,7 +15,6 @@ from merlin_msgs.msg import ListenGoal
 from nav_msgs.msg import OccupancyGrid, Odometry
 from sensor_msgs.msg import LaserScan
 
-from merlin_reactive import ros_clock
 from merlin_reactive.listening import listen_node
 from merlin_reactive.localization import localization_node
 from merlin_reactive.localization.localization_node import LocalizationNode
@@ -79,7 +78,7 @@ def topics(monkeypatch: pytest.MonkeyPatch) -> Topics:
 
 def test_a_wait_takes_its_time(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> None:
     ticked = MagicMock(wait=lambda _: clock.wait(1.0, threading.Event()))
-    monkeypatch.setattr(ros_clock, "threading", SimpleNamespace(Condition=lambda: ticked))
+    monkeypatch.setattr(rospy.rostime, "get_rostime_cond", lambda: ticked)
     assert RosClock().wait(9.5, threading.Event())
     assert len(clock.waits) == (10 if clock.wall else 11)
 
