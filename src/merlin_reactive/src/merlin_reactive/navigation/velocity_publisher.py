@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The only way from navigation to the wheels: once closed for a goal, it blocks all commands of that goal."""
 
-import contextlib
 import threading
 from typing import Optional
 
@@ -51,5 +50,4 @@ class VelocityPublisher:
         """Stops the robot, also when another goal owns the topic."""
         with self._lock:
             self._owner = None
-            with contextlib.suppress(rospy.ROSException):  # the topic may have closed before
-                self._publisher.publish(Twist())
+            publish(self._publisher, Twist())
