@@ -3,7 +3,7 @@
 
 import enum
 import math
-from typing import Callable, Optional, Protocol, Sequence, Tuple
+from typing import Callable, Optional, Sequence, Tuple, Union
 
 from merlin_reactive.navigation.path_follower import Path
 from merlin_reactive.pose import Point, Pose
@@ -25,19 +25,6 @@ class WalkState(enum.IntEnum):
     WALKING = 3
 
 
-class Way(Protocol):
-    """A walk of a person: from a world file, or started at run time."""
-
-    def next(self, now: float, elapsed: float) -> Optional[Pose]:
-        """Where the next step leads; None while there is no step to take."""
-
-    def blocker(self, here: Point, there: Point) -> str:
-        """What is in the way of the step."""
-
-    def go(self, elapsed: float) -> bool:
-        """Takes the step; returns whether it was the last one."""
-
-
 class Patrol:
     """The path of a world file, there and back again, forever."""
 
@@ -48,17 +35,17 @@ class Patrol:
         self._walked = 0.0  # s of walking and pausing; time spent waiting for robots does not count
 
     def next(self, now: float, elapsed: float) -> Optional[Pose]:
-        """See :class:`Way`."""
+        """Where the next step leads; None while there is no step to take."""
         if now < self._person.delay or self._path.length == 0.0:
             return None
         return self._at(self._walked + elapsed)
 
     def blocker(self, here: Point, there: Point) -> str:
-        """A robot, for a polite person."""
+        """What is in the way of the step: a robot, for a polite person."""
         return self._robots(here, there) if self._person.polite else ""
 
     def go(self, elapsed: float) -> bool:
-        """See :class:`Way`; it never ends."""
+        """Takes the step; returns whether it was the last one, which it never is."""
         self._walked += elapsed
         return False
 
@@ -86,12 +73,12 @@ class Walk:
         self.blocker = block
 
     def next(self, now: float, elapsed: float) -> Optional[Pose]:
-        """See :class:`Way`."""
+        """Where the next step leads."""
         x, y = self._path.at(self._along + self._speed * elapsed)
         return Pose(float(x), float(y))
 
     def go(self, elapsed: float) -> bool:
-        """See :class:`Way`."""
+        """Takes the step; returns whether it was the last one."""
         self._along += self._speed * elapsed
         return self._along >= self._path.length
 
@@ -102,13 +89,13 @@ class Walker:
     :param way: what the person does without another request.
     """
 
-    def __init__(self, person: Person, way: Optional[Way] = None) -> None:
+    def __init__(self, person: Person, way: Optional[Patrol] = None) -> None:
         self.person = person
         self.pose = Pose(*person.path[0])
         self.state = WalkState.ABSENT if person.absent else WalkState.STANDING
         self.waits_for = ""
         self.walk = 0  # number of the last walk requested at run time
-        self._way = None if person.absent else way
+        self._way: Union[Patrol, Walk, None] = None if person.absent else way
         # State and heading at the end of the way.
         self._end: Tuple[WalkState, Optional[float]] = (WalkState.STANDING, None)
 
