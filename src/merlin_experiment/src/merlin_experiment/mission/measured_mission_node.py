@@ -200,11 +200,11 @@ class MeasuredMissionNode(MissionNode):
 
     def _length_of_question(self) -> float:
         # It imports numpy, which the other policy does without.
-        from merlin_experiment.mission.speech_length import SpeechLengthError, speech_length
+        from merlin_experiment.mission.speech_length import SoundError, speech_length
 
         try:
             return self._settings.speech_length or speech_length()
-        except SpeechLengthError:
+        except SoundError:
             return 0.0  # the end of the question is then not slowed down
 
     def _action_starts(self, operator: str) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 
 from merlin_experiment.mission.mission_settings import MissionSettings, Point
 from merlin_experiment.mission.progress_view import closing_lines
-from merlin_experiment.mission.speech_length import SpeechLengthError, speech_length
+from merlin_experiment.mission.speech_length import speech_length
 from merlin_experiment.oracle.oracle import Oracle
 from merlin_experiment.oracle.outlines import outlines_of_map, outlines_of_world
 from merlin_experiment.oracle.shortest_path import NoPathError, ShortestPaths
@@ -16,6 +16,7 @@ from merlin_experiment.records.path_plot import MapPicture, plot_path
 from merlin_experiment.records.result_files import write_run
 from merlin_experiment.records.task_record import RunRecord
 from merlin_experiment.records.trajectory import Sample
+from merlin_reactive.speech.speech_synthesizer import SoundError
 from merlin_sim.world.world_file import WorldError, load_world
 
 
@@ -58,7 +59,7 @@ class MissionResults:
                 limit = settings.cancel_after if record.task.marked else float("inf")
                 best = oracle.task((x, y), yaw, settings.points[record.task.poi], limit, record.motion)
                 record.oracle_time, record.oracle_distance = best.time, best.distance
-        except (SpeechLengthError, NoPathError, WorldError) as error:
+        except (SoundError, NoPathError, WorldError) as error:
             self._notes.append(f"no oracle: {error}")
 
     def write(self) -> List[str]:
