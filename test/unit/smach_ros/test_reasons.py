@@ -2,6 +2,7 @@
 """States for ROS keep why their last run went wrong."""
 
 import socket
+import threading
 from typing import Callable, Tuple
 
 import pytest
@@ -9,6 +10,7 @@ import rospy
 from std_srvs.srv import Empty
 
 import smach
+from merlin_test import LONG
 from smach_ros import ServiceState
 
 
@@ -32,6 +34,30 @@ def test_a_service_that_is_not_offered_is_the_reason(monkeypatch: pytest.MonkeyP
     assert state.reason == ""
     assert state.execute(smach.UserData()) == "aborted"
     assert state.reason == "Service blade: not offered within 0.0 s (server_wait_timeout)"
+
+
+@pytest.mark.parametrize("preempted", [False, True])
+def test_a_master_that_hangs_holds_neither_a_preempt_nor_the_time_limit(
+    preempted: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked, answers = threading.Event(), threading.Event()
+
+    def hang() -> Tuple[int, str, str]:
+        asked.set()
+        assert answers.wait(LONG)
+        return gone()
+
+    monkeypatch.setattr(rospy, "get_master", lambda: Master(hang))
+    state = ServiceState("blade", Empty, server_wait_timeout=None if preempted else 0.0)
+    ends = []
+    thread = threading.Thread(target=lambda: ends.append(state.execute(smach.UserData())), daemon=True)
+    thread.start()
+    assert asked.wait(LONG)
+    if preempted:
+        state.request_preempt()
+    thread.join(LONG / 2)
+    answers.set()
+    assert ends == ["preempted" if preempted else "aborted"]
 
 
 def test_the_error_of_a_callback_is_the_reason_of_that_run_alone(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -33,6 +33,7 @@ STRUCTURE_TOPIC = "/smach/container_structure"
 HEARTBEAT = 2.0  # s of wall time between two messages that repeat a container's state
 QUEUE = 1000  # messages that wait for a slow subscriber: several for each container
 NOTES = 200  # transitions that wait to be published; of more, only the last of each container is
+REMOTE_INIT = "REMOTE_INIT"  # info of the status that answers an init command
 REPEAT_INIT = 0.3  # s of wall time between two init commands
 
 
@@ -215,7 +216,7 @@ class IntrospectionServer:
         except (UserDataError, smach.SmachError) as error:
             rospy.logerr(f"Init command for '{message.path}' refused: {error}")
             return
-        self._note(proxy, proxy.container.get_active_states(), "REMOTE_INIT")
+        self._note(proxy, proxy.container.get_active_states(), REMOTE_INIT)
 
 
 class _Greeter(rospy.SubscribeListener):
@@ -264,7 +265,9 @@ class IntrospectionClient:
         answered = threading.Event()
 
         def receive(status: SmachContainerStatus) -> None:
-            if status.path == path and list(status.initial_states) == labels:
+            # A server tells its state at other times, too: before it has read the command, or refuses it.
+            taken = status.info == REMOTE_INIT and status.path == path
+            if taken and list(status.initial_states) == labels:
                 answered.set()
 
         publisher = _init_publisher(server + INIT_TOPIC)

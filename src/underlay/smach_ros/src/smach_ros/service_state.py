@@ -19,6 +19,7 @@ from smach_ros.waiting import Duration, WallDeadline, wait
 from smach_ros.waiting_state import WaitingState
 
 ASK_MASTER = 0.1  # s between questions for a service that does not exist yet; there is no event for it
+MASTER_HANGS = 1.0  # s of wall time after which a question without an answer counts as "not offered"
 
 
 class ServiceState(WaitingState):
@@ -105,20 +106,17 @@ class ServiceState(WaitingState):
             return "aborted"
         if self.preempt_requested():
             return self._not_called()
-        call = _Call(self._service_name, self._service_spec, request, self._changed)
-        with self._changed:
-            deadline = WallDeadline(self._call_timeout)
-            wait(self._changed, lambda: call.done or self.preempt_requested(), deadline)
-            done = call.done
-        if not done:
-            call.give_up()
+        proxy = _Proxy(self._service_name, self._service_spec)
+        call = _Apart(f"call of {self._service_name}", lambda: proxy.call_once(request), self._changed)
+        if not call.ends(WallDeadline(self._call_timeout), self.preempt_requested):
+            proxy.give_up()
             if not self.preempt_requested() and not rospy.is_shutdown():
                 self._report(f"Service {self._service_name}: no answer within {self._call_timeout} s")
             return self._not_called()
         if call.error is not None:
             self._report(f"Service {self._service_name} failed: {call.error}")
             return "aborted"
-        return self._outcome(ud, call.response)
+        return self._outcome(ud, call.answer)
 
     def _not_called(self) -> str:
         if self.preempt_requested() or rospy.is_shutdown():
@@ -129,9 +127,17 @@ class ServiceState(WaitingState):
     def _wait_for_service(self) -> bool:
         deadline = WallDeadline(self._server_wait_timeout)
         warned = False
+        asked: Optional[_Apart] = None
         while not self.preempt_requested() and not rospy.is_shutdown():
-            if _offered(self._service_name):
-                return True
+            if asked is None or asked.done:
+                asked = _Apart(
+                    f"search for {self._service_name}", lambda: _offered(self._service_name), self._changed
+                )
+            if asked.ends(WallDeadline(MASTER_HANGS), self.preempt_requested):
+                if asked.error is not None:
+                    raise asked.error
+                if asked.answer:
+                    return True
             if deadline.remaining() <= 0.0:
                 self._report(
                     f"Service {self._service_name}: not offered within {self._server_wait_timeout} s "
@@ -173,11 +179,24 @@ class _Proxy(rospy.ServiceProxy):
     rospy keeps the transport of a persistent connection only, as soon as it is connected.
     """
 
-    given_up = False
-
     def __init__(self, name: str, spec: type) -> None:
         self._transport: Any = None
+        self._given_up = False
         super().__init__(name, spec, persistent=True)
+
+    def call_once(self, request: Any) -> Any:
+        """Calls the service and closes the connection."""
+        try:
+            return self(request)
+        finally:
+            self.close()
+
+    def give_up(self) -> None:
+        """Breaks the connection, which ends the call; one that is being made when its server answers."""
+        self._given_up = True
+        # Closing a socket does not wake a thread that reads from it; shutting it down does.
+        with contextlib.suppress(OSError, AttributeError):
+            self._transport.socket.shutdown(socket.SHUT_RDWR)
 
     @property
     def transport(self) -> Any:
@@ -187,43 +206,39 @@ class _Proxy(rospy.ServiceProxy):
     @transport.setter
     def transport(self, made: Any) -> None:
         self._transport = made
-        if self.given_up:
+        if self._given_up:
             raise rospy.ServiceException("given up")
 
 
-class _Call:
-    """One call in a thread of its own, because a call cannot be interrupted.
+class _Apart:
+    """Something that cannot be interrupted, in a thread of its own.
 
+    :param name: of the thread.
+    :param run: what it does.
     :param changed: guards the fields and is notified at the end.
     """
 
-    def __init__(self, name: str, spec: type, request: Any, changed: threading.Condition) -> None:
+    def __init__(self, name: str, run: Callable[[], Any], changed: threading.Condition) -> None:
         self.done = False
-        self.response: Any = None
+        self.answer: Any = None
         self.error: Optional[Exception] = None
-        self._changed = changed
-        self._proxy = _Proxy(name, spec)
-        self._request = request
-        threading.Thread(target=self._run, name=f"call of {name}", daemon=True).start()
+        self._run, self._changed = run, changed
+        threading.Thread(target=self._live, name=name, daemon=True).start()
 
-    def _run(self) -> None:
+    def ends(self, deadline: WallDeadline, interrupted: Callable[[], bool]) -> bool:
+        """Waits for its end; returns whether it has come."""
+        with self._changed:
+            wait(self._changed, lambda: self.done or interrupted(), deadline)
+            return self.done
+
+    def _live(self) -> None:
         try:
-            self.response = self._proxy(self._request)
+            self.answer = self._run()
         except Exception as error:  # reported by the state
             self.error = error
-        finally:
-            self._proxy.close()
         with self._changed:
             self.done = True
             self._changed.notify_all()
-
-    def give_up(self) -> None:
-        """Breaks the connection, which ends the thread; one that is being made when its server answers."""
-        self._proxy.given_up = True
-        transport = self._proxy.transport
-        # Closing a socket does not wake a thread that reads from it; shutting it down does.
-        with contextlib.suppress(OSError, AttributeError):
-            transport.socket.shutdown(socket.SHUT_RDWR)
 
 
 def _offered(name: str) -> bool:
