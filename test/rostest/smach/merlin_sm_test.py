@@ -172,8 +172,8 @@ class States(unittest.TestCase):
     def test_code_of_users_that_fails_ends_the_state(self):
         publisher = rospy.Publisher("words", String, latch=True, queue_size=1)
         publisher.publish("one")
-        with self.assertRaisesRegex(smach.InvalidUserCodeError, "invalid literal"):
-            machine(create("topic", "words", String, lambda ud, message: int(message.data))).execute()
+        with self.assertRaisesRegex(smach.InvalidUserCodeError, "can only concatenate str"):
+            machine(create("topic", "words", String, lambda ud, message: message.data + 1)).execute()
         service = rospy.Service("ask_me", Trigger, lambda request: TriggerResponse(True, "yes"))
         self.addCleanup(service.shutdown)
         sm = machine(create("service", "ask_me", Trigger, lambda ud: String("of another type")))
