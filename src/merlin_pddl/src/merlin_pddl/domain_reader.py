@@ -3,7 +3,7 @@
 
 import hashlib
 import os
-from typing import Callable, Dict, Iterator, List, Mapping, Optional, Tuple, Union
+from typing import Callable, Dict, Iterator, List, Mapping, NamedTuple, Optional, Tuple, Union
 
 from merlin_pddl.constraint_reader import ConstraintReader
 from merlin_pddl.domain import Derived, Domain, Duration, Operator, Signature, self_negating
@@ -82,6 +82,16 @@ class _AnyObject(Mapping[str, Tuple[str, ...]]):
 
     def __len__(self) -> int:
         return 0
+
+
+class _Around(NamedTuple):
+    """What stands around an effect."""
+
+    scope: Scope
+    when: Optional[str]
+    """START or END; OVER_ALL in a process; None where a durative action still owes the time."""
+    variables: Tuple[Variable, ...] = ()
+    conditions: Tuple[TimedCondition, ...] = ()
 
 
 class DomainReader:
@@ -225,7 +235,7 @@ class DomainReader:
         effects: List[Effect] = []
         if ":effect" in parts:
             when = None if durative else OVER_ALL if section.head == ":process" else START
-            effects = self._effects(parts[":effect"], scope, when, (), ())
+            effects = self._effects(parts[":effect"], _Around(scope, when))
         operators = self._by_itself if section.head in _BY_ITSELF else self._domain.operators
         operators[str(name)] = Operator(
             str(name), declared, durative, tuple(durations), tuple(conditions), tuple(effects)
@@ -267,51 +277,35 @@ class DomainReader:
         bare = {name: types for name, types in scope.items() if types}  # no bound of itself
         return [Duration(node.head, self._formulas.numeric(node[2], bare))]
 
-    def _effects(
-        self,
-        node: Node,
-        scope: Scope,
-        when: Optional[str],
-        variables: Tuple[Variable, ...],
-        conditions: Tuple[TimedCondition, ...],
-    ) -> List[Effect]:
-        """Primitive effects below a node.
-
-        :param when: START or END; OVER_ALL in a process; None where a durative action still owes the time.
-        """
+    def _effects(self, node: Node, around: _Around) -> List[Effect]:
+        """Primitive effects below a node."""
         if not isinstance(node, Expression):
             raise node.error(f"expected an effect in parentheses, found '{node}'")
         if not node:
             return []
         if node.head == "and":
-            return [e for part in node[1:] for e in self._effects(part, scope, when, variables, conditions)]
+            return [effect for part in node[1:] for effect in self._effects(part, around)]
         if node.head in ("forall", "when") and len(node) != 3:
             raise node.error(f"'{node.head}' takes 2 parts, here are {len(node) - 1}")
         if node.head == "forall":
             inner = parameters(node[1], self._domain, "'forall'")
-            wider = {**scope, **{variable.name: variable.types for variable in inner}}
-            return self._effects(node[2], wider, when, variables + inner, conditions)
+            wider = {**around.scope, **{variable.name: variable.types for variable in inner}}
+            return self._effects(node[2], around._replace(scope=wider, variables=around.variables + inner))
         if node.head == "when":
-            if when is None:
-                more = tuple(self._formulas.timed_condition(node[1], scope))
+            if around.when is None:
+                more = tuple(self._formulas.timed_condition(node[1], around.scope))
             else:
-                more = (TimedCondition(when, self._formulas.condition(node[1], scope)),)
-            return self._effects(node[2], scope, when, variables, conditions + more)
+                more = (TimedCondition(around.when, self._formulas.condition(node[1], around.scope)),)
+            return self._effects(node[2], around._replace(conditions=around.conditions + more))
         time = self._formulas.time_of(node)
         if time:
-            if when is not None or time == OVER_ALL:
+            if around.when is not None or time == OVER_ALL:
                 raise node.error("a time does not belong here")
-            return self._effects(node[2], scope, time, variables, conditions)
-        return [self._primitive(node, scope, when, variables, conditions)]
+            return self._effects(node[2], around._replace(when=time))
+        return [self._primitive(node, around)]
 
-    def _primitive(
-        self,
-        node: Expression,
-        scope: Scope,
-        when: Optional[str],
-        variables: Tuple[Variable, ...],
-        conditions: Tuple[TimedCondition, ...],
-    ) -> Effect:
+    def _primitive(self, node: Expression, around: _Around) -> Effect:
+        scope, when = around.scope, around.when
         # There may be a predicate of this name: its arguments are names.
         numeric = any(isinstance(part, Expression) for part in node[1:])
         if node.head in ASSIGNMENTS and (numeric or node.head not in self._domain.predicates):
@@ -325,21 +319,10 @@ class DomainReader:
                 raise node.error("expected (at start ...), (at end ...), or a change with the time, (* #t 2)")
             if when == OVER_ALL and not lasts:
                 raise node.error(_OF_PROCESS)
-            return Effect(
-                when or OVER_ALL,
-                fluent=fluent,
-                op=node.head,
-                value=value,
-                variables=variables,
-                conditions=conditions,
-            )
+            when = when or OVER_ALL
+            return Effect(when, None, False, fluent, node.head, value, around.variables, around.conditions)
         if when in (None, OVER_ALL):
             raise node.error(_OF_PROCESS if when else "expected (at start ...) or (at end ...)")
         assert when is not None
-        negative = node.head == "not"
-        if negative and len(node) != 2:
-            raise node.error("'not' takes 1 part")
-        atom = self._formulas.atom(node[1] if negative else node, scope)
-        if atom.name in self._domain.derived:
-            raise node.error(f"'{atom.name}' is derived: no action can change it")
-        return Effect(when, atom=atom, negative=negative, variables=variables, conditions=conditions)
+        atom, negative = self._formulas.literal(node, scope, "no action can change it")
+        return Effect(when, atom, negative, variables=around.variables, conditions=around.conditions)

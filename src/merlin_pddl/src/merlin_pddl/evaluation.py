@@ -25,7 +25,6 @@ from merlin_pddl.formula import (
     Preference,
     Special,
     Variable,
-    bind,
 )
 from merlin_pddl.knowledge import ASSIGN, OPERATIONS, Fact, FunctionValue, Instance, Key, Timed
 
@@ -98,7 +97,7 @@ class Evaluator:
             right = self.number(condition.right, bindings)
             return left is not None and right is not None and compare(condition.op, left, right)
         if isinstance(condition, Equal):
-            return bind(condition.left, bindings).lower() == bind(condition.right, bindings).lower()
+            return same_object(condition, bindings)
         if isinstance(condition, Forall):
             return all(self.holds(condition.part, b) for b in self.extend(condition.variables, bindings))
         if isinstance(condition, Exists):
@@ -190,8 +189,14 @@ class Evaluator:
 
 
 def key_of(term: Union[Atom, Fluent, Special], bindings: Bindings) -> Key:
-    """The key of what a term names."""
-    return (term.name.lower(), *[bind(arg, bindings).lower() for arg in term.args])
+    """The key of what a term names. A variable without a value stays: a client may ask about ``?x``."""
+    return (term.name.lower(), *[bindings.get(arg, arg).lower() for arg in term.args])
+
+
+def same_object(condition: Equal, bindings: Bindings) -> bool:
+    """Whether the two terms stand for one object."""
+    left, right = (bindings.get(term, term).lower() for term in (condition.left, condition.right))
+    return left == right
 
 
 def compare(op: str, left: float, right: float) -> bool:

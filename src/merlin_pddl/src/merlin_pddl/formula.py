@@ -270,8 +270,3 @@ def must_hold(condition: Condition) -> List[Condition]:
         if isinstance(part, Comparison) and part.op in OPPOSITE:
             return [Comparison(OPPOSITE[part.op], part.left, part.right)]
     return [] if isinstance(condition, Preference) else [condition]
-
-
-def bind(term: str, bindings: Mapping[str, str]) -> str:
-    """The object a term stands for. A variable without a value stays: a client may ask about ``?x``."""
-    return bindings.get(term, term)

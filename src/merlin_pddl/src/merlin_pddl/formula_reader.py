@@ -252,6 +252,20 @@ class FormulaReader:
             raise name.error(f"unknown predicate '{name}'{hint}")
         return Atom(str(name), self._arguments(node, known[str(name)], scope))
 
+    def literal(self, node: Expression, scope: Scope, derived: str) -> Tuple[Atom, bool]:
+        """Reads a predicate that is stated or changed, and whether it stands in a ``not``.
+
+        :param derived: why it may not be a derived one.
+        :raises PddlError: as :meth:`atom`, or it is derived.
+        """
+        negative = node.head == "not"
+        if negative and len(node) != 2:
+            raise node.error("'not' takes 1 part")
+        atom = self.atom(node[1] if negative else node, scope)
+        if atom.name in self._domain.derived:
+            raise node.error(f"'{atom.name}' is derived: {derived}")
+        return atom, negative
+
     def fluent(self, node: Node, scope: Scope) -> Fluent:
         """Reads a numeric function with its arguments.
 

@@ -132,12 +132,7 @@ class ProblemReader:
             if value is None:
                 raise node[2].error("the value has no number yet")
             return FunctionValue(fluent.name, fluent.args, value)
-        negative = node.head == "not"
-        if negative and len(node) != 2:
-            raise node.error("'not' takes 1 part")
-        atom = self._formulas.atom(node[1] if negative else node, {})
-        if atom.name in self._domain.derived:
-            raise node.error(f"'{atom.name}' is derived: it follows from other facts and is not stated")
+        atom, negative = self._formulas.literal(node, {}, "it follows from other facts and is not stated")
         return Fact(atom.name, atom.args, negative)
 
     def _constant(self, value: Numeric) -> Optional[float]:

@@ -39,13 +39,22 @@ class PddlError(Exception):
         super().__init__(f"{place}: {message}" if place else message)
 
 
-class Word(str):
-    """One word of PDDL, lower-cased, with its place (line and column count from 1) and as it was written."""
+class _Placed:
+    """What stands somewhere in a text; line and column count from 1."""
 
-    written: str
     source: str
     line: int
     column: int
+
+    def error(self, message: str) -> PddlError:
+        """An error at this place."""
+        return PddlError(message, self.source, self.line, self.column)
+
+
+class Word(str, _Placed):
+    """One word of PDDL, lower-cased, and as it was written."""
+
+    written: str
 
     @classmethod
     def at(cls, text: str, source: str, line: int, column: int) -> "Word":
@@ -58,12 +67,8 @@ class Word(str):
     head = ""
     """As of an :class:`Expression`: a word has none."""
 
-    def error(self, message: str) -> PddlError:
-        """An error at this place."""
-        return PddlError(message, self.source, self.line, self.column)
 
-
-class Expression(List["Node"]):
+class Expression(List["Node"], _Placed):
     """What stands between two parentheses, with the place of the opening one."""
 
     def __init__(self, source: str, line: int, column: int) -> None:
@@ -71,10 +76,6 @@ class Expression(List["Node"]):
         self.source = source
         self.line = line
         self.column = column
-
-    def error(self, message: str) -> PddlError:
-        """An error at this place."""
-        return PddlError(message, self.source, self.line, self.column)
 
     @property
     def head(self) -> str:

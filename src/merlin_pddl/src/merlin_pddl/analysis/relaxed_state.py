@@ -10,7 +10,7 @@ from typing import Dict, Iterator, List, Mapping, Optional, Sequence, Set, Tuple
 
 from merlin_pddl.analysis.ranges import ANYTHING, POSITIVE, Range, arithmetic, can_compare
 from merlin_pddl.domain import Domain
-from merlin_pddl.evaluation import key_of
+from merlin_pddl.evaluation import key_of, same_object
 from merlin_pddl.formula import (
     And,
     Arithmetic,
@@ -27,7 +27,6 @@ from merlin_pddl.formula import (
     Or,
     Special,
     Variable,
-    bind,
 )
 from merlin_pddl.knowledge import Fact, FunctionValue, Key
 from merlin_pddl.problem import Problem
@@ -120,8 +119,7 @@ class RelaxedState:
             extended = self.extend(condition.variables, bindings)
             return (all if every else any)(self.can(condition.part, b, negated) for b in extended)
         if isinstance(condition, Equal):
-            same = bind(condition.left, bindings).lower() == bind(condition.right, bindings).lower()
-            return same != negated
+            return same_object(condition, bindings) != negated
         if isinstance(condition, Comparison):
             left, right = self.range(condition.left, bindings), self.range(condition.right, bindings)
             if left is None or right is None:
