@@ -7,7 +7,7 @@ import functools
 import itertools
 import os
 import threading
-from typing import TYPE_CHECKING, Any, Callable, Optional, Sequence, Set, Type
+from typing import TYPE_CHECKING, Any, Callable, NamedTuple, Optional, Sequence, Set, Type
 
 import rospy
 from merlin_msgs.msg import PlannerStatus, PlanWithoutAction, PlanWithoutFeedback, PlanWithoutResult
@@ -18,7 +18,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Empty, EmptyRequest, EmptyResponse, Trigger
 
 from merlin_ros.actions.action_server import ServerGoal
-from merlin_ros.actions.serial_action_server import SerialActionServer
+from merlin_ros.actions.serial_action_server import NOT_BEGUN, SerialActionServer
 from merlin_ros.health import OK, WARN, Health
 from merlin_ros.master.master_link import get_param
 from merlin_ros.publishing import publish
@@ -33,6 +33,27 @@ if TYPE_CHECKING:  # what plans is imported when the node serves
     from merlin_rosplan.supervision.supervised_planning import Planning
 
 
+class _Wish(NamedTuple):
+    """What is to be planned.
+
+    :ivar goal: of an action, which is to be answered; None: a service was called.
+    :ivar after: actions that run, as PDDL text: the plan begins where they have ended; None: it is not to
+        follow what runs.
+    :ivar on_begin: called when the planner works.
+    """
+
+    request: PlanningServiceRequest
+    settings: PlannerSettings
+    goal: Optional[ServerGoal] = None
+    after: Optional[Sequence[str]] = None
+    on_begin: Callable[[], None] = lambda: None
+
+    @property
+    def cancelled(self) -> bool:
+        """Whether its client wants no plan any more."""
+        return self.goal is not None and self.goal.cancel_requested
+
+
 class PlannerInterface(Component):
     """Plans on request, one problem at a time.
 
@@ -43,8 +64,8 @@ class PlannerInterface(Component):
 
     def __init__(self, scope: str) -> None:
         super().__init__(scope)
-        self._planning_lock = threading.Lock()  # held while a planning runs: there is one at a time
         self._state = threading.Condition()  # guards the fields below
+        self._plans = False  # there is one planning at a time
         self._problem: Optional[str] = None
         self._current: Optional[Planning] = None
         self._current_goal: Optional[str] = None
@@ -146,14 +167,14 @@ class PlannerInterface(Component):
         )
 
     def _serve(self, _: EmptyRequest) -> EmptyResponse:
-        outcome = self._plan(self._request_of_params())
+        outcome = self._plan(_Wish(self._request_of_params(), self._settings))
         self._log(outcome)
         if not outcome.solved:
             raise rospy.ServiceException(f"{outcome.state.name}: {outcome.reason}")
         return EmptyResponse()
 
     def _serve_params(self, request: PlanningServiceRequest) -> PlanningServiceResponse:
-        outcome = self._plan(request)
+        outcome = self._plan(_Wish(request, self._settings))
         self._log(outcome)
         return PlanningServiceResponse(plan_found=outcome.solved)
 
@@ -182,8 +203,7 @@ class PlannerInterface(Component):
         """Plans for a goal and answers it.
 
         :param feedback: is published when the planner works.
-        :param after: actions that run, as PDDL text: the plan begins where they have ended; None: it is not
-            to follow what runs.
+        :param after: as of :class:`_Wish`.
         """
         request = PlanningServiceRequest(
             wanted.domain_path,
@@ -194,7 +214,7 @@ class PlannerInterface(Component):
         )
         if not (wanted.domain_path or wanted.problem_path or wanted.use_problem_topic):
             request = self._request_of_params()
-        outcome = self._plan(request, goal, settings, after, lambda: goal.feedback(feedback))
+        outcome = self._plan(_Wish(request, settings, goal, after, lambda: goal.feedback(feedback)))
         result = result_class(result_status=outcome.state.name)
         if outcome.reached:
             result.reached = list(outcome.reached)
@@ -211,6 +231,7 @@ class PlannerInterface(Component):
         with self._state:
             # Only a planning that this action's goal started: the services' callers did not ask for a cancel.
             current = self._current if self._current_goal == goal.id else None
+            self._state.notify_all()  # it may wait for its turn
         if current is not None:
             current.cancel()
 
@@ -221,18 +242,20 @@ class PlannerInterface(Component):
             self._problem = message.data
             self._state.notify_all()
 
-    def _plan(
-        self,
-        request: PlanningServiceRequest,
-        goal: Optional[ServerGoal] = None,
-        settings: Optional[PlannerSettings] = None,
-        after: Optional[Sequence[str]] = None,
-        on_begin: Callable[[], None] = lambda: None,
-    ) -> PlanningOutcome:
-        with self._planning_lock:
-            outcome = self._plan_one(request, goal, settings or self._settings, after, on_begin)
+    def _plan(self, wish: _Wish) -> PlanningOutcome:
         with self._state:
-            self._last = outcome
+            self._state.wait_for(lambda: not self._plans or wish.cancelled)
+            if self._plans:
+                return PlanningOutcome(PlannerState.CANCELLED, NOT_BEGUN)
+            self._plans = True
+        try:
+            outcome = self._plan_one(wish)
+            with self._state:
+                self._last = outcome
+        finally:
+            with self._state:
+                self._plans = False
+                self._state.notify_all()
         self._report(PlannerStatus(**outcome.status))
         return outcome
 
@@ -249,14 +272,8 @@ class PlannerInterface(Component):
             outcome.reason,
         )
 
-    def _plan_one(
-        self,
-        request: PlanningServiceRequest,
-        goal: Optional[ServerGoal],
-        settings: PlannerSettings,
-        after: Optional[Sequence[str]],
-        on_begin: Callable[[], None],
-    ) -> PlanningOutcome:
+    def _plan_one(self, wish: _Wish) -> PlanningOutcome:
+        request, after = wish.request, wish.after
         problem_path = request.problem_path
         if request.use_problem_topic:
             try:
@@ -283,17 +300,17 @@ class PlannerInterface(Component):
                 return PlanningOutcome(PlannerState.INVALID, f"what runs cannot be planned after: {error}")
         from merlin_rosplan.supervision.supervised_planning import Planning
 
-        settings = dataclasses.replace(settings, command=request.planner_command)
+        settings = dataclasses.replace(wish.settings, command=request.planner_command)
         planning = Planning(settings, domain_path, problem_path, self._data_folder(request.data_path))
         with self._state:
             self._current = planning
-            self._current_goal = goal.id if goal is not None else None
+            self._current_goal = wish.goal.id if wish.goal is not None else None
         # A cancel before this point found no planning to kill.
-        if self.closed or (goal is not None and goal.cancel_requested):
+        if self.closed or wish.cancelled:
             planning.cancel()
 
         def begun() -> None:
-            on_begin()
+            wish.on_begin()
             self._report(PlannerStatus(state=PlannerStatus.RUNNING, reason=f"planning {problem_path}"))
 
         try:
