@@ -66,3 +66,22 @@ def test_an_object_of_another_type_is_refused(name, goal):
 
 def test_an_object_of_a_type_below_is_taken():
     assert checked(parse_goal("(door A b)")[0]) == "(door A b)"
+
+
+@pytest.mark.parametrize(
+    ("goal", "why"),
+    [
+        ("(window)", "the domain has no predicate 'window', only door"),
+        ("(door a)", "'door' takes 2 arguments, not 1"),
+        ("(door a moon)", "there is no object 'moon'"),
+        ("(> (height) 3)", "the domain has no function 'height', only way"),
+    ],
+)
+def test_what_makes_no_sense_says_why(goal, why):
+    with pytest.raises(GoalError) as refused:
+        checked(parse_goal(goal)[0])
+    assert str(refused.value) == f"{goal}: {why}"
+
+
+def test_names_do_not_depend_on_case():
+    assert checked(parse_goal("(DOOR A B)")[0]) == "(DOOR A B)"

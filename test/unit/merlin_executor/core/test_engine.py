@@ -14,7 +14,6 @@ from merlin_executor.core.engine import Engine, Stages
 from merlin_executor.core.outcome import Outcome, Verdict
 from merlin_executor.core.ticket import Ticket
 from merlin_executor.core.time_window import TimeWindow
-from merlin_executor.goal_check import GoalError, check_atom
 from merlin_executor.goals.goal_ledger import GoalNotes
 from merlin_test import LONG
 
@@ -267,34 +266,6 @@ def test_an_answer_that_fails_once_is_given_with_the_reason() -> None:
 
 
 # --- what makes sense -----------------------------------------------------------------------------------
-
-KNOWN = {"robot_at": 1, "Between": 2}
-
-
-def mistake(name: str, *arguments: str) -> str:
-    """What is wrong with an atom in a world with a kitchen and a hall; empty: nothing."""
-    try:
-        check_atom("(g)", "predicate", name, arguments, KNOWN, {"kitchen", "hall"})
-    except GoalError as error:
-        return str(error)
-    return ""
-
-
-def test_names_do_not_depend_on_case() -> None:
-    assert mistake("ROBOT_AT", "Kitchen") == mistake("robot_at", "KITCHEN") == ""
-    assert mistake("between", "kitchen", "Hall") == mistake("BETWEEN", "hall", "hall") == ""
-
-
-@pytest.mark.parametrize(
-    ("name", "arguments", "why"),
-    [
-        ("at", [], "the domain has no predicate 'at', only Between, robot_at"),
-        ("robot_at", [], "'robot_at' takes 1 arguments, not 0"),
-        ("robot_at", ["moon"], "there is no object 'moon'"),
-    ],
-)
-def test_what_makes_no_sense_says_why(name: str, arguments: List[str], why: str) -> None:
-    assert mistake(name, *arguments) == f"(g): {why}"
 
 
 def test_notes_survive_and_other_files_are_no_notes(tmp_path: object) -> None:
