@@ -122,11 +122,11 @@ class GoalDispatcher(MissionNode):
         except Exception as error:  # of the mission's own code: published before the node ends
             self.reporter.report(MissionStatus.FAILED, failure_text(error))
             raise
-        state, said = (
-            (MissionStatus.CANCELLED, "cancelled") if self.cancelled else (MissionStatus.SUCCEEDED, "done")
-        )
-        self.reporter.report(state, said)
-        return not self.cancelled
+        if self.cancelled:
+            self.reporter.report(MissionStatus.CANCELLED, "cancelled")
+            return False
+        self.reporter.report(MissionStatus.SUCCEEDED, "done")
+        return True
 
     def achieve(self, goals: Goals, timeout: Optional[float] = None, **options: Any) -> ExecuteResult:
         """Sends goals and waits until they hold.

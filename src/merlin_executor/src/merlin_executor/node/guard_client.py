@@ -3,7 +3,7 @@
 
 import threading
 import time
-from typing import Callable, Dict, List, Optional, Set
+from typing import Callable, Dict, List, Set
 
 import rospy
 from merlin_msgs.msg import GuardStatus, RobotHost
@@ -203,7 +203,7 @@ class _Guard:
     :param namespace: of its robot, with a slash at the end; empty: that of this node.
     :param changed: owns what it says.
     :param heard: called when it has said something.
-    :ivar heard: when it has said something last, s on the monotonic clock.
+    :ivar heard: when it has said something last, s on the monotonic clock; 0.0: it never has.
     :ivar met: likewise the host of its robot.
     """
 
@@ -211,7 +211,7 @@ class _Guard:
         self._robot = namespace.strip("/")
         self._changed = changed
         self._tell = heard
-        self._status: Optional[GuardStatus] = None
+        self._status = GuardStatus()
         self.heard = self.met = 0.0
         self._braked: Set[str] = set()  # ids of the goals that ran at the last brake
         self._brake = rospy.Publisher(f"{namespace}merlin/brake", String, tcp_nodelay=True, queue_size=1)
@@ -225,47 +225,39 @@ class _Guard:
 
         That of a guard that hangs counts as long as its robot is there.
         """
-        if self._status is None or self._gone(FRESH):
-            return False
-        return bool(self._status.moving)
+        return bool(self._status.moving) and not self._gone(FRESH)
 
     def moves_on(self) -> bool:
         """Whether the base moves while a goal that was cancelled has not ended."""
-        return self.moves() and self._status is not None and bool(self._status.cancelled)
+        return self.moves() and bool(self._status.cancelled)
 
     def hold(self) -> str:
         """Who holds the base, as a sentence; empty: it is free, or the robot is gone."""
-        if self._status is None or self._status.state != GuardStatus.STOPPED:
-            return ""
-        if self._gone(KEEP):
+        if self._status.state != GuardStatus.STOPPED or self._gone(KEEP):
             return ""
         return hold_words(self._robot, self._status.reason, self._status.since.to_sec())
 
     def holds_goals(self) -> bool:
         """Whether goals that ran at the last brake still run and may not move the base."""
-        if self._status is None or self._silent(FRESH):
-            return False
-        return self._status.state == GuardStatus.HOLDING and not self._braked.isdisjoint(self._status.goals)
+        silent = hangs.silent(time.monotonic() - self.heard, FRESH)
+        holds = self._status.state == GuardStatus.HOLDING and not silent
+        return holds and not self._braked.isdisjoint(self._status.goals)
 
     def _gone(self, limit: float) -> bool:
         """Whether another robot has been silent for so long, with its guard."""
         last = max(self.heard, self.met)
         return bool(self._robot) and hangs.silent(time.monotonic() - last, limit)
 
-    def _silent(self, limit: float) -> bool:
-        return hangs.silent(time.monotonic() - self.heard, limit)
-
     def brake(self, reason: str) -> None:
         """Asks the guard to hold its base for now."""
         with self._changed:
-            self._braked = set(self._status.goals) if self._status is not None else set()
+            self._braked = set(self._status.goals)
         publish(self._brake, String(reason))
 
     def halt(self) -> Halt:
         """Asks the guard to hold its base, and to cancel its motion goals."""
         if not self._halt.available():
-            with self._changed:
-                known = self._status is not None
+            known = self.heard > 0.0
             return Halt(known, message="its node does not run" if known else "")
         try:
             answer = self._halt()
