@@ -26,7 +26,7 @@ def clock(monkeypatch):
 
 
 def proxy(container):
-    return ContainerProxy("/SM", container, userdata_codec.encode)
+    return ContainerProxy("/SM", container)
 
 
 def sent(message):

@@ -129,21 +129,14 @@ class Concurrence(Container):
     def set_initial_state(self, initial_states: Sequence[str], userdata: Optional[UserData] = None) -> None:
         """Adds to the userdata; the initial states are always all children.
 
-        :raises InvalidStateError: when a label is not a child.
+        :raises InvalidStateError: a label that is not a child's.
         """
-        unknown = [label for label in initial_states if label not in self._states]
-        if unknown:
-            raise InvalidStateError(
-                f"Concurrence '{self._path()}': initial states {unknown} are not children; "
-                f"children: {list(self._states)}"
-            )
+        super().set_initial_state(initial_states, userdata)
         if initial_states and set(initial_states) != set(self._states):
             smach.logwarn(
                 f"Concurrence '{self._path()}' starts all its children {list(self._states)}, not only "
                 f"{list(initial_states)}"
             )
-        if userdata is not None:
-            self.userdata.update(userdata)
 
     def get_active_states(self) -> List[str]:
         """Labels of the children that have not ended; empty between runs."""
@@ -160,24 +153,14 @@ class Concurrence(Container):
 
     # --- running -------------------------------------------------------------------------------------------
 
-    def execute(self, parent_ud: Any = None) -> Optional[str]:  # type: ignore[override]
-        """Executes all children at once and waits for them.
-
-        :param parent_ud: userdata that input keys are copied from and output keys to.
-        :return: an outcome; None after a shutdown.
-        :raises SmachError: the definition is broken, or a child or a callback failed (with its traceback).
-        """
-        by_container = self._begin_run()
+    def _smach_run(self) -> Optional[str]:
+        smach.logdebug(f"Concurrence starting with states {list(self._states)}")
+        run = ConcurrentRun(self, self._states)
         try:
-            self.check_consistency()
-            self._copy_input_keys(parent_ud, self.userdata)
-            smach.logdebug(f"Concurrence starting with states {list(self._states)}")
-            run = ConcurrentRun(self, self._states)
             with self._smach_lock:
                 self._concurrent_run, self._child_outcomes = run, run.outcomes
             self.call_start_cbs()
             if not run.execute():
-                smach.logdebug(f"Concurrence '{self._path()}' ends because of a shutdown")
                 return None
             outcome = self._outcome(run)
             smach.logdebug(f"Concurrence terminating with outcome '{text_of(outcome)}'")
@@ -186,10 +169,6 @@ class Concurrence(Container):
         finally:
             with self._smach_lock:
                 self._concurrent_run = None
-            try:
-                self._copy_output_keys(self.userdata, parent_ud)
-            finally:
-                self._end_run(by_container)
 
     def _outcome(self, run: ConcurrentRun) -> str:
         outcomes: Dict[str, Any] = dict(run.outcomes)

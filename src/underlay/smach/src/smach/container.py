@@ -8,7 +8,12 @@ import weakref
 from typing import Any, Callable, Dict, Iterable, Iterator, List, Mapping, Optional, Sequence, Tuple
 
 import smach
-from smach.exceptions import InvalidStateError, InvalidUserCodeError, SmachError
+from smach.exceptions import (
+    InvalidStateError,
+    InvalidTransitionError,
+    InvalidUserCodeError,
+    SmachError,
+)
 from smach.execution import construction
 from smach.execution.preemption import PreemptibleContainer
 from smach.labels import is_name, text_of
@@ -61,8 +66,19 @@ class Container(PreemptibleContainer):
         raise NotImplementedError
 
     def set_initial_state(self, initial_states: Sequence[str], userdata: Optional[UserData] = None) -> None:
-        """Chooses the children that a run starts with and adds to the userdata."""
-        raise NotImplementedError
+        """Adds to the userdata; with which children a run starts is given.
+
+        :raises InvalidStateError: a label that is not a child's.
+        """
+        children = self.get_children()
+        unknown = [label for label in initial_states if label not in children]
+        if unknown:
+            raise InvalidStateError(
+                f"{type(self).__name__} '{self._path()}': initial states {unknown} are not children; "
+                f"children: {list(children)}"
+            )
+        if userdata is not None:
+            self.userdata.update(userdata)
 
     def get_active_states(self) -> List[str]:
         """Labels of the children being executed."""
@@ -252,6 +268,31 @@ class Container(PreemptibleContainer):
 
     # --- running -------------------------------------------------------------------------------------------
 
+    def execute(self, parent_ud: Any = None) -> Optional[str]:  # type: ignore[override]
+        """Executes its children.
+
+        :param parent_ud: userdata that input keys are copied from and output keys to.
+        :return: an outcome; None after a shutdown.
+        :raises SmachError: the definition is broken, or a child or a callback failed (with its traceback).
+        """
+        by_container = self._begin_run()
+        try:
+            self.check_consistency()
+            self._copy_input_keys(parent_ud, self.userdata)
+            outcome = self._smach_run()
+            if outcome is None:
+                smach.logdebug(f"{type(self).__name__} '{self._path()}' ends because of a shutdown")
+            return outcome
+        finally:
+            try:
+                self._copy_output_keys(self.userdata, parent_ud)
+            finally:
+                self._end_run(by_container)
+
+    def _smach_run(self) -> Optional[str]:
+        """Executes its children, within a run, and calls the callbacks; as :meth:`execute`."""
+        raise NotImplementedError(f"{type(self).__name__} does not override execute()")
+
     def _begin_run(self) -> bool:
         by_container = super()._begin_run()
         self.userdata._begin_run(self.keeps_userdata)
@@ -261,12 +302,43 @@ class Container(PreemptibleContainer):
         self.userdata._end_run()
         super()._end_run(by_container)
 
-    def _user_code_error(self, label: str, state: State, error: BaseException) -> InvalidUserCodeError:
-        return InvalidUserCodeError(
-            f"State '{self._path(label)}' of type '{type(state).__name__}' raised "
-            f"{type(error).__name__}: {error}\n"
-            + "".join(traceback.format_exception(type(error), error, error.__traceback__))
-        )
+    def _execute_child(self, label: str, state: State, ud: Any) -> Tuple[Any, bool]:
+        """Executes a child in this thread.
+
+        :return: its outcome, None at a shutdown; and whether the container had been preempted by then.
+        :raises InvalidUserCodeError: the child raised something.
+        :raises InvalidTransitionError: it ended with something else than a registered outcome.
+        """
+        begin = self._start_child(label, state)
+        try:
+            outcome = self._run_child(state, begin, ud)
+        except InvalidUserCodeError:
+            raise
+        except Exception as error:
+            raise InvalidUserCodeError(
+                f"State '{self._path(label)}' of type '{type(state).__name__}' raised "
+                f"{type(error).__name__}: {error}\n{traceback.format_exc()}"
+            ) from error
+        finally:
+            with self._smach_lock:
+                unserved = self._end_child(label, state)
+                preempted = self._preempt_requested
+                if unserved is False:
+                    self._preempt_requested = False
+        return self._registered(label, state, outcome), preempted
+
+    def _registered(self, label: str, state: State, outcome: Any) -> Any:
+        """The outcome with which a child has ended, None at a shutdown.
+
+        :raises InvalidTransitionError: the child has not registered it.
+        """
+        registered = state.get_registered_outcomes()
+        if outcome not in registered and not (outcome is None and smach.is_shutdown()):
+            raise InvalidTransitionError(
+                f"State '{self._path(label)}' of type '{type(state).__name__}' ended with {outcome!r}, "
+                f"which is not one of its registered outcomes {list(registered)}"
+            )
+        return outcome
 
     def __getstate__(self) -> Dict[str, Any]:
         state = dict(self.__dict__)

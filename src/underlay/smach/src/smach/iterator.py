@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The container that executes its child once per item of a list."""
 
-from typing import Any, Callable, Dict, Iterable, List, Mapping, Optional, Sequence, Union
+from typing import Any, Callable, Dict, Iterable, List, Mapping, Optional, Union
 from typing import Iterator as Items
 
 import smach
@@ -10,7 +10,6 @@ from smach.exceptions import InvalidStateError, InvalidTransitionError, InvalidU
 from smach.execution import construction
 from smach.labels import mapping_of, text_of
 from smach.state import State
-from smach.user_data import UserData
 
 PREEMPTED = "preempted"
 
@@ -136,19 +135,6 @@ class Iterator(Container):
         """The child's label, in a list."""
         return list(self.get_children())
 
-    def set_initial_state(self, initial_states: Sequence[str], userdata: Optional[UserData] = None) -> None:
-        """Adds to the userdata; the initial state is always the child.
-
-        :raises InvalidStateError: a label that is not the child's.
-        """
-        unknown = [label for label in initial_states if label not in self.get_children()]
-        if unknown:
-            raise InvalidStateError(
-                f"Iterator '{self._path()}': initial states {unknown} are not its state '{self._state_label}'"
-            )
-        if userdata is not None:
-            self.userdata.update(userdata)
-
     def get_active_states(self) -> List[str]:
         """The child's label while the Iterator runs, in a list."""
         return self.get_initial_states() if self._is_running else []
@@ -165,31 +151,14 @@ class Iterator(Container):
 
     # --- running -------------------------------------------------------------------------------------------
 
-    def execute(self, parent_ud: Any = None) -> Optional[str]:  # type: ignore[override]
-        """Executes the child for each item.
-
-        :param parent_ud: userdata that input keys are copied from and output keys to.
-        :return: an outcome; None after a shutdown.
-        :raises SmachError: the definition is broken, or the child or the items failed.
-        """
-        by_container = self._begin_run()
-        try:
-            self.check_consistency()
-            self._copy_input_keys(parent_ud, self.userdata)
-            smach.logdebug(f"Iterator starting with state '{text_of(self._state_label)}'")
-            self.call_start_cbs()
-            outcome = self._loop()
-            if outcome is None:
-                smach.logdebug(f"Iterator '{self._path()}' ends because of a shutdown")
-            else:
-                smach.logdebug(f"Iterator terminating with outcome '{text_of(outcome)}'")
-                self.call_termination_cbs([self._state_label], outcome)
-            return outcome
-        finally:
-            try:
-                self._copy_output_keys(self.userdata, parent_ud)
-            finally:
-                self._end_run(by_container)
+    def _smach_run(self) -> Optional[str]:
+        smach.logdebug(f"Iterator starting with state '{text_of(self._state_label)}'")
+        self.call_start_cbs()
+        outcome = self._loop()
+        if outcome is not None:
+            smach.logdebug(f"Iterator terminating with outcome '{text_of(outcome)}'")
+            self.call_termination_cbs([self._state_label], outcome)
+        return outcome
 
     def _loop(self) -> Optional[str]:
         state = self._state
@@ -202,36 +171,13 @@ class Iterator(Container):
             if not first:
                 self.call_transition_cbs()
             first = False
-            outcome, preempted = self._run_item(state)
-            if outcome is None and smach.is_shutdown():
+            # As in SMACH the child gets the userdata itself, not a view limited to its keys.
+            outcome, preempted = self._execute_child(self._state_label, state, self.userdata)
+            if outcome is None:
                 return None
-            if outcome not in state.get_registered_outcomes():
-                raise InvalidTransitionError(
-                    f"State '{self._path(self._state_label)}' ended with {outcome!r}, which is "
-                    "not one of its "
-                    f"registered outcomes {list(state.get_registered_outcomes())}"
-                )
             if preempted or self._breaks(outcome):
                 return self._final(outcome, preempted)
         return self._final_exhausted()
-
-    def _run_item(self, state: State) -> Any:
-        begin = self._start_child(self._state_label, state)
-        outcome = None
-        try:
-            # As in SMACH the child gets the userdata itself, not a view limited to its keys.
-            outcome = self._run_child(state, begin, self.userdata)
-        except InvalidUserCodeError:
-            raise
-        except Exception as error:
-            raise self._user_code_error(self._state_label, state, error) from error
-        finally:
-            with self._smach_lock:
-                unserved = self._end_child(self._state_label, state)
-                preempted = self._preempt_requested
-                if unserved is False:
-                    self._preempt_requested = False
-        return outcome, preempted
 
     def _each(self) -> Items[Any]:
         try:
@@ -255,8 +201,7 @@ class Iterator(Container):
             return PREEMPTED
         raise InvalidTransitionError(
             f"Iterator '{self._path()}' was preempted and its state ended with '{outcome}', but "
-            f"neither '{final}' "
-            f"nor '{PREEMPTED}' is one of its outcomes {list(self._outcomes)}"
+            f"neither '{final}' nor '{PREEMPTED}' is one of its outcomes {list(self._outcomes)}"
         )
 
     def _final_exhausted(self) -> str:

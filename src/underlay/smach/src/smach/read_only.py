@@ -14,37 +14,14 @@ _BARE = (
     *(enum.Enum, str, bytes, int, float, complex, BaseException),
 )
 _IN_PLACE = "add sub mul matmul truediv floordiv mod pow lshift rshift and xor or concat"
+_OF_THE_VIEW = (
+    "class new init del getattribute getattr setattr delattr setitem delitem reduce reduce_ex getstate "
+    "setstate getnewargs getnewargs_ex init_subclass subclasshook class_getitem set_name get set delete copy "
+    "deepcopy sizeof post_init"
+)
 _NOT_FORWARDED = frozenset(
-    [
-        "__class__",
-        "__new__",
-        "__init__",
-        "__del__",
-        "__getattribute__",
-        "__getattr__",
-        "__setattr__",
-        "__delattr__",
-        "__setitem__",
-        "__delitem__",
-        "__reduce__",
-        "__reduce_ex__",
-        "__getstate__",
-        "__setstate__",
-        "__getnewargs__",
-        "__getnewargs_ex__",
-        "__init_subclass__",
-        "__subclasshook__",
-        "__class_getitem__",
-        "__set_name__",
-        "__get__",
-        "__set__",
-        "__delete__",
-        "__copy__",
-        "__deepcopy__",
-        "__sizeof__",
-        "__post_init__",
-    ]
-) | {f"__i{name}__" for name in _IN_PLACE.split()}
+    [f"__{name}__" for name in _OF_THE_VIEW.split()] + [f"__i{name}__" for name in _IN_PLACE.split()]
+)
 
 
 class ReadOnly:
@@ -108,8 +85,7 @@ def _is_view(value: Any) -> bool:
 def _refusal(view: ReadOnly, what: str) -> str:
     return (
         f"{what} of a {type(unwrap(view)).__name__} is read-only here: the userdata key is an "
-        "input key of this "
-        "state; declare it in io_keys to change it"
+        "input key of this state; declare it in io_keys to change it"
     )
 
 

@@ -5,7 +5,7 @@ from typing import Any, Dict, Iterable, List, Mapping, Optional, Sequence
 
 import smach
 from smach.container import Container, Edge
-from smach.exceptions import InvalidStateError, InvalidTransitionError, InvalidUserCodeError
+from smach.exceptions import InvalidStateError, InvalidTransitionError
 from smach.execution import construction
 from smach.labels import is_name, mapping_of, text_of
 from smach.state import State
@@ -150,8 +150,7 @@ class StateMachine(Container):
         if self._initial_state_label not in self._states:
             raise InvalidStateError(
                 f"State machine '{self._path()}': the initial state "
-                f"'{self._initial_state_label}' is not one of "
-                f"its states {list(self._states)}"
+                f"'{self._initial_state_label}' is not one of its states {list(self._states)}"
             )
         errors = []
         for label, transitions in self._transitions.items():
@@ -159,8 +158,7 @@ class StateMachine(Container):
                 if target is None and outcome not in self._outcomes:
                     errors.append(
                         f"outcome '{outcome}' of state '{self._path(label)}' has no transition, "
-                        "and the machine "
-                        "has no outcome of that name"
+                        "and the machine has no outcome of that name"
                     )
                 elif target is not None and target not in self._states and target not in self._outcomes:
                     errors.append(
@@ -214,34 +212,19 @@ class StateMachine(Container):
 
     # --- running -------------------------------------------------------------------------------------------
 
-    def execute(self, parent_ud: Any = None) -> Optional[str]:  # type: ignore[override]
-        """Executes states from the initial one until a transition leaves the machine.
-
-        :param parent_ud: userdata that input keys are copied from and output keys to.
-        :return: an outcome of the machine; None after a shutdown.
-        :raises SmachError: the definition is broken, or a state broke its word.
-        """
-        by_container = self._begin_run()
+    def _smach_run(self) -> Optional[str]:
         try:
-            self.check_consistency()
-            self._copy_input_keys(parent_ud, self.userdata)
             self._set_current(self._initial_state_label)
             smach.logdebug(f"State machine starting in initial state '{text_of(self._initial_state_label)}'")
             self.call_start_cbs()
             outcome = None
             while outcome is None and not smach.is_shutdown():
                 outcome = self._step()
-            if outcome is None:
-                smach.logdebug(f"State machine '{self._path()}' ends because of a shutdown")
-            else:
+            if outcome is not None:
                 self.call_termination_cbs(self.get_active_states(), outcome)
             return outcome
         finally:
             self._set_current(None)
-            try:
-                self._copy_output_keys(self.userdata, parent_ud)
-            finally:
-                self._end_run(by_container)
 
     def _set_current(self, label: Optional[str]) -> None:
         with self._smach_lock:
@@ -256,26 +239,9 @@ class StateMachine(Container):
         label, state = self._current_label, self._current_state
         assert label is not None and state is not None  # set by _set_current
         ud = self._view(state, self._remappings.get(label, {}), self._constants.get(label))
-        begin = self._start_child(label, state)
-        outcome = None
-        try:
-            outcome = self._run_child(state, begin, ud)
-        except InvalidUserCodeError:
-            raise
-        except Exception as error:
-            raise self._user_code_error(label, state, error) from error
-        finally:
-            with self._smach_lock:
-                if self._end_child(label, state) is False:
-                    self._preempt_requested = False
-        if outcome is None and smach.is_shutdown():
+        outcome, _ = self._execute_child(label, state, ud)
+        if outcome is None:
             return None
-        if outcome not in state.get_registered_outcomes():
-            raise InvalidTransitionError(
-                f"State '{self._path(label)}' of type '{type(state).__name__}' ended with "
-                f"{outcome!r}, which is "
-                f"not one of its registered outcomes {list(state.get_registered_outcomes())}"
-            )
         target = self._transitions[label].get(outcome)
         if target in self._states:
             at, to = f"'{text_of(label)}':'{text_of(outcome)}'", text_of(target)
@@ -287,8 +253,7 @@ class StateMachine(Container):
         if container_outcome not in self._outcomes:
             raise InvalidTransitionError(
                 f"Outcome '{outcome}' of state '{self._path(label)}' leads to "
-                f"'{container_outcome}', which is "
-                f"neither a state nor an outcome of the machine"
+                f"'{container_outcome}', which is neither a state nor an outcome of the machine"
             )
         end = "':'".join(map(text_of, (label, outcome, container_outcome)))
         smach.logdebug(f"State machine terminating '{end}'")

@@ -63,7 +63,6 @@ class ActionConnection:
     def __init__(self, name: str, action_spec: type) -> None:
         action = action_spec()
         self.name = name
-        self.goal_type = type(action.action_goal.goal)
         self._action_goal_type = type(action.action_goal)
         self._result_type = type(action.action_result.result)
         self._users = 0

@@ -103,8 +103,7 @@ class ActionServerWrapper:
                 if outcome not in container.get_registered_outcomes():
                     raise smach.InvalidStateError(
                         f"ActionServerWrapper: {kind}_outcomes names '{outcome}', which the "
-                        "container does not "
-                        f"have: {list(container.get_registered_outcomes())}"
+                        f"container does not have: {list(container.get_registered_outcomes())}"
                     )
                 if kinds.setdefault(outcome, kind) != kind:
                     raise smach.InvalidStateError(

@@ -11,6 +11,7 @@ from smach_msgs.msg import SmachContainerStatus, SmachContainerStructure
 import smach
 from smach.container import Container
 from smach.labels import text_of
+from smach_ros.userdata_codec import encode
 
 CHEAP = 0.0005  # s of encoding that is always allowed
 SHARE = 20  # encoding that takes longer takes at most one part in so many of the time
@@ -21,13 +22,11 @@ class ContainerProxy:
 
     :param path: of the container.
     :param container: the container.
-    :param encode: makes the text of its userdata.
     """
 
-    def __init__(self, path: str, container: Container, encode: Callable[[Dict[str, Any]], str]) -> None:
+    def __init__(self, path: str, container: Container) -> None:
         self.path = path
         self.container = container
-        self._encode = encode
         self._note: Optional[Callable[[ContainerProxy, List[str], str], None]] = None
         self._lock = threading.Lock()  # guards the encoded userdata
         self._local_data = ""
@@ -94,7 +93,7 @@ class ContainerProxy:
             if begin >= self._encode_after:
                 with self.container.userdata.locked():
                     values = dict(self.container.userdata._data)
-                self._local_data = self._encode(values)
+                self._local_data = encode(values)
                 end = time.monotonic()
                 # Large values must not slow down a machine that makes many transitions.
                 cost = end - begin

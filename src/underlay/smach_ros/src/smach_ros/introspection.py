@@ -122,14 +122,11 @@ class IntrospectionServer:
     def _find(self, path: str, state: Any) -> None:
         if not isinstance(state, Container):
             return
-        self._proxies[path] = ContainerProxy(path, state, self._encode)
+        self._proxies[path] = ContainerProxy(path, state)
         for label, child in state.get_children().items():
             self._find(f"{'' if path == '/' else path}/{text_of(label)}", child)
 
     # --- publishing ----------------------------------------------------------------------------------------
-
-    def _encode(self, values: Dict[str, Any]) -> str:
-        return encode(values)
 
     def _note(self, proxy: ContainerProxy, active: List[str], info: str) -> None:
         """A container has changed; called in its thread, so it only leaves a note."""

@@ -157,8 +157,7 @@ class ServiceState(WaitingState):
             if outcome is not None and outcome not in self.get_registered_outcomes():
                 self._report(
                     f"Service {self._service_name}: response_cb returned {outcome!r}, which is "
-                    "not one of the "
-                    f"outcomes {list(self.get_registered_outcomes())}"
+                    f"not one of the outcomes {list(self.get_registered_outcomes())}"
                 )
                 return "aborted"
             if self._response_key is not None:

@@ -234,8 +234,7 @@ class SimpleActionState(ReportingState):
             if outcome is not None and outcome not in self.get_registered_outcomes():
                 self._report(
                     f"Action {self._action_name}: result_cb returned {outcome!r}, which is not "
-                    "one of the outcomes "
-                    f"{list(self.get_registered_outcomes())}"
+                    f"one of the outcomes {list(self.get_registered_outcomes())}"
                 )
                 outcome = "aborted"
             if self._result_key is not None:

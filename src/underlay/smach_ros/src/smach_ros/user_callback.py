@@ -42,9 +42,6 @@ class UserCallback:
             state.register_output_keys(self._output_keys)
             state.register_outcomes(cb.get_registered_outcomes())  # type: ignore[union-attr]
 
-    def __bool__(self) -> bool:
-        return self._cb is not None
-
     def __call__(self, ud: Any, *first: Any) -> Any:
         """Calls the callback with its view of the userdata."""
         if self._cb is None:

@@ -27,8 +27,7 @@ def set_preempt_handler(sc: Any, timeout: float = 10.0) -> None:
             if left <= 0.0:
                 rospy.logerr(
                     f"Container '{sc._path()}' still runs {timeout} s after it was preempted for "
-                    "the shutdown; "
-                    f"active: {sc.get_active_states()}"
+                    f"the shutdown; active: {sc.get_active_states()}"
                 )
                 return
             if sc.runs_in_this_thread():

@@ -7,7 +7,7 @@ import traceback
 from typing import Any, Dict, List, Optional
 
 import smach
-from smach.exceptions import InvalidStateError, InvalidTransitionError, InvalidUserCodeError
+from smach.exceptions import InvalidStateError, InvalidUserCodeError
 from smach.state import State
 
 CHECK_SHUTDOWN = 1.0  # s between looks at smach.is_shutdown, where smach.log.notify_shutdown is not called
@@ -102,15 +102,7 @@ class ConcurrentRun:
         try:
             container.call_transition_cbs()
             ud = container._view(child, container._remappings[label])
-            outcome = container._run_child(child, begin, ud)
-            if outcome not in child.get_registered_outcomes() and not (
-                outcome is None and smach.is_shutdown()
-            ):
-                registered = list(child.get_registered_outcomes())
-                failure = InvalidTransitionError(
-                    f"State '{container._path(label)}' of type '{type(child).__name__}' ended with "
-                    f"{outcome!r}, which is not one of its registered outcomes {registered}"
-                )
+            outcome = container._registered(label, child, container._run_child(child, begin, ud))
         except BaseException as error:
             failure = error
         with self._changed:
