@@ -38,22 +38,12 @@ class Answer(NamedTuple):
     """Why it cannot be in time, as a sentence; empty: that is not proven."""
 
 
-class Taken(NamedTuple):
-    """An errand that is taken."""
-
-    name: str
-    end: Optional[float]
-    """When it is expected to be done, s from now; None: not known."""
-
-
 class Selection(NamedTuple):
     """What is taken in which order, and what is not and why."""
 
-    taken: Tuple[Taken, ...]
+    taken: List[str]
     left_out: Dict[str, str]
-    """Errand → why, as a sentence."""
-    late_by: Dict[str, str]
-    """Those of them that are late whatever else is done → the planner's reason."""
+    """Errand → why it is late whatever else is done, by the planner; empty: others are preferred."""
 
 
 #: An errand, and the one whose end it begins from; None: it begins now → what the planner says.
@@ -72,20 +62,12 @@ def select(errands: Sequence[Errand], oracle: Oracle) -> Selection:
     possible = [errand for errand in known if errand.name not in late_by]
     tour = _Tour(possible, alone, oracle)
     order = tour.exact() if len(possible) <= EXACT else tour.improved(tour.first())
-    ends = tour.ends(order)
-    taken = [Taken(errand.name, end) for errand, end in zip(order, ends)]
-    names = {one.name for one in taken}
-    preferred = ", ".join(one.name for one in taken)
-    left_out = {
-        errand.name: f"there is no time for it (preferred: {preferred})"
-        for errand in possible
-        if errand.name not in names
-    }
+    taken = [errand.name for errand in order]
+    left_out = {errand.name: "" for errand in possible if errand.name not in taken}
     # Those of which nothing is known are tried when the others are done: they may be in time.
     unknown = [e for e in errands if alone[e.name].seconds is None and e.name not in late_by]
     unknown.sort(key=lambda errand: (-errand.priority, errand.deadline))
-    taken += [Taken(errand.name, None) for errand in unknown]
-    return Selection(tuple(taken), {**left_out, **late_by}, late_by)
+    return Selection([*taken, *(errand.name for errand in unknown)], {**left_out, **late_by})
 
 
 Order = Tuple[Errand, ...]

@@ -233,10 +233,10 @@ class Forecasts:
             for name, request in requests.items()
         ]
         selection = select(errands, planned)
-        preferred = ", ".join(requests[one.name].text for one in selection.taken)
-        ranks = {requests[one.name].order: (rank, "") for rank, one in enumerate(selection.taken)}
-        for name in selection.left_out:
-            why = selection.late_by.get(name) or f"there is no time for it (preferred: {preferred})"
+        preferred = ", ".join(requests[name].text for name in selection.taken)
+        ranks = {requests[name].order: (rank, "") for rank, name in enumerate(selection.taken)}
+        for name, why in selection.left_out.items():
+            why = why or f"there is no time for it (preferred: {preferred})"
             ranks[requests[name].order] = len(ranks), why
         self._chosen = key
         self._engine.decide(lambda agenda: agenda.arrange(ranks))
