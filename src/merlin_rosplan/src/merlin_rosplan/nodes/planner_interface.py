@@ -4,7 +4,6 @@
 import contextlib
 import dataclasses
 import functools
-import itertools
 import os
 import threading
 from typing import TYPE_CHECKING, Any, Callable, NamedTuple, Optional, Sequence, Set, Type
@@ -22,6 +21,7 @@ from merlin_ros.actions.serial_action_server import NOT_BEGUN, SerialActionServe
 from merlin_ros.health import OK, WARN, Health
 from merlin_ros.master.master_link import get_param
 from merlin_ros.publishing import publish
+from merlin_rosplan.planning.planner_files import replace_file
 from merlin_rosplan.planning.planner_settings import PlannerSettings, dues_of
 from merlin_rosplan.planning.planning_outcome import PlannerState, PlanningOutcome
 from merlin_rosplan.supervision.scratch_folder import ScratchFolder
@@ -71,7 +71,6 @@ class PlannerInterface(Component):
         self._current_goal: Optional[str] = None
         self._last: Optional[PlanningOutcome] = None
         self._warned: Set[str] = set()
-        self._numbers = itertools.count(1)
         self._folder = ScratchFolder("planner_interface")
         self._settings = self._read_settings()
         self._strict = self.flag("strict", True)
@@ -348,15 +347,7 @@ class PlannerInterface(Component):
         path = problem_path or os.path.join(self._folder.name, "problem.pddl")
         try:
             if problem_path:
-                name = f".{os.path.basename(path)}.{os.getpid()}.{next(self._numbers)}"
-                temporary = os.path.join(os.path.dirname(path), name)
-                try:
-                    _write(temporary, problem)
-                    os.replace(temporary, path)
-                except BaseException:  # the disk is full
-                    with contextlib.suppress(OSError):
-                        os.unlink(temporary)
-                    raise
+                replace_file(path, problem)
             else:
                 # Read by one planning after the other. To replace a file, ext4 writes the disk: 1 to 10 ms.
                 with contextlib.suppress(FileNotFoundError):

@@ -3,7 +3,6 @@
 
 import functools
 import os
-import tempfile
 import threading
 from typing import TYPE_CHECKING, Tuple
 
@@ -13,6 +12,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Empty, EmptyRequest, EmptyResponse, Trigger
 
 from merlin_ros.master.master_link import MasterSilent, get_param
+from merlin_rosplan.planning.planner_files import replace_file
 from merlin_rosplan.transport.component import Component, ComponentError
 from merlin_rosplan.transport.handover import Handover, digest_service
 
@@ -117,19 +117,9 @@ class ProblemInterface(Component):
 
 
 def _write(path: str, text: str) -> None:
-    """Writes a file in one step: a planner that reads the old file is not disturbed."""
-    folder = os.path.dirname(os.path.abspath(path))
     try:
-        os.makedirs(folder, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(dir=folder, prefix=".problem", suffix=".pddl")
-        try:
-            with os.fdopen(handle, "w", encoding="utf-8") as file:
-                file.write(text)
-            os.chmod(temporary, 0o644)
-            os.replace(temporary, path)
-        except BaseException:
-            os.unlink(temporary)
-            raise
+        os.makedirs(os.path.dirname(os.path.abspath(path)), exist_ok=True)
+        replace_file(path, text)
     except (OSError, ValueError) as error:  # ValueError: a path with a null byte
         reason = getattr(error, "strerror", None) or error
         raise ProblemWriteError(f"the problem file {path[:200]} cannot be written: {reason}") from error

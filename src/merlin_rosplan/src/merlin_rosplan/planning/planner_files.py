@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The output of a planner: how much it may write, and how much is kept."""
+"""Files of planners: problems for them, how much they may write, and how much of it is kept."""
 
 import contextlib
 import os
+import tempfile
 from pathlib import Path
 from typing import Optional
 
@@ -42,3 +43,20 @@ def keep(path: Path, content: str) -> Optional[str]:
     except OSError as error:
         return f"cannot write {path}: {error.strerror}"
     return None
+
+
+def replace_file(path: str, text: str) -> None:
+    """Writes a file in one step: a planner that reads the old one is not disturbed.
+
+    :raises OSError, ValueError: it cannot be written; the old one stays.
+    """
+    folder = os.path.dirname(os.path.abspath(path))
+    handle, temporary = tempfile.mkstemp(dir=folder, prefix=".problem", suffix=".pddl")
+    try:
+        with os.fdopen(handle, "w", encoding="utf-8") as file:
+            file.write(text)
+        os.chmod(temporary, 0o644)
+        os.replace(temporary, path)
+    except BaseException:  # the disk is full
+        os.unlink(temporary)
+        raise
