@@ -11,7 +11,7 @@ from merlin_pddl.formula import Atom
 from merlin_pddl.knowledge import ASSIGN, Fact, FunctionValue, Instance, Metric, Row, StoredGoal, Timed
 from merlin_rosplan.knowledge.knowledge_checks import KnowledgeChecks, UpdateRefused
 from merlin_rosplan.knowledge.knowledge_state import KnowledgeTables, MetricRow, Note
-from merlin_rosplan.knowledge.knowledge_table import Table
+from merlin_rosplan.knowledge.knowledge_table import ArgumentTable, Table
 
 Item = Union[Instance, Fact, FunctionValue]
 
@@ -184,15 +184,12 @@ class Transaction:
                     return
         if isinstance(item, Instance):
             self._remove_instances(item)
-        elif isinstance(item, Fact):
-            name, *args = item.key
-            for key in list(self.state.facts.match(name, args)):
-                if not name or self.state.facts.rows[key].negative == item.negative:
-                    self.drop(self.state.facts, key)
-        else:
-            name, *args = item.key
-            for key in list(self.state.values.match(name, args)):
-                self.drop(self.state.values, key)
+            return
+        table: ArgumentTable[Any] = self.state.facts if isinstance(item, Fact) else self.state.values
+        name, *args = item.key
+        for key in list(table.match(name, args)):
+            if fits(item, table.rows[key]):
+                self.drop(table, key)
 
     def _remove_instances(self, item: Instance) -> None:
         type_name = item.type_name.lower()
