@@ -117,14 +117,10 @@ class KnowledgeSnapshots:
         reader = KnowledgeReader(domain, keys=False)  # an original stores the keys as they were sent
         objects = problem.typed(domain.constants)
         try:
-            for message in self._ask("state/propositions", "").attributes:
-                item = reader.item(message)
-                assert isinstance(item, Fact)
-                problem.facts.append(item)
-            for message in self._ask("state/functions", "").attributes:
-                item = reader.item(message)
-                assert isinstance(item, FunctionValue)
-                problem.values.append(item)
+            facts = map(reader.item, self._ask("state/propositions", "").attributes)
+            problem.facts = [item for item in facts if isinstance(item, Fact)]
+            values = map(reader.item, self._ask("state/functions", "").attributes)
+            problem.values = [item for item in values if isinstance(item, FunctionValue)]
             problem.timed = self._timed(reader)
             for message in self._ask("state/goals", "").attributes:
                 goal = reader.goal(message, lambda: objects)
