@@ -8,14 +8,18 @@ from merlin_rosplan.knowledge.sensed_facts import SensedFacts, SensingError, fac
 
 
 def test_wildcards_stand_for_all_instances():
-    assert parameter_choices(["ann", "*"], [["ann", "bob"], ["hall", "den"]]) == [["ann"], ["hall", "den"]]
-    assert parameter_choices([], [["ann"]]) == [["ann"]]
-    assert parameter_choices([["a", "b"]], [["c"]]) == [["a", "b"]]
+    objects = {"person": ["ann", "bob"], "room": ["hall", "den"]}
+    assert parameter_choices(["ann", "*"], ["person", "room"], objects.__getitem__) == [
+        ["ann"],
+        ["hall", "den"],
+    ]
+    assert parameter_choices([], ["person"], objects.__getitem__) == [["ann", "bob"]]
+    assert parameter_choices([["a", "b"]], ["person"], objects.__getitem__) == [["a", "b"]]
 
 
 def test_the_number_of_params_must_fit():
     with pytest.raises(SensingError, match="3 entries, the predicate 2"):
-        parameter_choices(["a", "b", "c"], [[], []])
+        parameter_choices(["a", "b", "c"], ["person", "room"], lambda _: [])
 
 
 def test_one_value_counts_for_every_combination():

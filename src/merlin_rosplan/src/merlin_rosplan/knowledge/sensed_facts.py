@@ -15,30 +15,25 @@ class SensingError(ValueError):
     """A configuration or a result that makes no sense; the text says what."""
 
 
-def parameter_choices(given: Sequence[Any], instances: Sequence[Sequence[str]]) -> List[List[str]]:
+def parameter_choices(
+    given: Sequence[Any], types: Sequence[str], instances: Callable[[str], Sequence[str]]
+) -> List[List[str]]:
     """The objects that each parameter may stand for.
 
     :param given: from the configuration: an object's name, a list of names, or ``*`` (``_``) for all
         instances; when empty every parameter is a wildcard.
-    :param instances: the instances of each parameter's type.
+    :param types: of the parameters.
+    :param instances: gives the instances of a type.
     :raises SensingError: their numbers differ.
     """
-    if not given:
-        return [list(objects) for objects in instances]
-    if len(given) != len(instances):
-        raise SensingError(f"params has {len(given)} entries, the predicate {len(instances)} parameters")
+    given = given or [WILDCARDS[0]] * len(types)
+    if len(given) != len(types):
+        raise SensingError(f"params has {len(given)} entries, the predicate {len(types)} parameters")
     choices = []
-    for entry, objects in zip(given, instances):
-        if entry in WILDCARDS:
-            choices.append(list(objects))
-        else:
-            choices.append([str(name) for name in entry] if isinstance(entry, list) else [str(entry)])
+    for entry, kind in zip(given, types):
+        named = entry if isinstance(entry, list) else [entry]
+        choices.append(list(instances(kind)) if entry in WILDCARDS else [str(name) for name in named])
     return choices
-
-
-def is_wildcard(given: Sequence[Any], index: int) -> bool:
-    """Whether a parameter stands for all instances of its type."""
-    return not given or (index < len(given) and given[index] in WILDCARDS)
 
 
 def facts_of(
@@ -97,6 +92,11 @@ class SensedFacts:
     def __init__(self) -> None:
         self._values: Dict[Fact, Value] = {}
         self._news: Set[Fact] = set()
+
+    @property
+    def has_news(self) -> bool:
+        """Whether something has to be sent."""
+        return bool(self._news)
 
     def sense(self, facts: Dict[Fact, Value]) -> bool:
         """Takes what was sensed; returns whether it is news."""

@@ -21,7 +21,7 @@ from merlin_ros.parameters import is_name
 from merlin_ros.ros_alarm import RosAlarm
 from merlin_ros.service_proxy import ServiceError, ServiceProxy
 from merlin_ros.work.threads import CallQueue, failure_text
-from merlin_rosplan.knowledge.sensed_facts import facts_of, is_wildcard, parameter_choices
+from merlin_rosplan.knowledge.sensed_facts import facts_of, parameter_choices
 from merlin_rosplan.transport.component import Component, ComponentError
 from merlin_rosplan.transport.sensed_updater import LOG_PERIOD, SensedUpdater
 
@@ -239,11 +239,7 @@ class SensingInterface(Component):
             rospy.logerr_throttle_identical(LOG_PERIOD, f"{self.scope}: sensing '{sensor.predicate}': {text}")
 
         try:
-            instances = [
-                self._knowledge.instances(name) if is_wildcard(sensor.given, index) else []
-                for index, name in enumerate(sensor.types)
-            ]
-            choices = parameter_choices(sensor.given, instances)
+            choices = parameter_choices(sensor.given, sensor.types, self._knowledge.instances)
             facts = facts_of(sensor.predicate, sensor.evaluate(message, choices, source), choices, report)
         except Exception as error:  # user code may raise anything; the other sensors continue
             report(failure_text(error))

@@ -33,7 +33,6 @@ class SensedUpdater:
         self._name = name
         self._changed = threading.Condition()  # guards the fields below
         self._facts = SensedFacts()
-        self._news = False
         self._refused: Set[Fact] = set()
         self._retry_at = 0.0  # monotonic, s
         self._patience = RETRY
@@ -44,13 +43,13 @@ class SensedUpdater:
         """Takes what a sensor says."""
         with self._changed:
             if self._facts.sense(facts):
-                self._wake()
+                self._changed.notify_all()
 
     def send_again(self, names: Sequence[str] = ()) -> None:
         """Another client changed these predicates; none: all of them."""
         with self._changed:
             if self._facts.forget_sent(names):
-                self._wake()
+                self._changed.notify_all()
 
     def objects_appeared(self) -> None:
         """What was refused may be right now."""
@@ -64,23 +63,20 @@ class SensedUpdater:
             self._closed = True
             self._changed.notify_all()
 
-    def _wake(self) -> None:
-        self._news = True
-        self._changed.notify_all()
-
     def _work(self) -> None:
         while not rospy.is_shutdown():
             with self._changed:
-                self._changed.wait_for(lambda: self._news or self._closed or self._due(), self._wait())
+                self._changed.wait_for(
+                    lambda: self._facts.has_news or self._closed or self._due(), self._wait()
+                )
                 if self._closed:
                     return
-                if not self._news and not self._due():
-                    continue
                 if self._due():
                     self._facts.keep_news(self._refused)
                     self._refused = set()
-                self._news = False
                 news = self._facts.take_news()
+            if not news:
+                continue
             began = time.monotonic()
             self._note(news, self._send(news))
             with self._changed:
