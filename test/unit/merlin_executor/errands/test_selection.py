@@ -45,15 +45,14 @@ def ends(order, town):
     return found
 
 
-def worth(order, errands):
-    levels = sorted({errand.priority for errand in errands}, reverse=True)
-    return tuple(sum(e.value for e in order if e.priority == level) for level in levels)
+def worth(order):
+    return sum(errand.value for errand in order)
 
 
 def best_of_all(errands, town):
     orders = (order for count in range(len(errands) + 1) for order in itertools.permutations(errands, count))
     fitting = [
-        (worth(order, errands), -max(ends(order, town), default=0.0))
+        (worth(order), -max(ends(order, town), default=0.0))
         for order in orders
         if ends(order, town) is not None
     ]
@@ -64,7 +63,6 @@ def errands_of(count):
     one = st.tuples(
         st.integers(-9, 9),
         st.integers(1, 40),
-        st.integers(0, 1),
         st.sampled_from([1.0, 2.0, 5.0]),
         st.integers(0, 15),
     )
@@ -73,8 +71,8 @@ def errands_of(count):
 
 def made(rows):
     errands = [
-        Errand(f"e{number}", float(deadline), priority, value, float(ready))
-        for number, (_, deadline, priority, value, ready) in enumerate(rows)
+        Errand(f"e{number}", float(deadline), value, float(ready))
+        for number, (_, deadline, value, ready) in enumerate(rows)
     ]
     return errands, Town({f"e{number}": row[0] for number, row in enumerate(rows)})
 
@@ -86,7 +84,7 @@ def test_what_is_taken_is_worth_as_much_as_the_best_of_all_orders(rows):
     found = select(errands, town)
     by_name = {errand.name: errand for errand in errands}
     order = [by_name[name] for name in found.taken]
-    assert (worth(order, errands), -max(ends(order, town), default=0.0)) == best_of_all(errands, town)
+    assert (worth(order), -max(ends(order, town), default=0.0)) == best_of_all(errands, town)
     assert {*found.left_out, *found.taken} == set(by_name) and not any(found.left_out.values())
     assert len(set(town.asked)) == len(town.asked), "a question was asked twice"
 
@@ -103,7 +101,7 @@ def test_many_are_never_taken_worse_than_by_the_earliest_deadline(rows):
     for errand in sorted(errands, key=lambda errand: errand.deadline):
         if ends([*earliest, errand], town) is not None:
             earliest.append(errand)
-    assert worth(order, errands) >= worth(earliest, errands)
+    assert worth(order) >= worth(earliest)
     assert len(set(town.asked)) == len(town.asked)
 
 
@@ -125,12 +123,6 @@ def test_a_way_that_is_not_known_is_not_gone():
     town = Town({"kitchen": 1, "hall": 2}, unknown=[("hall", "kitchen")])
     found = select([Errand("kitchen"), Errand("hall")], town)
     assert found.taken == ["hall", "kitchen"]
-
-
-def test_a_more_urgent_one_is_never_left_out_for_others():
-    town = Town({"a": 5, "b": -5, "c": -6})
-    errands = [Errand("a", 7.0, priority=1), Errand("b", 8.0, value=50.0), Errand("c", 9.0, value=50.0)]
-    assert select(errands, town).taken == ["a"]
 
 
 def test_errands_without_deadlines_are_all_taken_by_the_shortest_way():

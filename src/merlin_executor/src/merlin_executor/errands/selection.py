@@ -21,10 +21,8 @@ class Errand(NamedTuple):
     name: str
     deadline: float = math.inf
     """s from now until which it has to be done."""
-    priority: int = 0
-    """One of a higher priority is worth more than all of lower ones."""
     value: float = 1.0
-    """What it is worth among those of its priority; above 0."""
+    """What it is worth; above 0."""
     ready: float = 0.0
     """s from now before which it does not begin."""
 
@@ -66,13 +64,13 @@ def select(errands: Sequence[Errand], oracle: Oracle) -> Selection:
     left_out = {errand.name: "" for errand in possible if errand.name not in taken}
     # Those of which nothing is known are tried when the others are done: they may be in time.
     unknown = [e for e in errands if alone[e.name].seconds is None and e.name not in late_by]
-    unknown.sort(key=lambda errand: (-errand.priority, errand.deadline))
+    unknown.sort(key=lambda errand: errand.deadline)
     return Selection([*taken, *(errand.name for errand in unknown)], {**left_out, **late_by})
 
 
 Order = Tuple[Errand, ...]
-#: Worth of the priorities, the highest first; then minus the end. The greater one is better.
-_Rank = Tuple[float, ...]
+#: Worth, then minus the end. The greater one is better.
+_Rank = Tuple[float, float]
 
 
 class _Tour:
@@ -83,7 +81,6 @@ class _Tour:
 
     def __init__(self, errands: Sequence[Errand], alone: Dict[str, Answer], oracle: Oracle) -> None:
         self._errands = sorted(errands, key=lambda errand: errand.deadline)
-        self._priorities = sorted({errand.priority for errand in errands}, reverse=True)
         self._oracle = oracle
         self._seconds: Dict[Tuple[str, Optional[str]], float] = {
             (name, None): _seconds(answer) for name, answer in alone.items()
@@ -136,14 +133,11 @@ class _Tour:
         return best
 
     def first(self) -> Order:
-        """By the earliest deadline, without what would be late, or the more urgent ones first."""
+        """By the earliest deadline, without what would be late, or each where it costs least."""
         order: Order = ()
-        for priority in self._priorities:
-            for errand in self._errands:
-                if errand.priority == priority:
-                    order = self._inserted(order, errand) or order
         by_deadline: Order = ()
         for errand in self._errands:
+            order = self._inserted(order, errand) or order
             if len(self.ends((*by_deadline, errand))) > len(by_deadline):
                 by_deadline = (*by_deadline, errand)
         return max(order, by_deadline, key=self._rank)
@@ -176,11 +170,7 @@ class _Tour:
         return max(fitting, key=self._rank, default=None)
 
     def _rank(self, order: Sequence[Errand]) -> _Rank:
-        worth = [
-            math.fsum(errand.value for errand in order if errand.priority == priority)
-            for priority in self._priorities
-        ]
-        return (*worth, -max(self.ends(order), default=0.0))
+        return math.fsum(errand.value for errand in order), -max(self.ends(order), default=0.0)
 
 
 def _seconds(answer: Answer) -> float:
