@@ -22,36 +22,31 @@ StateMaker = Callable[..., smach.State]
 
 
 class MerlinStateFactory:
-    """A registry from name to state class. Ready states are registered on import; users register theirs.
+    """A registry from name to state class: of the ready states (docs/states.md), and those of users."""
 
-    ================  ==================================================================
-    name              state
-    ================  ==================================================================
-    navigation        :class:`merlin_sm.states.navigation.NavigationState`
-    speak             :class:`merlin_sm.states.speech.SpeakState`
-    listen            :class:`merlin_sm.states.speech.ListenState`
-    ask               :class:`merlin_sm.states.dialogue.AskSM`
-    recognize         :class:`merlin_sm.states.recognition.RecognizeState`
-    detect            :class:`merlin_sm.states.recognition.DetectState`
-    pick              :class:`merlin_sm.states.manipulation.PickState`
-    place             :class:`merlin_sm.states.manipulation.PlaceState`
-    open              :class:`merlin_sm.states.manipulation.OpenState`
-    close             :class:`merlin_sm.states.manipulation.CloseState`
-    action            :class:`merlin_sm.states.action_state.ActionState`
-    service           :class:`merlin_sm.states.ros_calls.ServiceCallState`
-    topic             :class:`merlin_sm.states.ros_calls.TopicState`
-    function          :class:`merlin_sm.states.function_state.FunctionState`
-    knowledge         :class:`merlin_sm.states.knowledge.KnowledgeState`
-    generate_problem  :class:`merlin_sm.states.planning.GenerateProblemState`
-    plan              :class:`merlin_sm.states.planning.PlanState`
-    parse_plan        :class:`merlin_sm.states.planning.ParsePlanState`
-    dispatch_plan     :class:`merlin_sm.states.planning.DispatchPlanState`
-    wait              :class:`merlin_sm.states.wait.WaitState`
-    while             :class:`merlin_sm.states.while_state.WhileSM`
-    ================  ==================================================================
-    """
-
-    _makers: Dict[str, StateMaker] = {}
+    _makers: Dict[str, StateMaker] = {
+        "action": ActionState,
+        "ask": AskSM,
+        "close": CloseState,
+        "detect": DetectState,
+        "dispatch_plan": DispatchPlanState,
+        "function": FunctionState,
+        "generate_problem": GenerateProblemState,
+        "knowledge": KnowledgeState,
+        "listen": ListenState,
+        "navigation": NavigationState,
+        "open": OpenState,
+        "parse_plan": ParsePlanState,
+        "pick": PickState,
+        "place": PlaceState,
+        "plan": PlanState,
+        "recognize": RecognizeState,
+        "service": ServiceCallState,
+        "speak": SpeakState,
+        "topic": TopicState,
+        "wait": WaitState,
+        "while": WhileSM,
+    }
     _fixed = True  # a registered name keeps its maker
 
     @classmethod
@@ -101,29 +96,3 @@ class MerlinStateFactory:
     def names(cls) -> List[str]:
         """The registered names, sorted."""
         return sorted(cls._makers)
-
-
-for _name, _maker in (
-    ("action", ActionState),
-    ("ask", AskSM),
-    ("close", CloseState),
-    ("detect", DetectState),
-    ("dispatch_plan", DispatchPlanState),
-    ("function", FunctionState),
-    ("generate_problem", GenerateProblemState),
-    ("knowledge", KnowledgeState),
-    ("listen", ListenState),
-    ("navigation", NavigationState),
-    ("open", OpenState),
-    ("parse_plan", ParsePlanState),
-    ("pick", PickState),
-    ("place", PlaceState),
-    ("plan", PlanState),
-    ("recognize", RecognizeState),
-    ("service", ServiceCallState),
-    ("speak", SpeakState),
-    ("topic", TopicState),
-    ("wait", WaitState),
-    ("while", WhileSM),
-):
-    MerlinStateFactory.register(_name, _maker)
