@@ -63,24 +63,11 @@ class CBInterface:
         return tuple(self._outcomes)
 
 
-class cb_interface:
-    """Decorator that declares the interface of a callback.
-
-    :param outcomes: that it may return.
-    :param input_keys: userdata keys that it reads.
-    :param output_keys: userdata keys that it writes.
-    :param io_keys: userdata keys that it reads and writes.
-    """
-
-    def __init__(
-        self,
-        outcomes: Optional[Iterable[str]] = None,
-        input_keys: Optional[Iterable[str]] = None,
-        output_keys: Optional[Iterable[str]] = None,
-        io_keys: Optional[Iterable[str]] = None,
-    ) -> None:
-        self._interface = (outcomes, input_keys, output_keys, io_keys)
-
-    def __call__(self, cb: Callable[..., Any]) -> CBInterface:
-        """Declares the interface."""
-        return CBInterface(cb, *self._interface)
+def cb_interface(
+    outcomes: Optional[Iterable[str]] = None,
+    input_keys: Optional[Iterable[str]] = None,
+    output_keys: Optional[Iterable[str]] = None,
+    io_keys: Optional[Iterable[str]] = None,
+) -> Callable[[Callable[..., Any]], CBInterface]:
+    """Decorator that declares the interface of a callback; parameters as of :class:`CBInterface`."""
+    return lambda cb: CBInterface(cb, outcomes, input_keys, output_keys, io_keys)
