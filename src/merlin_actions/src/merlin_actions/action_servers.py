@@ -8,7 +8,6 @@ import rospy
 from merlin_msgs.msg import RunActionAction
 from rosplan_knowledge_msgs.msg import DomainFormula
 
-from merlin_actions.core.execution import Execution
 from merlin_actions.core.names import action_param
 from merlin_actions.core.robot_parameter import robot_parameter
 from merlin_actions.robot_watch import RobotWatch
@@ -75,23 +74,6 @@ class ActionServers:
             client = None if name in self._names.values() else self._clients.pop(name, None)
         if client is not None:
             client.shutdown()
-
-    def wait_for_robot(self, robot: str, seconds: float, execution: Execution) -> str:
-        """Waits for a robot without a message so far; returns why it takes no actions, or nothing.
-
-        :param seconds: at most; a cancel ends it too.
-        """
-        execution.interruptible(self.robots.wake)
-        try:
-            return self.robots.wait(robot, seconds, execution.cancelled.is_set)
-        finally:
-            execution.interruptible(None)
-
-    def why_not(self, robot: str, execution: Execution) -> str:
-        """Why a robot takes no actions after one that failed there; empty when that has other reasons."""
-        why = self.robots.why_not(robot)
-        stopped = execution.cancelled.is_set() and execution.cancel_reason != why
-        return "" if stopped else why
 
     @property
     def robots(self) -> RobotWatch:

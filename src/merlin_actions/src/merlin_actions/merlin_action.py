@@ -62,7 +62,10 @@ class MerlinAction(ActionInterface):
         """Waits for the action server: before, the declared facts may be those of an earlier server."""
         robot = execution.lane
         if robot:
-            why = self._servers.wait_for_robot(robot, self._server_wait, execution)
+            robots = self._servers.robots
+            execution.interruptible(robots.wake)
+            why = robots.wait(robot, self._server_wait, execution.cancelled.is_set)
+            execution.interruptible(None)
             if why:
                 return Ending(False, why, begun=False, robot=robot)
         client = self._servers.client(robot)
@@ -153,10 +156,10 @@ class MerlinAction(ActionInterface):
         robot = execution.lane
         if not robot or ending.succeeded or ending.robot:
             return ending
-        why = execution.lost or self._servers.why_not(robot, execution)
-        if why:
+        cancelled, why = execution.cancelled.is_set(), execution.lost or self._servers.robots.why_not(robot)
+        if why and (execution.lost or not cancelled or execution.cancel_reason == why):
             return ending._replace(reason=why, robot=robot, of_robot="")
-        if execution.cancelled.is_set():
+        if cancelled:
             return ending
         arguments = [parameter.value for parameter in execution.parameters]
         return ending._replace(of_robot=no_retry(execution.dispatch.name, arguments, robot))
