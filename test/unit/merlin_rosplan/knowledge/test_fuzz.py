@@ -20,8 +20,10 @@ from rosplan_knowledge_msgs.msg import (
 )
 from rosplan_knowledge_msgs.srv import (
     GetAttributeServiceResponse,
+    KnowledgeQueryService,
     KnowledgeQueryServiceRequest,
     KnowledgeQueryServiceResponse,
+    KnowledgeUpdateServiceArray,
 )
 
 from merlin_pddl.checks.kairos_check import check_input
@@ -34,11 +36,9 @@ from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
 from merlin_rosplan.knowledge.knowledge_store import KnowledgeStore
 from merlin_rosplan.messages.knowledge_messages import KnowledgeReader, KnowledgeWriter, UpdateReader
 from merlin_rosplan.messages.wire_items import (
-    Query,
     QueryRequest,
     QueryResponse,
     StoredItems,
-    UpdateArray,
     UpdateArrayRequest,
     bounded,
     refuse_too_many,
@@ -202,7 +202,7 @@ def check_indexes(store):
 
 
 def over_the_wire(array):
-    request = UpdateArray._request_class([kind for kind, _ in array], [message for _, message in array])
+    request = UpdateArrayRequest([kind for kind, _ in array], [message for _, message in array])
     buffer = io.BytesIO()
     request.serialize(buffer)
     received = UpdateArrayRequest().deserialize(buffer.getvalue())
@@ -229,16 +229,22 @@ def test_what_is_not_true_goes_back_as_it_came(seed):
     assert repr(read) == repr(KnowledgeQueryServiceResponse(False, results, items[1::2]))  # nan is not nan
 
 
-@pytest.mark.parametrize("service, args", [(UpdateArray, ([0] * 9,)), (Query, ())])
-def test_of_a_request_with_too_many_items_only_the_number_is_read(service, args):
+@pytest.mark.parametrize(
+    "service, request_class, args",
+    [
+        (KnowledgeUpdateServiceArray, UpdateArrayRequest, ([0] * 9,)),
+        (KnowledgeQueryService, QueryRequest, ()),
+    ],
+)
+def test_of_a_request_with_too_many_items_only_the_number_is_read(service, request_class, args):
     buffer = io.BytesIO()
-    service._request_class(*args, [KnowledgeItem()] * 9).serialize(buffer)
-    request = bounded(service, 8)._request_class().deserialize(buffer.getvalue())
+    request_class(*args, [KnowledgeItem()] * 9).serialize(buffer)
+    request = bounded(service, request_class, 8)._request_class().deserialize(buffer.getvalue())
     assert (request.too_many, request.knowledge) == (9, [])
     with pytest.raises(rospy.ServiceException, match="9 items, more than the 8"):
         refuse_too_many(request)
     for enough in (9, 0):
-        request = bounded(service, enough)._request_class().deserialize(buffer.getvalue())
+        request = bounded(service, request_class, enough)._request_class().deserialize(buffer.getvalue())
         refuse_too_many(request)
         assert len(request.knowledge) == 9
 

@@ -15,10 +15,8 @@ import rospy
 from rosplan_knowledge_msgs.msg import DomainInequality, ExprComposite, KnowledgeItem
 from rosplan_knowledge_msgs.srv import (
     GetAttributeServiceResponse,
-    KnowledgeQueryService,
     KnowledgeQueryServiceRequest,
     KnowledgeQueryServiceResponse,
-    KnowledgeUpdateServiceArray,
     KnowledgeUpdateServiceArrayRequest,
 )
 
@@ -218,21 +216,11 @@ def _read_item(data: bytes, start: int) -> Tuple[WireItem, int]:
     return item, end
 
 
-class UpdateArray(KnowledgeUpdateServiceArray):
-    """KnowledgeUpdateServiceArray for its server; the clients use the generated class."""
+def bounded(service_class: Type[Any], request: Type[Any], max_items: int) -> Type[Any]:
+    """A service for its server, whose requests have at most so many items (0: any number).
 
-    _request_class = UpdateArrayRequest
-
-
-class Query(KnowledgeQueryService):
-    """KnowledgeQueryService for its server."""
-
-    _request_class = QueryRequest
-
-
-def bounded(service_class: Type[Any], max_items: int) -> Type[Any]:
-    """One of the two services above, whose requests have at most so many items (0: any number)."""
-    request: Type[Any] = service_class._request_class
+    :param request: one of the two above that belongs to it; clients use the generated class.
+    """
     limited = type(request.__name__, (request,), {"max_items": max_items})
     return type(service_class.__name__, (service_class,), {"_request_class": limited})
 

@@ -26,7 +26,7 @@ from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
 from merlin_rosplan.knowledge.knowledge_store import JournalError, KnowledgeStore
 from merlin_rosplan.knowledge.transaction import StateChange, Transaction
 from merlin_rosplan.messages.knowledge_messages import KnowledgeReader, KnowledgeWriter, UpdateReader
-from merlin_rosplan.messages.wire_items import AnyItem, UpdateArray, bounded, refuse_too_many
+from merlin_rosplan.messages.wire_items import AnyItem, UpdateArrayRequest, bounded, refuse_too_many
 from merlin_rosplan.nodes.goal_leases import GoalLeases
 from merlin_rosplan.nodes.state_services import DomainServices, ExecutionServices, StateServices
 from merlin_rosplan.storage.state_file import StateFile, StateFileError
@@ -73,7 +73,8 @@ class KnowledgeBase(Component):
         StateServices(self, self.store, max_items, self.strict)
         ExecutionServices(self, self.store, self._status)  # before what clients wait for, update_array
         self.service("update", srv.KnowledgeUpdateService, self._update)
-        self.service("update_array", bounded(UpdateArray, max_items), self._update_array)
+        updates = bounded(srv.KnowledgeUpdateServiceArray, UpdateArrayRequest, max_items)
+        self.service("update_array", updates, self._update_array)
         self.service("clear", Empty, self._clear)
         self.service("update_constraints_oneof", srv.KnowledgeUpdateServiceArray, self._oneof)
         self.service("update_sensed_predicates", srv.SetNamedBool, self._sensed)

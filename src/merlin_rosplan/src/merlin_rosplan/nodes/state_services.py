@@ -30,7 +30,6 @@ from merlin_rosplan.messages.domain_messages import operator_message, signature_
 from merlin_rosplan.messages.knowledge_messages import KnowledgeReader, KnowledgeWriter
 from merlin_rosplan.messages.wire_items import (
     AnyItem,
-    Query,
     QueryRequest,
     QueryResponse,
     StoredItems,
@@ -173,7 +172,8 @@ class StateServices:
             srv.GetMetricService,
             lambda _: srv.GetMetricServiceResponse(writer.metric(store.metric)),
         )
-        component.service("query_state", bounded(Query, max_items), self._query)
+        queries = bounded(srv.KnowledgeQueryService, QueryRequest, max_items)
+        component.service("query_state", queries, self._query)
 
     def _instances(self, request: srv.GetInstanceServiceRequest) -> srv.GetInstanceServiceResponse:
         names = self._store.instances(request.type_name, request.include_constants, request.include_subtypes)
