@@ -204,13 +204,7 @@ class PlannerInterface(Component):
         :param feedback: is published when the planner works.
         :param after: as of :class:`_Wish`.
         """
-        request = PlanningServiceRequest(
-            wanted.domain_path,
-            wanted.problem_path,
-            wanted.data_path,
-            wanted.planner_command,
-            wanted.use_problem_topic,
-        )
+        request: Any = wanted  # has the same fields
         if not (wanted.domain_path or wanted.problem_path or wanted.use_problem_topic):
             request = self._request_of_params()
         outcome = self._plan(_Wish(request, settings, goal, after, lambda: goal.feedback(feedback)))
