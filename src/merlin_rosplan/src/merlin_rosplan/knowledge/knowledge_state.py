@@ -90,17 +90,15 @@ class KnowledgeTables(WorldState):
 
     def objects(self, types: Tuple[str, ...]) -> List[str]:
         """Objects (lower-case) of these types and of types below: constants first."""
-        found: Dict[str, None] = {}
+        found: List[str] = []
         for type_name in types:
-            for name in self.domain.constants_of(type_name):
-                found[name] = None
+            found += self.domain.constants_of(type_name)
             # undeclared types can only be stored when not strict: they are objects
             below = self.domain.types.subtypes(type_name)
             listed = self.instances.types() if type_name == "object" else below
             for kind in listed:
-                for instance in self.instances.of_type(kind):
-                    found[instance.name.lower()] = None
-        return list(found)
+                found += [instance.name.lower() for instance in self.instances.of_type(kind)]
+        return list(dict.fromkeys(found))
 
     # --- questions ------------------------------------------------------------------------------
 

@@ -288,14 +288,11 @@ class KnowledgeStore:
                 wanted = [name for name in types if name in below and name != lower] + [lower]
             else:
                 wanted = [type_name.lower()]
-            found: Dict[str, None] = {}
+            found: List[str] = []
             for name in wanted:
-                for instance in self._state.instances.of_type(name):
-                    found[instance.name] = None
-                if constants:
-                    for constant in self.domain.constants_of(name, subtypes=False):
-                        found[constant] = None
-            return list(found)
+                found += [instance.name for instance in self._state.instances.of_type(name)]
+                found += self.domain.constants_of(name, subtypes=False) if constants else []
+            return list(dict.fromkeys(found))
 
     def objects(self) -> Dict[str, Tuple[str, ...]]:
         """Every object (lower-case) with its types, constants included."""
