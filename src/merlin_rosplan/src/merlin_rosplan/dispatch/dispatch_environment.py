@@ -228,9 +228,12 @@ class DispatchEnvironment(abc.ABC):
     def operator(self, action: PlannedAction) -> "ActionModel":
         """The ground operator of an action; raises DispatchError when it is unknown."""
 
-    @abc.abstractmethod
     def false_of(self, action: PlannedAction, conditions: "Conditions") -> "Conditions":
-        """Those of the action's conditions that do not hold now; raises DispatchError."""
+        """Those of the action's conditions that do not hold now; raises DispatchError.
+
+        A subclass has to have this or the next one.
+        """
+        return self.false_of_each([(action, conditions)])[0]
 
     def false_of_each(self, asked: "Sequence[Tuple[PlannedAction, Conditions]]") -> "List[Conditions]":
         """:meth:`false_of` for several actions at one moment, in their order."""

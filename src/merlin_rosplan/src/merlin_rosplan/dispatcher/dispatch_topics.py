@@ -204,10 +204,6 @@ class DispatchTopics(DispatchEnvironment):
         except (PlanKnowledgeError, BindingError) as error:
             raise DispatchError(f"{action} cannot be dispatched: {error}") from error
 
-    def false_of(self, action: PlannedAction, conditions: "Conditions") -> "Conditions":
-        """Asks the knowledge base."""
-        return self.false_of_each([(action, conditions)])[0]
-
     def false_of_each(self, asked: "Sequence[Tuple[PlannedAction, Conditions]]") -> "List[Conditions]":
         """Asks the knowledge base, in one call."""
         try:

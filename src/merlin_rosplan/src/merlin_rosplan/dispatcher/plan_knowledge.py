@@ -142,7 +142,10 @@ class PlanKnowledge:
         for conditions in asked:
             items += [fact(atom.name, *atom.arguments) for atom in _stored(conditions)]
             items += [comparison_item(entry.condition) for entry in conditions.comparisons]
-            items += [expression_item(str(entry)) for entry in conditions.expressions]
+            items += [  # as PDDL text, which only our knowledge base understands
+                KnowledgeItem(knowledge_type=KnowledgeItem.EXPRESSION, attribute_name=str(entry))
+                for entry in conditions.expressions
+            ]
         return self.query(items) if items else []
 
     def query(self, items: Sequence[KnowledgeItem]) -> List[bool]:
@@ -284,11 +287,6 @@ def comparison_item(comparison: Comparison) -> KnowledgeItem:
     inequality = FormulaWriter(Domain("")).comparison(comparison)
     inequality.grounded = True
     return KnowledgeItem(knowledge_type=KnowledgeItem.INEQUALITY, ineq=inequality)
-
-
-def expression_item(text: str) -> KnowledgeItem:
-    """A condition as PDDL text; only our knowledge base understands it."""
-    return KnowledgeItem(knowledge_type=KnowledgeItem.EXPRESSION, attribute_name=text)
 
 
 def _equal(atom: PlanTerm) -> bool:
