@@ -8,11 +8,10 @@ from typing import Any, Dict, Optional, Tuple, Union
 
 import rospy
 
-from merlin_ros.work.passed_time import CALENDAR
+from merlin_ros.work.passed_time import CALENDAR, LAST
 
 When = Union[rospy.Time, float]
 TIMES = ("not_before", "deadline")
-LAST = float(2**32 - 1)  # s; ROS has no later time
 LONGEST = 365 * 24 * 3600.0  # s from now, or between two errands
 _SECONDS = {"s": 1.0, "min": 60.0, "h": 3600.0}
 _DURATION = re.compile(r"(\d+(?:\.\d+)?)(s|min|h)\Z")

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The Executor answers every request once, whatever its stages do; over stages of the test's."""
 
+import io
+import math
 from typing import Any, Iterator, List
 
 import pytest
@@ -330,6 +332,17 @@ def test_a_request_that_runs_is_never_expected_to_have_ended(bench: Bench) -> No
     for bench.now, end in ((2.0, 61), (90.0, 90)):
         bench.pause(False)
         assert bench.status().expected_end == rospy.Time(end)
+
+
+@pytest.mark.parametrize("duration", [1e10, 1e30, math.inf])
+def test_a_plan_that_never_ends_is_reported(bench: Bench, duration: float) -> None:
+    bench.now = 1.8e9
+    bench.run(Goal("(checked kitchen)", deadline=rospy.Time(1_800_000_031)))
+    bench.machine.running[0].take_plan([ActionDispatch(name="wait", duration=duration)])
+    bench.pause(False)
+    status = bench.status()
+    assert status.expected_end == rospy.Time(2**32 - 1) and "after its deadline" in status.late
+    status.serialize(io.BytesIO())
 
 
 def test_a_request_begins_when_its_time_has_come_without_another_event(bench: Bench) -> None:

@@ -33,7 +33,7 @@ from merlin_executor.node.joint_run import PlanningSystem
 from merlin_executor.node.own_goals import OwnGoals
 from merlin_executor.node.pause_services import offer_pause
 from merlin_executor.node.recovery import Recovery
-from merlin_executor.node.request import Request
+from merlin_executor.node.request import Request, stamp
 from merlin_executor.node.robot_return import RobotReturn
 from merlin_executor.node.survivors import Survivors
 from merlin_pddl.text_reader import shortened
@@ -391,7 +391,7 @@ class Executor:
                     status.urgent_waits = _urgent_waits(together, self._engine.outlooks())
                 outlook = request.outlook
                 status.deadline = request.goal.goal.deadline
-                status.expected_end = rospy.Time.from_sec(outlook.end or 0.0)
+                status.expected_end = stamp(outlook.end)
                 status.late = outlook.late
                 status.together = [each.queued_goal(each.outlook) for each in together[1:]]
                 for each, late in zip(together, (outlook.late, *(each.late for each in status.together))):

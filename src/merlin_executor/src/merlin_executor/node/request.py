@@ -33,6 +33,7 @@ from merlin_executor.core.time_window import Outlook, PlanTimes, TimeWindow, out
 from merlin_pddl.plan_text import PlanTextError, parse_plan
 from merlin_planning.knowledge_text import parse_goal, step_text, to_pddl
 from merlin_ros.actions.action_server import ServerGoal
+from merlin_ros.work.passed_time import LAST
 
 
 class Request(Ticket):
@@ -207,9 +208,9 @@ class Request(Ticket):
             by=self.goal.goal.by,
             not_before=self.goal.goal.not_before,
             deadline=self.goal.goal.deadline,
-            expected_begin=rospy.Time.from_sec(outlook.begin or 0.0),
+            expected_begin=stamp(outlook.begin),
             late=outlook.late,
-            expected_end=rospy.Time.from_sec(outlook.end or 0.0),
+            expected_end=stamp(outlook.end),
             waits=outlook.waits,
             survives=self.goal.goal.survives,
             value=self.value,
@@ -229,6 +230,11 @@ class Request(Ticket):
                 for stage, seconds in course.stage_times.items()
             ],
         )
+
+
+def stamp(at: Optional[float]) -> rospy.Time:
+    """A moment that is expected, s, as a ROS time; zero: it is not known."""
+    return rospy.Time.from_sec(min(at or 0.0, LAST))
 
 
 def ends_by(plan: str, deadline: float) -> bool:

@@ -4,11 +4,12 @@
 import time
 
 CALENDAR = 1e8  # s; less is the time of a simulator, which began at zero
+LAST = 2.0**32 - 1.0  # s; ROS has no later time
 
 
 def clock_text(at: float) -> str:
     """``123.4 s`` in a simulation, else the time of the day."""
-    return f"{at:.1f} s" if at < CALENDAR else time.strftime("%H:%M:%S", time.localtime(at))
+    return f"{at:.1f} s" if at < CALENDAR else time.strftime("%H:%M:%S", time.localtime(min(at, LAST)))
 
 
 class PassedTime:
