@@ -16,6 +16,7 @@ from merlin_reactive.recognition.object_recognizer import ObjectRecognizer
 from merlin_reactive.recognition.sighting import Sighting
 from merlin_sim.engine.simulation import RobotSpec, Simulation
 from merlin_sim.rendering.appearance import GAP
+from merlin_sim.rendering.picture_engine import PictureEngine
 from merlin_sim.robot.camera import CameraModel
 from merlin_sim.world.world_file import parse_world
 
@@ -67,15 +68,17 @@ def look(
     world = parse_world(_room(things, support, table))
     urdf = Path(rospkg.RosPack().get_path("merlin_sim")) / "urdf" / "rb1.urdf"
     simulation = Simulation(world, [RobotSpec("", Pose(0.0, 0.0), camera=model)], urdf, seed)
+    pictures = PictureEngine()
     try:
         robot = simulation.robots[""]
         for _ in range(5):
             simulation.step()
         pose = robot.body.camera_pose()
         assert pose is not None
-        picture = simulation.picture(robot)
+        picture = pictures.expose(simulation.shot(robot))
     finally:
         simulation.close()
+        pictures.close()
     view = CameraView(model.matrix(), pose.optical(), model.width, model.height)
     return _compare(things, support, (recognizer or ObjectRecognizer()).recognize(picture, view))
 

@@ -10,6 +10,7 @@ import pytest
 
 from merlin_reactive.pose import Pose
 from merlin_sim.engine.simulation import RobotSpec, Simulation
+from merlin_sim.rendering.picture_engine import PictureEngine
 from merlin_sim.robot.camera import CameraModel
 from merlin_sim.robot.diff_drive import OdometryNoise
 from merlin_sim.robot.lidar import ScanOutlines
@@ -138,9 +139,10 @@ def test_robots_bump_into_each_other_and_see_each_other(simulate):
 def test_robots_are_in_each_others_pictures(simulate):
     simulation = simulate(Pose(3.0, 3.5), Pose(4.5, 3.5), camera=CameraModel(64, 48, noise=0.0))
     one, two = simulation.robots.values()
-    with_it = simulation.picture(one)
+    pictures = PictureEngine()
+    with_it = pictures.expose(simulation.shot(one))
     two.body.place(Pose(1.0, 3.5))
-    changed = (simulation.picture(one) != with_it).any(axis=2)
+    changed = (pictures.expose(simulation.shot(one)) != with_it).any(axis=2)
     assert changed[:, 24:40].mean() > 0.1  # straight ahead
     assert not changed[:, :16].any() and not changed[:, 48:].any()
 

@@ -11,6 +11,7 @@ from merlin_reactive.pose import Pose
 from merlin_sim.engine.simulation import RobotSpec, Simulation
 from merlin_sim.engine.world_control import ChangeRefused, Placing
 from merlin_sim.people.walkers import WalkState
+from merlin_sim.rendering.picture_engine import PictureEngine
 from merlin_sim.world.world_file import parse_world
 
 URDF = Path(__file__).resolve().parents[4] / "src" / "merlin_sim" / "urdf" / "rb1.urdf"
@@ -269,12 +270,15 @@ def test_impossible_walks_are_refused(room, walk, words):
 def test_the_camera_sees_who_and_what_came_at_run_time(room):
     simulation = room(Pose(3.6, 1.0))
 
-    robot = simulation.robots[""]
+    robot, pictures = simulation.robots[""], PictureEngine()
+
+    def picture():
+        return pictures.expose(simulation.shot(robot)).astype(int)
 
     def changed(before):
-        return int(np.sum(np.abs(simulation.picture(robot).astype(int) - before).max(axis=-1) > 60))
+        return int(np.sum(np.abs(picture() - before).max(axis=-1) > 60))
 
-    empty = simulation.picture(robot).astype(int)
+    empty = picture()
     simulation.control.place(Placing("plate_7", kind="plate", pose=Pose(5.0, 1.0), z=0.7))
     with_plate = changed(empty)
     simulation.control.place(Placing("cleo", kind="person", pose=Pose(5.5, 1.3)))

@@ -16,6 +16,7 @@ from merlin_reactive.pose import Pose
 from merlin_sim.engine.simulation import RobotSpec, Simulation
 from merlin_sim.engine.world_control import Placing
 from merlin_sim.rendering.appearance import Part, Shape
+from merlin_sim.rendering.picture_engine import PictureEngine
 from merlin_sim.rendering.renderer import Renderer
 from merlin_sim.rendering.shot import PictureError
 from merlin_sim.robot.camera import CameraModel
@@ -73,7 +74,8 @@ def picture(renderer, simulation, name="ann"):
 
 def check_equal(renderer, simulation):
     for name, robot in simulation.robots.items():
-        assert (picture(renderer, simulation, name) == simulation.picture(robot)).all(), name
+        here = PictureEngine().expose(simulation.shot(robot))
+        assert (picture(renderer, simulation, name) == here).all(), name
 
 
 def test_pictures_are_those_of_this_process_whatever_happens_in_the_world(renderer, simulate):
@@ -104,7 +106,7 @@ def test_a_picture_shows_the_moment_of_its_capture(renderer, simulate):
     robot = simulation.robots["ann"]
     shots, expected = [], []
     for _ in range(3):
-        expected.append(simulation.picture(robot))
+        expected.append(PictureEngine().expose(simulation.shot(robot)))
         shots.append(simulation.shot(robot))
         robot.base.command(0.0, 1.0, simulation.time)
         for _ in range(20):

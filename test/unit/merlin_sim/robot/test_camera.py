@@ -14,6 +14,7 @@ from merlin_reactive.recognition.object_classes import OBJECT_CLASSES
 from merlin_reactive.recognition.tags import TAG, tag_dictionary
 from merlin_sim.engine.simulation import RobotSpec, Simulation
 from merlin_sim.rendering.appearance import GAP
+from merlin_sim.rendering.picture_engine import PictureEngine
 from merlin_sim.robot.camera import CameraModel
 from merlin_sim.world.world_file import parse_world
 
@@ -42,7 +43,7 @@ def look(*objects, people=(), model=SMALL, start=START, seed=1, steps=2):
             simulation.step()
         robot = simulation.robots[""]
         to_optical = np.linalg.inv(robot.body.camera_pose().optical())
-        picture = simulation.picture(robot)
+        picture = PictureEngine().expose(simulation.shot(robot))
     finally:
         simulation.close()
 

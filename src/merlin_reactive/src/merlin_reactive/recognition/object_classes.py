@@ -7,7 +7,7 @@ detector brings its own.
 
 import math
 from dataclasses import dataclass
-from typing import Dict, List, Optional, Sequence, Tuple
+from typing import Dict, Optional, Sequence, Tuple
 
 PERSON = "person"
 TAG = "tag"  # followed by _ and its number in results
@@ -87,31 +87,8 @@ OBJECT_CLASSES: Dict[str, ObjectClass] = {
 TAGS = frozenset(f"{TAG}_{number}" for number in range(50))
 
 
-class UnknownClass(ValueError):
-    """A class that cannot be recognised; the text names the known ones."""
-
-
-def known_classes() -> List[str]:
-    """The names that can be asked for."""
-    return [*OBJECT_CLASSES, PERSON, TAG]
-
-
-def check_classes(classes: Sequence[str]) -> None:
-    """Refuses names of no class.
-
-    :raises UnknownClass: names the first, and the known ones.
-    """
-    for name in classes:
-        if name not in known_classes() and name not in TAGS:
-            raise UnknownClass(
-                f"unknown class {name!r}; known: {', '.join(known_classes())}, {TAG}_0 to {TAG}_49"
-            )
-
-
 def unknown_classes(classes: Sequence[str]) -> str:
-    """What is wrong with names of classes; empty: all are known."""
-    try:
-        check_classes(classes)
-    except UnknownClass as error:
-        return str(error)
-    return ""
+    """What is wrong with names of classes, naming the known ones; empty: all are known."""
+    known = [*OBJECT_CLASSES, PERSON, TAG]
+    unknown = [name for name in classes if name not in known and name not in TAGS]
+    return f"unknown class {unknown[0]!r}; known: {', '.join(known)}, {TAG}_0 to {TAG}_49" if unknown else ""

@@ -304,13 +304,9 @@ def _darkness(kind: ObjectClass, place: np.ndarray, view: CameraView, dark: np.n
     if kind.dark_radius:
         share = _share(dark, _inner(kind, place, view, kind.dark_radius))
         return 1.0 if share > LEAST_DARK else 0.0
-    if not _has_dark_sibling(kind):
+    if not any(other.color == kind.color and other is not kind for other in OBJECT_CLASSES.values()):
         return 1.0
     return 0.0 if _share(dark, _inner(kind, place, view, 0.6)) > LEAST_DARK else 1.0
-
-
-def _has_dark_sibling(kind: ObjectClass) -> bool:
-    return any(other.color == kind.color and other is not kind for other in OBJECT_CLASSES.values())
 
 
 def _inner(kind: ObjectClass, place: np.ndarray, view: CameraView, share: float) -> Optional[Box]:

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 
 from merlin_reactive.recognition.camera_view import CameraView
-from merlin_reactive.recognition.object_classes import TAG, check_classes
+from merlin_reactive.recognition.object_classes import TAG
 from merlin_reactive.recognition.object_detector import ObjectDetector
 from merlin_reactive.recognition.person_detector import PersonDetector
 from merlin_reactive.recognition.sighting import Sighting, merge
@@ -51,9 +51,7 @@ class ObjectRecognizer:
         :param picture: height x width x 3, RGB, 0..255.
         :param classes: what to report; empty: everything.
         :param stop: asked between the detectors; when it says yes, what has been seen so far is returned.
-        :raises UnknownClass: for a name that is not a class.
         """
-        check_classes(classes)
         sightings: List[Sighting] = []
         for detector in self._detectors:
             if stop is not None and stop():

@@ -14,7 +14,7 @@ from vision_msgs.msg import Detection3D, Detection3DArray, ObjectHypothesisWithP
 from merlin_reactive.recognition.camera_placement import CameraPlacement, NotPlaced
 from merlin_reactive.recognition.camera_view import CameraView
 from merlin_reactive.recognition.image_source import CaptureSource, NoPicture, TopicSource, rectified
-from merlin_reactive.recognition.object_classes import UnknownClass, check_classes
+from merlin_reactive.recognition.object_classes import unknown_classes
 from merlin_reactive.recognition.object_recognizer import LEAST_SCORE, SUPPORTS, ObjectRecognizer, annotated
 from merlin_reactive.recognition.sighting import Sighting
 from merlin_reactive.recognition.tags import TAG
@@ -64,10 +64,9 @@ class RecognitionNode:
 
     def _execute(self, goal: ServerGoal) -> None:
         begun = time.monotonic()
-        try:
-            check_classes(goal.goal.classes)
-        except UnknownClass as error:
-            goal.abort(RecognizeResult(), str(error))
+        unknown = unknown_classes(goal.goal.classes)
+        if unknown:
+            goal.abort(RecognizeResult(), unknown)
             return
         try:
             header, sightings = self._look(goal)

@@ -4,7 +4,7 @@
 import math
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Dict, List, Optional, Set
+from typing import Dict, List, Set
 
 import numpy as np
 
@@ -25,9 +25,6 @@ from merlin_sim.robot.diff_drive import (
 from merlin_sim.robot.lidar import Lidar, LidarModel
 from merlin_sim.world.world_model import DoorEvent, World, WorldEvent
 from merlin_sim.world.world_places import ROBOT, ROBOT_RADIUS
-
-if TYPE_CHECKING:
-    from merlin_sim.rendering.picture_engine import PictureEngine
 
 PHYSICS_RATE = 100  # steps per simulated second
 ODOMETRY_EVERY = 5  # steps
@@ -130,11 +127,9 @@ class Simulation:
         self.robots: Dict[str, WorldRobot] = {
             spec.name: WorldRobot(spec, self.physics, urdf, seed) for spec in specs
         }
-
         bodies = {name or ROBOT: robot.body for name, robot in self.robots.items()}
         self.scene = Scene(world, self.physics, bodies)
         self.control = WorldControl(world, self.scene)
-        self._pictures: Optional[PictureEngine] = None  # of this process
         self._events = WorldEvents(world, self.scene)
 
     @property
@@ -183,19 +178,6 @@ class Simulation:
             raise CameraError(f"the robot's description has no link {CAMERA_LINK} with a mass")
         return self.physics.shot(robot.camera, pose, self.tick)
 
-    def picture(self, robot: WorldRobot) -> np.ndarray:
-        """What the robot's camera sees now: height x width x 3, RGB, 0..255. Takes its time.
-
-        :raises CameraError: its description has no camera.
-        """
-        from merlin_sim.rendering.picture_engine import PictureEngine  # 45 MB; the node does without
-
-        if self._pictures is None:
-            self._pictures = PictureEngine()
-        return self._pictures.expose(self.shot(robot))
-
     def close(self) -> None:
-        """Gives the engines back."""
+        """Gives the engine back."""
         self.physics.close()
-        if self._pictures is not None:
-            self._pictures.close()
