@@ -95,7 +95,7 @@ class FloorPlan:
     def _world(self) -> World:
         """The present world; points in the middle of its rooms mark the inside, also below furniture."""
         world = parse_world(self._data([]), self.name)
-        world.starts = [room_middle(room) for room in self.rooms]
+        world.starts = [Pose((r.left + r.right) / 2, (r.bottom + r.top) / 2) for r in self.rooms]
         return world
 
     def _divide(self, room: Room) -> bool:
@@ -188,11 +188,6 @@ class FloorPlan:
             "points_of_interest": points,
             "starts": list(points.values()),
         }
-
-
-def room_middle(room: Room) -> Pose:
-    """The middle of a room, m."""
-    return Pose((room.left + room.right) / 2, (room.bottom + room.top) / 2)
 
 
 def _near_door(point: Tuple[float, float], door: Tuple[Tuple[float, float], Tuple[float, float]]) -> bool:

@@ -8,7 +8,6 @@ import numpy as np
 from scipy.ndimage import label
 
 from merlin_reactive.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
-from merlin_reactive.pose import Point
 from merlin_sim.world.world_model import Solid, World
 
 MARGIN = 0.5  # m of map around the walls
@@ -35,13 +34,10 @@ def map_of(world: World) -> OccupancyGrid:
     grid = OccupancyGrid(np.zeros(shape, dtype=np.int8), resolution, origin)
     for solid in solids:
         mark(grid, solid)
-    _hide_unreachable(grid, [pose.point for pose in [*world.points_of_interest.values(), *world.starts]])
-    return grid
-
-
-def _hide_unreachable(grid: OccupancyGrid, seen: Iterable[Point]) -> None:
     free = grid.cells == FREE
-    grid.cells[free & ~reachable(free, [cell for cell in map(grid.cell, seen) if cell is not None])] = UNKNOWN
+    seen = (grid.cell(pose.point) for pose in [*world.points_of_interest.values(), *world.starts])
+    grid.cells[free & ~reachable(free, [cell for cell in seen if cell is not None])] = UNKNOWN
+    return grid
 
 
 def reachable(free: np.ndarray, starts: Iterable[Tuple[int, int]]) -> np.ndarray:
