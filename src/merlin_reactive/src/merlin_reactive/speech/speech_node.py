@@ -156,6 +156,10 @@ class SpeechNode:
         if request.command == SoundRequest.PLAY_STOP:
             goal.succeed(SoundRequestResult(playing=False), "everything was stopped")
             return
+
+        def heard(time: float) -> None:
+            goal.feedback(SoundRequestFeedback(playing=True, stamp=rospy.Time.from_sec(time)))
+
         played = 0.0
         stop = StopSound()
         self._making = (goal, stop)
@@ -164,7 +168,7 @@ class SpeechNode:
         try:
             sound = self._sound(request, stop)
             while True:
-                played += self._speaker.play(sound, goal.cancel_event, lambda time: _feed_back(goal, time))
+                played += self._speaker.play(sound, goal.cancel_event, heard)
                 if goal.cancel_requested or request.command != SoundRequest.PLAY_START:
                     break
         except SoundStopped:
@@ -242,10 +246,6 @@ class SpeechNode:
         else:
             sound = beep(request.sound)
         return sound.scaled(request.volume)
-
-
-def _feed_back(goal: ServerGoal, played: float) -> None:
-    goal.feedback(SoundRequestFeedback(playing=True, stamp=rospy.Time.from_sec(played)))
 
 
 def _result(played: float) -> SoundRequestResult:
