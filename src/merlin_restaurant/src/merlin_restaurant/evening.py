@@ -88,15 +88,14 @@ class Evening(MissionSM):
 
     def _calls(self) -> Union[MerlinSM, WhileSM]:
         """A call from a table or from the entrance becomes an urgent goal."""
-        if self._robots:
-            return WhileSM(self._ears(), self._serving())
         calls = MerlinSM([SUCCEEDED, ABORTED, PREEMPTED])
+        if self._robots:  # they listen all the time; what is called for is known then
+            with calls:
+                self._listen(calls, then("LISTEN", "entrance", "no_call"))
+            return WhileSM(calls, self._serving())
         with calls:
-            listen = ListenState(CALL, LISTEN, "calls/listen")
-            calls.add("LISTEN", listen, {SUCCEEDED: "NOTE", "misunderstood": "LISTEN", ABORTED: "LISTEN"})
-            note = FunctionState(self._note_call, ["heard"], outcomes=["entrance", "no_call"])
             meant = {SUCCEEDED: "SERVE", "entrance": "LOOK", "no_call": "LISTEN", ABORTED: "LISTEN"}
-            calls.add("NOTE", note, meant)
+            self._listen(calls, meant)
             self.add_goal_state("SERVE", self._called, then("TIDY", NOTHING), priority=URGENT)
             self.add_goal_state("TIDY", self._to_bring_back, then("LISTEN", NOTHING), priority=URGENT)
             look = {SUCCEEDED: "GUIDE", ABORTED: "LISTEN"}
@@ -104,15 +103,12 @@ class Evening(MissionSM):
             self.add_goal_state("GUIDE", self._to_guide, then("LISTEN", NOTHING), priority=URGENT)
         return calls
 
-    def _ears(self) -> MerlinSM:
-        """Several robots listen to calls all the time; what is called for is known then."""
-        ears = MerlinSM([SUCCEEDED, ABORTED, PREEMPTED])
-        with ears:
-            listen = ListenState(CALL, LISTEN, "calls/listen")
-            ears.add("LISTEN", listen, {SUCCEEDED: "NOTE", "misunderstood": "LISTEN", ABORTED: "LISTEN"})
-            note = FunctionState(self._note_call, ["heard"], outcomes=["entrance", "no_call"])
-            ears.add("NOTE", note, then("LISTEN", "entrance", "no_call"))
-        return ears
+    def _listen(self, machine: MerlinSM, meant: Dict[str, str]) -> None:
+        """Adds LISTEN and NOTE; `meant` says which state follows what a call means."""
+        listen = ListenState(CALL, LISTEN, "calls/listen")
+        machine.add("LISTEN", listen, {SUCCEEDED: "NOTE", "misunderstood": "LISTEN", ABORTED: "LISTEN"})
+        note = FunctionState(self._note_call, ["heard"], outcomes=["entrance", "no_call"])
+        machine.add("NOTE", note, meant)
 
     def _serving(self) -> MerlinSM:
         """Several robots serve all that waits by one plan, which is made anew when more is known to wait."""
@@ -281,7 +277,8 @@ class Evening(MissionSM):
         if not table:
             self._narrate("a client at the entrance calls")
             if self._robots:
-                self._note_client()
+                if not self.facts("waiting"):  # a second client calls again when the first one is led
+                    add_client(self)
             else:
                 self.remove_facts(ENTRANCE)
             return "entrance"
@@ -291,11 +288,6 @@ class Evening(MissionSM):
             remember_state(self, table, "needs_serving")
         self._wake()
         return None
-
-    def _note_client(self) -> None:
-        """A client who calls several robots waits; a second one calls again when the first one is led."""
-        if not self.facts("waiting"):
-            add_client(self)
 
     def _called(self, userdata: Any) -> List[str]:
         return [f"(already_served {self._table})"]
