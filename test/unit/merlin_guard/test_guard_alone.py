@@ -297,3 +297,11 @@ def test_a_log_that_hangs_keeps_no_velocity_and_no_stop(master: Any) -> None:
     driver.expect("MOVES")
     master.node(STOPPER).expect("True stopped until /merlin/release is called")
     driver.expect("STANDS")
+
+
+@pytest.mark.parametrize("since", ["soon", -1.0, 1e12])
+def test_a_stop_outlives_a_time_that_makes_no_sense(master: Any, since: Any) -> None:
+    master.api.setParam("/test", "/merlin_guard", {"stopped": "stopped by Ana", "stopped_since": since})
+    guard = master.node(GUARD)
+    guard.expect("stopped by Ana; it was so when the guard began")
+    assert "Traceback" not in guard.output

@@ -26,6 +26,7 @@ from merlin_ros.node import run_node
 from merlin_ros.parameters import ParameterError
 from merlin_ros.processes.process_priority import raise_priority
 from merlin_ros.publishing import OnSubscriber
+from merlin_ros.work.passed_time import LAST
 from merlin_ros.work.threads import CallQueue
 
 NAME = "merlin_guard"
@@ -61,7 +62,9 @@ class GuardNode:
         self._state: Optional[GuardState] = None
         self._published: Optional[Tuple[View, str, Tuple[str, ...]]] = None
         self._keeping = 0  # stops that are being written; a published state outlives the guard
-        self._since = rospy.Time.from_sec(float(get_param(SINCE_PARAM, 0.0)) if stopped else 0.0)
+        since = get_param(SINCE_PARAM, 0.0) if stopped else 0.0
+        known = isinstance(since, (int, float)) and 0.0 <= since <= LAST  # else it counts from now on
+        self._since = rospy.Time.from_sec(since if known else 0.0)
         self._published_at = -math.inf
         self._born = rospy.Time.now()
         self._button_fault = ""
