@@ -67,6 +67,12 @@ def two(userdata: Any, more: Any) -> None:
     [
         (lambda: FunctionState(two), "two, line .*, cannot be called with userdata: missing .*'more'"),
         (lambda: FunctionState(lambda: None), "<lambda>, .* cannot be called with userdata: too many"),
+        (lambda: FunctionState(None), "None is not a function"),
+        (lambda: TopicState("said", String, True), "True, for the message, is not a function"),
+        (
+            lambda: ActionState("drive", MoveBaseAction, MoveBaseGoal(), on_result="done"),
+            "'done', for the result, is not a function",
+        ),
         (lambda: GoalState(two), "two, .* cannot be called with userdata: missing"),
         (lambda: ServiceCallState("clear", Empty, two), "two, .* cannot be called with userdata: missing"),
         (

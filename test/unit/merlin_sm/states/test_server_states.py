@@ -18,9 +18,11 @@ from merlin_ros.master.master_link import MasterSilent
 from merlin_sm.merlin_sm import MerlinSM
 from merlin_sm.states import action_state, navigation
 from merlin_sm.states.action_state import ActionState
+from merlin_sm.states.dialogue import AskSM
 from merlin_sm.states.knowledge import KnowledgeState
 from merlin_sm.states.merlin_state import ABORTED, PREEMPTED, SUCCEEDED, GivenUp, MerlinState
 from merlin_sm.states.navigation import NavigationState
+from merlin_sm.states.recognition import DetectState
 from merlin_sm.states.speech import MISUNDERSTOOD, ListenState, SpeakState
 from merlin_sm.states.while_state import WhileSM
 from merlin_test import LONG
@@ -358,6 +360,20 @@ def test_a_text_that_cannot_be_filled_aborts(state: Any, text: str) -> None:
 def test_a_listener_waits_for_a_number_of_seconds(timeout: Any) -> None:
     with pytest.raises(ValueError, match=f"timeout is {timeout!r}"):
         ListenState("#JSGF V1.0; grammar g; public <answer> = yes;", timeout)
+
+
+@pytest.mark.parametrize("share", [float("nan"), -0.1, 1.1, "0.5"])
+def test_a_volume_and_a_score_are_from_0_to_1(share: Any) -> None:
+    with pytest.raises(ValueError, match="volume is .* from 0 to 1"):
+        SpeakState("Hello.", volume=share)
+    with pytest.raises(ValueError, match="least_score is .* from 0 to 1"):
+        DetectState("cup", least_score=share)
+
+
+@pytest.mark.parametrize("attempts", [0, 2.5, "3", None])
+def test_a_question_is_asked_a_whole_number_of_times(attempts: Any) -> None:
+    with pytest.raises(ValueError, match=f"attempts is {attempts!r}"):
+        AskSM("Ready?", "#JSGF V1.0; grammar g; public <answer> = yes;", attempts=attempts)
 
 
 def test_nothing_to_say_is_an_error(server: Server) -> None:

@@ -34,6 +34,8 @@ class AskSM(MerlinSM):
         sorry: str = SORRY,
         timeout: float = 0.0,
     ) -> None:
+        if not isinstance(attempts, int) or attempts < 1:
+            raise ValueError(f"attempts is {attempts!r}; it has to be a whole number from 1 on")
         keys = keys_of([question, sorry], keys)
         super().__init__([SUCCEEDED, MISUNDERSTOOD, ABORTED, PREEMPTED], keys, ["heard"])
         self._attempts = attempts

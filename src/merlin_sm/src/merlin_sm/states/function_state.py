@@ -26,6 +26,8 @@ class FunctionState(MerlinState):
         outputs: Sequence[str] = (),
         outcomes: Sequence[str] = (),
     ) -> None:
+        if not callable(function):
+            raise ValueError(f"{function!r} is not a function")
         check_keys(function, inputs, outputs, "inputs")
         super().__init__(outcomes, inputs, outputs)
         self._function = function

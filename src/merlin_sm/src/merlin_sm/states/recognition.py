@@ -8,6 +8,7 @@ from merlin_msgs.msg import RecognizeAction, RecognizeGoal, RecognizeResult
 from vision_msgs.msg import Detection3D
 
 from merlin_sm.states.action_state import ActionState
+from merlin_sm.states.ros_calls import check_shares
 from merlin_sm.states.text_keys import filled, keys_of
 from merlin_sm.userdata_keys import check_lists
 
@@ -49,6 +50,7 @@ class RecognizeState(ActionState):
     ) -> None:
         given = options.pop("input_keys", ())
         check_lists(classes=classes, input_keys=given)
+        check_shares(least_score=least_score)
         inputs = [*keys_of(classes), *given]
         super().__init__(
             action,

@@ -56,6 +56,16 @@ def check_times(**times: Any) -> None:
             raise ValueError(f"{name} is {seconds!r}; it has to be a number of seconds, 0 or more")
 
 
+def check_shares(**shares: Any) -> None:
+    """Judges shares.
+
+    :raises ValueError: for one that is not a number from 0 to 1.
+    """
+    for name, share in shares.items():
+        if not (isinstance(share, (int, float)) and 0.0 <= share <= 1.0):
+            raise ValueError(f"{name} is {share!r}; it has to be a number from 0 to 1")
+
+
 def call_apart(
     state: MerlinState, name: str, calls: Callable[[Callable[[], bool]], Any], limit: Optional[float] = None
 ) -> List[Any]:

@@ -10,7 +10,7 @@ from sound_play.msg import SoundRequest, SoundRequestAction, SoundRequestGoal
 
 from merlin_sm.states.action_state import ActionState
 from merlin_sm.states.jsgf import check_grammar
-from merlin_sm.states.ros_calls import check_times
+from merlin_sm.states.ros_calls import check_shares, check_times
 from merlin_sm.states.text_keys import filled, keys_of
 
 MISUNDERSTOOD = "misunderstood"
@@ -44,6 +44,7 @@ class SpeakState(ActionState):
         action: str = "sound_play",
         **options: Any,
     ) -> None:
+        check_shares(volume=volume)
         fixed, form = ("{text}", None) if text is None else (text, _Spoken())
         inputs = keys_of([fixed], None if text is None else keys)
 

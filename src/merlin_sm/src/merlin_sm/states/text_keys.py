@@ -100,6 +100,8 @@ def check_keys(
     """
     check_lists(**{argument: inputs, "outputs": outputs})
     if not callable(function):
+        if further and function is not None:
+            raise ValueError(f"{function!r}, for the {further[0]}, is not a function")
         return
     check_call(function, "userdata", *further)
     for key in keys_read(function):
