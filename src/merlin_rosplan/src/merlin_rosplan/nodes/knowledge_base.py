@@ -4,7 +4,7 @@
 import os
 import threading
 from collections import OrderedDict
-from typing import Any, Callable, List, Optional, Sequence, Tuple, Type
+from typing import Any, Callable, List, Sequence, Tuple, Type
 
 import rospkg
 import rospy
@@ -268,12 +268,6 @@ class KnowledgeBase(Component):
     def snapshot(self) -> Tuple[Domain, Problem]:
         """The domain and everything that is stored, at one moment."""
         return self.domain, self.store.snapshot()[1]
-
-
-def knowledge_base_in_process(name: str) -> Optional[KnowledgeBase]:
-    """The knowledge base of that global name, if it lives in this process."""
-    found = Component.in_process(name)
-    return found if isinstance(found, KnowledgeBase) else None
 
 
 class Refusals:

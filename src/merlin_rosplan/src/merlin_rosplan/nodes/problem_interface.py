@@ -4,7 +4,7 @@
 import functools
 import os
 import threading
-from typing import TYPE_CHECKING, Tuple
+from typing import TYPE_CHECKING
 
 import rospy
 from rosplan_dispatch_msgs.srv import ProblemService, ProblemServiceRequest, ProblemServiceResponse
@@ -17,8 +17,6 @@ from merlin_rosplan.transport.component import Component, ComponentError
 from merlin_rosplan.transport.handover import Handover, digest_service
 
 if TYPE_CHECKING:  # what reads and writes a problem is imported when the node serves
-    from merlin_pddl.domain import Domain
-    from merlin_pddl.problem import Problem
     from merlin_rosplan.nodes.world_reader import WorldReader
 
 
@@ -91,9 +89,13 @@ class ProblemInterface(Component):
         """
         from merlin_pddl.knowledge import Instance
         from merlin_pddl.problem_writer import write_problem
+        from merlin_rosplan.messages.knowledge_snapshot import KnowledgeBaseError
 
         with self._generating:
-            domain, problem = self._snapshot()
+            try:
+                domain, problem = self._world.snapshot()
+            except KnowledgeBaseError as error:
+                raise ProblemWriteError(str(error)) from error
             for instance in problem.instance_goals:
                 rospy.logwarn("%s: PDDL has no goal that %s exists; left out", self.scope, instance.text())
             for row in problem.timed:
@@ -106,14 +108,6 @@ class ProblemInterface(Component):
             self._hand_over.hand_over(String(text))
             self._publisher.publish(String(text))
             return text
-
-    def _snapshot(self) -> Tuple["Domain", "Problem"]:
-        from merlin_rosplan.messages.knowledge_snapshot import KnowledgeBaseError
-
-        try:
-            return self._world.snapshot()
-        except KnowledgeBaseError as error:
-            raise ProblemWriteError(str(error)) from error
 
 
 def _write(path: str, text: str) -> None:

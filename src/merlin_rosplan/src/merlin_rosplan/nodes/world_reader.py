@@ -24,13 +24,10 @@ class WorldReader:
 
         :raises KnowledgeBaseError: there is no usable answer.
         """
-        if Component.in_process(self._name) is not None:
-            # Not at the top: a planner or a problem interface in a node of its own has no knowledge base.
-            from merlin_rosplan.nodes.knowledge_base import knowledge_base_in_process
-
-            local = knowledge_base_in_process(self._name)
-            if local is not None:
-                return local.snapshot()
+        local = getattr(Component.in_process(self._name), "snapshot", None)
+        if local is not None:
+            found: Tuple[Domain, Problem] = local()
+            return found
         if self._client is None:
             self._client = KnowledgeSnapshots(self._name)
         return self._client.snapshot()
