@@ -331,9 +331,8 @@ class PlannerInterface(Component):
         """Writes the problem received on the topic to a file, as ROSPlan does; returns its path."""
         self._problems.catch_up()
         with self._state:
-            if self._problem is None:
-                # A caller that asks right after the problem was published must not lose the race.
-                self._state.wait_for(lambda: self._problem is not None or self.closed, timeout=0.5)
+            # A caller that asks right after the problem was published must not lose the race.
+            self._state.wait_for(lambda: self._problem is not None or self.closed, timeout=0.5)
             problem = self._problem
         if problem is None:
             raise ValueError(f"no problem was received on {self._problem_topic}")
@@ -353,14 +352,12 @@ class PlannerInterface(Component):
         return path
 
     def _data_folder(self, data_path: str) -> Optional[str]:
-        if not data_path:
-            return None
-        if not os.path.isdir(data_path):
+        if data_path and not os.path.isdir(data_path):
             rospy.logwarn(
                 "%s: data_path %s is not a folder: the planner's output is not kept", self.scope, data_path
             )
             return None
-        return data_path
+        return data_path or None
 
     def _domain_of_knowledge_base(self) -> str:
         path = get_param(f"{self.knowledge_base}/domain_path", "")
