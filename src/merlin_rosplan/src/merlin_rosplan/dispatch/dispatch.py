@@ -245,7 +245,7 @@ class PlanDispatch:
             Running(action, self._environment.operator(action), self._environment, self._limits)
             for action in ready
         ]
-        needed = [(record.action, record.needed_at_start) for record in records]
+        needed = [(record.action, record.operator.at_start + record.watched) for record in records]
         together: List[Running] = []
         for record, unmet in zip(records, self._environment.false_of_each(needed)):
             if unmet.empty:

@@ -34,7 +34,6 @@ class FeedbackStatus(IntEnum):
     ENABLED = 1
     SUCCEEDED = 2
     DISPATCHED_TO_START_STATE = 3
-    SUCCEEDED_TO_START_STATE = 4
     FAILED = 10
 
 

@@ -152,11 +152,6 @@ class Running:
         )
 
     @property
-    def needed_at_start(self) -> Conditions:
-        """What has to hold for it to start."""
-        return self.operator.at_start + over_all_before_start(self.operator)
-
-    @property
     def needed_at_end(self) -> Conditions:
         """The at-end conditions that its own end effects leave alone: they can be asked for after the end."""
         own = self.operator.end_effects.names
