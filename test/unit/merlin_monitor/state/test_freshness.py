@@ -14,6 +14,7 @@ from merlin_monitor.state.inbox import Inbox
 from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_monitor.state.plan_steps import sequential_steps
 from merlin_monitor.text.phrase import in_english
+from merlin_monitor.truth.problems import OVER
 from merlin_ros.health import ENDED, STALE
 
 EXECUTOR = "/ann/merlin_executor"
@@ -271,11 +272,16 @@ def test_a_problem_that_an_operator_knows_is_reported_and_stays_known() -> None:
     state.health.diagnostics(DiagnosticArray(status=[warm]), 1.0, 1.0)
     state.refresh_problems(1.0)
     (problem,) = state.tree.get("now", "problems")
-    state.acknowledge(problem["key"], "Ana", 2.0, 2.0)
-    state.acknowledge("part of the moon", "Ana", 2.0, 2.0)
+    state.acknowledge(problem["key"], "Ana", 2.0)
+    state.acknowledge("part of the moon", "Ana", 2.0)
     assert reported.texts[-1] == "Ana knows: arm: motor: warm" and reported[-1].detail["by"] == "Ana"
     state.refresh_problems(3.0)
     assert [each["by"] for each in state.tree.get("now", "problems")] == ["Ana"]
+    well = DiagnosticStatus(name="arm: motor", level=DiagnosticStatus.OK)
+    for status, at in ((well, 4.0), (well, 4.0 + 2 * OVER), (warm, 5.0 + 2 * OVER)):
+        state.health.diagnostics(DiagnosticArray(status=[status]), at, at)
+        state.refresh_problems(at)
+    assert [each["by"] for each in state.tree.get("now", "problems")] == [""], "it is a new one"
 
 
 def test_what_moves_the_base_is_asked_for_while_the_robot_drives() -> None:

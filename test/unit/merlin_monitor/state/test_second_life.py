@@ -78,7 +78,7 @@ def before(folder: Path) -> Life:
     warm = DiagnosticStatus(name="arm: motor", level=DiagnosticStatus.WARN)
     life.state.health.diagnostics(DiagnosticArray(status=[warm]), 14.0, 1.0)
     life.state.refresh_problems(1.0)
-    life.state.acknowledge("part arm: motor warning", "Ana", 14.0, 1.0)
+    life.state.acknowledge("part arm: motor warning", "Ana", 14.0)
     return life
 
 

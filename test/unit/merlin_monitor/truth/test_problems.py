@@ -54,7 +54,7 @@ def test_what_is_known_stays_so_until_it_is_over() -> None:
 
     known = Acknowledged()
     warm = of("warning", "warm")
-    known.acknowledge(warm[0].key, "Ana", 0.0)
+    known.acknowledge(warm[0].key, "Ana")
     shown = known.of(warm, 1.0)
     assert [(each["key"], each["by"]) for each in shown] == [
         ("part eye: lens warning", ""),

@@ -167,7 +167,7 @@ def a_problem_that_is_known_is_so_on_every_page(page: Any, other: Any, served: S
         ("part camera: state error", "battery: state: battery reports (and 1 more)"),
         ("part battery: state warning", "Ana knows: camera: state: camera reports (and 1 more)"),
     ):
-        served.state.inbox.put(served.state.acknowledge, key, "Ana", 121.0, 1.0)
+        served.state.inbox.put(served.state.acknowledge, key, "Ana", 121.0)
         for each in (page, other):
             each.wait_text("#glance-problem", said)
     page.wait("() => document.getElementById('acknowledge').hidden")

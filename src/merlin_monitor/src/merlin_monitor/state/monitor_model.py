@@ -3,7 +3,6 @@
 
 import concurrent.futures
 import contextlib
-import time
 from typing import Any, Callable, Container, Dict, List, Mapping, Optional
 
 from merlin_monitor.drawing.graph_layout import DrawnGraph, LayoutThread, machine_graph, plan_graph
@@ -68,6 +67,7 @@ class MonitorModel:
         self.now = NowSection(self.tree, self.report, self.plan, self.machines, self.freshness)
         self.guard = GuardSection(self.tree, self.report)
         self._acknowledged = Acknowledged()
+        self._refreshed = 0.0  # when problems were looked at, s of a clock of the panels
         self.on_guard: Callable[[str, bool], None] = lambda robot, there: None
         """Called with each robot whose guard is found or is gone, in the watch's thread."""
         self.checked_at = float("-inf")
@@ -89,19 +89,18 @@ class MonitorModel:
 
     def _take_up(self, kept: Mapping[str, Any]) -> None:
         """Remembers what the earlier life knew; what is heard decides whether it is still so."""
-        now = kept.get("now", {})
+        now, meta = kept.get("now", {}), kept.get("meta", {})
         self.plan.remember(kept.get("plan", {}))
         self.now.remember(now)
-        self.knowledge.remember(kept.get("knowledge", {}), kept.get("meta", {}).get("time") or 0.0)
+        self.knowledge.remember(kept.get("knowledge", {}), meta.get("time") or 0.0)
         for problem in now.get("problems", []):
             if problem["by"]:
-                self._acknowledged.acknowledge(problem["key"], problem["by"], time.monotonic())
+                self._acknowledged.acknowledge(problem["key"], problem["by"])
         if kept:
-            meta = kept.get("meta", {})
             if meta.get("set_back"):
                 self.tree.set("meta", "set_back", meta["set_back"])
             said = say("the monitor was started again")
-            self.report(sentence("monitor", said, kept.get("meta", {}).get("time") or 0.0))
+            self.report(sentence("monitor", said, meta.get("time") or 0.0))
 
     def stop(self) -> None:
         """Ends the threads; all events are on disk then."""
@@ -123,27 +122,27 @@ class MonitorModel:
     def refresh_problems(self, wall: float) -> None:
         """Says anew what is wrong.
 
-        :param wall: s of ``time.monotonic``.
+        :param wall: s of ``ros.silence_clock()``.
         """
+        self._refreshed = wall
         panels = self.tree.get("meta", "panels") or []
-        names = {"guard", "now", "health", "plan", "map"}
-        sections = {name: self._of_problems(name) for name in names | {panel["name"] for panel in panels}}
+        names = {*PROBLEM_FIELDS, *(panel["name"] for panel in panels)}
+        sections = {name: self._of_problems(name) for name in names}
         if self.history is not None:
             self.tree.set("meta", "run", self.history.run)  # another one in another file
             sections["history"] = {**sections.get("history", {}), **self.history.problems}
         problems = problems_of(sections, panels, clock_text)
         self.tree.set("now", "problems", self._acknowledged.of(problems, wall))
 
-    def acknowledge(self, key: str, by: str, at: float, wall: float) -> None:
+    def acknowledge(self, key: str, by: str, at: float) -> None:
         """An operator knows about a problem.
 
         :param at: s of ROS time.
-        :param wall: s of ``time.monotonic``.
         """
         known = {each["key"]: each["said"] for each in self.tree.get("now", "problems") or []}
         if key in known:
-            self._acknowledged.acknowledge(key, by, wall)
-            self.refresh_problems(wall)
+            self._acknowledged.acknowledge(key, by)
+            self.refresh_problems(self._refreshed)
             said = say("{client} knows: {what}", client=by, what=known[key])
             self.report(sentence("control", said, at, by=by))
 

@@ -91,22 +91,24 @@ class Acknowledged:
         self._by: Dict[str, str] = {}
         self._seen: Dict[str, float] = {}
 
-    def acknowledge(self, key: str, by: str, wall: float) -> None:
-        """An operator knows about a problem.
-
-        :param wall: s of ``time.monotonic``.
-        """
+    def acknowledge(self, key: str, by: str) -> None:
+        """An operator knows about a problem."""
         self._by[key] = by
-        self._seen[key] = wall
+        self._seen.pop(key, None)  # one that is not there next time has ended then
 
     def of(self, problems: Iterable[Problem], wall: float) -> List[Dict[str, Any]]:
-        """The problems as the state has them, with ``by`` who knows about it; those come last."""
+        """The problems as the state has them, with ``by`` who knows about it; those come last.
+
+        :param wall: s of any clock that never goes back, always the same one.
+        """
         shown = []
         for problem in problems:
             by = self._by.get(problem.key, "")
             if by:
                 self._seen[problem.key] = wall
             shown.append({"key": problem.key, "rank": problem.rank, "said": problem.said, "by": by})
+        for key in self._by:
+            self._seen.setdefault(key, wall)
         for key in [key for key, seen in self._seen.items() if wall - seen > OVER]:
             del self._by[key], self._seen[key]
         return sorted(shown, key=lambda each: bool(each["by"]))

@@ -5,7 +5,6 @@ A stop needs neither Executor nor planner nor state machine.
 """
 
 import threading
-import time
 from collections import deque
 from typing import Callable, Deque, Dict, Mapping
 
@@ -171,7 +170,7 @@ class RobotControl(RobotRequests):
         known = self._state.tree.get("now", "problems") or []
         if problem not in [each["key"] for each in known]:
             raise ControlError("There is no such problem any more.")
-        self._state.inbox.put(self._state.acknowledge, problem, by, RosSystem().time(), time.monotonic())
+        self._state.inbox.put(self._state.acknowledge, problem, by, RosSystem().time())
         return "Noted; it stays so until the problem has ended."
 
     def _pause_too(self, by: str) -> None:
