@@ -147,16 +147,6 @@ def _look_key(token: str) -> str:
     return hashlib.pbkdf2_hmac("sha256", token.encode("utf-8"), b"merlin look", LOOK_ROUNDS).hex()
 
 
-def make_token() -> str:
-    """A token that cannot be guessed."""
-    return secrets.token_urlsafe(MADE_TOKEN)
-
-
-def is_name(text: str) -> bool:
-    """Whether an operator may be called so."""
-    return bool(_NAME.match(text))
-
-
 def default_path() -> Path:
     """Where the launch files look for operators."""
     return Path(os.environ.get("ROS_HOME") or Path.home() / ".ros") / "merlin" / "operators.yaml"
@@ -178,10 +168,10 @@ def main() -> int:
             if arguments.name not in tokens:
                 raise OperatorsError(f"{path} has no operator {arguments.name}")
             del tokens[arguments.name]
-        elif not is_name(arguments.name):
+        elif not _NAME.match(arguments.name):
             raise OperatorsError(f"{arguments.name!r} is not a name; use letters, digits, blanks, . - and _")
         else:
-            tokens[arguments.name] = make_token()
+            tokens[arguments.name] = secrets.token_urlsafe(MADE_TOKEN)
         write_operators(path, tokens)
     except (OperatorsError, OSError) as error:
         print(f"operator: {error}", file=sys.stderr)

@@ -43,8 +43,6 @@ class WrongToken(RequestRefused):
 
 
 READ_ONLY = "This monitor is read-only: it has no operators. Make one: rosrun merlin_monitor operator <name>"
-
-
 NO_LOOK = "Sign in to see what the robot does."
 NOBODY_LOOKS = (
     "Nobody may look yet: this page is open to other computers, and has no operators. "
@@ -111,7 +109,8 @@ class WebAccess:
         :raises RequestRefused: when Host is not an allowed name.
         """
         name = _host_name(host or "")
-        if name is None or not self._knows(name):
+        # A name can be made to point here, a number cannot.
+        if name is None or not (name in self._names or (self._any_address and _is_address(name))):
             called = repr(name) if name else "that was asked for"
             remedy = f"; start it with {self._setting}{name}" if name else ""
             raise RequestRefused(f"This page is not served under the name {called}{remedy}.")
@@ -170,12 +169,6 @@ class WebAccess:
         if name is None:
             raise WrongToken("The token is not the right one.")
         return name
-
-    def _knows(self, name: str) -> bool:
-        if name in self._names:
-            return True
-        # A name can be made to point here, a number cannot.
-        return self._any_address and _is_address(name)
 
 
 def _host_name(host: str) -> Optional[str]:

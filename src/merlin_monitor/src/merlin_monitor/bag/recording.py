@@ -150,15 +150,10 @@ class BagRecording:
             self._write_before(bag, before, begin)
             if fixed:
                 # One message: of several latched ones of one publisher, only the last would be kept.
-                all_fixed = TFMessage(list(fixed.values()))
-                header = {
-                    "topic": FIXED,
-                    "type": all_fixed._type,
-                    "md5sum": all_fixed._md5sum,
-                    "latching": "1",
-                }
-                header["message_definition"] = all_fixed._full_text
-                Message(FIXED, _raw(all_fixed), begin, header).write(bag, begin)
+                tree = TFMessage(list(fixed.values()))
+                header = {"topic": FIXED, "type": tree._type, "md5sum": tree._md5sum, "latching": "1"}
+                header["message_definition"] = tree._full_text
+                Message(FIXED, _raw(tree), begin, header).write(bag, begin)
 
     def _write_before(self, bag: Any, before: List[Message], begin: genpy.Time) -> None:
         first = begin - genpy.Duration.from_sec(len(before) * STEP.to_sec())

@@ -6,18 +6,8 @@ from typing import Any, Callable, Dict, NamedTuple
 from merlin_monitor.text.phrase import Phrase, in_english
 
 KINDS = (
-    "mission",
-    "goal",
-    "plan",
-    "action",
-    "speech",
-    "sight",
-    "machine",
-    "knowledge",
-    "health",
-    "guard",
-    "control",
-    "monitor",
+    *("mission", "goal", "plan", "action", "speech", "sight"),
+    *("machine", "knowledge", "health", "guard", "control", "monitor"),
 )
 
 

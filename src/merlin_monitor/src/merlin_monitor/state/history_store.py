@@ -332,7 +332,7 @@ class HistoryStore(HistoryReader):
                     for name, picture in () if job.number else list(self._newest.items()):
                         self._recording.put_picture(name, picture[0], job.wall, picture[1])
                 elif isinstance(job, bytes):
-                    self._recording.put_picture(*key, self.now(), job)
+                    self._recording.put_picture(key[0], key[1], self.now(), job)
                 else:
                     stored.append(self._log.add(self.run, key, job))
             self._written += len(stored)

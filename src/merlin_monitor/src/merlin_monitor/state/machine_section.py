@@ -199,9 +199,8 @@ class MachineSection:
             if key.startswith(container_key(server, "", node)):
                 self._tree.remove(SECTION, "containers", key)
                 self._tree.remove(SECTION, "layouts", key)
-                self._seen.pop(key, None)
-                self._local_data.pop(key, None)
-                self._steps.pop(key, None)
+                for known in (self._seen, self._local_data, self._steps):
+                    known.pop(key, None)
                 self._outer = {inner: outer for inner, outer in self._outer.items() if outer != key}
                 self._structure_changed(key)
 

@@ -31,6 +31,9 @@ from merlin_monitor.text.request_words import (
 from merlin_monitor.truth.worst_truth import LIVE, MISSION, Facts, TaskPace, lost_words, worst_truth
 
 NOW, QUEUE = "now", "queue"
+#: Fields of the messages that the state has as they are.
+_OF_STATUS = ("request", "priority", "by", "stage", "replans", "reason", "paused", "held", "waits")
+_OF_QUEUE = ("request", "priority", "interrupted", "by", "survives")
 
 
 class NowSection:
@@ -80,13 +83,8 @@ class NowSection:
         self._mission_node = node
         state = name_of(MISSION_STATES, message.state)
         before = self._mission or self._kept.get("mission") or {}
-        self._mission = {
-            "name": message.mission,
-            "state": state,
-            "task": message.task,
-            "tasks": message.tasks,
-            "description": message.description,
-        }
+        told = {name: getattr(message, name) for name in ("task", "tasks", "description")}
+        self._mission = {"name": message.mission, "state": state, **told}
         self._pace.task(message.task, at)
         if any(before.get(field) != value for field, value in self._mission.items()):
             task = self._task() if state == "running" else ""
@@ -112,31 +110,16 @@ class NowSection:
         known = {each["request"] for each in self._running(before)}
         words = self._goals(message.goals)
         self._executor = {
+            **{name: getattr(message, name) for name in _OF_STATUS},
             "state": name_of(EXECUTOR_STATES, message.state),
-            "request": message.request,
             "goals": list(message.goals),
             "words": words,
             "together": [self._with(words, each, at) for each in message.together],
-            "priority": message.priority,
-            "by": message.by,
-            "stage": message.stage,
             "done": message.steps_done,
             "total": message.steps_total,
-            "replans": message.replans,
-            "reason": message.reason,
-            "paused": message.paused,
-            "held": message.held,
-            "waits": message.waits,
             "breakpoints": list(message.breakpoints),
             **self._running_times(message, words, at),
-            "running": [
-                {
-                    "id": action.action_id,
-                    "name": action.name,
-                    "parameters": [[pair.key, pair.value] for pair in action.parameters],
-                }
-                for action in message.running
-            ],
+            "running": [_action(each) for each in message.running],
         }
         for each in self._running(self._executor):
             if each["request"] not in known:
@@ -184,19 +167,9 @@ class NowSection:
         detail = {"began": began, "ended": at, "outcome": outcome, "lane": "goal"}
         label = {"label": ", ".join(goals), "words": what, "reason": reason}
         self._report(sentence("goal", said, at, MARKS.get(outcome, "failure"), **detail, **label))
-        self._tree.set(
-            NOW,
-            "last",
-            {
-                "goals": goals,
-                "words": words,
-                "outcome": outcome,
-                "reason": reason,
-                "said": "" if achieved or of_planner else self._for_visitors(reason),
-                "at": at,
-                "seconds": at - began,
-            },
-        )
+        last = {"goals": goals, "words": words, "outcome": outcome, "reason": reason, "at": at}
+        visitors = "" if achieved or of_planner else self._for_visitors(reason)
+        self._tree.set(NOW, "last", {**last, "said": visitors, "seconds": at - began})
 
     def cancel(self, message: Any, at: float, node: str) -> None:
         """Takes a message with the fields of actionlib_msgs/GoalID: a client takes its request back.
@@ -211,15 +184,11 @@ class NowSection:
         self._freshness.heard(QUEUE)
         waiting = [
             {
-                "request": request.request,
+                **{name: getattr(request, name) for name in _OF_QUEUE},
                 "goals": list(request.goals),
                 "words": self._goals(request.goals),
-                "priority": request.priority,
                 "on_interrupt": ON_INTERRUPT.get(request.on_interrupt, "resume"),
-                "interrupted": request.interrupted,
                 "queued": request.queued.to_sec(),
-                "by": request.by,
-                "survives": request.survives,
                 **self._waiting_times(request),
                 "kept": self._wording.reason(request.waits),
             }
@@ -282,7 +251,7 @@ class NowSection:
                 kept=guard.get(KEPT, ""),
             )
         )
-        doing, because, step = truth.doing, truth.because, truth.step
+        said = {"doing": truth.doing, "because": truth.because, "step": truth.step}
         silent = self._freshness.others_silent()
         trouble = [
             lost_words(owner, self._mission.get("name", ""), wrong)
@@ -293,15 +262,10 @@ class NowSection:
         truths = {
             "trouble": [in_english(each) for each in trouble],
             "trouble_said": trouble,
-            "doing": in_english(doing),
-            "because": in_english(because),
-            "step": in_english(step),
-            "said": {"doing": doing, "because": because, "step": step},
+            **{name: in_english(words) for name, words in said.items()},
+            "said": said,
             "chain": self._chain(),
-            "state": truth.state,
-            "tone": truth.tone,
-            "known": truth.known,
-            "expected": truth.expected,
+            **{name: getattr(truth, name) for name in ("state", "tone", "known", "expected")},
             "silent_nodes": silent,
             "active": self._executor.get("state", "idle") != "idle",
         }
@@ -415,11 +379,9 @@ class NowSection:
         """A further request that runs in the plan of the one with these words."""
         own = self._goals(other.goals)
         shown = {
-            "request": other.request,
+            **{name: getattr(other, name) for name in ("request", "priority", "by")},
             "goals": list(other.goals),
             "words": own,
-            "priority": other.priority,
-            "by": other.by,
             "running": True,
             "waits": say("runs with “{goals}”", goals=words),
             **self._running_times(other, own, at),
@@ -498,3 +460,8 @@ class NowSection:
         times = {name: getattr(message, name) for name in names}
         shown = {name: time.to_sec() - jump if time else 0.0 for name, time in times.items()}
         return {**shown, "late": self._wording.reason(message.late)}
+
+
+def _action(action: Any) -> Dict[str, Any]:
+    parameters = [[pair.key, pair.value] for pair in action.parameters]
+    return {"id": action.action_id, "name": action.name, "parameters": parameters}

@@ -26,17 +26,7 @@ MOST_REPLANS = 20  # that are shown
 TOLD_STEPS = 3  # of a plan, in its event
 LONGEST_WORDS = 4000  # characters of what a planner printed
 _FEEDBACK = {0: FAILED, 1: RUNNING, 3: RUNNING, 2: SUCCEEDED, 4: SUCCEEDED, 10: FAILED}
-_PLANNER = (
-    "idle",
-    "planning",
-    "solved",
-    "unsolvable",
-    "timeout",
-    "crashed",
-    "invalid",
-    "cancelled",
-    "no plan",
-)
+_PLANNER = ("idle", "planning", "solved", "unsolvable", "timeout", "crashed", "invalid", CANCELLED, "no plan")
 _DISPATCHER = ("idle", "running", "cancelling")
 
 
@@ -211,17 +201,9 @@ class PlanSection:
                     self._begin(step, message.plan_id, began)
                 elif self._begun.get(identity) == message.plan_id and began < step["began"] - LATE:
                     self._put(step, began=began)
-        self._tree.set(
-            SECTION,
-            "dispatcher",
-            {
-                "state": name_of(_DISPATCHER, message.state),
-                "done": message.steps_done,
-                "total": message.steps_total,
-                "failed_action": message.failed_action,
-                "reason": message.reason,
-            },
-        )
+        shown = {"done": message.steps_done, "total": message.steps_total, "reason": message.reason}
+        shown.update(state=name_of(_DISPATCHER, message.state), failed_action=message.failed_action)
+        self._tree.set(SECTION, "dispatcher", shown)
 
     def _of_another_plan(self, at: float) -> bool:
         """Whether the dispatcher has just said what runs, of a plan that is heard only now."""
@@ -261,13 +243,9 @@ class PlanSection:
     def _shown(self, step: ShownStep) -> Dict[str, Any]:
         """A step that waits, as the state has it."""
         return {
-            "id": step.id,
-            "name": step.name,
-            "text": step.text,
+            **{name: getattr(step, name) for name in ("id", "name", "text", "start", "duration")},
             **self._words(step.name, step.parameters),
             "parameters": [list(pair) for pair in step.parameters],
-            "start": step.start,
-            "duration": step.duration,
             "state": WAITING,
         }
 

@@ -154,9 +154,7 @@ class StateTree:
         """Removes a path from the tree; returns whether it existed."""
         path = tuple(plain_text(part, LONGEST_KEY) for part in path)
         with self._lock:
-            parent: Any = self._root
-            for part in path[:-1]:
-                parent = parent.get(part) if isinstance(parent, dict) else None
+            parent = self._at(path[:-1])
             if not isinstance(parent, dict) or path[-1] not in parent:
                 return False
             del parent[path[-1]]
@@ -166,20 +164,21 @@ class StateTree:
     def get(self, *path: str, default: Any = None) -> Any:
         """A copy of the value at a path."""
         with self._lock:
-            value: Any = self._root
-            for part in path:
-                if not isinstance(value, dict) or part not in value:
-                    return default
-                value = value[part]
-            return _copy(value)
+            return _copy(self._at(path, default))
 
     def keys(self, *path: str) -> List[str]:
         """Names below a path."""
         with self._lock:
-            value: Any = self._root
-            for part in path:
-                value = value.get(part, {}) if isinstance(value, dict) else {}
+            value = self._at(path)
             return list(value) if isinstance(value, dict) else []
+
+    def _at(self, path: Sequence[str], default: Any = None) -> Any:
+        value: Any = self._root
+        for part in path:
+            if not isinstance(value, dict) or part not in value:
+                return default
+            value = value[part]
+        return value
 
     def snapshot(self) -> Tuple[int, Dict[str, Any]]:
         """The version and a copy of the whole state."""

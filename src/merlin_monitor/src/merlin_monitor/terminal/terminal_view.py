@@ -11,14 +11,7 @@ from merlin_monitor.text.phrase import in_english
 from merlin_monitor.truth.problems import PLANNER, WARNING
 from merlin_ros.work.passed_time import clock_text
 
-GLYPHS = {
-    "waiting": "o",
-    "dispatched": "~",
-    "running": ">",
-    "succeeded": "+",
-    "failed": "x",
-    "cancelled": "-",
-}
+GLYPHS = dict(zip(("waiting", "dispatched", "running", "succeeded", "failed", "cancelled"), "o~>+x-"))
 STYLES = {"title": "\x1b[1m", "soft": "\x1b[2m", "good": "\x1b[32m", "bad": "\x1b[31m", "": ""}
 RESET = "\x1b[0m"
 STALLED = 2.0  # s of wall time, as on the page

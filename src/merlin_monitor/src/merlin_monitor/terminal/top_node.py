@@ -111,10 +111,6 @@ def main() -> int:
     state = MonitorModel(Inbox(rospy.logdebug))
     terminal = Terminal(state)
     state.on_event = terminal.report
-    return _show(state, terminal)
-
-
-def _show(state: MonitorModel, terminal: Terminal) -> int:
     state.wording.sentences = sentences_of_node(RosSystem(), needed=False)
     panels = PanelBoard(state)
     state.start()

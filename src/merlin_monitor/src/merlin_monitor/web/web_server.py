@@ -282,8 +282,7 @@ class WebServer:
     async def _page(self, request: web.Request) -> web.StreamResponse:
         before = _number(request, "before") if "before" in request.query else None
         limit = _number(request, "limit", "200")
-        events = self._history().page(before, limit, _words(request, "kinds"))
-        return web.json_response(await asyncio.wrap_future(events))
+        return await _answer(self._history().page(before, limit, _words(request, "kinds")))
 
     async def _export(self, request: web.Request) -> web.StreamResponse:
         events = await asyncio.wrap_future(self._history().export())
@@ -293,11 +292,10 @@ class WebServer:
         return web.Response(text=text, content_type="application/json", headers=headers)
 
     async def _runs(self, request: web.Request) -> web.StreamResponse:
-        return web.json_response(await asyncio.wrap_future(self._history().runs()))
+        return await _answer(self._history().runs())
 
     async def _marks(self, request: web.Request) -> web.StreamResponse:
-        marks = await asyncio.wrap_future(self._history().marks(_number(request, "run")))
-        return web.json_response(marks)
+        return await _answer(self._history().marks(_number(request, "run")))
 
     async def _event(self, request: web.Request) -> web.StreamResponse:
         wanted = Neighbour(
@@ -308,7 +306,7 @@ class WebServer:
             _words(request, "kinds"),
             _words(request, "marks"),
         )
-        return web.json_response(await asyncio.wrap_future(self._history().neighbour(wanted)))
+        return await _answer(self._history().neighbour(wanted))
 
     async def _segment(self, request: web.Request) -> web.StreamResponse:
         run, wall = _number(request, "run"), _seconds(request, "wall")
@@ -369,6 +367,10 @@ class WebServer:
         event = sentence("control", said, self._state.tree.get("meta", "time") or 0.0)
         logging.getLogger(__name__).warning("%s", event.text)
         self._state.report(event)
+
+
+async def _answer(future: "concurrent.futures.Future[Any]") -> web.Response:
+    return web.json_response(await asyncio.wrap_future(future))
 
 
 def _in_thread(name: str, call: Callable[[], Dict[str, Any]]) -> "concurrent.futures.Future[Dict[str, Any]]":
