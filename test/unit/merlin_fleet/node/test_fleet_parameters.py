@@ -36,7 +36,7 @@ def test_names_are_a_list_or_a_text(given: Dict[str, Any]) -> None:
     assert read.groups == ("ward", "night")
     assert read.capabilities == ("arm",)
     assert read.endpoints == ("127.0.0.1:1", "127.0.0.1:2")
-    assert (read.facts, read.fact_limit) == ({"door_open": "ann", "delivered": "bob"}, 60.0)
+    assert (read.rules.facts, read.rules.fact_limit) == ({"door_open": "ann", "delivered": "bob"}, 60.0)
     assert read.planner_command == "popf DOMAIN PROBLEM"
 
 

@@ -15,7 +15,7 @@ from sensor_msgs.msg import BatteryState
 from merlin_executor.executor_client import CANCEL, MerlinExecutorClient
 from merlin_executor.node.guard_client import GuardClient
 from merlin_fleet.certified import HubError
-from merlin_fleet.core.agent import Agent, Rules
+from merlin_fleet.core.agent import Agent
 from merlin_fleet.core.records import SCHEMAS, Profile, Schema
 from merlin_fleet.fleet_robot import FleetRobot, FleetStatus
 from merlin_fleet.hub import EtcdHub
@@ -110,27 +110,16 @@ class FleetNode:
             self._client,
             self._costs,
             GuardClient(knowledge_base).halt,
-            parameters.lease.stop_time,
+            parameters.rules.lease.stop_time,
             parameters.priority,
             lambda: battery.unfit() or self._report.unfit(),
         )
         profile = Profile(parameters.robot, parameters.groups, parameters.capabilities, self._domain.identity)
         outbox = SqliteOutbox(parameters.outbox)
-        agent = Agent(
-            parameters.fleet,
-            profile,
-            uuid.uuid4().hex,
-            outbox,
-            Rules(
-                parameters.lease,
-                facts=parameters.facts,
-                fact_limit=parameters.fact_limit,
-                keep=parameters.keep,
-            ),
-            fleet_id=outbox.fleet_id,
-        )
+        rules, life = parameters.rules, uuid.uuid4().hex
+        agent = Agent(parameters.fleet, profile, life, outbox, rules, fleet_id=outbox.fleet_id)
         hub = EtcdHub(agent.keys.root, parameters.endpoints, parameters.tls, end=agent.keys.robots_end)
-        own = [name for name, writer in parameters.facts.items() if writer == parameters.robot]
+        own = [name for name, writer in rules.facts.items() if writer == parameters.robot]
         self._knowledge = SharedKnowledge(
             knowledge_client(knowledge_base), own, lambda *known: self._know(*known), rospy.logwarn
         )

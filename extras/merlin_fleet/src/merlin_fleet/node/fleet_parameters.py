@@ -8,6 +8,7 @@ import rospkg
 import rospy
 
 from merlin_fleet.certified import Tls
+from merlin_fleet.core.agent import Rules
 from merlin_fleet.core.records import RecordError, checked_name
 from merlin_fleet.core.retention import Retention
 from merlin_fleet.core.robot_lease import LeaseTimes
@@ -26,7 +27,7 @@ class FleetParameters(NamedTuple):
     groups: Tuple[str, ...]
     capabilities: Tuple[str, ...]
     outbox: str
-    lease: LeaseTimes
+    rules: Rules
     priority: int
     battery: str
     """Topic of sensor_msgs/BatteryState; empty: the battery is not looked at."""
@@ -38,12 +39,6 @@ class FleetParameters(NamedTuple):
     """s that an action without a duration counts."""
     goal_duration: float
     """s that a goal counts that cannot be planned while the robot is busy."""
-    facts: Dict[str, str]
-    """Predicates that the fleet shares → the robot that writes each."""
-    fact_limit: float
-    """s: a shared fact that may be older is not planned with in silence."""
-    keep: Retention
-    """How long goals that have ended are kept."""
     page: str
     """Address of the robot's own page for those who look at the fleet; empty: that of the monitor."""
     start_wait: float
@@ -76,7 +71,15 @@ def read_parameters() -> FleetParameters:
         capabilities=_names("~capabilities", []),
         outbox=_text("~outbox", "")
         or str(Path(rospkg.get_ros_home()) / "merlin" / "fleet" / f"{fleet}.{robot}.sqlite"),
-        lease=lease,
+        rules=Rules(
+            lease,
+            facts=_facts(),
+            fact_limit=number("~fact_limit", 60.0, lease.ttl + 3 * lease.renew_every),
+            keep=Retention(
+                number("~keep_hours", Retention().hours, 0.0),
+                round(number("~keep_goals", Retention().goals, 0.0)),
+            ),
+        ),
         priority=round(number("~priority", 0.0, -1e6)),
         battery=_text("~battery", ""),
         battery_least=number("~battery_least", 0.2, 0.0),
@@ -84,12 +87,6 @@ def read_parameters() -> FleetParameters:
         planning_time=number("~planning_time", 10.0, 0.1),
         action_duration=number("~action_duration", 10.0, 0.0),
         goal_duration=number("~goal_duration", 60.0, 0.0),
-        facts=_facts(),
-        fact_limit=number("~fact_limit", 60.0, lease.ttl + 3 * lease.renew_every),
-        keep=Retention(
-            number("~keep_hours", Retention().hours, 0.0),
-            round(number("~keep_goals", Retention().goals, 0.0)),
-        ),
         page=_text("~page", ""),
         start_wait=number("~planning_system_wait", 30.0, 0.0),
     )
