@@ -68,17 +68,7 @@ class Leavings(NamedTuple):
 def leavings(keys: Keys, view: FleetView, robot: str) -> Leavings:
     """What a client sees of a robot."""
     owned = {goal: view.claims[goal].epoch for goal in sorted(view.owned_by.get(robot, ()))}
-    own: List[Tuple[str, str]] = [
-        (goal, keys.key(records.ENDS, robot, goal))
-        for goal, report in view.ends.items()
-        if report.robot == robot
-    ]
-    for goal, tries in view.failures.items():
-        own += [
-            (goal, keys.key(records.FAILURES, robot, goal, epoch))
-            for epoch, report in tries.items()
-            if report.robot == robot
-        ]
+    own = view.written_by(robot)
     gone: Dict[str, Tuple[str, ...]] = {}
     kept = set()
     for goal, key in own:

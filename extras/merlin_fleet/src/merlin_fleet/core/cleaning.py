@@ -2,7 +2,7 @@
 """A robot's part in the removal of ended goals: one robot removes them, each its own records of them."""
 
 from collections import deque
-from typing import TYPE_CHECKING, Deque, Dict, List, Optional, Set, Tuple
+from typing import TYPE_CHECKING, Deque, Dict, List, Optional, Set
 
 from merlin_fleet.core import records
 from merlin_fleet.core.records import Report
@@ -70,17 +70,9 @@ class Cleaning:
     def _find_orphans(self) -> Dict[str, List[str]]:
         """Goal that is gone → what this robot has written of it, if its outbox has no report of it."""
         agent = self._agent
-        view, me, key = agent.view, agent.robot.name, agent.keys.key
+        view, key = agent.view, agent.keys.key
         waiting = {report.goal for report in agent.reporting.waiting}
-        own: List[Tuple[str, str]] = [
-            (goal, key(records.ENDS, me, goal)) for goal, report in view.ends.items() if report.robot == me
-        ]
-        for goal, tries in view.failures.items():
-            own += [
-                (goal, key(records.FAILURES, me, goal, epoch))
-                for epoch, report in tries.items()
-                if report.robot == me
-            ]
+        own = view.written_by(agent.robot.name)
         own += [(report.goal, key(records.LATE, name)) for name, report in self._old_late().items()]
         orphans: Dict[str, List[str]] = {}
         for goal, name in own:

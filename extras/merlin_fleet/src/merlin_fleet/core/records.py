@@ -19,21 +19,9 @@ LONGEST_REASON = 2000
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}\Z")
 
 #: Kinds of keys. Each key has one kind of writer (`Keys.of_robot`, `Keys.of_clients`); ABOUT is one key.
-ABOUT, GOALS, CLAIMS, CANCELS, ENDS, FAILURES, LIVES, BIDS, ROBOTS, LATE, TAKEN, FACTS, HALTS = (
-    "about",
-    "goals",
-    "claims",
-    "cancels",
-    "ends",
-    "failures",
-    "lives",
-    "bids",
-    "robots",
-    "late",
-    "taken",
-    "facts",
-    "halts",
-)
+ABOUT, GOALS, CLAIMS, CANCELS, ENDS, FAILURES = "about", "goals", "claims", "cancels", "ends", "failures"
+LIVES, BIDS, ROBOTS, LATE, TAKEN = "lives", "bids", "robots", "late", "taken"
+FACTS, HALTS = "facts", "halts"
 #: What a robot says of itself. Only clients follow these.
 SCHEMAS, STATUS = "schemas", "status"
 #: Marks are apart by goals, so that claims of different goals seldom meet. Each is a right of each robot.
@@ -350,8 +338,9 @@ def _is_texts(value: Any) -> bool:
     return isinstance(value, list) and all(map(_is_text, value))
 
 
+@functools.lru_cache(maxsize=ONCE)
 def decode_bids(text: str) -> Bids:
-    """The bids of a robot.
+    """The bids of a robot, decoded once for all robots of a process. They are not to be changed.
 
     :raises RecordError: for what is not bids.
     """
@@ -382,19 +371,5 @@ def decode_about(text: str) -> str:
     return found
 
 
-@functools.lru_cache(maxsize=ONCE)
-def decode_once(kind: Any, text: str) -> Any:
-    """Decodes the small records that each robot of a process reads: a text is parsed once for all of them.
-
-    :raises RecordError: for what is not one.
-    """
-    return decode(kind, text)
-
-
-@functools.lru_cache(maxsize=ONCE)
-def decode_bids_once(text: str) -> Bids:
-    """Decodes bids, a text once for all robots of a process. The bids are not to be changed.
-
-    :raises RecordError: for what is not bids.
-    """
-    return decode_bids(text)
+#: For the small records that each robot of a process reads: a text is parsed once for all of them.
+decode_once = functools.lru_cache(maxsize=ONCE)(decode)

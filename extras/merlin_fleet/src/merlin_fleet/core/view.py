@@ -213,6 +213,17 @@ class FleetView:
             return self.cancels[goal].at or sent
         return None
 
+    def written_by(self, robot: str) -> List[Tuple[str, str]]:
+        """The goal and the key of each end and each failure that a robot has written."""
+        key = self._keys.key
+        own = [
+            (goal, key(records.ENDS, robot, goal)) for goal, end in self.ends.items() if end.robot == robot
+        ]
+        for goal, tries in self.failures.items():
+            epochs = (epoch for epoch, report in tries.items() if report.robot == robot)
+            own += [(goal, key(records.FAILURES, robot, goal, epoch)) for epoch in epochs]
+        return own
+
     def _place(self, name: str) -> None:
         """Puts a goal into the lists of its state."""
         for place, entry in self._places.pop(name, ()):
@@ -270,7 +281,7 @@ class FleetView:
         elif kind == records.FAILURES:
             self.failures.setdefault(names[1], {})[names[2]] = _report_of(item, name)
         elif kind == records.BIDS:
-            self.offers.put(name, records.decode_bids_once(item.value))
+            self.offers.put(name, records.decode_bids(item.value))
         elif kind in OF_ROBOTS:
             getattr(self, kind)[name] = records.decode(OF_ROBOTS[kind], item.value)
         elif kind == records.HALTS:
@@ -297,12 +308,10 @@ class FleetView:
         self.claims[goal] = claim
         self.owned_by.setdefault(robot, set()).add(goal)
 
-    def _forget(self, *parts: str) -> None:
-        if len(parts) == PARTS.get(parts[0], 2):
-            self._delete(*parts)
-
-    def _delete(self, kind: str, *names: str) -> None:
+    def _forget(self, kind: str, *names: str) -> None:
         name = names[0] if names else ""
+        if 1 + len(names) != PARTS.get(kind, 2):
+            return
         if kind == records.ABOUT:
             self.about = ""
         elif kind == records.CANCELS:
