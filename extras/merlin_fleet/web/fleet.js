@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The robots of the fleet: what each does, where, and how old that is; and the goals with their owners.
-import { el, keyed, part, secondsText, setHidden, setText } from "../dom.js";
+import { el, keyed, part, secondsText, setHidden, setText, tell } from "../dom.js";
 import { language, say, t } from "../texts.js";
 
 const GOOD = ["succeeded", "already true"];
@@ -43,8 +43,7 @@ export function show(section, { store, control }) {
     const meta = store.state.meta || {};
     const { missing, missing_since: since } = fleet;
     setHidden(section, !fleet.robots && !missing);
-    setHidden(link, !missing);
-    setText(link, since ? t("Without the hub since {time}: {why}", { time: moment(since), why: missing }) : missing || "");
+    tell(link, since ? t("Without the hub since {time}: {why}", { time: moment(since), why: missing }) : missing);
     keyed(robots, Object.entries(fleet.robots || {}), ([name]) => name, robotRow, (item, [name, robot]) => {
       const age = ageOf(robot, meta);
       const lost = !robot.joined || age > OLD;
@@ -55,15 +54,13 @@ export function show(section, { store, control }) {
       setHidden(part(item, "page"), !robot.page);
       if (robot.page) part(item, "page").setAttribute("href", robot.page);
       setHidden(part(item, "stop"), !fleet.controls || !(control.possible() || meta.open_stop));
-      setHidden(part(item, "stopping"), !robot.stop);
-      setText(part(item, "stopping"), robot.stop ? t("stop of {time} NOT confirmed", { time: moment(robot.stop) }) : "");
+      tell(part(item, "stopping"), robot.stop && t("stop of {time} NOT confirmed", { time: moment(robot.stop) }));
     });
     keyed(goals, fleet.goals || [], ({ id }) => id, goalRow, (item, goal) => {
       fill(item, goal.text, t(goal.state), GOOD.includes(goal.state) ? "good" : CALM.includes(goal.state) ? "" : "bad", about(goal));
       setHidden(part(item, "cancel"), !fleet.controls || goal.over || goal.state === "cancelling" || !control.possible());
     });
-    setHidden(more, !fleet.more);
-    setText(more, t("and {count} goals more", { count: fleet.more || 0 }));
+    tell(more, fleet.more ? t("and {count} goals more", { count: fleet.more }) : "");
   };
   store.view("fleet", draw);
   store.view("meta", () => draw(store.state.fleet || {}));

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The headline of the fleet's page: how it is, and first of all whether that is known.
-import { byId, el, setHidden, setText } from "../dom.js";
+import { byId, el, setText, tell } from "../dom.js";
 import { language, t } from "../texts.js";
 
 const clock = (at) => new Date(at * 1000).toLocaleTimeString(language);
@@ -15,8 +15,7 @@ export function show(section, { store }) {
     const line = missing ? (since ? t("The hub is not reached since {time}", { time: clock(since) }) : t("The hub is not reached")) : t("{joined} of {robots} robots joined", counts);
     setText(byId("now-line"), line);
     const trouble = missing ? [missing] : lost.map(([name, { heard }]) => t("{what}: not seen since {time}", { what: name, time: clock(heard) }));
-    setHidden(byId("now-trouble"), trouble.length === 0);
-    setText(byId("now-trouble"), trouble.join(" · "));
+    tell(byId("now-trouble"), trouble.join(" · "));
     setText(byId("now-why"), missing ? t("Robots go on with what they own until their lease ends.") : t("Goals: {owned} owned, {open} open", counts));
     document.title = `${line} – ${fleet || "MERLIN"}`;
   });

@@ -160,23 +160,12 @@ def behind(prefix: bytes) -> bytes:
 
 def compare_message(compare: Union[Compare, Unwritten]) -> Any:
     """A comparison of a transaction."""
-    if isinstance(compare, Unwritten):
-        prefix = compare.prefix.encode()
-        return message(
-            "Compare",
-            result=LESS,
-            target=BY_REVISION,
-            key=prefix,
-            range_end=behind(prefix),
-            mod_revision=compare.since + 1,
-        )
-    return message(
-        "Compare",
-        result=EQUAL,
-        target=BY_REVISION,
-        key=compare.key.encode(),
-        mod_revision=compare.modified,
-    )
+    if isinstance(compare, Compare):
+        key, fields = compare.key.encode(), {"result": EQUAL, "mod_revision": compare.modified}
+    else:
+        key, fields = compare.prefix.encode(), {"result": LESS, "mod_revision": compare.since + 1}
+    end = behind(key) if isinstance(compare, Unwritten) else b""
+    return message("Compare", target=BY_REVISION, key=key, range_end=end, **fields)
 
 
 def txn_message(txn: Txn) -> Any:

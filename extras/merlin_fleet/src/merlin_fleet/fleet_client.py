@@ -126,16 +126,9 @@ class FleetClient(Listener):
         texts = (goals,) if isinstance(goals, str) else tuple(goals)
         if begin_by is not None:
             self._check_clock()
-        now = time.time()
-        goal = Goal(
-            uuid.uuid4().hex[:8],
-            texts,
-            now,
-            self._named(sender),
-            value=value,
-            deadline=None if begin_by is None else now + begin_by,
-            **more,
-        )
+        now, name = time.time(), uuid.uuid4().hex[:8]
+        deadline = None if begin_by is None else now + begin_by
+        goal = Goal(name, texts, now, self._named(sender), value=value, deadline=deadline, **more)
         try:
             check_goal(goal)
         except ValueError as error:

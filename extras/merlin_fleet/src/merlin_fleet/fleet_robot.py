@@ -109,7 +109,7 @@ class FleetRobot(Listener):
         self._calls: queue.Queue[Optional[ev.Transact]] = queue.Queue()
         self._costs: queue.Queue[Optional[ev.AskCost]] = queue.Queue()
         self._times: queue.Queue[Optional[ev.AskTime]] = queue.Queue()
-        self._leases: queue.Queue[Optional[ev.AskLease]] = queue.Queue(maxsize=1)
+        self._leases: queue.Queue[Optional[ev.AskLease]] = queue.Queue()
         self._idle = threading.Event()
         self._changed = threading.Condition()  # guards the fields below
         self._leased: Tuple[str, ...] = ()  # goals that run, as long as the lease
@@ -199,7 +199,7 @@ class FleetRobot(Listener):
         with self._changed:
             self._over = True
             self._changed.notify()
-        self._offer_end()
+        self._leases.put(None)
 
     def _decide_all(self) -> None:
         while True:
@@ -267,14 +267,6 @@ class FleetRobot(Listener):
         unsaid = bool(agent.reporting.waiting or agent.possession.to_return())
         return executing or (agent.usable and unsaid)
 
-    def _offer_end(self) -> None:
-        try:
-            self._leases.put_nowait(None)
-        except queue.Full:
-            with contextlib.suppress(queue.Empty):  # the thread of the lease has just taken it
-                self._leases.get_nowait()
-            self._leases.put_nowait(None)
-
     def _carry_out(self, decisions: List[ev.Decision]) -> None:
         for decision in decisions:
             if isinstance(decision, ev.StopExecution):
@@ -283,7 +275,7 @@ class FleetRobot(Listener):
                 self._begin(decision.goal)
             elif isinstance(decision, ev.AskLease):
                 if self._leases.empty():  # else the last one still waits for the hub
-                    self._leases.put_nowait(decision)
+                    self._leases.put(decision)
             elif isinstance(decision, ev.Transact):
                 self._calls.put(decision)
             elif isinstance(decision, ev.AskCost):

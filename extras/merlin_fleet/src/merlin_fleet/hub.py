@@ -25,10 +25,8 @@ PAGE = 500  # keys that are read at once
 PAUSES = (0.2, 0.5, 1.0, 2.0)  # s between attempts to connect
 LARGEST = 64 << 20  # bytes of one message
 OPTIONS = (
-    (
-        "grpc.use_local_subchannel_pool",
-        1,
-    ),  # a new channel is a new connection, without the back-off of the old one
+    # A new channel is a new connection, without the back-off of the old one.
+    ("grpc.use_local_subchannel_pool", 1),
     ("grpc.max_receive_message_length", LARGEST),
     ("grpc.enable_http_proxy", 0),
 )

@@ -5,7 +5,7 @@ A user's name is that of its certificate; it has no password that is known.
 """
 
 import secrets
-from typing import Any, Iterable, List, NamedTuple, Tuple
+from typing import Any, Iterable, List, NamedTuple
 
 from merlin_fleet.certificates import ADMINISTRATOR, CLIENT, ROBOT, user
 from merlin_fleet.certified import HubError
@@ -47,7 +47,9 @@ class Roles:
             for name in names:
                 one = user(kind, name)
                 role = f"merlin.{self._fleet}.{one}"
-                self._role(one, role, self._rights(kind, name))
+                own = self._keys.of_clients() if kind == CLIENT else self._keys.of_robot(name)
+                rights = (Right(READ, self._keys.root), *(Right(READ_WRITE, key) for key in own))
+                self._role(one, role, rights)
                 set_.append(one)
         about = self._keys.key(records.ABOUT)
         text = records.encode_about(fleet_id or secrets.token_hex(16))
@@ -71,11 +73,6 @@ class Roles:
         :raises HubError: when the user does not exist, or etcd does not answer or refuses.
         """
         self._ask("UserDelete", name=name)
-
-    def _rights(self, kind: str, name: str) -> Tuple[Right, ...]:
-        keys = self._keys
-        own = keys.of_clients() if kind == CLIENT else keys.of_robot(name)
-        return (Right(READ, keys.root), *(Right(READ_WRITE, key) for key in own))
 
     def _role(self, name: str, role: str, rights: Iterable[Right]) -> None:
         """Gives a user these rights where it lacks them: each change has etcd compute those of all users."""

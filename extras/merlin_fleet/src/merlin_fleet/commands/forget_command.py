@@ -34,14 +34,14 @@ def forget(client: FleetClient, given: argparse.Namespace) -> int:
         raise FleetError(f"no robot '{left.robot}' has ever joined the fleet '{client.fleet}'")
     if left.owned and not given.never_comes_back:
         raise FleetError(
-            f"{left.robot} owns goals to finish, and may still execute them: {_list(left.owned)}. "
+            f"{left.robot} owns goals to finish, and may still execute them: {', '.join(left.owned)}. "
             f"When it is switched off for good, or its MERLIN is, repeat this with --{VOUCH}: "
             "other robots get them then. `fleet cancel` before that ends them"
         )
     if left.owned:
         print(
-            f"fleet forget: warning: should {left.robot} still execute {_list(left.owned)}, two robots do it "
-            "at once until it hears of the hub; then it stops, and its end counts as late",
+            f"fleet forget: warning: should {left.robot} still execute {', '.join(left.owned)}, two robots "
+            "do it at once until it hears of the hub; then it stops, and its end counts as late",
             file=sys.stderr,
             flush=True,
         )
@@ -56,11 +56,11 @@ def _removed(left: Leavings) -> Iterable[str]:
     yield f"{left.robot} is forgotten (last seen: {heard})"
     opened = [goal for goal in left.owned if goal not in left.cancelled]
     if opened:
-        yield f"open again: {_list(opened)}"
+        yield f"open again: {', '.join(opened)}"
     if left.cancelled:
-        yield f"over, as they were cancelled: {_list(left.cancelled)}"
+        yield f"over, as they were cancelled: {', '.join(left.cancelled)}"
     if left.only:
-        yield f"only {left.robot} may do these, they wait: {_list(goal.id for goal in left.only)}"
+        yield f"only {left.robot} may do these, they wait: {', '.join(goal.id for goal in left.only)}"
     yield (
         f"removed: records of {len(left.gone)} goals that are gone, "
         f"{len(left.late)} late reports, facts of {len(left.facts)} predicates"
@@ -70,7 +70,3 @@ def _removed(left: Leavings) -> Iterable[str]:
             f"kept: how it did {len(left.kept)} goals that the fleet still keeps; "
             "repeat this when those are removed"
         )
-
-
-def _list(goals: Iterable[str]) -> str:
-    return ", ".join(goals)

@@ -2,9 +2,10 @@
 """The command `rosrun merlin_fleet keys`: a lab's certificates, and the rights that etcd gives to them."""
 
 import argparse
+import contextlib
 import sys
 from pathlib import Path
-from typing import List, Optional
+from typing import Iterator, List, Optional
 
 from merlin_fleet.certificates import (
     ADMINISTRATOR,
@@ -88,17 +89,9 @@ def _remove(given: argparse.Namespace) -> None:
     print(f"{given.name} no longer has rights")
 
 
-class _roles:
+@contextlib.contextmanager
+def _roles(given: argparse.Namespace) -> Iterator[Roles]:
     """Roles over a connection of the administrator's, which ends with the block."""
-
-    def __init__(self, given: argparse.Namespace) -> None:
-        tls = Folder(given.folder).tls(ADMINISTRATOR)
-        endpoints = [each for each in given.hub.split(",") if each]
-        self._hub = EtcdHub("/merlin/", endpoints, tls, TIMEOUT)
-        self._roles = Roles(self._hub, given.fleet)
-
-    def __enter__(self) -> Roles:
-        return self._roles
-
-    def __exit__(self, *_: object) -> None:
-        self._hub.close()
+    tls, endpoints = Folder(given.folder).tls(ADMINISTRATOR), [each for each in given.hub.split(",") if each]
+    with contextlib.closing(EtcdHub("/merlin/", endpoints, tls, TIMEOUT)) as hub:
+        yield Roles(hub, given.fleet)

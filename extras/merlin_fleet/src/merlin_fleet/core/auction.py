@@ -115,11 +115,9 @@ def lot(goal: str, robot: str) -> int:
     return zlib.crc32(f"{goal} {robot}".encode())
 
 
+_lot_of_a_bid = functools.lru_cache(maxsize=4096)(lot)
+
+
 def _offer(goal: str, robot: str, cost: float) -> Tuple[float, int, str]:
     """Sorts bids; the lot decides between equal costs, differently for each goal."""
     return cost, _lot_of_a_bid(goal, robot), robot
-
-
-@functools.lru_cache(maxsize=4096)
-def _lot_of_a_bid(goal: str, robot: str) -> int:
-    return lot(goal, robot)

@@ -57,7 +57,7 @@ class Bidding:
         old = "; ".join(self._agent.sharing.stale) if event.cost is not None else ""
         self._costs[event.goal] = bid = Bid(event.cost, records.reason_text(event.reason or old))
         self._costed_at[event.goal] = self._agent.now
-        self._refusals += _refuses(before) is not _refuses(bid)
+        self._refusals += (before is not None and before.cost is None) is not (bid.cost is None)
         if event.cost is None:
             self._agent.possession.give_back(event.goal, bid.reason)
 
@@ -351,7 +351,3 @@ class Bidding:
         )
         puts = (Put(end, records.encode(report)), agent.mark(goal))
         agent.transact(f"missed {goal}", Txn(compare, puts))
-
-
-def _refuses(bid: Optional[Bid]) -> bool:
-    return bid is not None and bid.cost is None

@@ -127,25 +127,9 @@ class Leaving(NamedTuple):
     """The robot leaves the fleet: it no longer takes goals."""
 
 
-Event = Union[
-    Connected,
-    Resumed,
-    Changed,
-    Disconnected,
-    Leased,
-    Answered,
-    Refused,
-    Full,
-    Failed,
-    Costed,
-    Ended,
-    Known,
-    Tell,
-    Obeyed,
-    Timed,
-    Leaving,
-    None,
-]
+_OfStore = Union[Connected, Resumed, Changed, Disconnected, Leased, Answered, Refused, Full, Failed, Timed]
+_OfRobot = Union[Costed, Ended, Known, Tell, Obeyed, Leaving]
+Event = Union[_OfStore, _OfRobot, None]
 
 # --- decisions --------------------------------------------------------------------------------------
 

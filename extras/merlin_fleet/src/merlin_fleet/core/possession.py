@@ -277,6 +277,7 @@ class Possession:
             self._free_at = {goal: at for goal, at in self._free_at.items() if at > agent.now}
         if len(self._settled) > self._most_settled:
             self._forget()
+        timed = not agent.clock.refusal
         for owned in list(self.owned.values()):
             deadline = owned.goal.deadline
             if owned.goal.id in agent.view.cancels:
@@ -286,7 +287,7 @@ class Possession:
                 owned.phase = Phase.STOPPING
             elif owned.phase is Phase.WAITING and agent.leaving:
                 self._drop(owned)
-            elif not owned.begun and deadline is not None and self._passed(deadline):
+            elif timed and not owned.begun and deadline is not None and deadline <= agent.wall:
                 self._end(owned, False, MISSED, "its robot did not begin it by its deadline", final=True)
         if agent.leaving:
             for owned in self.owned.values():
@@ -300,9 +301,6 @@ class Possession:
         self._begin()
         if agent.joined:
             self._take_over()
-
-    def _passed(self, deadline: float) -> bool:
-        return not self._agent.clock.refusal and self._agent.wall >= deadline
 
     def _may_run(self, owned: Owned) -> bool:
         return owned.goal.finish or self._agent.robot_lease.holds(self._agent.now)
@@ -360,12 +358,9 @@ class Possession:
         agent = self._agent
         for goal_id in agent.view.owned_by.get(agent.robot.name, ()):
             claim, goal = agent.view.claims[goal_id], agent.view.goals.get(goal_id)
-            if (
-                claim.life == agent.life
-                or goal is None
-                or not goal.finish
-                or agent.reporting.knows(goal_id, claim.epoch)
-            ):
+            if goal is None or not goal.finish or claim.life == agent.life:
+                continue
+            if agent.reporting.knows(goal_id, claim.epoch):
                 continue
             key = agent.keys.key(records.CLAIMS, agent.robot.name, goal_id)
             put = Put(key, records.encode(Claim(agent.robot.name, agent.life, ttl=agent.rules.lease.ttl)))

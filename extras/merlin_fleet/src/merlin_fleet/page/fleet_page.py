@@ -17,16 +17,11 @@ from merlin_monitor.state.state_tree import StateTree
 MOST = 200  # goals that are listed
 GATHER = 0.1  # s between two drawings: many changes are drawn together
 BEAT = 0.5  # s after which the page learns that nothing has changed, and that this is known
+_SHOWN = {"now": ("", "fleet_now"), "control": ("Control", "fleet_send"), "fleet": ("Fleet", "fleet")}
 #: Panels, as the page gets them: its keys lead to `now` and `control`.
 PANELS: List[Dict[str, Any]] = [
-    {"name": "now", "title": "", "width": 12, "script": "package://merlin_fleet/web/fleet_now.js"},
-    {
-        "name": "control",
-        "title": "Control",
-        "width": 12,
-        "script": "package://merlin_fleet/web/fleet_send.js",
-    },
-    {"name": "fleet", "title": "Fleet", "width": 12, "script": "package://merlin_fleet/web/fleet.js"},
+    {"name": name, "title": title, "width": 12, "script": f"package://merlin_fleet/web/{file}.js"}
+    for name, (title, file) in _SHOWN.items()
 ]
 
 
