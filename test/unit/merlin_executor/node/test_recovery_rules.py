@@ -212,22 +212,22 @@ def test_a_switch_answers_what_makes_no_sense() -> None:
     assert switch.set(True) == (False, "The mission has ended.")
     switch.begin()
     assert switch.set(False) == (False, "The mission is not paused.")
-    assert switch.set(True).done and switch.paused
+    assert switch.set(True)[0] and switch.paused
     assert switch.set(True) == (False, "The mission is paused already.")
-    assert switch.set(False).done and not switch.paused
+    assert switch.set(False)[0] and not switch.paused
     switch.end()
-    assert not switch.set(True).done
+    assert not switch.set(True)[0]
 
 
 def test_a_mission_that_pauses_itself_ends_no_pause_that_an_operator_wants() -> None:
     switch = PauseSwitch()
     switch.begin()
-    assert switch.set(True, asked=False).done
+    assert switch.set(True, asked=False)[0]
     assert switch.set(True) == (True, "Paused: no further goal is sent.")
-    assert not switch.set(False, asked=False).done and switch.paused
-    assert switch.set(False).done and not switch.paused
-    assert switch.set(True, asked=False).done
-    assert switch.set(False, asked=False).done and not switch.paused
+    assert not switch.set(False, asked=False)[0] and switch.paused
+    assert switch.set(False)[0] and not switch.paused
+    assert switch.set(True, asked=False)[0]
+    assert switch.set(False, asked=False)[0] and not switch.paused
 
 
 def test_several_bases_stand_when_all_that_have_a_guard_were_halted() -> None:

@@ -3,7 +3,7 @@
 
 import math
 import threading
-from typing import Callable, ClassVar, List, NamedTuple, Optional, Set
+from typing import Callable, ClassVar, List, Optional, Set, Tuple
 
 import rospy
 from merlin_msgs.msg import ExecutorStatus
@@ -71,11 +71,8 @@ class HoldWatch:
             self._changed.notify_all()
 
 
-class Switched(NamedTuple):
-    """The answer to a request to pause or resume."""
-
-    done: bool
-    words: str
+#: The answer to a request to pause or resume: whether it was done, and words.
+Switched = Tuple[bool, str]
 
 
 class PauseSwitch:
@@ -101,15 +98,14 @@ class PauseSwitch:
         :param asked: by an operator; otherwise it pauses itself, and ends no pause that an operator wants.
         """
         if self._over:
-            return Switched(False, "The mission has ended.")
+            return False, "The mission has ended."
         if not asked and self._asked:
-            return Switched(False, "An operator has paused the mission.")
+            return False, "An operator has paused the mission."
         self._asked, wanted = asked and paused, self._asked
         if self.paused == paused and wanted == self._asked:
-            refused = "The mission is paused already." if paused else "The mission is not paused."
-            return Switched(False, refused)
+            return False, "The mission is paused already." if paused else "The mission is not paused."
         self.paused = paused
-        return Switched(True, "Paused: no further goal is sent." if paused else "The mission continues.")
+        return True, "Paused: no further goal is sent." if paused else "The mission continues."
 
 
 #: What a mission does when an operator stops the robot or cancels its goals: it waits for the release, or to
@@ -211,13 +207,12 @@ class MissionPause:
 
     def _set(self, paused: bool) -> TriggerResponse:
         with self._changed:
-            switched = self._set_now(paused)
-        return TriggerResponse(switched.done, switched.words)
+            return TriggerResponse(*self._set_now(paused))
 
     def _set_now(self, paused: bool, asked: bool = True) -> Switched:
         """Called with the lock held."""
         switched = self._switch.set(paused, asked)
-        if switched.done:
+        if switched[0]:
             self._changed.notify_all()
             self._on_change(paused)
         return switched

@@ -41,10 +41,8 @@ class MissionReporter:
         """The mission was paused, or continues."""
         with self._lock:
             self._paused = paused
-            if paused:
-                self.report(MissionStatus.PAUSED, PAUSED_TEXT)
-            else:
-                self.report(MissionStatus.RUNNING, self._doing)
+            said = (MissionStatus.PAUSED, PAUSED_TEXT) if paused else (MissionStatus.RUNNING, self._doing)
+            self.report(*said)
 
     def report(self, state: int, description: str) -> None:
         """Publishes a state, a constant of MissionStatus, and a sentence."""

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the robot does, says, hears and sees, one line each, for a mission's screen. It changes nothing."""
 
-from typing import Callable, List, Sequence, Tuple
+import functools
+from typing import Callable, List, Sequence
 
 import rospy
 from merlin_msgs.msg import ExecutorStatus, ListenActionResult, RecognizeActionResult
@@ -31,22 +32,15 @@ class RobotLog:
         robots: Sequence[str] = ("",),
     ) -> None:
         self._lines = RobotLines(log, on_failure)
-        topics: Sequence[Tuple[str, type, Callable[..., None]]] = (
-            ("merlin/status", ExecutorStatus, self._pursued),
-            (f"{DISPATCHER}/action_dispatch", ActionDispatch, self._dispatched),
-            (f"{DISPATCHER}/action_feedback", ActionFeedback, self._answered),
-        )
-        for topic, kind, receive in topics:
-            rospy.Subscriber(topic, kind, receive, queue_size=100, tcp_nodelay=True)
-        topics = (
-            ("sound_play/goal", SoundRequestActionGoal, self._spoke),
-            ("listen/result", ListenActionResult, self._heard),
-            ("recognize/result", RecognizeActionResult, self._saw),
-        )
+        listen = functools.partial(rospy.Subscriber, queue_size=100, tcp_nodelay=True)
+        listen("merlin/status", ExecutorStatus, self._pursued)
+        listen(f"{DISPATCHER}/action_dispatch", ActionDispatch, self._dispatched)
+        listen(f"{DISPATCHER}/action_feedback", ActionFeedback, self._answered)
         for robot in robots:
-            for topic, kind, receive in topics:
-                name = f"{robot}/{topic}" if robot else topic
-                rospy.Subscriber(name, kind, receive, robot, queue_size=100, tcp_nodelay=True)
+            scope = f"{robot}/" if robot else ""
+            listen(f"{scope}sound_play/goal", SoundRequestActionGoal, self._spoke, robot)
+            listen(f"{scope}listen/result", ListenActionResult, self._heard, robot)
+            listen(f"{scope}recognize/result", RecognizeActionResult, self._saw, robot)
 
     @property
     def deeds(self) -> List[Deed]:
