@@ -90,11 +90,9 @@ class GuardLeases:
         known.life, known.heard_at, known.gone = life, now, False
         known.suspended = frozenset(suspended[-NAMES:])
         known.held = frozenset(held[-NAMES:]) - known.suspended
+        lost = (now, "has restarted") if reborn else (now + LET_GO_GRACE, "has let go of it")
         for goal_id in named - known.held - known.suspended:
-            if reborn:
-                known.former[goal_id] = (now, f"its owner {owner} has restarted")
-            else:
-                known.former[goal_id] = (now + LET_GO_GRACE, f"its owner {owner} has let go of it")
+            known.former[goal_id] = (lost[0], f"its owner {owner} {lost[1]}")
         for goal_id in known.held | known.suspended:
             known.former.pop(goal_id, None)
         while len(known.former) > KEEP_FORMER:

@@ -109,9 +109,8 @@ class Surroundings:
         self._lock = threading.Lock()  # guards _unheard
         self._unheard: Set[str] = set(parameters.servers)
         self._warned: Set[str] = set()  # servers that a warning named; only the thread uses it
-        self._bypassing: List[str] = []
         self._joy = rospy.resolve_name("joy") if parameters.stop_button >= 0 else ""
-        self._joyless = False
+        self._said: Dict[str, str] = {}  # about what → the last warning
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._watch, name="guard surroundings", daemon=True)
 
@@ -167,20 +166,19 @@ class Surroundings:
 
     def _check_bypass(self) -> None:
         found = self._graph.other_publishers(self._output)
-        if found and found != self._bypassing:
-            rospy.logwarn(
-                f"{rospy.get_name()}: {', '.join(found)} publishes on {self._output}, past the guard, which "
-                f"cannot stop it. Remap its cmd_vel to {self._input}"
-            )
-        self._bypassing = found
+        what = f"{', '.join(found)} publishes on {self._output}, past the guard, which cannot stop it. "
+        self._warn("bypass", f"{what}Remap its cmd_vel to {self._input}" if found else "")
 
     def _check_joy(self) -> None:
         joyless = bool(self._joy) and not self._graph.other_publishers(self._joy)
-        if joyless and not self._joyless:
-            rospy.logwarn(
-                f"{rospy.get_name()}: nothing publishes {self._joy}, so ~stop_button cannot stop the base"
-            )
-        self._joyless = joyless
+        what = f"nothing publishes {self._joy}, so ~stop_button cannot stop the base"
+        self._warn("joy", what if joyless else "")
+
+    def _warn(self, about: str, text: str) -> None:
+        """Says once what is wrong, as long as it is the same; empty: nothing is."""
+        if text and text != self._said.get(about):
+            rospy.logwarn(f"{rospy.get_name()}: {text}")
+        self._said[about] = text
 
     def _check_servers(self) -> None:
         with self._lock:
