@@ -169,6 +169,19 @@ def test_an_exception_of_a_state_or_a_behaviour_ends_everything_and_is_raised() 
         Run(sequence(Broken("BROKEN"))).ended()
 
 
+def test_a_state_for_which_there_is_no_thread_ends_everything(monkeypatch: pytest.MonkeyPatch) -> None:
+    start = threading.Thread.start
+
+    def short_of_threads(thread: threading.Thread) -> None:
+        if thread.name == "behaviour SPEAK":
+            raise RuntimeError("can't start new thread")
+        start(thread)
+
+    monkeypatch.setattr(threading.Thread, "start", short_of_threads)
+    with pytest.raises(Exception, match="can't start new thread"):
+        Run(both(leaf("DRIVE", Act()), leaf("SPEAK", Act()))).ended()
+
+
 def test_what_gave_up_counts_when_it_had_the_last_word() -> None:
     def hopeless(userdata: Any) -> None:
         raise GivenUp("there is no attic", about="attic")

@@ -40,14 +40,23 @@ class StateRun:
             after()
 
         label = ", ".join(map(label_text, self.machine.get_children()))
-        start_thread(f"behaviour {label}", run)
+        try:
+            start_thread(f"behaviour {label}", run)
+        except RuntimeError as error:  # no further thread: the tree, which waits for its end, raises it
+            self._end(error)
+            after()
 
     def run(self) -> None:
         """Runs it in this thread."""
         try:
             self.outcome = self.machine.execute()
         except BaseException as error:  # users' code may raise anything; the tree raises it in its own thread
-            self.error = error
+            self._end(error)
+        else:
+            self._end(None)
+
+    def _end(self, error: Optional[BaseException]) -> None:
+        self.error = error
         self.ended.set()
         self._on_end(self)
 
