@@ -9,6 +9,7 @@ from functools import lru_cache
 from typing import Dict, FrozenSet, Iterable, NamedTuple, Tuple
 
 from merlin_ros.actions.lease import LeaseBook, LeaseChange, LeaseState
+from merlin_ros.work.liveness import Limits
 
 UP, HUNG, DEAD = "up", "hung", "dead"
 LATE = "late "  # messages that are not read in this round
@@ -111,7 +112,7 @@ def state_of(key: tuple, goal: str) -> LeaseState:
 
 # --- processes --------------------------------------------------------------------------------------
 
-EMPTY = _key(LeaseBook(SUSPEND, LOSE, GONE, SUSPEND))
+EMPTY = _key(LeaseBook(Limits(LOSE, SUSPEND, GONE, closed_silent=SUSPEND)))
 
 
 class Job(NamedTuple):

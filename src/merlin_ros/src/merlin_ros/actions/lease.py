@@ -14,6 +14,7 @@ SUSPEND_AFTER = 0.6  # s of silence after which what is owned must not move
 LOSE_AFTER = 3.0  # s of silence after which what is owned has to end
 SUSPEND_GONE_AFTER = 0.3  # s of silence with which it must not move when the connection is closed, too
 LOSE_GONE_AFTER = 0.9  # s of that after which it has to end
+LIMITS = Limits(LOSE_AFTER, SUSPEND_AFTER, LOSE_GONE_AFTER, closed_silent=SUSPEND_GONE_AFTER)
 UNNAMED_SUSPEND_AFTER = 2.0  # s after which a goal that says it is leased must not move without a lease
 UNNAMED_LOSE_AFTER = 10.0  # s after which it has to end
 LEASED = "-leased"  #: Ends the id of a goal that its client leases.
@@ -62,23 +63,13 @@ _UNKNOWN = _Goal("", "")
 class LeaseBook:
     """The leases of one server's goals. Not thread-safe.
 
-    :param suspend_after: s of an owner's silence after which its goals are suspended.
-    :param lose_after: s of silence after which they are lost.
-    :param lose_gone_after: likewise, when the owner's connection is closed.
-    :param suspend_gone_after: s of silence with which they are suspended, when it is closed.
+    :param limits: of an owner's silence: the goals of one that is SILENT are suspended, and of one that is
+        GONE, they are lost.
     """
 
-    def __init__(
-        self,
-        suspend_after: float = SUSPEND_AFTER,
-        lose_after: float = LOSE_AFTER,
-        lose_gone_after: float = LOSE_GONE_AFTER,
-        suspend_gone_after: float = SUSPEND_GONE_AFTER,
-    ) -> None:
+    def __init__(self, limits: Limits = LIMITS) -> None:
         self._goals: Dict[str, _Goal] = {}
-        self._owners: Liveness[str] = Liveness(
-            Limits(lose_after, suspend_after, lose_gone_after, closed_silent=suspend_gone_after)
-        )
+        self._owners: Liveness[str] = Liveness(limits)
 
     @property
     def watching(self) -> bool:

@@ -7,7 +7,7 @@ from typing import Callable, List, Optional
 import rospy
 from merlin_msgs.msg import Lease
 
-from merlin_ros.actions.lease import LOSE_AFTER, SUSPEND_AFTER, LeaseBook, LeaseChange, LeaseState
+from merlin_ros.actions.lease import LIMITS, LOSE_AFTER, LeaseBook, LeaseChange, LeaseState
 from merlin_ros.actions.peers import connected_peers
 from merlin_ros.alarms import TICK, Alarm, TickClock, every
 from merlin_ros.publishing import unregister
@@ -32,7 +32,7 @@ class LeaseWatch:
         self.topic = rospy.resolve_name(topic)
         self._on_change = on_change
         self._lock = threading.Lock()  # guards the fields below
-        self._book = LeaseBook(SUSPEND_AFTER, lose_after)
+        self._book = LeaseBook(LIMITS._replace(gone=lose_after))
         self._ticks = TickClock()
         self._looks: Optional[Alarm] = None
         self._stopped = False
