@@ -104,7 +104,7 @@ class PlanParser(Component):
 
     def _serve_file(self, request: ParsingServiceRequest) -> ParsingServiceResponse:
         try:
-            with open(request.plan_path, encoding="utf-8", errors="replace") as file:
+            with open(request.plan_path, encoding="utf-8-sig", errors="replace") as file:
                 text = file.read()
             self._parse(text, request.plan_path)
         except (OSError, ValueError) as error:  # ValueError: a path with a null byte
