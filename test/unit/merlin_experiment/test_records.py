@@ -141,6 +141,14 @@ def test_the_tables_have_their_columns(tmp_path: Path) -> None:
 
 
 @pytest.mark.everywhere
+def test_a_table_that_cannot_be_written_leaves_nothing_behind(tmp_path: Path) -> None:
+    record = TaskRecord(MissionTask(1, "kitchen", False), reason="half a character: \udce4")
+    with pytest.raises(ValueError, match="utf-8"):
+        write_run(tmp_path, RunRecord({}, [record]))
+    assert [file.name for file in tmp_path.iterdir()] == ["runs.csv"]
+
+
+@pytest.mark.everywhere
 def test_the_plot_is_written(tmp_path: Path) -> None:
     from merlin_experiment.records.path_plot import MapPicture, plot_path  # other workers do without
 

@@ -24,7 +24,6 @@ class SentRequest:
 
     def __init__(self, sent: ExecutorRequest) -> None:
         self._sent = sent
-        self.id = sent.id
 
     def cancel(self) -> None:
         """Asks for its end; returns at once."""

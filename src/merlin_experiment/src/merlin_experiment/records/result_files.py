@@ -27,11 +27,14 @@ def write_run(folder: Path, run: RunRecord) -> Dict[str, Path]:
 def write_table(path: Path, columns: Sequence[str], rows: Iterable[Dict[str, Any]]) -> None:
     """Writes a table; a reader sees the old file or the whole new one, never half of it."""
     partial = path.with_name(f".{path.name}.{os.getpid()}")
-    with partial.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, columns)
-        writer.writeheader()
-        writer.writerows({name: _text(row.get(name)) for name in columns} for row in rows)
-    partial.replace(path)
+    try:
+        with partial.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.DictWriter(file, columns)
+            writer.writeheader()
+            writer.writerows({name: _text(row.get(name)) for name in columns} for row in rows)
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)  # it is there when the disk is full
 
 
 def _text(value: Any) -> Any:
