@@ -132,7 +132,7 @@ class RobotState:
 
         :raises StateError: when localisation says nothing.
         """
-        return self._frame_pose(odometry.header.frame_id).compose(pose_of(odometry.pose.pose))
+        return pose_of_transform(self._frame(odometry.header.frame_id)).compose(pose_of(odometry.pose.pose))
 
     def scan(self, after: float) -> Optional[PlacedScan]:
         """The newest scan if it was made after a time, s.
@@ -150,11 +150,9 @@ class RobotState:
             frames = history[-1].child_frame_id, message.header.frame_id
             self._mount = self._transform(*frames, "robot_state_publisher")
         mount = pose_of_transform(self._mount)
-        base = self._frame_pose(history[-1].header.frame_id).compose(odometry_at(history, stamp))
+        odom = pose_of_transform(self._frame(history[-1].header.frame_id))
+        base = odom.compose(odometry_at(history, stamp))
         return PlacedScan(base.compose(mount), *rays_of(message, self._mount), stamp, mount)
-
-    def _frame_pose(self, frame: str) -> Pose:
-        return pose_of_transform(self._frame(frame))
 
     def _frame(self, frame: str) -> TransformStamped:
         return self._transform(self.global_frame, frame, "localisation")
