@@ -219,6 +219,16 @@ def test_a_cancel_that_overtakes_its_goal_counts():
     assert world.state is GuardState.HOLDING
 
 
+def test_a_cancel_does_not_wait_for_its_goal_for_ever():
+    world = driving()
+    world.cancel("later")
+    world.after(61.0, DRIVING, ["a"])
+    world.lease(["later"])
+    world.status(("later", ACTIVE))
+    world.after(1.0, [("later", ACTIVE)], ["later"])
+    assert world.drive()
+
+
 def test_no_command_stops_the_base():
     world = driving()
     world.after(0.25, DRIVING, held=["a"], commands=False)

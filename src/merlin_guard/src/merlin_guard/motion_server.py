@@ -145,8 +145,6 @@ class MotionServer:
             if len(self._early_cancels) > EARLY_CANCELS:
                 self._early_cancels.popitem(last=False)
         self._cancelled_before = max(self._cancelled_before, before)
-        while self._early_cancels and now - next(iter(self._early_cancels.values())) > KEEP_CANCEL:
-            self._early_cancels.popitem(last=False)
 
     def refuse_all(self, reason: str) -> None:
         """Refuses the motion of all goals there are, for good; also of those that may be back."""
@@ -188,7 +186,7 @@ class MotionServer:
         goal = self._left.pop(goal_id, None) or MotionGoal(goal_id, sent, self._clock.wall, earlier)
         self.goals[goal_id] = goal
         late = stamp and order.place(stamp) <= self._cancelled_before
-        if self._early_cancels.pop(goal_id, None) is not None or late:
+        if late or self._clock.wall - self._early_cancels.pop(goal_id, -math.inf) <= KEEP_CANCEL:
             goal.mark_cancelled(self._clock.wall)
         return goal
 
