@@ -19,7 +19,6 @@ from merlin_ros.actions.lease import LeaseState
 from merlin_ros.actions.lease_watch import LeaseWatch
 from merlin_ros.actions.peers import (
     address_over,
-    came_over_open,
     connected_peers,
     link_from,
     reaches,
@@ -146,7 +145,7 @@ def test_a_connection_that_either_side_has_closed_does_not_count(pair: Pair, sid
     assert connected_peers(both) == {"/ann"}
     assert link_from(both, "/ann") is ann and link_from(both, "/bob") is None
     assert reaches(both, "/ann") and not reaches(both, "/bob") and not reaches(both, "/eve")
-    assert came_over_open(both, ann.header)
+    assert address_over(both, ann.header)
     if side == "ours":
         ours.close()
     elif side == "theirs":
@@ -154,13 +153,13 @@ def test_a_connection_that_either_side_has_closed_does_not_count(pair: Pair, sid
     else:
         ann.socket = None
     assert connected_peers(both) == set() and link_from(both, "/ann") is None
-    assert not reaches(both, "/ann") and not came_over_open(both, ann.header)
+    assert not reaches(both, "/ann") and not address_over(both, ann.header)
 
 
 def test_a_message_of_a_connection_before_did_not_come_over_this_one(pair: Pair) -> None:
     ann = topic(link(pair[0], "/ann"))
-    assert not came_over_open(ann, {"callerid": "/ann"})
-    assert not came_over_open(ann, None)
+    assert not address_over(ann, {"callerid": "/ann"})
+    assert not address_over(ann, None)
     assert connected_peers(SimpleNamespace(impl=None)) == set(), "the topic was shut down"
 
 
@@ -169,7 +168,7 @@ def test_a_process_whose_connection_was_made_anew_is_still_there(pair: Pair) -> 
     said, many = ann.header, topic(link(None, "http://bob:4000/"), ann)
     address = address_over(many, said)
     ann.header = dict(said)
-    assert not came_over_open(many, said) and address_over(many, said) == ""
+    assert address_over(many, said) == ""
     assert reaches(many, address)
     ann.endpoint_id = "http://ann:4001/"  # that of its next life
     assert not reaches(many, address)

@@ -25,7 +25,7 @@ from actionlib_msgs.msg import GoalID, GoalStatus, GoalStatusArray
 from merlin_ros.actions.client_goal import TERMINAL, ClientGoal
 from merlin_ros.actions.lease import LASTING, LEASED
 from merlin_ros.actions.lease_holder import LIFE, LeaseHolder
-from merlin_ros.actions.peers import came_over_open, connected_peers, link_from, reaches
+from merlin_ros.actions.peers import address_over, connected_peers, link_from, reaches
 from merlin_ros.actions.server_silence import CONNECTED_SILENCE, LOOK, ServerSilence
 from merlin_ros.alarms import Alarm, TickClock, every
 from merlin_ros.deadline import running_time
@@ -133,7 +133,7 @@ class ActionClient:
         silent = running_time() - last
         if silent >= CONNECTED_SILENCE:
             return f"it has been silent for {silent:.1f} s"
-        if not came_over_open(self._subscribers[-1], self._header):
+        if not address_over(self._subscribers[-1], self._header):
             return "its process is gone"
         links = {
             "goals": reaches(self._goal_publisher, self._server),

@@ -28,18 +28,12 @@ def link_from(subscriber: rospy.Subscriber, node: str) -> Any:
     return next(_open(subscriber, lambda link: getattr(link, "callerid_pub", "") == node), None)
 
 
-def came_over_open(subscriber: rospy.Subscriber, header: Optional[Mapping[str, str]]) -> bool:
-    """Whether the connection over which a message came is still open, and not one that came after it.
-
-    :param header: of the message, its ``_connection_header``; None: there was no message.
-    """
-    return bool(address_over(subscriber, header))
-
-
 def address_over(subscriber: rospy.Subscriber, header: Optional[Mapping[str, str]]) -> str:
     """The address of the process from which a message came; empty: its connection is no longer open.
 
-    :param header: as of :func:`came_over_open`.
+    A connection that came after it is another one.
+
+    :param header: of the message, its ``_connection_header``; None: there was no message.
     """
     links = _open(subscriber, lambda link: header is not None and getattr(link, "header", None) is header)
     return next((str(link.endpoint_id) for link in links), "")
