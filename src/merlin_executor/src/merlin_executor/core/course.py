@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The course of a run through the stages of planning, and the verdict on it. Pure."""
 
-from functools import partial
 from typing import Dict, List, NamedTuple, Sequence
 
 from merlin_executor.core.awaited import Absence
@@ -58,8 +57,7 @@ class Course:
         self, max_replans: int, same_failures: int = SAME_FAILURES, replan_wait: float = REPLAN_WAIT
     ) -> None:
         self._limits = max_replans, same_failures, replan_wait
-        self._new_policy = partial(Replanning, max_replans, same_failures=same_failures, wait=replan_wait)
-        self._replanning = self._new_policy()
+        self._replanning = Replanning(*self._limits)
         self._entered = 0.0
         self._earlier_replans = 0
         self.stage = ""
@@ -124,7 +122,7 @@ class Course:
     def begin(self) -> None:
         """A run begins: the first, or after an interruption."""
         self._earlier_replans = self.replans
-        self._replanning = self._new_policy(self._replanning.given_up)
+        self._replanning = Replanning(*self._limits, self._replanning.given_up)
         self.end = StageEnd()
         self.stage = ""
         self.dispatched = NOT_DISPATCHED

@@ -47,17 +47,17 @@ class Replanning:
     What one of several robots has not done the same way too often is left to the others.
 
     :param limit: how many new plans there may be.
-    :param given_up: failures of earlier runs of the request that no other try can help.
     :param same_failures: how often the same action may fail for the same reason.
     :param wait: s of running time before the second new plan; twice as long before each further one.
+    :param given_up: failures of earlier runs of the request that no other try can help.
     """
 
     def __init__(
         self,
         limit: int,
-        given_up: Sequence[Failure] = (),
         same_failures: int = SAME_FAILURES,
         wait: float = REPLAN_WAIT,
+        given_up: Sequence[Failure] = (),
     ) -> None:
         self._limit, self._same_failures, self._wait = limit, same_failures, wait
         self.given_up: List[Failure] = list(given_up)
