@@ -98,6 +98,14 @@ def test_the_lines_of_a_problem_may_end_in_any_way(begin: str, end: str) -> None
     assert sorted(facts) == [("at", "ann"), ("left-out-ask", "ann")]
 
 
+def test_a_problem_without_facts_gets_one() -> None:
+    bare = PROBLEM.replace("(:init (at Ann))", "") + "\n; that is all :)\n"
+    domain, problem = leave_out(DOMAIN, bare, ["(ask ann)"])
+    assert [fact.key for fact in parse_problem(problem, parse_domain(domain)).facts] == [
+        ("left-out-ask", "ann")
+    ]
+
+
 @pytest.mark.parametrize(
     "action", ["(fly ann)", "(ask)", "(ask ann bob)", "ask ann", "(ask ann", "(ask (ann))", "(ask cleo)"]
 )

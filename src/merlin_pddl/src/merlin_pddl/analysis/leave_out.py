@@ -127,9 +127,11 @@ def _forbid(node: Expression, operator: Operator) -> str:
 def _after_init(problem: str, facts: str) -> str:
     """A problem with further facts; its text stays as it was otherwise, for the spelling of its objects."""
     problem = problem.lstrip("\ufeff")  # does not count in places
-    for part in read_expression(problem, "problem"):
-        if part.head == ":init":
-            assert isinstance(part, Expression) and isinstance(part[0], Word)
-            end = line_starts(problem)[part[0].line - 1] + part[0].column - 1 + len(":init")
-            return f"{problem[:end]}{facts}\n{problem[end:]}"
-    return problem[: problem.rindex(")")] + f"(:init {facts}))\n"
+    sections = {part.head: part for part in read_expression(problem, "problem")[1:]}
+    init = sections.get(":init")
+    beside = init[0] if isinstance(init, Expression) else sections.get(":goal", list(sections.values())[-1])
+    place = line_starts(problem)[beside.line - 1] + beside.column - 1
+    if init is None:
+        return f"{problem[:place]}(:init {facts})\n{problem[place:]}"
+    place += len(":init")
+    return f"{problem[:place]}{facts}\n{problem[place:]}"
