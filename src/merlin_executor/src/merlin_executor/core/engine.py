@@ -219,7 +219,8 @@ class Engine(Generic[T]):
                 if request is None:
                     continue
             if request is None:
-                self._tidy()
+                with failure_logged("what a request has left could not be removed"):  # it is tried again
+                    self._stages.clean_up()
                 continue
             verdict, error = (crashed(unprepared), unprepared) if unprepared else self._run(requests)
             self._finish(verdict, error)
@@ -240,10 +241,6 @@ class Engine(Generic[T]):
         except BaseException as error:  # the client gets its answer, and the worker continues
             return error
         return None
-
-    def _tidy(self) -> None:
-        with failure_logged("what a request has left could not be removed"):  # it is tried again
-            self._stages.clean_up()
 
     def _run(self, requests: Sequence[T]) -> Tuple[Verdict, Optional[BaseException]]:
         try:

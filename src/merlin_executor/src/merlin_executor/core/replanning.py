@@ -81,7 +81,8 @@ class Replanning:
         key = (failure.action.lower(), _MEASURED.sub("s", failure.reason))
         same = self._failures[key] = self._failures.get(key, 0) + 1
         if self.count >= self._limit:
-            times = f" (planned again {_times(self.count)})" if self._limit else ""
+            often = "once" if self.count == 1 else f"{self.count} times"
+            times = f" (planned again {often})" if self._limit else ""
             return ReplanDecision(False, reason=failure.reason + times)
         if failure.outdated:
             self.count += 1
@@ -95,7 +96,3 @@ class Replanning:
             return ReplanDecision(False, reason=f"{failure.reason} ({same} times for the same reason)")
         self.count += 1
         return ReplanDecision(True, self._wait * 2 ** (self.count - 2) if self.count > 1 else 0.0)
-
-
-def _times(count: int) -> str:
-    return "once" if count == 1 else f"{count} times"
