@@ -176,7 +176,7 @@ export class TimeBar {
       if (!found) this.say(back ? t("There is no earlier {mark} in this run.", { mark: word }) : t("There is no later {mark} in this run.", { mark: word }));
       else await this.go(run, found.wall, true, found);
     } catch (error) {
-      this.say(t("The history does not answer: {reason}", { reason: error.message }));
+      this.unanswered(error);
     }
   }
 
@@ -188,7 +188,8 @@ export class TimeBar {
       this.arrived(null);
       return;
     }
-    if (!this.runs.length) await this.look();
+    if (!this.runs.length) await this.look().catch((error) => this.unanswered(error));
+    if (!this.runs.length) return;
     const { run, began, ended } = { run: this.current(), ...this.bounds() };
     if (!this.store.past || (this.past.wall >= ended - 0.01 && this.archive)) await this.go(run, began);
     if (this.store.past) this.play();
@@ -262,7 +263,7 @@ export class TimeBar {
     this.opened = true;
     const moment = momentOf(location.hash);
     if (moment) this.follow();
-    else if (meta.archive) this.look().then(() => this.go(this.current(), this.bounds().ended));
+    else if (meta.archive) this.look().then(() => this.go(this.current(), this.bounds().ended), (error) => this.unanswered(error));
     else if (meta.run !== undefined) this.look().catch(() => {});
     this.draw();
   }
@@ -316,6 +317,10 @@ export class TimeBar {
 
   failed({ message }) {
     this.say(t("This moment cannot be shown: {reason}", { reason: message }));
+  }
+
+  unanswered({ message }) {
+    this.say(t("The history does not answer: {reason}", { reason: message }));
   }
 
   say(words) {

@@ -206,6 +206,7 @@ def test_a_moment_comes_late_is_asked_for_again_or_never_comes(shown: Served, br
     a_moment_that_comes_late_is_not_shown_any_more(visit)
     a_moment_that_is_asked_for_again_is_shown(visit)
     an_address_counts_although_a_moment_that_arrives_writes_it_over(visit)
+    a_history_that_does_not_answer_is_named_when_it_is_to_be_played(visit)
     a_monitor_that_hangs_is_named_after_a_limit(visit)
     visit.close()
 
@@ -252,6 +253,17 @@ def a_moment_that_is_asked_for_again_is_shown(visit: Visit) -> None:
     event.dispatch_event("click")
     past(visit, "doing 2")
     visit.wait_text("#past-banner .event-text", "event 2")
+
+
+def a_history_that_does_not_answer_is_named_when_it_is_to_be_played(visit: Visit) -> None:
+    visit.page.route("**/past/runs?*", lambda route: route.fulfill(status=503, body="it is busy"))
+    live_anew(visit)
+    visit.page.keyboard.press("k")
+    visit.wait_text("#time-said", "The history does not answer: ")
+    assert visit.text("#time-play") == "▶"
+    visit.page.unroute("**/past/runs?*")
+    visit.page.keyboard.press("k")
+    visit.wait("() => document.body.dataset.time === 'past'")
 
 
 def a_monitor_that_hangs_is_named_after_a_limit(visit: Visit) -> None:
