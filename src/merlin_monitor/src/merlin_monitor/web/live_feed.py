@@ -40,11 +40,6 @@ class LiveFeed:
         self._changed: Optional[asyncio.Event] = None
         self._whole: Tuple[int, str] = (-1, "")
 
-    @property
-    def pages(self) -> int:
-        """How many pages are open."""
-        return len(self._pages)
-
     async def serve(
         self, socket: web.WebSocketResponse, abort: Callable[[], None], may_look: Callable[[], bool]
     ) -> None:
