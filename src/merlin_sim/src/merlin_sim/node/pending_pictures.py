@@ -41,7 +41,9 @@ class PendingPictures:
     def hold(self, next_time: rospy.Time) -> None:
         """Waits until the clock may reach a time. Whatever becomes of a picture, this ends."""
         with self._news:
-            self._news.wait_for(lambda: not self._taken_at or next_time <= self._limit)
+            self._news.wait_for(
+                lambda: not self._taken_at or next_time <= min(self._taken_at.values()) + self._latency
+            )
 
     def health(self) -> Health:
         """How the latest picture went."""
@@ -50,10 +52,6 @@ class PendingPictures:
             if self._problem:
                 return Health(WARN, self._problem, values)
         return Health(OK, "ready", values)
-
-    @property
-    def _limit(self) -> rospy.Time:
-        return min(self._taken_at.values()) + self._latency
 
     def _done(self, future: "Future[np.ndarray]") -> None:
         error = future.exception()

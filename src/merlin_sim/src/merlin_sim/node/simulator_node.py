@@ -19,7 +19,6 @@ from merlin_msgs.srv import (
     SetRealTimeFactorRequest,
     SetRealTimeFactorResponse,
     SetSeed,
-    SetSeedRequest,
     SetSeedResponse,
 )
 from nav_msgs.msg import OccupancyGrid as GridMessage
@@ -92,7 +91,7 @@ class SimulatorNode:
                 f"parameter ~urdf: {urdf} is not a robot that can be driven: {error}"
             ) from error
         self._renderer = Renderer(lambda text: rospy.logwarn(f"merlin_sim: {text}"))
-        self._pictures = PendingPictures(self._renderer, self._parameters.camera_latency)
+        self.pictures = PendingPictures(self._renderer, self._parameters.camera_latency)
         self._robots: Dict[str, RobotInterface] = {}
         for robot in self.simulation.robots.values():
             start = robot.spec.start
@@ -103,7 +102,7 @@ class SimulatorNode:
             )
             localization = self._localization(robot.spec.name)
             self._robots[robot.spec.name] = RobotInterface(
-                self.simulation, robot, localization, self._pictures, self._parameters.camera_rate
+                self.simulation, robot, localization, self.pictures, self._parameters.camera_rate
             )
         self._grid = map_of(world)
         self._map.publish(grid_message(self._grid, _time(1)))
@@ -120,8 +119,10 @@ class SimulatorNode:
             topic = f"/{name}/camera/capture".replace("//", "/")
             self._services.append(rospy.Service(topic, CaptureImage, partial(self._capture, name)))
         self._services += [
-            rospy.Service("~reset", Trigger, lambda _: self._reset()),
-            rospy.Service("~set_seed", SetSeed, self._set_seed),
+            rospy.Service("~reset", Trigger, lambda _: TriggerResponse(True, self._begin_anew(self._seed))),
+            rospy.Service(
+                "~set_seed", SetSeed, lambda its: SetSeedResponse(True, self._begin_anew(its.seed))
+            ),
         ]
         names = ", ".join(robot or "(no namespace)" for robot in self.simulation.robots)
         rospy.loginfo(f"world {world.name}, seed {self._parameters.seed}, robots: {names}")
@@ -142,7 +143,7 @@ class SimulatorNode:
             self.simulation.close()
 
     def _step(self) -> None:
-        self._pictures.hold(_time(self._begun + self.simulation.tick + 1))
+        self.pictures.hold(_time(self._begun + self.simulation.tick + 1))
         with self._world_lock:
             self.simulation.step()
             self._publish(self.simulation.tick)
@@ -157,8 +158,11 @@ class SimulatorNode:
             return None
         return TruthLocalization(self._parameters.pose_noise, self._seed, robot)
 
-    def _begin_anew(self, seed: int) -> None:
-        """Resets the world to its file; time continues, so that timers and transforms of nodes stay valid."""
+    def _begin_anew(self, seed: int) -> str:
+        """Resets the world to its file; time continues, so that timers and transforms of nodes stay valid.
+
+        :return: a sentence for the client.
+        """
         with self._world_lock:
             old = self.simulation
             specs = [robot.spec for robot in old.robots.values()]
@@ -173,14 +177,7 @@ class SimulatorNode:
             # Nodes that localise or plan on a map forget the old world.
             self._map.publish(grid_message(self._grid, _time(self._begun)))
         self._publish_status()
-
-    def _reset(self) -> TriggerResponse:
-        self._begin_anew(self._seed)
-        return TriggerResponse(True, f"the world began anew with seed {self._seed}")
-
-    def _set_seed(self, request: SetSeedRequest) -> SetSeedResponse:
-        self._begin_anew(request.seed)
-        return SetSeedResponse(True, f"the world began anew with seed {request.seed}")
+        return f"the world began anew with seed {seed}"
 
     def _capture(self, robot: str, _: CaptureImageRequest) -> CaptureImageResponse:
         with self._world_lock:
@@ -254,10 +251,6 @@ class SimulatorNode:
             return Health(WARN, f"the machine reaches factor {achieved:.2f} of {wanted:g}", values)
         return Health(OK, f"factor {achieved:.2f}", values)
 
-    def camera_health(self) -> Health:
-        """How the latest picture of any camera went."""
-        return self._pictures.health()
-
     def _stop(self) -> None:
         self._stopped.set()
         self._pacer.stop()
@@ -284,5 +277,5 @@ def main() -> int:
 
 def _start() -> Callable[[], None]:
     node = SimulatorNode()
-    HealthReporter({"world": node.health, "camera": node.camera_health}).start()
+    HealthReporter({"world": node.health, "camera": node.pictures.health}).start()
     return node.run
