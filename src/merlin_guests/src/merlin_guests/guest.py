@@ -4,7 +4,7 @@
 import contextlib
 import math
 import re
-from typing import Any, Dict, List, Optional, Sequence
+from typing import Any, List, Optional, Sequence
 
 import rospy
 from merlin_msgs.msg import GuestEvent
@@ -84,7 +84,7 @@ class Guest:
 
     def _go_to_waiting_place(self) -> None:
         self._walk_to(self._house.join_queue(self._name), 120.0, yaw=math.pi)
-        self._answers({"would you like a table": "yes please"})
+        self._stage.answer(self._name, {"would you like a table": "yes please"})
 
     def _get_a_table(self) -> bool:
         stage, came = self._stage, self._stage.now()
@@ -185,7 +185,7 @@ class Guest:
         if UNCLEAR in self.plan.disturbances:
             self._disturb(UNCLEAR)
             answers = [*({**understood, ASKED: mumbled} for mumbled in MUMBLED), understood]
-        self._answers(answers.pop(0))
+        self._stage.answer(self._name, answers.pop(0))
         stage.forget(self._name)
         repeated = f"would like {order}. is that right"
         begun, quiet = stage.now(), self.plan.thinking
@@ -197,7 +197,7 @@ class Guest:
             if said:
                 quiet = TALKING
                 if answers:
-                    self._answers(answers.pop(0))
+                    self._stage.answer(self._name, answers.pop(0))
             else:
                 if stage.call(call_from(self.table), self._name):
                     self._publish(GuestEvent.CALLED)
@@ -232,14 +232,14 @@ class Guest:
     def tray_is_loaded(self, items: Sequence[str]) -> None:
         """Learns what comes, so that the answer to the robot's question can be true."""
         right = sorted(items) == sorted(self.plan.order)
-        self._answers({"is everything right": "yes thank you" if right else "no thank you"})
+        self._stage.answer(self._name, {"is everything right": "yes thank you" if right else "no thank you"})
 
     def _leave(self, reason: str) -> None:
         stage, places = self._stage, self._places
         self.seated = False
         self._house.leave_queue(self._name)
         self._publish(GuestEvent.LEFT, reason=reason)
-        self._answers({})
+        self._stage.answer(self._name, {})
         self._walk_to(places.door, 90.0)
         stage.remove(self._name)
 
@@ -268,9 +268,6 @@ class Guest:
                 with contextlib.suppress(PlayError):
                     walk = begin()
         return True
-
-    def _answers(self, answers: Dict[str, str]) -> None:
-        self._stage.answer(self._name, answers)
 
     def _disturb(self, kind: str) -> None:
         self._publish(GuestEvent.DISTURBED, reason=DISTURBANCES[kind])
