@@ -68,21 +68,6 @@ class Restarts:
         return f"it is started again, {self.count} of {len(PAUSES)} times within {self.span:g} s"
 
 
-class _Run:
-    """What supervisor and run both see: memory that they share."""
-
-    def __init__(self) -> None:
-        self._memory = mmap.mmap(-1, 1)
-
-    def ends(self) -> None:
-        """Called by the run: from here on it is not started again."""
-        self._memory[0] = 1
-
-    @property
-    def ended(self) -> bool:
-        return self._memory[0] == 1
-
-
 def supervise(run: Callable[[bool, Callable[[], None]], int], command: str) -> int:
     """Carries out a run in a child process, and starts it again when that is killed.
 
@@ -96,20 +81,26 @@ def supervise(run: Callable[[bool, Callable[[], None]], int], command: str) -> i
     adopt_orphans()
     signal.signal(signal.SIGCHLD, lambda *_: None)  # where the parent ignores it, no end is reported
     signal.pthread_sigmask(signal.SIG_BLOCK, _ENDS | _CHILD)
-    restarts, state, again = Restarts(RUN_SPAN), _Run(), False
+    ended = mmap.mmap(-1, 1)  # shared with the run: 1 from where it is not started again on
+
+    def ends() -> None:
+        ended[0] = 1
+
+    restarts, again = Restarts(RUN_SPAN), False
     while True:
         supervisor = os.getpid()
         child = os.fork()
         if child == 0:
-            _bind_to(supervisor)
+            if not end_with(supervisor, signal.SIGTERM):  # so it ends in order when that is killed
+                raise SystemExit(128 + signal.SIGTERM)
             signal.signal(signal.SIGCHLD, signal.SIG_DFL)
             signal.pthread_sigmask(signal.SIG_UNBLOCK, _ENDS | _CHILD)
-            return run(again, state.ends)
+            return run(again, ends)
         code, stopped = _await(child)
         if code >= 0:
             end_children()
             return code
-        if stopped or -code in _ENDS or state.ended:
+        if stopped or -code in _ENDS or ended[0]:
             _end_in_order()
             return 128 - code
         pause = restarts.died()
@@ -125,12 +116,6 @@ def supervise(run: Callable[[bool, Callable[[], None]], int], command: str) -> i
         if stopped:
             return 128 + stopped
         again = True
-
-
-def _bind_to(supervisor: int) -> None:
-    """Lets a child end in order when its supervisor is killed."""
-    if not end_with(supervisor, signal.SIGTERM):
-        raise SystemExit(128 + signal.SIGTERM)
 
 
 def _await(child: int) -> Tuple[int, int]:
