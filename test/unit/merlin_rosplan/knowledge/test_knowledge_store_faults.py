@@ -40,6 +40,17 @@ def test_journal_that_fails_takes_the_change_back(clock):
     assert store.facts() == [] and store.version == 0
 
 
+def test_a_change_counts_and_is_heard_though_a_listener_fails(clock):
+    def fail(change):
+        raise ValueError("no message can say this")
+
+    store, heard = KnowledgeStore(DOMAIN, clock=clock), []
+    store.listen(fail)
+    store.listen(lambda change: heard.append(change.version))
+    add(store, Fact("idle", ()))
+    assert texts(store.facts()) == ["(idle)"] and heard == [1]
+
+
 def test_what_is_due_while_the_journal_fails_comes_true_afterwards(clock):
     disk = Disk()
     disk.full = False

@@ -17,6 +17,7 @@ from merlin_pddl.domain import Domain
 from merlin_pddl.formula import Atom, Condition, Exists, Forall, walk
 from merlin_pddl.knowledge import Fact, FunctionValue, Instance, Metric, Row, StoredGoal, Timed
 from merlin_pddl.problem import Problem
+from merlin_ros.work.threads import log_failure
 from merlin_rosplan.knowledge.executions import OpenExecution, open_executions
 from merlin_rosplan.knowledge.knowledge_checks import KnowledgeChecks, UpdateRefused
 from merlin_rosplan.knowledge.knowledge_state import KnowledgeTables
@@ -181,7 +182,10 @@ class KnowledgeStore:
             while self._undelivered:
                 change = self._undelivered.popleft()
                 for listener in self._listeners:
-                    listener(change)
+                    try:
+                        listener(change)
+                    except Exception:  # the change counts, and the others have to hear of it
+                        log_failure("a listener of the knowledge")
 
     def load_problem(self, problem: Problem, client: str = "") -> None:
         """Adds everything a problem states. Its timed facts count from now.
