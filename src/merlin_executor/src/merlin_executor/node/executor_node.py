@@ -2,7 +2,7 @@
 """Node: the Executor."""
 
 import math
-from typing import Collection, List, Mapping
+from typing import Any, Collection, Dict, List, Mapping
 
 import rospy
 
@@ -19,7 +19,7 @@ from merlin_ros.health import HealthReporter
 from merlin_ros.master.master_link import ERRORS, bounded_master
 from merlin_ros.master.namesake import living_namesake
 from merlin_ros.node import keep_foreign_nodes, run_node
-from merlin_ros.parameters import ParameterError, flag, graph_name, number
+from merlin_ros.parameters import ParameterError, flag, graph_name, number, whole
 
 STATUS_TYPE = "merlin_msgs/ExecutorStatus"
 
@@ -30,6 +30,7 @@ def main() -> int:
 
 
 def _start() -> None:
+    options = _options()  # a wrong one is reported before the wait for the planning system
     wait = number("~planning_system_wait", 30.0, 0.0)
     knowledge = knowledge_client(graph_name("~knowledge_base", DEFAULT_KNOWLEDGE_BASE))
     dispatcher = graph_name("~plan_dispatcher", "rosplan_plan_dispatcher")
@@ -46,24 +47,7 @@ def _start() -> None:
     for other in living_executors(dispatcher):
         raise StageError(_second(other))
     try:
-        executor = Executor(
-            knowledge,
-            planning,
-            dispatcher=dispatcher,
-            cancel_deadline=number("~cancel_deadline", 5.0, -math.inf),
-            max_replans=round(number("~max_replans", 3, 0)),
-            same_failures=round(number("~same_failures", SAME_FAILURES, 1)),
-            replan_wait=number("~replan_wait", REPLAN_WAIT, 0.0),
-            goals_file=str(rospy.get_param("~goals_file", "")),
-            return_wait=number("~planning_system_return", 8.0, 0.0),
-            robots=robots_of_plan(),
-            stand_wait=number("~stand_wait", STAND_WAIT, 0.0),
-            stuck_after=number("~stuck_after", STUCK_AFTER, -math.inf),
-            overtake_limit=number("~overtake_limit", OVERTAKE_LIMIT, 0.0),
-            together=round(number("~together", TOGETHER, 1)),
-            look_ahead=flag("~look_ahead", True),
-            leave_limit=number("~leave_limit", 2.0, 0.0),
-        )
+        executor = Executor(knowledge, planning, dispatcher, **options)
     except OSError as error:
         raise ParameterError(f"parameter ~goals_file cannot be used: {error}") from error
     executor.start()
@@ -74,6 +58,24 @@ def _start() -> None:
     keep_foreign_nodes()
     HealthReporter({"requests": executor.health}).start()
     rospy.loginfo("the executor is ready")
+
+
+def _options() -> Dict[str, Any]:
+    return {
+        "cancel_deadline": number("~cancel_deadline", 5.0, -math.inf),
+        "max_replans": whole("~max_replans", 3, 0),
+        "same_failures": whole("~same_failures", SAME_FAILURES, 1),
+        "replan_wait": number("~replan_wait", REPLAN_WAIT, 0.0),
+        "goals_file": str(rospy.get_param("~goals_file", "")),
+        "return_wait": number("~planning_system_return", 8.0, 0.0),
+        "robots": robots_of_plan(),
+        "stand_wait": number("~stand_wait", STAND_WAIT, 0.0),
+        "stuck_after": number("~stuck_after", STUCK_AFTER, -math.inf),
+        "overtake_limit": number("~overtake_limit", OVERTAKE_LIMIT, 0.0),
+        "together": whole("~together", TOGETHER, 1),
+        "look_ahead": flag("~look_ahead", True),
+        "leave_limit": number("~leave_limit", 2.0, 0.0),
+    }
 
 
 def living_executors(dispatcher: str) -> List[str]:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A pause of the Executor outlives what it is kept in."""
+"""The node of the Executor: a pause outlives what it is kept in, and a wrong parameter is named at once."""
 
 from typing import Any
 
@@ -17,6 +17,12 @@ def start():
     on_master_replaced(lambda: print("REPLACED", flush=True))
 
 sys.exit(run_node("executor", start))
+"""
+
+EXECUTOR = """
+import sys
+from merlin_executor.node.executor_node import main
+sys.exit(main())
 """
 
 OPERATOR = """
@@ -38,3 +44,13 @@ def test_a_pause_is_kept_at_a_master_that_is_started_anew_just_then(master: Any)
     executor.expect("REPLACED")
     executor.end()
     master.node(PAUSED).expect("PAUSED True")
+
+
+@pytest.mark.parametrize("parameter", ["max_replans:=2.5", "together:=0", "stand_wait:=soon"])
+def test_a_wrong_parameter_is_named_before_the_wait_for_the_planning_system(
+    master: Any, parameter: str
+) -> None:
+    master.api.setParam("/test", "/use_sim_time", False)
+    executor = master.node(EXECUTOR, f"_{parameter}", "_planning_system_wait:=3600")
+    assert executor.ended() == 2
+    assert parameter.partition(":=")[0] in executor.output and "Traceback" not in executor.output
