@@ -65,12 +65,8 @@ class ActionServerWrapper:
         self._feedback_type = type(action.action_feedback.feedback)
         self.wrapped_container = wrapped_container
         self.userdata = smach.UserData()
-        for key, message in (
-            (goal_key, self._goal_type),
-            (feedback_key, self._feedback_type),
-            (result_key, self._result_type),
-        ):
-            self.userdata[key] = message()
+        self.userdata[goal_key] = self._goal_type()
+        self.userdata[feedback_key], self.userdata[result_key] = self._feedback_type(), self._result_type()
         self._server_name = server_name
         self._outcome_kinds = self._kinds(
             wrapped_container, succeeded_outcomes, aborted_outcomes, preempted_outcomes

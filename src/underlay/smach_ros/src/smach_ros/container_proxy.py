@@ -113,8 +113,7 @@ class ContainerProxy:
                 f"'{self.path}' has no states {unknown}; its states: {list(labels)}"
             )
         userdata = smach.UserData()
-        for key, value in values.items():
-            userdata[key] = value
+        userdata.update(values)
         self.container.set_initial_state([labels[text] for text in initial_states], userdata)
 
 

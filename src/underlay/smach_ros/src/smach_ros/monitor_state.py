@@ -45,11 +45,12 @@ class MonitorState(WaitingState):
         input_keys, output_keys = names(input_keys, "input_keys"), names(output_keys, "output_keys")
         super().__init__(["valid", "invalid", "preempted"], input_keys, output_keys)
         self._topic = topic
+        self._what = f"MonitorState of {topic}"
         self._msg_type = msg_type
         self._max_checks = max_checks
         self._timeout = timeout
         if cond_cb is None:
-            raise smach.InvalidStateError(f"MonitorState of {topic}: cond_cb is missing")
+            raise smach.InvalidStateError(f"{self._what}: cond_cb is missing")
         self._cond_cb = UserCallback(cond_cb, (), {}, self, input_keys, output_keys, "cond_cb")
 
     def _execute(self, ud: Any) -> str:
@@ -84,7 +85,7 @@ class MonitorState(WaitingState):
             try:
                 answer = self._cond_cb(ud, message)
             except Exception:
-                self._report(f"MonitorState of {self._topic}: cond_cb failed\n{traceback.format_exc()}")
+                self._report(f"cond_cb failed\n{traceback.format_exc()}")
                 answer = False
             if self.preempt_requested():
                 return self._preempted()

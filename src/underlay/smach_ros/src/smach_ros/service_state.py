@@ -64,11 +64,12 @@ class ServiceState(WaitingState):
         super().__init__(outcomes=["succeeded", "aborted", "preempted"])
         input_keys, output_keys = names(input_keys, "input_keys"), names(output_keys, "output_keys")
         self._service_name = service_name
+        self._what = f"Service {service_name}"
         self._service_spec = service_spec
         self._request_type = service_spec._request_class
         if request is not None and not isinstance(request, self._request_type):
             raise smach.InvalidStateError(
-                f"Service {service_name}: the request must be a {self._request_type._type}, not {request!r}"
+                f"{self._what}: the request must be a {self._request_type._type}, not {request!r}"
             )
         self._request = request
         self._request_key = request_key
@@ -102,7 +103,7 @@ class ServiceState(WaitingState):
                 ud,
             )
         except Exception:
-            self._report(f"Service {self._service_name}: no request could be made\n{traceback.format_exc()}")
+            self._report(f"no request could be made\n{traceback.format_exc()}")
             return "aborted"
         if self.preempt_requested():
             return self._not_called()
@@ -111,10 +112,10 @@ class ServiceState(WaitingState):
         if not call.ends(WallDeadline(self._call_timeout), self.preempt_requested):
             proxy.give_up()
             if not self.preempt_requested() and not rospy.is_shutdown():
-                self._report(f"Service {self._service_name}: no answer within {self._call_timeout} s")
+                self._report(f"no answer within {self._call_timeout} s")
             return self._not_called()
         if call.error is not None:
-            self._report(f"Service {self._service_name} failed: {call.error}")
+            self._report(f"the call failed: {call.error}")
             return "aborted"
         return self._outcome(ud, call.answer)
 
@@ -139,13 +140,10 @@ class ServiceState(WaitingState):
                 if asked.answer:
                     return True
             if deadline.remaining() <= 0.0:
-                self._report(
-                    f"Service {self._service_name}: not offered within {self._server_wait_timeout} s "
-                    "(server_wait_timeout)"
-                )
+                self._report(f"not offered within {self._server_wait_timeout} s (server_wait_timeout)")
                 return False
             if not warned:
-                rospy.logwarn(f"Service {self._service_name} is not offered yet; waiting")
+                rospy.logwarn(f"{self._what} is not offered yet; waiting")
                 warned = True
             with self._changed:
                 wait(self._changed, self.preempt_requested, WallDeadline(ASK_MASTER))
@@ -156,7 +154,7 @@ class ServiceState(WaitingState):
             outcome = self._response_cb(ud, response)
             if outcome is not None and outcome not in self.get_registered_outcomes():
                 self._report(
-                    f"Service {self._service_name}: response_cb returned {outcome!r}, which is "
+                    f"response_cb returned {outcome!r}, which is "
                     f"not one of the outcomes {list(self.get_registered_outcomes())}"
                 )
                 return "aborted"
@@ -165,9 +163,7 @@ class ServiceState(WaitingState):
             for slot in self._response_slots:
                 ud[slot] = getattr(response, slot)
         except Exception:
-            self._report(
-                f"Service {self._service_name}: the response cannot be used\n{traceback.format_exc()}"
-            )
+            self._report(f"the response cannot be used\n{traceback.format_exc()}")
             return "aborted"
         return "succeeded" if outcome is None else outcome
 

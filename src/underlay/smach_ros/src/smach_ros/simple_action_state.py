@@ -70,6 +70,7 @@ class SimpleActionState(ReportingState):
         super().__init__(outcomes=["succeeded", "aborted", "preempted"])
         input_keys, output_keys = names(input_keys, "input_keys"), names(output_keys, "output_keys")
         self._action_name = action_name
+        self._what = f"Action {action_name}"
         self._action_spec = action_spec
         self._exec_timeout = exec_timeout
         self._preempt_timeout = preempt_timeout
@@ -136,7 +137,7 @@ class SimpleActionState(ReportingState):
         try:
             goal = fill(self._goal_type, self._goal, self._goal_key, self._goal_slots, self._goal_cb, ud)
         except Exception:
-            self._report(f"Action {self._action_name}: no goal could be made\n{traceback.format_exc()}")
+            self._report(f"no goal could be made\n{traceback.format_exc()}")
             return "aborted"
         with connection.changed:
             # A preempting thread sets the flag first, then looks for a goal to cancel, under the same lock.
@@ -145,7 +146,7 @@ class SimpleActionState(ReportingState):
             try:
                 self._sent = sent = connection.send(goal)
             except Exception:
-                self._report(f"Action {self._action_name}: the goal cannot be sent\n{traceback.format_exc()}")
+                self._report(f"the goal cannot be sent\n{traceback.format_exc()}")
                 return "aborted"
             self._status = self.ACTIVE
         try:
@@ -173,10 +174,7 @@ class SimpleActionState(ReportingState):
             if connection.ready():
                 return True
         if not rospy.is_shutdown():
-            self._report(
-                f"Action {self._action_name}: no server within {self._server_wait_timeout} s "
-                "(server_wait_timeout)"
-            )
+            self._report(f"no server within {self._server_wait_timeout} s (server_wait_timeout)")
         return False
 
     def _wait_for_end(self, connection: ActionConnection, sent: SentGoal) -> bool:
@@ -189,7 +187,7 @@ class SimpleActionState(ReportingState):
             deadline = RosDeadline(self._exec_timeout)
             wait(connection.changed, lambda: self._over(connection, sent, False), deadline, LOOK)
             if not sent.done and deadline.remaining() <= 0.0 and self._status == self.ACTIVE:
-                self._report(f"Action {self._action_name}: cancelled after exec_timeout", rospy.logwarn)
+                self._report("cancelled after exec_timeout", rospy.logwarn)
                 timed_out = True
                 self._status = self.PREEMPTING
                 connection.cancel(sent)
@@ -202,11 +200,10 @@ class SimpleActionState(ReportingState):
                     and not rospy.is_shutdown()
                 ):
                     self._report(
-                        f"Action {self._action_name}: the server did not end the cancelled goal within "
-                        "preempt_timeout; leaving it"
+                        "the server did not end the cancelled goal within preempt_timeout; leaving it"
                     )
             if not sent.done and connection.why_lost(sent):
-                self._report(f"Action {self._action_name}: {connection.why_lost(sent)}")
+                self._report(connection.why_lost(sent))
         return timed_out
 
     def _over(self, connection: ActionConnection, sent: SentGoal, preempting: bool) -> bool:
@@ -226,7 +223,7 @@ class SimpleActionState(ReportingState):
             outcome = self._result_cb(ud, sent.status, result)
             if outcome is not None and outcome not in self.get_registered_outcomes():
                 self._report(
-                    f"Action {self._action_name}: result_cb returned {outcome!r}, which is not "
+                    f"result_cb returned {outcome!r}, which is not "
                     f"one of the outcomes {list(self.get_registered_outcomes())}"
                 )
                 outcome = "aborted"
@@ -235,7 +232,7 @@ class SimpleActionState(ReportingState):
             for slot in self._result_slots:
                 ud[slot] = getattr(result, slot)
         except Exception:
-            self._report(f"Action {self._action_name}: the result cannot be used\n{traceback.format_exc()}")
+            self._report(f"the result cannot be used\n{traceback.format_exc()}")
             outcome = "aborted"
         by_status = "aborted"
         if sent.status == GoalStatus.SUCCEEDED and not timed_out:
@@ -248,5 +245,5 @@ class SimpleActionState(ReportingState):
             ended = f"{late}the goal ended with status {sent.status}: {sent.text or 'no text'}"
             # What result_cb has named is expected.
             log = rospy.logwarn if outcome is None else rospy.logdebug
-            self._report(f"Action {self._action_name}: {ended}", log)
+            self._report(ended, log)
         return outcome if outcome is not None else by_status

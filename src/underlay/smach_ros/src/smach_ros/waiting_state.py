@@ -18,6 +18,7 @@ class ReportingState(smach.State):
     """
 
     reason = ""
+    _what = ""  # what it calls or watches, with its name
 
     def execute(self, ud: Any) -> str:
         """Runs the state; returns its outcome."""
@@ -33,6 +34,7 @@ class ReportingState(smach.State):
 
     def _report(self, text: str, log: Callable[[str], None] = rospy.logerr) -> None:
         """Logs what went wrong; its first line, and the last one of a traceback, are the reason."""
+        text = f"{self._what}: {text}"
         log(text)
         first, *rest = text.strip().splitlines()
         self.reason = f"{first}: {rest[-1]}" if rest else first
