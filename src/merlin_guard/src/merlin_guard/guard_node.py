@@ -250,11 +250,10 @@ class GuardNode:
         """Carries out a decision; called with the lock held."""
         if self._closing:
             return
-        if decision.send is Send.ZERO or velocity is None:
-            velocity = Twist()
-            if decision.send is Send.ZERO:
-                self._commands.stood()
-        if decision.send is not Send.NOTHING:
+        if decision.send is Send.ZERO:
+            self._commands.stood()
+            self._velocity.publish(Twist())
+        elif decision.send is Send.COMMAND:
             self._velocity.publish(velocity)
         for cancel in decision.cancels:
             self._cancels[cancel.server].publish(GoalID(id=cancel.goal_id))
