@@ -354,9 +354,8 @@ class Executor:
     def _log(self, requests: Sequence[Request], verdict: Verdict, error: Optional[BaseException]) -> None:
         """Behind the answers: a line of a log costs half a millisecond."""
         if error is not None:
-            rospy.logerr(
-                "executor: " + "".join(traceback.format_exception(type(error), error, error.__traceback__))
-            )
+            lines = traceback.format_exception(type(error), error, error.__traceback__)
+            rospy.logerr(f"executor: {''.join(lines)}")
         rospy.loginfo(end_words([text for request in requests for text in request.texts], verdict))
 
     def _publish_status(self) -> None:
