@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A dispatch while another client's plan is carried out: that plan is left alone, and the wait has an end."""
 
-import threading
 from typing import Any, Callable, Optional
 
 import pytest
@@ -34,8 +33,7 @@ def test_nothing_is_dispatched_and_nothing_cancelled(dispatcher: Any) -> None:
 
 @pytest.fixture
 def unlimited(dispatcher: Any, monkeypatch: pytest.MonkeyPatch) -> DispatchClient:
-    """A client whose cancels have no limit; a wait for a living owner is short here."""
-    monkeypatch.setattr(dispatch_client, "FOREIGN_WAIT", 0.05)
+    """A client whose cancels have no limit."""
     monkeypatch.setattr(dispatch_client, "OWNER_LOOK", 0.001)
     client: DispatchClient = dispatcher.client(cancel_deadline=0.0)
     dispatcher.status(DispatchStatus.RUNNING)
@@ -43,19 +41,29 @@ def unlimited(dispatcher: Any, monkeypatch: pytest.MonkeyPatch) -> DispatchClien
     return client
 
 
+@pytest.fixture
+def impatient(unlimited: DispatchClient, monkeypatch: pytest.MonkeyPatch) -> DispatchClient:
+    """One that waits for a living owner, and for a cancel to be taken, for a moment only."""
+    monkeypatch.setattr(dispatch_client, "FOREIGN_WAIT", 0.05)
+    return unlimited
+
+
 def test_the_plan_of_an_owner_that_lives_is_waited_for_with_an_end(
-    dispatcher: Any, unlimited: DispatchClient
+    dispatcher: Any, impatient: DispatchClient
 ) -> None:
     dispatcher.owner("/other")
-    reason = unlimited.free(never)
+    reason = impatient.free(never)
     assert reason == "the planning system's plan dispatcher /dispatcher carries out a plan of /other"
     assert dispatcher.calls == []
 
 
 def test_a_plan_without_owner_gets_all_the_time_to_stop(dispatcher: Any, unlimited: DispatchClient) -> None:
+    late = dispatcher.passed + 2 * dispatch_client.FOREIGN_WAIT
+
     def stops_late() -> None:
-        threading.Event().wait(0.2)  # well beyond the wait for an owner
-        dispatcher.status(DispatchStatus.IDLE)
+        if dispatcher.passed >= late:
+            dispatcher.status(DispatchStatus.IDLE)
+        dispatcher.passed = late
 
     dispatcher.on_look = stops_late
     assert unlimited.free(never) == ""
@@ -71,10 +79,10 @@ def test_a_dispatcher_that_is_gone_is_not_waited_for(dispatcher: Any, unlimited:
 
 
 def test_a_dispatcher_that_takes_no_cancel_is_not_waited_for_without_end(
-    dispatcher: Any, unlimited: DispatchClient
+    dispatcher: Any, impatient: DispatchClient
 ) -> None:
     dispatcher.takes_cancel = False
-    assert unlimited.free(never).endswith("carries out an earlier plan and does not stop")
+    assert impatient.free(never).endswith("carries out an earlier plan and does not stop")
 
 
 def test_an_executor_that_starts_does_not_wait_without_end(
