@@ -140,6 +140,8 @@ def section(name: str) -> List[str]:
     """
     maker: Any = MerlinStateFactory.maker(name)
     doc = read_doc(maker.__doc__)
+    for base in maker.__mro__[1:]:  # which describes what its states have in common
+        doc = doc._replace(parameters={**read_doc(base.__doc__ or "").parameters, **doc.parameters})
     lines = [f"### {name}", "", doc.text, ""]
     rows = []
     for argument, default in arguments(maker):

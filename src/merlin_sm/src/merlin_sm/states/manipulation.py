@@ -15,6 +15,11 @@ class ManipulateState(ActionState):
     """Base of what an arm does.
 
     :cvar does: name of its action.
+    :param name: of the object, or of what it opens; ``{key}`` is replaced by the userdata of that name.
+    :param place: name of where that is, or goes, likewise; empty: where the robot stands.
+    :param seen: key of the userdata that ``detect`` or ``recognize`` has set: the best pose of the object
+        goes with the goal. Empty: the server finds the object.
+    :param action: name of the merlin_msgs/Manipulate action; empty: the name of the state.
     """
 
     does = ""
@@ -32,50 +37,25 @@ class ManipulateState(ActionState):
 
 
 class PickState(ManipulateState):
-    """Has the arm pick an object up.
-
-    :param name: of the object; ``{key}`` is replaced by the userdata of that name.
-    :param place: name of where it is, likewise; empty: where the robot stands.
-    :param seen: key of the userdata that ``detect`` or ``recognize`` has set: the best pose of the object
-        goes with the goal. Empty: the server finds the object.
-    :param action: name of the merlin_msgs/Manipulate action; empty: ``pick``.
-    """
+    """Has the arm pick an object up."""
 
     does = "pick"
 
 
 class PlaceState(ManipulateState):
-    """Has the arm put an object down.
-
-    :param name: of the object; ``{key}`` is replaced by the userdata of that name.
-    :param place: name of where it goes, likewise; empty: where the robot stands.
-    :param seen: as for ``pick``.
-    :param action: name of the merlin_msgs/Manipulate action; empty: ``place``.
-    """
+    """Has the arm put an object down."""
 
     does = "place"
 
 
 class OpenState(ManipulateState):
-    """Has the arm open a door or a container.
-
-    :param name: of what it opens; ``{key}`` is replaced by the userdata of that name.
-    :param place: name of where that is, likewise; empty: where the robot stands.
-    :param seen: as for ``pick``.
-    :param action: name of the merlin_msgs/Manipulate action; empty: ``open``.
-    """
+    """Has the arm open a door or a container."""
 
     does = "open"
 
 
 class CloseState(ManipulateState):
-    """Has the arm close a door or a container.
-
-    :param name: of what it closes; ``{key}`` is replaced by the userdata of that name.
-    :param place: name of where that is, likewise; empty: where the robot stands.
-    :param seen: as for ``pick``.
-    :param action: name of the merlin_msgs/Manipulate action; empty: ``close``.
-    """
+    """Has the arm close a door or a container."""
 
     does = "close"
 
