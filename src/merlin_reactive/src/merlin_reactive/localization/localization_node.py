@@ -119,24 +119,21 @@ class LocalizationNode:
             return self._localizer is not None and self._localizer.filter.grid.same(grid) and not began_anew
 
     def _receive_pose(self, message: PoseWithCovarianceStamped) -> None:
-        if message.header.frame_id.lstrip("/") not in ("", self._frame):
-            rospy.logwarn(
-                f"localization: an initial pose in {message.header.frame_id} is ignored; it has to be in "
-                f"{self._frame}"
-            )
-            return
-        point = (message.pose.pose.position.x, message.pose.pose.position.y)
-        reason = bad_rotation(message.pose.pose.orientation)
-        if reason:
-            rospy.logwarn(f"localization: an initial pose is ignored: its rotation {reason}")
-            return
         with self._lock:
             localizer = self._localizer
-        if localizer is None:
-            rospy.logwarn("localization: an initial pose is ignored: there is no map yet")
-            return
-        if localizer.filter.grid.cell(point) is None:
-            rospy.logwarn(f"localization: an initial pose is ignored: {point} lies outside the map")
+        frame, pose = message.header.frame_id, message.pose.pose
+        point, rotation = (pose.position.x, pose.position.y), bad_rotation(pose.orientation)
+        reason = ""
+        if frame.lstrip("/") not in ("", self._frame):
+            reason = f"it is in {frame}, and has to be in {self._frame}"
+        elif rotation:
+            reason = f"its rotation {rotation}"
+        elif localizer is None:
+            reason = "there is no map yet"
+        elif localizer.filter.grid.cell(point) is None:
+            reason = f"{point} lies outside the map"
+        if reason or localizer is None:
+            rospy.logwarn(f"localization: an initial pose is ignored: {reason}")
             return
         covariance = np.nan_to_num(message.pose.covariance, nan=0.0, posinf=SURE_OF_NOTHING)
         covariance = np.clip(covariance, 0.0, SURE_OF_NOTHING)

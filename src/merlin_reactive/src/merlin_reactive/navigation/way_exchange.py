@@ -58,16 +58,13 @@ class WayExchange:
     def _hear(self, message: WayMessage) -> None:
         way = np.array([(point.x, point.y) for point in message.way[:ANNOUNCED]]).reshape(-1, 2)
         numbers = [message.radius, message.pose.position.x, message.pose.position.y]
+        reason = ""
         if not (np.isfinite(way).all() and np.isfinite(numbers).all() and message.radius > 0.0 and len(way)):
-            rospy.logwarn_throttle(
-                10.0, f"navigation: what robot {message.robot} says of its way is not finite"
-            )
-            return
-        if message.header.frame_id.lstrip("/") != self._frame:
-            rospy.logwarn_throttle(
-                10.0,
-                f"navigation: robot {message.robot} speaks in {message.header.frame_id}, not {self._frame}",
-            )
+            reason = "says of its way what is not finite"
+        elif message.header.frame_id.lstrip("/") != self._frame:
+            reason = f"speaks in {message.header.frame_id}, not {self._frame}"
+        if reason:
+            rospy.logwarn_throttle(10.0, f"navigation: robot {message.robot} {reason}")
             return
         other = RobotWay(
             message.robot,
