@@ -79,7 +79,8 @@ class Evaluator:
         self._open: Set[Key] = set()
         self._failed: Set[Key] = set()
         self._postponed: List[Key] = []
-        self._objects: Dict[Tuple[str, ...], List[str]] = {}  # asked once per type, not once per binding
+        # Asked once per type, not once per binding.
+        self._objects = functools.lru_cache(maxsize=None)(lambda types: state.objects(types))
 
     def holds(self, condition: Condition, bindings: Optional[Bindings] = None) -> bool:
         """Whether a condition holds. What was never said is false, and a comparison without a value too."""
@@ -119,17 +120,11 @@ class Evaluator:
 
     def extend(self, variables: Sequence[Variable], bindings: Bindings) -> Iterator[Dict[str, str]]:
         """All bindings with every combination of objects for further variables."""
-        choices = [self._objects_of(variable.types) for variable in variables]
+        choices = [self._objects(variable.types) for variable in variables]
         for number, objects in enumerate(itertools.product(*choices)):
             if not number % _STRIDE:
                 self._between()
             yield {**bindings, **{v.name: obj for v, obj in zip(variables, objects)}}
-
-    def _objects_of(self, types: Tuple[str, ...]) -> List[str]:
-        found = self._objects.get(types)
-        if found is None:
-            found = self._objects[types] = self._state.objects(types)
-        return found
 
     # --- derived predicates: the least fixpoint, searched from the atom that is asked -------------
     #
