@@ -62,11 +62,6 @@ class StateBehaviour(py_trees.behaviour.Behaviour):
         return self.status == Status.RUNNING and self._run is None
 
     @property
-    def reads(self) -> List[str]:
-        """Keys of the tree's userdata that the state reads."""
-        return [self._names.get(key, key) for key in self.state.get_registered_input_keys()]
-
-    @property
     def sets(self) -> List[str]:
         """Keys of the tree's userdata that the state sets."""
         return [self._names.get(key, key) for key in self.state.get_registered_output_keys()]
