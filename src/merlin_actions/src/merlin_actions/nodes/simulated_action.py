@@ -79,13 +79,8 @@ def _topic(parameter: str, default: str) -> str:
 
 def main() -> int:
     """Runs the node; returns the exit code."""
-    return run_node(
-        "simulated_action",
-        _start,
-        KnowledgeError,
-        ValueError,
-        missing=(KnowledgeBaseMissing, rospy.ServiceException),
-    )
+    missing = (KnowledgeBaseMissing, rospy.ServiceException)
+    return run_node("simulated_action", _start, KnowledgeError, ValueError, missing=missing)
 
 
 def _start() -> None:
