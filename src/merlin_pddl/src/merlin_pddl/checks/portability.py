@@ -35,7 +35,7 @@ def warnings(text: str, source: str) -> List[str]:
             for name in _names(section)
             if name.lstrip("?") in KEYWORDS
         )
-        if section.head == ":goal" and len(section) == 2 and _empty(section[1]):
+        if section.head == ":goal" and len(section) == 2 and section[1] in ([], ["and"]):
             found.append(f"{_place(section)}: warning: the goal is empty: POPF and ROSPlan refuse it")
     return found
 
@@ -103,7 +103,3 @@ def _names(section: Expression) -> Iterator[Word]:
 
 def _words(nodes: List[Node]) -> Iterator[Word]:
     return (node for node in nodes if isinstance(node, Word))
-
-
-def _empty(goal: Node) -> bool:
-    return isinstance(goal, Expression) and (not goal or (goal.head == "and" and len(goal) == 1))
