@@ -3,7 +3,7 @@
 
 import threading
 import time
-from typing import Any, Callable, Optional, Union
+from typing import Callable, Optional, Union
 
 import rospy
 
@@ -48,21 +48,6 @@ class WallDeadline(RosDeadline):
     def slice(self) -> float:
         """Wall time to wait until the next look at the clock, s."""
         return min(1.0, self.remaining())
-
-
-class OnSubscriber(rospy.SubscribeListener):
-    """The event of a new subscriber of a publisher.
-
-    :param call: called with what publishes to that subscriber alone.
-    """
-
-    def __init__(self, call: Callable[[Callable[[Any], None]], None]) -> None:
-        super().__init__()
-        self._call = call
-
-    def peer_subscribe(self, topic_name: str, topic_publish: Any, peer_publish: Any) -> None:
-        """A subscriber has come; rospy calls it."""
-        self._call(peer_publish)
 
 
 def seconds(duration: Duration) -> float:
