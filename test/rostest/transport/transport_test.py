@@ -363,7 +363,7 @@ class Owners(unittest.TestCase):
     def test_a_suspension_travels_down_the_chain(self):
         self.below = []
         # The client below is this process, which may be without a processor.
-        with mock.patch.object(lease_watch, "SUSPEND_AFTER", LONG):
+        with mock.patch.object(lease_watch, "LIMITS", lease_watch.LIMITS._replace(silent=LONG)):
             self.serve_owned(self.note_below, LONG, "below")
         onward = ActionClient("below", Action)
         self.addCleanup(onward.shutdown)
