@@ -66,13 +66,11 @@ export class TimeBar {
 
   async look() {
     this.runs = await ask("runs");
-    const marked = await ask("marks", { run: this.current() });
-    this.drawRun(marked);
+    this.drawRun(await ask("marks", { run: this.current() }));
   }
 
   current() {
-    const last = this.runs[this.runs.length - 1];
-    return this.run || (this.store.live.meta || {}).run || (last && last.run) || 0;
+    return this.run || (this.store.live.meta || {}).run || (this.runs[this.runs.length - 1] || {}).run || 0;
   }
 
   bounds() {
@@ -188,10 +186,10 @@ export class TimeBar {
       this.arrived(null);
       return;
     }
-    if (!this.runs.length) await this.look().catch((error) => this.unanswered(error));
+    if (!this.runs.length) await this.look().catch(this.unanswered);
     if (!this.runs.length) return;
-    const { run, began, ended } = { run: this.current(), ...this.bounds() };
-    if (!this.store.past || (this.past.wall >= ended - 0.01 && this.archive)) await this.go(run, began);
+    const { began, ended } = this.bounds();
+    if (!this.store.past || (this.past.wall >= ended - 0.01 && this.archive)) await this.go(this.current(), began);
     if (this.store.past) this.play();
   }
 
@@ -263,7 +261,7 @@ export class TimeBar {
     this.opened = true;
     const moment = momentOf(location.hash);
     if (moment) this.follow();
-    else if (meta.archive) this.look().then(() => this.go(this.current(), this.bounds().ended), (error) => this.unanswered(error));
+    else if (meta.archive) this.look().then(() => this.go(this.current(), this.bounds().ended), this.unanswered);
     else if (meta.run !== undefined) this.look().catch(() => {});
     this.draw();
   }
@@ -319,9 +317,7 @@ export class TimeBar {
     this.say(t("This moment cannot be shown: {reason}", { reason: message }));
   }
 
-  unanswered({ message }) {
-    this.say(t("The history does not answer: {reason}", { reason: message }));
-  }
+  unanswered = ({ message }) => this.say(t("The history does not answer: {reason}", { reason: message }));
 
   say(words) {
     setText(byId("time-said"), words);
