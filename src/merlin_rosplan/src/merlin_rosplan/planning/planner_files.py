@@ -4,8 +4,10 @@
 import contextlib
 import os
 import tempfile
-from pathlib import Path
-from typing import Optional
+from typing import TYPE_CHECKING, Optional
+
+if TYPE_CHECKING:  # nodes that import this do without at their start
+    from pathlib import Path
 
 MEGABYTE = 1024 * 1024
 STDOUT, STDERR = "stdout.txt", "stderr.txt"
@@ -13,7 +15,7 @@ STDOUT, STDERR = "stdout.txt", "stderr.txt"
 TOGETHER = 2
 
 
-def too_much(folder: Path, limit: float) -> Optional[str]:
+def too_much(folder: "Path", limit: float) -> Optional[str]:
     """What is too much in a folder, as the end of a sentence; None when nothing is.
 
     :param limit: MB for one file; 0 means none. Twice as much for all together.
@@ -32,7 +34,7 @@ def too_much(folder: Path, limit: float) -> Optional[str]:
     return None
 
 
-def keep(path: Path, content: str) -> Optional[str]:
+def keep(path: "Path", content: str) -> Optional[str]:
     """Writes a file for the user, into a folder that may be new.
 
     :return: what is wrong if that fails: a planning does not fail for it.
