@@ -72,8 +72,8 @@ class Introspection(unittest.TestCase):
         self.addCleanup(server.stop)
         return name, server
 
-    def view(self, name, containers):
-        viewer = Viewer(name)
+    def view(self, name, containers, kind=Viewer):
+        viewer = kind(name)
         self.addCleanup(viewer.close)
         viewer.wait(lambda: len(viewer.statuses) >= containers and len(viewer.structures) >= containers)
         return viewer
@@ -135,6 +135,29 @@ class Introspection(unittest.TestCase):
         viewer = self.view(name, 1)
         sm.execute()
         server.stop()
+        viewer.wait(lambda: any(status.info.startswith("TERMINATED") for status in viewer.statuses))
+
+    def test_the_end_is_shown_also_to_a_viewer_that_reads_late(self):
+        sm = machine(*[Done() for _ in range(8)])
+        sm.userdata.picture = "x" * 1_000_000  # more than the kernel takes at once
+        name, server = self.serve(sm, "/")
+        reads = threading.Event()
+
+        class Late(Viewer):
+            def receive(self, message, into):
+                if into is self.statuses and into:
+                    reads.wait(LONG)
+                super().receive(message, into)
+
+        last_words, introspection.LAST_WORDS = introspection.LAST_WORDS, LONG
+        self.addCleanup(setattr, introspection, "LAST_WORDS", last_words)
+        viewer = self.view(name, 1, Late)
+        sm.execute()
+        stops = threading.Thread(target=server.stop, name="stop")
+        stops.start()
+        stops.join(0.5)  # it waits for the viewer
+        reads.set()
+        stops.join()
         viewer.wait(lambda: any(status.info.startswith("TERMINATED") for status in viewer.statuses))
 
     def test_a_viewer_is_told_once_even_when_the_worker_begins_after_it(self):

@@ -23,6 +23,7 @@ from smach.container import Container
 from smach.labels import text_of
 from smach_ros.container_proxy import ContainerProxy, texts
 from smach_ros.userdata_codec import UserDataError, decode, encode
+from smach_ros.waiting import wait_until_sent
 
 __all__ = ["INIT_TOPIC", "STATUS_TOPIC", "STRUCTURE_TOPIC", "IntrospectionClient", "IntrospectionServer"]
 
@@ -33,6 +34,7 @@ STRUCTURE_TOPIC = "/smach/container_structure"
 HEARTBEAT = 2.0  # s of wall time between two messages that repeat a container's state
 QUEUE = 1000  # messages that wait for a slow subscriber: several for each container
 NOTES = 200  # transitions that wait to be published; of more, only the last of each container is
+LAST_WORDS = 3.0  # s of wall time that a server that stops has for what a subscriber has not read
 REMOTE_INIT = "REMOTE_INIT"  # info of the status that answers an init command
 REPEAT_INIT = 0.3  # s of wall time between two init commands
 
@@ -105,7 +107,7 @@ class IntrospectionServer:
             topics = [self._structure_publisher, self._status_publisher, self._init_subscriber]
             self._changed.notify_all()
         if worker is not threading.current_thread():
-            worker.join(5.0)
+            worker.join(LAST_WORDS + 2.0)
         if rospy.core.is_shutdown_requested():
             return  # rospy ends all of them at once; one by one they would ask a master that may hang
         for topic in topics:
@@ -160,6 +162,7 @@ class IntrospectionServer:
                 if path in proxies:
                     self._publish_status(proxies[path], None, info)
             if stopping:
+                wait_until_sent((self._structure_publisher, self._status_publisher), LAST_WORDS)
                 return
             if time.monotonic() >= heartbeat:
                 heartbeat = time.monotonic() + HEARTBEAT

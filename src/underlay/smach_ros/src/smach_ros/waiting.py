@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Waiting for events until a point in ROS time: what lasts in the robot's world stops with its clock."""
 
+import contextlib
 import threading
 import time
-from typing import Callable, Optional, Union
+from typing import Any, Callable, Iterable, Optional, Union
 
 import rospy
 
@@ -71,3 +72,32 @@ def wait(
             return False
         condition.wait(min(deadline.slice(), slice_limit))
     return True
+
+
+class _Mark(bytes):
+    """Nothing, behind what waits for a subscriber: rospy asks for the length of what it has sent, and has no
+    other event for it.
+    """
+
+    def __init__(self) -> None:
+        self.sent = threading.Event()
+
+    def __len__(self) -> int:
+        self.sent.set()
+        return 0
+
+
+def wait_until_sent(publishers: Iterable[rospy.Publisher], limit: float) -> None:
+    """Waits until rospy has sent what was published: when a topic is left, it drops what waits.
+
+    :param limit: of wall time, s; messages to a subscriber that does not read wait for ever.
+    """
+    marks = []
+    for link in [link for publisher in publishers for link in list(publisher.impl.connections)]:
+        mark: Any = _Mark()
+        with contextlib.suppress(Exception):  # rospy raises what the message before it has met: it is lost
+            link.write_data(mark)
+            marks.append(mark)
+    deadline = WallDeadline(limit)
+    for mark in marks:
+        mark.sent.wait(deadline.remaining())
