@@ -59,3 +59,11 @@ def test_of_a_full_disk_the_file_is_named(tmp_path: Path) -> None:
 def test_a_folder_in_the_place_of_the_file_is_refused_at_once(tmp_path: Path) -> None:
     with pytest.raises(IsADirectoryError, match=str(tmp_path)):
         GoalNotes(str(tmp_path))
+
+
+def test_a_file_that_cannot_be_replaced_is_refused_at_once(tmp_path: Path) -> None:
+    (tmp_path / "goals.new").mkdir()  # as a folder that is read only, which root can write into
+    with pytest.raises(IsADirectoryError, match=str(tmp_path)):
+        GoalNotes(str(tmp_path / "goals"))
+    GoalNotes(str(tmp_path / "others"))
+    assert sorted(path.name for path in tmp_path.glob("others*")) == ["others"]

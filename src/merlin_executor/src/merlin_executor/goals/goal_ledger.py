@@ -110,6 +110,9 @@ class GoalNotes:
         self.path = Path(path).expanduser()
         self.path.parent.mkdir(parents=True, exist_ok=True)
         self.path.open("a").close()  # touch() would take a folder
+        self._new = self.path.with_name(self.path.name + ".new")
+        self._new.open("w").close()  # a folder that is read only is told now, not with the first goal
+        self._new.unlink()
 
     def write(self, texts: Sequence[str]) -> None:
         """Notes these goals and no others. They are on the disk when this returns: the knowledge base, to
@@ -124,13 +127,12 @@ class GoalNotes:
 
     def _replace(self, text: str, sync: bool) -> None:
         self.path.parent.mkdir(parents=True, exist_ok=True)  # it may have been removed since
-        new = self.path.with_name(self.path.name + ".new")
-        with new.open("w", encoding="utf-8") as file:
+        with self._new.open("w", encoding="utf-8") as file:
             file.write(text)
             file.flush()
             if sync:
                 os.fsync(file.fileno())
-        os.replace(new, self.path)
+        os.replace(self._new, self.path)
         if sync:
             self._sync_name()
 
