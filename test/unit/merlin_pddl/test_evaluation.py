@@ -59,8 +59,16 @@ def house():
         ("(< (/ (size a) (size b)) 0.7)", True),
         ("(= (- (size a)) -4)", True),
         ("(= (* (- (size b) (size a)) (+ 1 (size a) 2)) 14)", True),
-        ("(>= (size c) 0)", False),  # no value: no comparison is true
+        ("(>= (size c) 0)", False),  # no value: no comparison is true, and no negation of one
         ("(< (size c) 0)", False),
+        ("(not (> (size c) 0))", False),
+        ("(not (= (size c) 0))", False),
+        ("(not (= (size a) 0))", True),
+        ("(imply (> (size c) 0) (clean b))", False),
+        ("(not (and (> (size c) 0) (clean a)))", False),
+        ("(not (and (> (size c) 0) (clean b)))", True),
+        ("(not (exists (?x - room) (> (size ?x) 9)))", False),
+        ("(not (forall (?x - room) (> (size ?x) 5)))", True),
         ("(> (/ (size a) (- 2 2)) 0)", False),
         ("(reachable home b)", True),
         ("(reachable a a)", True),

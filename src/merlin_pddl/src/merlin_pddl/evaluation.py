@@ -82,29 +82,33 @@ class Evaluator:
         # Asked once per type, not once per binding.
         self._objects = functools.lru_cache(maxsize=None)(lambda types: state.objects(types))
 
-    def holds(self, condition: Condition, bindings: Optional[Bindings] = None) -> bool:
-        """Whether a condition holds. What was never said is false, and a comparison without a value too."""
+    def holds(self, condition: Condition, bindings: Optional[Bindings] = None, sense: bool = True) -> bool:
+        """Whether a condition holds. What was never said is false; of a comparison without a value both it and its
+        negation are, as for kairos.
+
+        :param sense: False asks whether its negation holds.
+        """
         bindings = bindings or {}
-        if isinstance(condition, Atom):
-            return self._atom(key_of(condition, bindings))
         if isinstance(condition, Not):
-            return self._negation(condition.part, bindings)
-        if isinstance(condition, And):
-            return all(self.holds(part, bindings) for part in condition.parts)
-        if isinstance(condition, Or):
-            return any(self.holds(part, bindings) for part in condition.parts)
+            return self.holds(condition.part, bindings, not sense)
+        if isinstance(condition, (And, Or)):
+            every = all if isinstance(condition, And) == sense else any
+            return every(self.holds(part, bindings, sense) for part in condition.parts)
+        if isinstance(condition, (Forall, Exists)):
+            every = all if isinstance(condition, Forall) == sense else any
+            extended = self.extend(condition.variables, bindings)
+            return every(self.holds(condition.part, each, sense) for each in extended)
         if isinstance(condition, Comparison):
             left = self.number(condition.left, bindings)
             right = self.number(condition.right, bindings)
-            return left is not None and right is not None and compare(condition.op, left, right)
+            return left is not None and right is not None and compare(condition.op, left, right) == sense
         if isinstance(condition, Equal):
-            return same_object(condition, bindings)
-        if isinstance(condition, Forall):
-            return all(self.holds(condition.part, b) for b in self.extend(condition.variables, bindings))
-        if isinstance(condition, Exists):
-            return any(self.holds(condition.part, b) for b in self.extend(condition.variables, bindings))
+            return same_object(condition, bindings) == sense
+        if isinstance(condition, Atom):
+            key = key_of(condition, bindings)
+            return self._atom(key) if sense else self._negation(key)
         assert isinstance(condition, Preference)
-        return True
+        return sense
 
     def number(self, value: Numeric, bindings: Optional[Bindings] = None) -> Optional[float]:
         """The worth of an expression; None when a function in it has no value, or on division by zero."""
@@ -173,12 +177,12 @@ class Evaluator:
         self._failed.add(key)
         return False
 
-    def _negation(self, part: Condition, bindings: Bindings) -> bool:
+    def _negation(self, key: Key) -> bool:
         """What is negated belongs to a lower stratum: it is settled completely before it counts."""
         kept = self._open, self._failed, self._postponed
         self._open, self._failed, self._postponed = set(), set(), []
         try:
-            return not self.holds(part, bindings)
+            return not self._atom(key)
         finally:
             self._open, self._failed, self._postponed = kept
 
