@@ -60,5 +60,6 @@ def replace_file(path: str, text: str) -> None:
         os.chmod(temporary, 0o644)
         os.replace(temporary, path)
     except BaseException:  # the disk is full
-        os.unlink(temporary)
+        with contextlib.suppress(OSError):  # its folder may be gone: that is what is raised
+            os.unlink(temporary)
         raise
