@@ -63,13 +63,13 @@ export class Gantt {
 function layOut(spans, { parameters = {}, robots = {} }) {
   const robotOf = ({ step }) => ((step.parameters || []).find(([key, value]) => key === of(parameters, step.name) && has(robots, value)) || [])[1] || "";
   const owners = spans.map(robotOf);
-  const tops = spans.map(() => 0);
+  const tops = [];
   const names = [];
   let height = TOP;
   for (const owner of [...new Set(owners)].sort()) {
     if (owner) { names.push([owner, height]); height += NAME; }
     const free = [];
-    const order = spans.map((span, index) => index).filter((index) => owners[index] === owner);
+    const order = [...spans.keys()].filter((index) => owners[index] === owner);
     order.sort((a, b) => spans[a].at[0] - spans[b].at[0]);
     for (const index of order) {
       const { at } = spans[index];
@@ -96,11 +96,12 @@ function bars({ step, planned, real, due, at }, x, y) {
 }
 
 function ticks(from, to, x, height, now) {
-  const each = TICKS.find((step) => x(from + step) - x(from) > 90) || TICKS[TICKS.length - 1];
+  const px = x(1) - x(0); // per s
+  const each = TICKS.find((step) => step * px > 90) || 3600 * Math.ceil(0.025 / px);
   const items = [];
   for (let at = Math.ceil(from / each) * each; at <= to; at += each) {
-    items.push(svg("line", { class: "tick", x1: x(at), x2: x(at), y1: TOP - 4, y2: height }));
-    items.push(svg("text", { class: "at", x: x(at) + 3, y: 12 }, now ? clockText(at).replace(".0 s", " s") : `${at} s`));
+    const text = now ? clockText(at).replace(".0 s", " s") : `${at} s`;
+    items.push(svg("line", { class: "tick", x1: x(at), x2: x(at), y1: TOP - 4, y2: height }), svg("text", { class: "at", x: x(at) + 3, y: 12 }, text));
   }
   return items;
 }

@@ -337,6 +337,10 @@ def the_plan_in_time_and_what_was_said_heard_and_seen(page: Any, served: Served)
     width = page.page.get_attribute("#plan-time svg", "width")
     page.page.keyboard.press("+")
     assert float(page.page.get_attribute("#plan-time svg", "width")) > float(width)
+    long = {**served.state.tree.get("plan", "steps", "39"), "duration": 1e9}  # s
+    served.state.inbox.put(lambda: served.state.tree.set("plan", "steps", "39", long))
+    page.wait("() => document.querySelector('#plan-time .planned').width.baseVal.value === 2")
+    assert page.page.evaluate("() => document.querySelectorAll('#plan-time .tick').length") < 300
     page.page.focus("#plan-graph")
     page.page.keyboard.press("-")
     page.wait_text("#said-list .said", "a coffee please")
