@@ -83,8 +83,8 @@ class Evaluator:
         self._objects = functools.lru_cache(maxsize=None)(lambda types: state.objects(types))
 
     def holds(self, condition: Condition, bindings: Optional[Bindings] = None, sense: bool = True) -> bool:
-        """Whether a condition holds. What was never said is false; of a comparison without a value both it and its
-        negation are, as for kairos.
+        """Whether a condition holds. What was never said is false; a comparison without a value is, and its
+        negation too, as for kairos.
 
         :param sense: False asks whether its negation holds.
         """
