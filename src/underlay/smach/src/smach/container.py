@@ -341,17 +341,8 @@ class Container(PreemptibleContainer):
         return outcome
 
     def __getstate__(self) -> Dict[str, Any]:
-        state = dict(self.__dict__)
-        for name in (
-            "_smach_lock",
-            "_smach_changed",
-            "_smach_executing",
-            "_smach_forwards",
-            "_smach_unreached",
-            "_smach_runner",
-            "_smach_parent",
-        ):
-            state.pop(name, None)
+        of_a_run = {name for name in vars(self) if name.startswith("_smach_")} - {"_smach_label"}
+        state = {name: value for name, value in vars(self).items() if name not in of_a_run}
         state["_is_running"] = False
         return state
 

@@ -181,13 +181,7 @@ class Iterator(Container):
 
     def _each(self) -> Items[Any]:
         try:
-            items = iter(self._items() if callable(self._items) else self._items)
-            while True:
-                try:
-                    item = next(items)
-                except StopIteration:
-                    return
-                yield item
+            yield from self._items() if callable(self._items) else self._items
         except Exception as error:
             raise InvalidUserCodeError(
                 f"Iterator '{self._path()}': its items raised {type(error).__name__}: {error}"

@@ -16,6 +16,7 @@ import rospy
 from actionlib_msgs.msg import GoalID, GoalStatus, GoalStatusArray
 
 from smach.log import wake_at_shutdown
+from smach_ros.waiting import OnSubscriber
 
 GREETED = 0.5  # s of wall time after which the server sends over its link for results, without a proof
 APART = 0.1  # s of wall time between two statuses that are that proof; rospy needs some ms
@@ -80,7 +81,13 @@ class ActionConnection:
         self._proving_since = 0.0  # counted wall time of the first status that came while it was open
         self._proved: Any = None  # that link, when another status has come at least APART later
         self._connected_at = 0.0  # counted
-        listener = _Listener(self.changed)
+        changed = self.changed
+
+        def wake(_: Any) -> None:
+            with changed:
+                changed.notify_all()
+
+        listener = OnSubscriber(wake)
         self._goal_publisher = rospy.Publisher(
             name + "/goal", self._action_goal_type, listener, tcp_nodelay=True, queue_size=10
         )
@@ -276,18 +283,6 @@ class ActionConnection:
                 goal.status = GoalStatus.LOST
                 goal.text = f"the action server {self.name} no longer knows the goal; it was restarted"
             self.changed.notify_all()
-
-
-class _Listener(rospy.SubscribeListener):
-    """Wakes states that wait for a server."""
-
-    def __init__(self, changed: threading.Condition) -> None:
-        super().__init__()
-        self._changed = changed
-
-    def peer_subscribe(self, topic_name: str, topic_publish: Any, peer_publish: Any) -> None:
-        with self._changed:
-            self._changed.notify_all()
 
 
 def _reaches(publisher: rospy.Publisher, server: str) -> bool:

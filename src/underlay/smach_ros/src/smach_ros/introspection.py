@@ -23,7 +23,7 @@ from smach.container import Container
 from smach.labels import text_of
 from smach_ros.container_proxy import ContainerProxy, texts
 from smach_ros.userdata_codec import UserDataError, decode, encode
-from smach_ros.waiting import wait_until_sent
+from smach_ros.waiting import OnSubscriber, wait_until_sent
 
 __all__ = ["INIT_TOPIC", "STATUS_TOPIC", "STRUCTURE_TOPIC", "IntrospectionClient", "IntrospectionServer"]
 
@@ -77,13 +77,13 @@ class IntrospectionServer:
             self._structure_publisher = rospy.Publisher(
                 name + STRUCTURE_TOPIC,
                 SmachContainerStructure,
-                _Greeter(self._greet, self._structures),
+                OnSubscriber(lambda one: self._greet(one, self._structures)),
                 queue_size=QUEUE,
             )
             self._status_publisher = rospy.Publisher(
                 name + STATUS_TOPIC,
                 SmachContainerStatus,
-                _Greeter(self._greet, self._statuses),
+                OnSubscriber(lambda one: self._greet(one, self._statuses)),
                 tcp_nodelay=True,
                 queue_size=QUEUE,
             )
@@ -217,23 +217,6 @@ class IntrospectionServer:
             rospy.logerr(f"Init command for '{message.path}' refused: {error}")
             return
         self._note(proxy, proxy.container.get_active_states(), REMOTE_INIT)
-
-
-class _Greeter(rospy.SubscribeListener):
-    """Has all there is sent to each new subscriber.
-
-    :param greet: called with what publishes to the subscriber alone and with what makes the messages.
-    :param messages: makes them.
-    """
-
-    def __init__(
-        self, greet: Callable[[Callable[[Any], None], Callable[[], List[Any]]], None], messages: Any
-    ) -> None:
-        super().__init__()
-        self._greet, self._messages = greet, messages
-
-    def peer_subscribe(self, topic_name: str, topic_publish: Any, peer_publish: Any) -> None:
-        self._greet(peer_publish, self._messages)
 
 
 class IntrospectionClient:

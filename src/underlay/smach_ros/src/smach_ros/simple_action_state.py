@@ -167,15 +167,8 @@ class SimpleActionState(ReportingState):
     def _wait_for_server(self, connection: ActionConnection) -> bool:
         deadline = WallDeadline(self._server_wait_timeout)
         with connection.changed:
-            if self.preempt_requested():
-                return False
             # rospy announces connections of publishers, but not those of subscribers.
-            wait(
-                connection.changed,
-                lambda: self.preempt_requested() or connection.ready(),
-                deadline,
-                0.02,
-            )
+            wait(connection.changed, lambda: self.preempt_requested() or connection.ready(), deadline, 0.02)
             if self.preempt_requested():
                 return False
             if connection.ready():

@@ -51,6 +51,21 @@ class WallDeadline(RosDeadline):
         return min(1.0, self.remaining())
 
 
+class OnSubscriber(rospy.SubscribeListener):
+    """The event of a new subscriber of a publisher.
+
+    :param call: called with what publishes to that subscriber alone.
+    """
+
+    def __init__(self, call: Callable[[Callable[[Any], None]], None]) -> None:
+        super().__init__()
+        self._call = call
+
+    def peer_subscribe(self, topic_name: str, topic_publish: Any, peer_publish: Any) -> None:
+        """A subscriber has come; rospy calls it."""
+        self._call(peer_publish)
+
+
 def seconds(duration: Duration) -> float:
     """A duration as a number."""
     return duration.to_sec() if hasattr(duration, "to_sec") else float(duration)
