@@ -2,6 +2,7 @@
 """SimpleActionState: P9, P10, B1 to B5 and U7, against servers of every temper."""
 
 import os
+import signal
 import subprocess
 import sys
 import threading
@@ -168,6 +169,20 @@ class ActionStates(unittest.TestCase):
         run = Run(SimpleActionState("victim", TestAction, goal=TestGoal(goal=SUCCEED)))
         self.assertEqual(run.end(), "succeeded")
         self.assertEqual(Run(state.__class__("victim", TestAction)).end(), "succeeded")
+
+    def test_b8_what_a_program_drives_stops_when_it_is_interrupted(self):
+        for kind in ("drive", "merlin_drive"):
+            process = subprocess.Popen(
+                lean_script(os.path.join(HERE, "smach_victim.py"), kind), stdout=subprocess.PIPE, text=True
+            )
+            self.addCleanup(process.stdout.close)
+            self.addCleanup(process.kill)
+            self.server.wait_for_goals(self.before + 1)
+            process.send_signal(signal.SIGINT)
+            output, _ = process.communicate(timeout=LONG)
+            self.assertIn("outcome preempted", output, kind)
+            self.assertEqual(self.server.goals[-1].get_goal_status().status, GoalStatus.PREEMPTED, kind)
+            self.before += 1
 
     def victim(self):
         process = subprocess.Popen(lean_script(os.path.join(HERE, "smach_victim.py"), "server"))

@@ -7,12 +7,13 @@ import threading
 
 import actionlib
 import rospy
-from actionlib.msg import TestAction, TestFeedback
+from actionlib.msg import TestAction, TestFeedback, TestGoal
 from std_msgs.msg import Int32
 from std_srvs.srv import Trigger, TriggerResponse
 
 import smach
 import smach_ros
+from merlin_sm.state_factory import MerlinStateFactory
 
 
 def serve():
@@ -96,6 +97,19 @@ def accept(goal):
     running()
 
 
+def drive(kind):
+    """A program as many are: nothing preempts its machine when it ends."""
+    goal = TestGoal(goal=1)  # a cancel ends it
+    if kind == "drive":
+        state = smach_ros.SimpleActionState("tempers", TestAction, goal=goal)
+    else:
+        state = MerlinStateFactory().create("action", "tempers", TestAction, goal=goal)
+    sm = smach.StateMachine(["succeeded", "aborted", "preempted"])
+    with sm:
+        smach.StateMachine.add("A", state)
+    return sm
+
+
 def main(scenario):
     if scenario == "server":
         rospy.init_node("victim")
@@ -109,6 +123,8 @@ def main(scenario):
         state = container(scenario)
         if scenario != "stubborn_concurrence":
             smach_ros.set_preempt_handler(state)
+    elif scenario in ("drive", "merlin_drive"):
+        state = drive(scenario)
     elif scenario == "monitor":
         publisher = rospy.Publisher("ticks", Int32, latch=True, queue_size=1)
         publisher.publish(1)

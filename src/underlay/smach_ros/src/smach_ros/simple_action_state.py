@@ -3,7 +3,7 @@
 
 import traceback
 import weakref
-from typing import Any, Callable, Iterable, Mapping, Optional
+from typing import Any, Callable, Iterable, Mapping, Optional, Set
 
 import rospy
 from actionlib_msgs.msg import GoalStatus
@@ -17,10 +17,13 @@ from smach_ros.waiting_state import ReportingState
 
 MINUTE = rospy.Duration(60.0)
 LOOK = 0.5  # s of wall time between looks whether the server still lives
+STOP = 2.0  # s of wall time that goals get to end when the program ends
 
 
 class SimpleActionState(ReportingState):
     """Sends a goal to an action server and ends with its result.
+
+    When the program ends, at a shutdown of ROS, the goal is cancelled and gets `STOP` to end.
 
     Outcomes: ``succeeded``, ``aborted``, ``preempted`` and those of ``result_cb`` and ``outcomes``.
 
@@ -44,6 +47,9 @@ class SimpleActionState(ReportingState):
     ACTIVE = 2
     PREEMPTING = 3
     COMPLETED = 4
+
+    _running: "Set[SimpleActionState]" = set()  # each change is one step of the interpreter
+    _ends_with_ros = False
 
     def __init__(
         self,
@@ -124,10 +130,31 @@ class SimpleActionState(ReportingState):
 
     def execute(self, ud: Any) -> str:
         """Sends the goal and waits for its end."""
+        if not SimpleActionState._ends_with_ros:
+            SimpleActionState._ends_with_ros = True
+            rospy.on_shutdown(
+                SimpleActionState._stop_all
+            )  # behind a preempt handler, which preempts the whole tree
+        self._running.add(self)
         try:
             return super().execute(ud)
         finally:
+            self._running.discard(self)
             self._status = self.INACTIVE
+
+    @classmethod
+    def _stop_all(cls) -> None:
+        """Preempts all that run while a cancel can still be sent: a goal does not end with its program."""
+        deadline, running = WallDeadline(STOP), list(cls._running)
+        for state in running:
+            state.request_preempt()
+        for state in running:
+            changed = state._connect().changed
+            with changed:
+                wait(changed, state._is_done, deadline)
+
+    def _is_done(self) -> bool:
+        return self._sent is None or self._sent.done
 
     def _execute(self, ud: Any) -> str:
         connection = self._connect()
