@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A state that runs a goal on an action server."""
 
+import functools
 import gc
 import threading
 import weakref
@@ -21,11 +22,13 @@ from merlin_sm.states.text_keys import check_keys
 
 SERVER_WAIT = 5.0  # s of running time for a server that is not there yet
 CANCEL_LIMIT = 2.0  # s of running time within which a server has to stop
+LAST_STOP = 2.0  # s of running time for all of them when the program ends
 STUCK = "had an active goal and sent no velocity for as long as no_command_limit of the velocity guard allows"
 
 _clients: Dict[str, ActionClient] = {}
 _states: Dict[str, "weakref.WeakSet[ActionState]"] = {}  # that use a client; it lasts when others use it, too
 _clients_lock = threading.Lock()  # guards _clients and _states
+_running: "Dict[ActionState, threading.Event]" = {}  # whether the goal has ended
 
 
 def goal_class(action_spec: Any) -> type:
@@ -84,12 +87,27 @@ def give_up_goals(owner: str) -> None:
         client.give_up_owned(owner)
 
 
+@functools.lru_cache(maxsize=None)
+def _stop_at_shutdown() -> None:
+    rospy.on_shutdown(_stop_all)  # behind a preempt handler, which preempts the whole tree
+
+
+def _stop_all() -> None:
+    """Preempts what runs while a cancel can still be sent: a goal does not end with its program."""
+    running, deadline = list(_running.items()), Deadline(LAST_STOP)
+    for state, _ in running:
+        state.request_preempt()
+    for _, over in running:
+        deadline.wait_event(over)
+
+
 class ActionState(MerlinState):
     """Sends a goal and waits for its end; a preempt cancels it at once.
 
     Ends with succeeded when the server says SUCCEEDED, with preempted when it was preempted and the server
     stopped, also where that calls the end ABORTED, else with aborted and the reason. A server that does not
-    stop within `cancel_limit` is reported by name, and its goal given up: it no longer has an owner.
+    stop within `cancel_limit` is reported by name, and its goal given up: it no longer has an owner. When the
+    program ends, its goal is cancelled.
 
     Where a velocity guard names the action among its `motion_servers`, the goal drives: nothing sets off
     while the guard is silent, has stopped the base or does not hear the server; an arrival does not count
@@ -153,15 +171,27 @@ class ActionState(MerlinState):
             return self.fail(self._client.absence(self._server_wait))
         reason = self._why_no_drive()
         hangs.wait_settled(self.preempt_requested)
-        if self.preempt_requested():
-            return PREEMPTED
-        if reason:
-            return self.fail(reason)
+        _stop_at_shutdown()
+        over = _running[self] = threading.Event()
+        try:
+            if self.preempt_requested():
+                return PREEMPTED
+            return self.fail(reason) if reason else self._carry_out(userdata, goal, over)
+        finally:
+            del _running[self]
+            over.set()
+
+    def _carry_out(self, userdata: Any, goal: Any, over: threading.Event) -> str:
         mark = self._guard.mark()
         ended = threading.Event()
-        sent = self._client.send(goal, on_done=lambda _: ended.set(), owner=self.served_goal)
+
+        def done(_: ClientGoal) -> None:
+            over.set()
+            ended.set()
+
+        sent = self._client.send(goal, on_done=done, owner=self.served_goal)
         cancelled = threading.Event()
-        said = stuck = ""
+        said = stuck = reason = ""
 
         def cancel() -> None:
             nonlocal said
