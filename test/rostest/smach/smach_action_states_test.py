@@ -170,19 +170,35 @@ class ActionStates(unittest.TestCase):
         self.assertEqual(run.end(), "succeeded")
         self.assertEqual(Run(state.__class__("victim", TestAction)).end(), "succeeded")
 
+    def interrupt(self, kind, begun):
+        """The output of a program that is interrupted when it has begun, which `begun` waits for."""
+        process = subprocess.Popen(
+            lean_script(os.path.join(HERE, "smach_victim.py"), kind),
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
+        self.addCleanup(process.stdout.close)
+        self.addCleanup(process.kill)
+        begun(process)
+        process.send_signal(signal.SIGINT)
+        return process.communicate(timeout=LONG)[0]
+
     def test_b8_what_a_program_drives_stops_when_it_is_interrupted(self):
         for kind in ("drive", "merlin_drive"):
-            process = subprocess.Popen(
-                lean_script(os.path.join(HERE, "smach_victim.py"), kind), stdout=subprocess.PIPE, text=True
-            )
-            self.addCleanup(process.stdout.close)
-            self.addCleanup(process.kill)
-            self.server.wait_for_goals(self.before + 1)
-            process.send_signal(signal.SIGINT)
-            output, _ = process.communicate(timeout=LONG)
+            output = self.interrupt(kind, lambda _: self.server.wait_for_goals(self.before + 1))
             self.assertIn("outcome preempted", output, kind)
             self.assertEqual(self.server.goals[-1].get_goal_status().status, GoalStatus.PREEMPTED, kind)
+            self.assertEqual(len(self.server.goals), self.before + 1, kind)  # its machine goes on without one
             self.before += 1
+
+    def test_b8_a_first_action_state_does_not_hold_the_preempt_handler_up(self):
+        output = self.interrupt(
+            "late_drive", lambda process: self.assertEqual("running\n", process.stdout.readline())
+        )
+        self.assertIn("outcome preempted", output)
+        self.assertNotIn("still runs", output)
+        self.assertEqual(len(self.server.goals), self.before)
 
     def victim(self):
         process = subprocess.Popen(lean_script(os.path.join(HERE, "smach_victim.py"), "server"))

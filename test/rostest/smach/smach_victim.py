@@ -40,9 +40,9 @@ def serve():
 class Waits(smach.State):
     """Waits until it is preempted."""
 
-    def __init__(self, obeys=True):
+    def __init__(self, obeys=True, serves=True):
         smach.State.__init__(self, outcomes=["done", "preempted"])
-        self.obeys, self.asked = obeys, threading.Event()
+        self.obeys, self.serves, self.asked = obeys, serves, threading.Event()
 
     def request_preempt(self):
         smach.State.request_preempt(self)
@@ -53,6 +53,8 @@ class Waits(smach.State):
         self.asked.wait()
         if not self.obeys:
             threading.Event().wait()
+        if not self.serves:
+            return "done"
         self.service_preempt()
         return "preempted"
 
@@ -98,15 +100,20 @@ def accept(goal):
 
 
 def drive(kind):
-    """A program as many are: nothing preempts its machine when it ends."""
+    """A program as many are: nothing preempts its machine when it ends, and the machine goes on."""
     goal = TestGoal(goal=1)  # a cancel ends it
-    if kind == "drive":
-        state = smach_ros.SimpleActionState("tempers", TestAction, goal=goal)
-    else:
-        state = MerlinStateFactory().create("action", "tempers", TestAction, goal=goal)
+
+    def action():
+        if kind == "merlin_drive":
+            return MerlinStateFactory().create("action", "tempers", TestAction, goal=goal)
+        return smach_ros.SimpleActionState("tempers", TestAction, goal=goal)
+
     sm = smach.StateMachine(["succeeded", "aborted", "preempted"])
     with sm:
-        smach.StateMachine.add("A", state)
+        if kind == "late_drive":
+            smach.StateMachine.add("WAIT", Waits(serves=False), {"done": "A"})
+        smach.StateMachine.add("A", action(), {"preempted": "B"})
+        smach.StateMachine.add("B", action())
     return sm
 
 
@@ -123,8 +130,10 @@ def main(scenario):
         state = container(scenario)
         if scenario != "stubborn_concurrence":
             smach_ros.set_preempt_handler(state)
-    elif scenario in ("drive", "merlin_drive"):
+    elif "drive" in scenario:
         state = drive(scenario)
+        if scenario == "late_drive":
+            smach_ros.set_preempt_handler(state)
     elif scenario == "monitor":
         publisher = rospy.Publisher("ticks", Int32, latch=True, queue_size=1)
         publisher.publish(1)

@@ -23,7 +23,8 @@ STOP = 2.0  # s of wall time that goals get to end when the program ends
 class SimpleActionState(ReportingState):
     """Sends a goal to an action server and ends with its result.
 
-    When the program ends, at a shutdown of ROS, the goal is cancelled and gets `STOP` to end.
+    When the program ends, behind all that it does at a shutdown of ROS, the goal is cancelled and gets `STOP`
+    to end; no further one is sent.
 
     Outcomes: ``succeeded``, ``aborted``, ``preempted`` and those of ``result_cb`` and ``outcomes``.
 
@@ -49,7 +50,7 @@ class SimpleActionState(ReportingState):
     COMPLETED = 4
 
     _running: "Set[SimpleActionState]" = set()  # each change is one step of the interpreter
-    _ends_with_ros = False
+    _program_ends = False
 
     def __init__(
         self,
@@ -130,11 +131,6 @@ class SimpleActionState(ReportingState):
 
     def execute(self, ud: Any) -> str:
         """Sends the goal and waits for its end."""
-        if not SimpleActionState._ends_with_ros:
-            SimpleActionState._ends_with_ros = True
-            rospy.on_shutdown(
-                SimpleActionState._stop_all
-            )  # behind a preempt handler, which preempts the whole tree
         self._running.add(self)
         try:
             return super().execute(ud)
@@ -143,8 +139,9 @@ class SimpleActionState(ReportingState):
             self._status = self.INACTIVE
 
     @classmethod
-    def _stop_all(cls) -> None:
+    def _stop_all(cls, _reason: str = "") -> None:
         """Preempts all that run while a cancel can still be sent: a goal does not end with its program."""
+        cls._program_ends = True
         deadline, running = WallDeadline(STOP), list(cls._running)
         for state in running:
             state.request_preempt()
@@ -157,6 +154,8 @@ class SimpleActionState(ReportingState):
         return self._sent is None or self._sent.done
 
     def _execute(self, ud: Any) -> str:
+        if self._program_ends:
+            self.request_preempt()
         connection = self._connect()
         self._status = self.WAITING_FOR_SERVER
         if not self._wait_for_server(connection):
@@ -274,3 +273,10 @@ class SimpleActionState(ReportingState):
             log = rospy.logwarn if outcome is None else rospy.logdebug
             self._report(ended, log)
         return outcome if outcome is not None else by_status
+
+
+# Behind what users do at a shutdown, as in a preempt handler. rospy's own hook of that kind ends the topics.
+if rospy.core.is_initialized():
+    rospy.on_shutdown(SimpleActionState._stop_all)
+else:
+    rospy.core.add_preshutdown_hook(SimpleActionState._stop_all)
