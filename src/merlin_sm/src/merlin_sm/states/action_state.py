@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A state that runs a goal on an action server."""
 
-import functools
 import gc
 import threading
 import weakref
@@ -29,6 +28,7 @@ _clients: Dict[str, ActionClient] = {}
 _states: Dict[str, "weakref.WeakSet[ActionState]"] = {}  # that use a client; it lasts when others use it, too
 _clients_lock = threading.Lock()  # guards _clients and _states
 _running: "Dict[ActionState, threading.Event]" = {}  # whether the goal has ended
+_program_ends = threading.Event()
 
 
 def goal_class(action_spec: Any) -> type:
@@ -87,18 +87,21 @@ def give_up_goals(owner: str) -> None:
         client.give_up_owned(owner)
 
 
-@functools.lru_cache(maxsize=None)
-def _stop_at_shutdown() -> None:
-    rospy.on_shutdown(_stop_all)  # behind a preempt handler, which preempts the whole tree
-
-
-def _stop_all() -> None:
+def _stop_all(_reason: str = "") -> None:
     """Preempts what runs while a cancel can still be sent: a goal does not end with its program."""
+    _program_ends.set()
     running, deadline = list(_running.items()), Deadline(LAST_STOP)
     for state, _ in running:
         state.request_preempt()
     for _, over in running:
         deadline.wait_event(over)
+
+
+# Behind what users do at a shutdown, as in a preempt handler. rospy's own hook of that kind ends the topics.
+if rospy.core.is_initialized():
+    rospy.on_shutdown(_stop_all)
+else:
+    rospy.core.add_preshutdown_hook(_stop_all)
 
 
 class ActionState(MerlinState):
@@ -107,7 +110,7 @@ class ActionState(MerlinState):
     Ends with succeeded when the server says SUCCEEDED, with preempted when it was preempted and the server
     stopped, also where that calls the end ABORTED, else with aborted and the reason. A server that does not
     stop within `cancel_limit` is reported by name, and its goal given up: it no longer has an owner. When the
-    program ends, its goal is cancelled.
+    program ends, its goal is cancelled, and no further one is sent.
 
     Where a velocity guard names the action among its `motion_servers`, the goal drives: nothing sets off
     while the guard is silent, has stopped the base or does not hear the server; an arrival does not count
@@ -171,9 +174,10 @@ class ActionState(MerlinState):
             return self.fail(self._client.absence(self._server_wait))
         reason = self._why_no_drive()
         hangs.wait_settled(self.preempt_requested)
-        _stop_at_shutdown()
         over = _running[self] = threading.Event()
         try:
+            if _program_ends.is_set():
+                self.request_preempt()
             if self.preempt_requested():
                 return PREEMPTED
             return self.fail(reason) if reason else self._carry_out(userdata, goal, over)
