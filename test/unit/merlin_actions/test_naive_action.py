@@ -11,8 +11,7 @@ from rosplan_dispatch_msgs.msg import ActionFeedback
 
 from merlin_actions.nodes.naive_action import DECLARED, NaiveAction
 from merlin_sm.states.merlin_state import SUCCEEDED
-
-LONG = 60.0
+from merlin_test import LONG
 
 
 def test_an_action_is_carried_out_after_a_status_of_the_dispatcher(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -24,8 +24,8 @@ from merlin_actions.merlin_action_sm import MerlinActionSM
 from merlin_actions.nodes import bridges, fsm_host
 from merlin_actions.shutdown_order import shut_down
 from merlin_sm.states.merlin_state import SUCCEEDED, MerlinState
+from merlin_test import LONG
 
-LONG = 60.0
 #: Each machine ends when both of them were told to stop.
 both_stop = threading.Barrier(2)
 

@@ -15,6 +15,7 @@ from merlin_actions.stopped_robots import EffectsOfDrives, StoppedRobots
 from merlin_planning.knowledge_client import REMOVE, Update, fact
 from merlin_planning.knowledge_text import to_pddl
 from merlin_ros.service_proxy import ServiceUnavailable
+from merlin_test import LONG
 
 STOPPED_AT = ["(not (robot_at ?r anywhere))", "(robot_at ?r ?here)", "(not (free ?here))"]
 
@@ -168,7 +169,7 @@ def test_two_robots_that_stop_at_one_point_at_once_do_not_both_hold_it(home: Hom
     for thread in threads:
         thread.start()
     for thread in threads:
-        thread.join(60.0)
+        thread.join(LONG)
     held = [fact for fact in home.knowledge.facts if fact.endswith("hall)")]
     assert len(held) == 1 and held[0].startswith("(robot_at"), held
 

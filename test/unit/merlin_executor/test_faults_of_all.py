@@ -38,7 +38,7 @@ class Base:
 def start():
     Base()
     client, knowledge = MerlinExecutorClient(), MerlinROSPlanAssistant()
-    assert client.wait_for_executor(60)
+    assert client.wait_for_executor(300)
     knowledge.facts("robot_at")  # connects: without a master nothing is found
     print("started", flush=True)
     def tell(request):

@@ -34,6 +34,7 @@ from merlin_fleet.fleet_robot import FleetRobot
 from merlin_fleet.hub import EtcdHub
 from merlin_fleet.hub_watch import Listener
 from merlin_fleet.sqlite_outbox import SqliteOutbox
+from merlin_test import LONG
 from merlin_test.etcd_process import EtcdProcess
 from merlin_test.node_path import LEAN
 from merlin_test.ports import free_ports
@@ -41,7 +42,6 @@ from merlin_test.ports import free_ports
 pytestmark = pytest.mark.processes
 
 PAGE = (Path(__file__).resolve().parents[4] / "docs" / "fleet.md").read_text(encoding="utf-8")
-LIMIT = 60.0  # s for anything that has to happen
 KEYS = Keys("lab")
 #: A test machine may stand still for many seconds.
 RULES = Rules(LeaseTimes(ttl=60.0, renew_every=0.5, stop_time=1.0), AuctionTimes(0.1, 30.0))
@@ -210,7 +210,7 @@ def test_robots_and_clients_work_with_their_rights(
 
 def test_a_hub_with_certificates_tells_its_time(lab: Lab) -> None:
     hub = EtcdHub(Keys("real").root, [lab.etcd.endpoint], lab.folder.tls("client.desk"), 20.0)
-    assert abs(hub.time() - time.time()) < LIMIT
+    assert abs(hub.time() - time.time()) < LONG
     hub.close()
 
 
@@ -220,7 +220,7 @@ def test_a_robot_with_the_certificate_of_another_one_says_so_once(lab: Lab, tmp_
     outbox.add(Report("g1", "ann", 5, "SUCCEEDED", "", 1.0), True)
     robot, said = robot_of(lab, "ann", "real", "robot.bob", outbox)
     try:
-        assert "is it that of the robot 'ann', made for the fleet 'real'?" in said.get(timeout=LIMIT)
+        assert "is it that of the robot 'ann', made for the fleet 'real'?" in said.get(timeout=LONG)
     finally:
         robot.close()
     assert [report.goal for report, _ in outbox.reports()] == ["g1"]
@@ -235,7 +235,7 @@ def test_a_hub_that_begins_with_nothing_is_of_the_same_fleet_after_allow(tmp_pat
             client = FleetClient("lab", [lab.etcd.endpoint], lab.folder.tls("client.desk"))
             try:
                 request = client.send("(done a)")
-                assert request.wait(LIMIT), list(said.queue)
+                assert request.wait(LONG), list(said.queue)
             finally:
                 robot.close()
                 client.close()
@@ -256,9 +256,9 @@ def test_a_client_removes_ended_goals_as_robots_may_not(lab: Lab, tmp_path: Path
     robot, said = robot_of(lab, "ann", "kept", "robot.ann", SqliteOutbox(f"{tmp_path}/outbox"), rules)
     try:
         request = client.send("(done a)")
-        assert request.wait(LIMIT)
-        assert "this robot removes no ended goals: the hub does not allow it" in said.get(timeout=LIMIT)
-        keeper, end = Keeper(keep), time.monotonic() + LIMIT
+        assert request.wait(LONG)
+        assert "this robot removes no ended goals: the hub does not allow it" in said.get(timeout=LONG)
+        keeper, end = Keeper(keep), time.monotonic() + LONG
         # The client removes the goal, and then the robot its own records of it.
         while any(request.id in item.key.split("/") for item in hub.read().items):
             client.remove_ended(keeper)
@@ -295,7 +295,7 @@ def test_certificates_of_another_lab_are_named(lab: Lab, tmp_path: Path) -> None
         hub, heard = EtcdHub(KEYS.root, [lab.etcd.endpoint], tls, 20.0), Heard()
         hub.follow(heard)
         try:
-            assert heard.reasons.get(timeout=LIMIT).startswith(message)
+            assert heard.reasons.get(timeout=LONG).startswith(message)
         finally:
             hub.close()
     with pytest.raises(HubError, match="cannot be read or do not fit"):
@@ -322,12 +322,12 @@ def test_a_certificate_whose_time_is_over_is_named_and_the_next_one_taken(lab: L
     hub, heard = EtcdHub(KEYS.root, [lab.etcd.endpoint], tls, 20.0), Heard()
     hub.follow(heard)
     try:
-        reason = heard.reasons.get(timeout=LIMIT)
+        reason = heard.reasons.get(timeout=LONG)
         assert not heard.connected.is_set()
         for part in ("pem", "key"):
             (tmp_path / f"robot.ann.{part}").unlink()
         assert make_certificates(tmp_path, [], ["ann"], []) == ["robot.ann"]
-        assert heard.connected.wait(LIMIT)
+        assert heard.connected.wait(LONG)
     finally:
         hub.close()
     assert reason.startswith(f"the hub does not take the certificate {tmp_path}/robot.ann.pem: ")
@@ -349,7 +349,7 @@ def test_a_certificate_without_rights_is_reported(
         lab.allow("lab")
         assert fleet(["list", *given]) == 0
         client = FleetClient("lab", [lab.etcd.endpoint], tls)
-        assert client.wait_for_hub(LIMIT)
+        assert client.wait_for_hub(LONG)
         remove = [str(lab.folder.path), "client.guest", "--hub", lab.etcd.endpoint]
         assert main(["remove", *remove]) == 0
         monkeypatch.setattr(fleet_client, "LIMIT", 1.0)  # it tries again until then
@@ -433,6 +433,6 @@ def interrupted(signals: int, seconds: float) -> None:
 def until_it_answers(folder: Folder, endpoint: str) -> None:
     client = FleetClient("lab", [endpoint], folder.tls("root"))
     try:
-        assert client.wait_for_hub(LIMIT), client.missing
+        assert client.wait_for_hub(LONG), client.missing
     finally:
         client.close()

@@ -19,10 +19,10 @@ from merlin_fleet.core.view import FleetView
 from merlin_fleet.fleet_client import FleetClient
 from merlin_fleet.fleet_request import REMOVED
 from merlin_fleet.hub import EtcdHub
+from merlin_test import LONG
 from merlin_test.etcd_process import EtcdProcess
 
 KEYS = Keys("lab")
-LIMIT = 60.0  # s for anything that has to happen
 DAY = 24 * HOUR
 
 
@@ -259,7 +259,7 @@ class Desk:
         self.etcd = etcd
         self.client = FleetClient(fleet, [etcd.endpoint])
         self.hub = EtcdHub(self.keys.root, [etcd.endpoint], timeout=20.0)
-        assert self.client.wait_for_hub(LIMIT)
+        assert self.client.wait_for_hub(LONG)
 
     def end(self, goal: str) -> None:
         """A robot has done it."""
@@ -283,12 +283,12 @@ def desk(etcd: EtcdProcess, request: pytest.FixtureRequest) -> Iterator[Desk]:
 def test_the_result_stays_known_to_the_one_who_sent_it(desk: Desk) -> None:
     client = desk.client
     known, missed = client.send("(done a)"), client.send("(done b)")
-    assert client.wait(lambda: client.news(missed.id), LIMIT)
+    assert client.wait(lambda: client.news(missed.id), LONG)
     desk.end(known.id)
-    assert known.wait(LIMIT)
+    assert known.wait(LONG)
     # Of the other one this client does not hear the end: both keys come and go at one revision for it.
     desk.hub.transact(Txn(deletes=tuple(desk.keys.key(records.GOALS, each.id) for each in (known, missed))))
-    assert missed.wait(LIMIT)
+    assert missed.wait(LONG)
     assert known.result is not None and known.result.outcome == "SUCCEEDED"
     assert missed.result is not None and missed.result.outcome == REMOVED
 
@@ -297,7 +297,7 @@ def ended_goal(desk: Desk) -> str:
     """A goal that has ended, as the client knows."""
     request = desk.client.send("(done a)")
     desk.end(request.id)
-    assert request.wait(LIMIT)
+    assert request.wait(LONG)
     return request.id
 
 
@@ -310,7 +310,7 @@ def test_the_command_removes_until_ctrl_c(
 
     def pause(signals: int, seconds: float) -> None:
         looks.append(seconds)
-        if len(looks) >= LIMIT or desk.client.wait(lambda: desk.client.news(goal) is None, 1.0):
+        if len(looks) >= LONG or desk.client.wait(lambda: desk.client.news(goal) is None, 1.0):
             raise KeyboardInterrupt
 
     monkeypatch.setattr(keep_command, "KEPT", Retention(grace=0.0))

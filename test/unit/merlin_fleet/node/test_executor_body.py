@@ -10,8 +10,8 @@ from merlin_msgs.msg import ExecuteResult
 from merlin_executor.core.standstill import Halt
 from merlin_fleet.core.records import Goal
 from merlin_fleet.node.executor_body import HALT_TIME, NO_EXECUTOR, ExecutorBody
+from merlin_test import LONG
 
-LIMIT = 60.0  # s for anything that has to happen
 GOAL = Goal("g1", ("(checked kitchen)", "(in_service)"), 0.0)
 
 
@@ -50,7 +50,7 @@ class FixedCosts:
 class Robot:
     """A body over a fake Executor, and its reports."""
 
-    def __init__(self, stop_time: float = LIMIT) -> None:
+    def __init__(self, stop_time: float = LONG) -> None:
         self.executor = FakeExecutor()
         self.halted = threading.Event()
         self.unfit = ""
@@ -110,7 +110,7 @@ def test_a_stop_that_takes_too_long_halts_the_base_and_goes_on_waiting() -> None
     robot = Robot(stop_time=HALT_TIME)
     robot.begin()
     robot.body.stop("g1", "the lease ends")
-    assert robot.halted.wait(LIMIT)
+    assert robot.halted.wait(LONG)
     assert robot.ends == []
     robot.end(outcome=ExecuteResult.CANCELLED)
     assert robot.ends == [(False, "CANCELLED", "")]

@@ -18,8 +18,8 @@ from merlin_monitor.state.history_events import Event
 from merlin_monitor.state.inbox import Inbox
 from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_monitor.state.plan_steps import ShownStep
+from merlin_test import LONG
 
-LIMIT = 60.0  # s
 REQUEST = "/mission-1-1.0"
 
 
@@ -79,7 +79,7 @@ class Page:
         """How long what has ended took, s: in words, and as the timeline has it."""
         taken = threading.Event()
         self.state.inbox.put(taken.set)
-        assert taken.wait(LIMIT)
+        assert taken.wait(LONG)
         ended = [event for event in self.events if event.kind == kind and "ended" in event.detail]
         words = [float(event.text.partition(" after ")[2].split()[0]) for event in ended]
         return words + [event.detail["ended"] - event.detail["began"] for event in ended]
@@ -100,7 +100,7 @@ def test_a_request_lasts_as_long_as_it_does(page: Page, clock: Clock, jump: floa
     result.status.goal_id.id = REQUEST
     page.hear("result", result)
     durations = page.durations("goal")
-    assert len(durations) == 2 and all(-0.01 <= each < LIMIT for each in durations), durations
+    assert len(durations) == 2 and all(-0.01 <= each < LONG for each in durations), durations
 
 
 @pytest.mark.parametrize("jump", [-3600.0, 3600.0])
@@ -117,7 +117,7 @@ def test_so_does_a_step_also_one_whose_begin_only_the_dispatcher_knows(
     for number in (0, 1):
         page.hear("action_feedback", feedback(number, 4))
     first, second, *shown = page.durations("action")
-    assert -0.01 <= first < LIMIT and 4.9 <= second < LIMIT, (first, second)
+    assert -0.01 <= first < LONG and 4.9 <= second < LONG, (first, second)
     assert shown == pytest.approx([first, second], abs=0.06)
 
 

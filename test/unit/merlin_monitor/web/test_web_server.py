@@ -19,9 +19,7 @@ from merlin_monitor.state.history_events import Event
 from merlin_monitor.state.state_tree import apply_changes
 from merlin_monitor.web import connections, live_feed, web_server
 from merlin_monitor.web.connections import ServerError, listen
-
-LIMIT = 60.0  # s for anything that a test waits for
-LONG = 300.0  # s for much that is sent
+from merlin_test import LONG
 
 
 def test_the_page_brings_its_policy(served: Served) -> None:
@@ -170,7 +168,7 @@ def test_a_page_that_reads_slowly_gets_the_state_and_holds_up_no_other(
 def test_a_page_that_closes_is_forgotten_and_nothing_is_kept_for_it(served: Served) -> None:
     before = list(served.state.tree._feeds)  # that of the recorder
     follow(served.url, 3, lambda page: bool(page.state))
-    end = time.monotonic() + LIMIT
+    end = time.monotonic() + LONG
     # The feed is closed when the last page is gone.
     while served.state.tree._feeds != before and time.monotonic() < end:
         time.sleep(0.01)
@@ -227,8 +225,8 @@ def test_the_server_ends_at_once_and_closes_its_pages(tmp_path: Path) -> None:
         async with aiohttp.ClientSession() as session, session.ws_connect(served.url + "live") as live:
             await live.receive()
             stopped = asyncio.get_event_loop().run_in_executor(None, served.stop)
-            await live.receive(timeout=LIMIT)
-            await asyncio.wait_for(stopped, LIMIT)
+            await live.receive(timeout=LONG)
+            await asyncio.wait_for(stopped, LONG)
             return live.closed
 
     assert asyncio.run(run())

@@ -13,8 +13,8 @@ from merlin_msgs.msg import ListenAction, ListenActionGoal
 
 from merlin_ros import publishing
 from merlin_ros.actions.action_server import ActionServer, ServerGoal
+from merlin_test import LONG
 
-LONG = 60.0
 SERVES = """
 import sys, rospy, smach
 from merlin_msgs.msg import ListenAction

@@ -13,8 +13,7 @@ from rospy.impl.tcpros_service import TCPROSServiceClient
 from std_srvs.srv import Empty
 
 from merlin_ros.ports import tcpros_port
-
-LONG = 20.0
+from merlin_test import LONG
 
 
 class Closing(socket.socket):

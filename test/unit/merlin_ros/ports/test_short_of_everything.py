@@ -68,9 +68,9 @@ class Guard:
 
     def is_served(self) -> None:
         """Has the base stopped by a client that starts now, and reads a topic in it."""
-        self._master.tool("rostopic", "echo", "-n", "1", "/merlin/guard").expect("state: ", 60.0)
+        self._master.tool("rostopic", "echo", "-n", "1", "/merlin/guard").expect("state: ")
         call = self._master.tool("rosservice", "call", "--wait", "/merlin/stop")
-        call.expect("success: True", 60.0)
+        call.expect("success: True")
 
     def order(self, what: str) -> None:
         self.node.say(what)

@@ -18,6 +18,7 @@ from merlin_rosplan.knowledge.knowledge_state import KnowledgeTables
 from merlin_rosplan.knowledge.knowledge_store import LONG, Journal, JournalError, KnowledgeStore
 from merlin_rosplan.messages.knowledge_messages import UpdateReader
 from merlin_rosplan.nodes import goal_leases, knowledge_base
+from merlin_test import LONG as LIMIT
 
 
 class Disk(Journal):
@@ -83,7 +84,7 @@ def test_timed_knowledge_outlives_a_full_disk(monkeypatch, clock):
         while not said:
             assert not fired.wait(0.01)
         disk.full = False
-        assert fired.wait(60.0)
+        assert fired.wait(LIMIT)
     finally:
         watch.shutdown()
     assert texts(store.facts()) == ["(idle)"] and "no space left" in said[0]
@@ -108,7 +109,7 @@ def test_the_goals_of_a_client_that_dies_while_the_disk_is_full_go_afterwards(mo
     changed[0](LeaseChange("a1 (idle)", LeaseState.LOST, "its client is gone"))
     assert said.is_set() and len(store.goals()) == 2
     disk.full = False
-    assert gone.wait(60.0)
+    assert gone.wait(LIMIT)
     assert len(store.goals()) == 1
     leases.shutdown()
 
@@ -131,9 +132,9 @@ def test_timed_knowledge_comes_soon_after_the_clock_was_set_forward(monkeypatch,
     store.listen(lambda change: fired.set())
     watch = knowledge_base.TimedKnowledge(store, "/kb")
     try:
-        assert looked.wait(60.0)
+        assert looked.wait(LIMIT)
         clock.now = hour
-        assert fired.wait(60.0)
+        assert fired.wait(LIMIT)
     finally:
         watch.shutdown()
     assert texts(store.facts()) == ["(idle)"]
@@ -171,7 +172,7 @@ def test_nobody_waits_for_a_question_over_all_objects(store, monkeypatch):
     def slow_objects(state, types):
         if threading.current_thread().name == "searcher":
             searching.set()
-            assert go_on.wait(60)
+            assert go_on.wait(LIMIT)
         return objects(state, types)
 
     monkeypatch.setattr(KnowledgeTables, "objects", slow_objects)
@@ -180,7 +181,7 @@ def test_nobody_waits_for_a_question_over_all_objects(store, monkeypatch):
         target=lambda: answers.append(store.query([anywhere])), name="searcher", daemon=True
     )
     searcher.start()
-    assert searching.wait(60)
+    assert searching.wait(LIMIT)
     others = []
 
     def work():
@@ -190,10 +191,10 @@ def test_nobody_waits_for_a_question_over_all_objects(store, monkeypatch):
 
     other = threading.Thread(target=work, daemon=True)
     other.start()
-    other.join(60)
+    other.join(LIMIT)
     waited = other.is_alive()
     go_on.set()
-    searcher.join(60)
+    searcher.join(LIMIT)
     assert not waited and others == [[False], [True]]
     assert answers == [[False]], "the answer is of the moment of the question"
 
