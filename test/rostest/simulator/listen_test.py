@@ -17,7 +17,6 @@ from merlin_msgs.msg import ListenAction, ListenGoal
 from merlin_msgs.srv import SetAnswers
 from sound_play.msg import SoundRequest, SoundRequestAction, SoundRequestGoal
 
-from merlin_reactive.ros_clock import RosClock
 from merlin_reactive.speech.speech_synthesizer import RATE, SpeechSynthesizer
 from merlin_ros.actions.action_client import ActionClient
 from merlin_ros.publishing import OnSubscriber
@@ -39,10 +38,6 @@ def recognizers():
 
 
 class Listen(unittest.TestCase):
-    @classmethod
-    def setUpClass(cls):
-        cls.clock = RosClock()
-
     def setUp(self):
         self.listen = ActionClient("listen", ListenAction)
         self.speak = ActionClient("sound_play", SoundRequestAction)
@@ -84,9 +79,6 @@ class Listen(unittest.TestCase):
     def test_sound_with_a_byte_too_many_is_understood(self):
         self.assertEqual(self.understood("bring me the tea", extra=b"?"), "bring me the tea")
 
-    def test_sound_that_a_busy_machine_delivers_late_is_understood(self):
-        self.assertEqual(self.understood("bring me the tea", late=6.6), "bring me the tea")
-
     def test_a_cancel_while_it_thinks_about_what_was_said_ends_it(self):
         thinking = threading.Event()
         (recognizer,) = recognizers()
@@ -109,11 +101,10 @@ class Listen(unittest.TestCase):
         self.assertEqual(goal.status, GoalStatus.SUCCEEDED)
         return goal.result.text
 
-    def say(self, text, extra=b"", late=0.0, on_speech=lambda: None, on_silence=lambda: None):
+    def say(self, text, extra=b"", on_speech=lambda: None, on_silence=lambda: None):
         """Lets the robot listen, and says something to it; returns its goal.
 
         :param extra: bytes after each part of the sound.
-        :param late: s of ROS time by which the second half of the sound comes late.
         :param on_speech: called when the robot has noticed that a person speaks.
         :param on_silence: called when the robot has noticed that the sentence is over.
         """
@@ -144,7 +135,6 @@ class Listen(unittest.TestCase):
             microphone.publish(AudioData(data=part.tobytes() + extra))
         self.assertTrue(speaking.wait(LONG))
         on_speech()
-        self.clock.wait(late, threading.Event())
         for part in parts[10:]:
             microphone.publish(AudioData(data=part.tobytes() + extra))
         return goal

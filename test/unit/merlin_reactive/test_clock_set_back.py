@@ -9,6 +9,7 @@ from unittest.mock import MagicMock
 import numpy as np
 import pytest
 import rospy
+from audio_common_msgs.msg import AudioData
 from fakes.topics import Topics
 from geometry_msgs.msg import TransformStamped
 from merlin_msgs.msg import ListenGoal
@@ -92,26 +93,31 @@ def test_a_sound_is_played_in_its_time(topics: Topics, clock: Clock) -> None:
     assert not clock.wall or clock.waits == pytest.approx([CHUNK] * 5)
 
 
-def test_one_listens_no_longer_than_the_time_out(
-    topics: Topics, clock: Clock, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def listener(monkeypatch: pytest.MonkeyPatch, clock: Any, recognizer: Any) -> Callable[[Any], None]:
+    """What carries out the goals of a node ``listen``."""
     served: List[Any] = []
 
     def serve(name: str, kind: type, execute: Any, cancel: Any) -> Any:
         served.append(execute)
         return SimpleNamespace(shutdown=None, start=lambda: None)
 
+    monkeypatch.setattr(listen_node, "available", lambda: True)
+    monkeypatch.setattr(listen_node, "SpeechRecognizerProcess", lambda threshold: recognizer)
+    monkeypatch.setattr(listen_node, "SerialActionServer", serve)
+    monkeypatch.setattr(listen_node, "RosClock", lambda: clock)
+    listen_node.ListenNode()
+    return served[0]
+
+
+def test_one_listens_no_longer_than_the_time_out(
+    topics: Topics, clock: Clock, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def hear(stop: threading.Event) -> None:
         if len(clock.waits) < 4:  # noise
             clock.go_on(-clock.waits[-1] / 2.0)
             stop.set()
 
-    monkeypatch.setattr(listen_node, "available", lambda: True)
-    recognizer = SimpleNamespace(use=lambda grammar: None, close=None)
-    monkeypatch.setattr(listen_node, "SpeechRecognizerProcess", lambda threshold: recognizer)
-    monkeypatch.setattr(listen_node, "SerialActionServer", serve)
-    monkeypatch.setattr(listen_node, "RosClock", lambda: clock)
-    listen_node.ListenNode()
+    listen = listener(monkeypatch, clock, SimpleNamespace(use=lambda grammar: None, close=None))
     clock.on_wait = hear
     ends: List[str] = []
     goal = SimpleNamespace(
@@ -120,9 +126,43 @@ def test_one_listens_no_longer_than_the_time_out(
         cancel_requested=False,
         succeed=lambda result, text: ends.append(text),
     )
-    served[0](goal)
+    listen(goal)
     assert ends == ["no speech within 8.0 s"]
     assert clock.waits == ([8.0, 4.0, 2.0, 1.0] if clock.wall else [8.0, 4.0, 4.0, 2.0])
+
+
+@pytest.mark.parametrize("comes", [True, False])
+def test_a_sentence_is_broken_off_when_ros_time_and_running_time_have_passed(
+    topics: Topics, clock: Clock, monkeypatch: pytest.MonkeyPatch, comes: bool
+) -> None:
+    """In fast simulated time, a busy machine delivers the sound late."""
+    loud = np.full(RATE, 5000, dtype="<i2")
+    heard: List[int] = []
+    waited: List[float] = []
+
+    def say(sound: np.ndarray) -> None:
+        topics.send("/audio/microphone", AudioData(data=sound.tobytes()))
+
+    def deadline(seconds: float) -> Any:
+        def wait_event(event: threading.Event) -> None:
+            waited.append(seconds)
+            if comes:
+                say(np.concatenate([loud, np.zeros(RATE, dtype="<i2")]))
+
+        return SimpleNamespace(wait_event=wait_event)
+
+    def understand(utterance: np.ndarray) -> Any:
+        heard.append(len(utterance))
+        return SimpleNamespace(text="tea", confidence=1.0)
+
+    monkeypatch.setattr(listen_node, "Deadline", deadline)
+    recognizer = SimpleNamespace(use=lambda grammar: None, close=None, understand=understand)
+    listen = listener(monkeypatch, clock, recognizer)
+    clock.on_wait = lambda stop: say(loud) if len(clock.waits) == 1 else None
+    goal = MagicMock(goal=ListenGoal(timeout=rospy.Duration(8.0)), cancel_requested=False)
+    listen(goal)
+    assert waited == [listen_node.BROKEN_OFF] == clock.waits[1:]
+    assert (heard[0] > 2 * RATE) == comes
 
 
 def test_a_scan_of_before_is_no_new_one(
