@@ -203,3 +203,14 @@ def test_a_request_that_cannot_wait_for_a_lost_executor_ends(
     assert request.result.outcome == ExecuteResult.INTERNAL
     assert "can't start new thread" in request.result.reason
     client.shutdown()
+
+
+def test_a_program_that_is_interrupted_learns_it_as_from_rospy(
+    monkeypatch: pytest.MonkeyPatch, clock: Any
+) -> None:
+    monkeypatch.setattr(rospy, "get_name", lambda: "/mission")
+    Topics(monkeypatch)
+    client = MerlinExecutorClient(knowledge_base=None)
+    monkeypatch.setattr(rospy, "is_shutdown", lambda: True)
+    with pytest.raises(rospy.ROSInterruptException, match="shuts down before its request has ended"):
+        client.execute("(checked hall)")

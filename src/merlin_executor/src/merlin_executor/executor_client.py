@@ -204,13 +204,16 @@ class MerlinExecutorClient:
         """Sends goals and waits for the end; a time-out cancels them and waits for that.
 
         :param timeout: s; None: as long as it takes.
+        :raises rospy.ROSInterruptException: when this node shuts down before. Else as :meth:`send`.
         """
         request = self.send(goals, **options)
         if not request.wait(timeout):
             request.cancel()
             request.wait()
-        assert request.result is not None
-        return request.result
+        result = request.result
+        if result is None:
+            raise rospy.ROSInterruptException("the node shuts down before its request has ended")
+        return result
 
     def cancel_all(self) -> None:
         """Cancels every request of this client but those that survive, which go on without it."""
