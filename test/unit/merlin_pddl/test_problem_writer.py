@@ -3,7 +3,7 @@ import kairos
 
 from merlin_pddl.domain_reader import parse_domain
 from merlin_pddl.formula import to_pddl
-from merlin_pddl.knowledge import FunctionValue, Instance, Timed
+from merlin_pddl.knowledge import Fact, FunctionValue, Instance, Timed
 from merlin_pddl.problem_reader import parse_problem
 from merlin_pddl.problem_writer import write_problem
 from merlin_rosplan.knowledge.knowledge_store import KnowledgeStore
@@ -86,4 +86,26 @@ def test_timed_changes_of_a_number_are_written_as_the_values_that_they_give():
         "(at 8 (= (limit) 4))",
         "(at 9 (= (battery R1) 75))",
         "(at 10 (= (limit) 3))",
+    ]
+
+
+def test_of_two_timed_changes_at_one_moment_the_last_is_written():
+    """Of two, even of equal ones, kairos finds no plan; a knowledge base applies them in their order."""
+    _, problem = loaded("(define (problem p) (:domain d) (:objects a - poi r1 - robot))").snapshot()
+    checked, twice = Fact("checked", ("a",)), Fact("checked", ("A",))
+    left, full = (FunctionValue("battery", ("r1",), value) for value in (5.0, 90.0))
+    changes = [
+        (5, checked),
+        (5, twice),
+        (6, checked),
+        (6, Fact("checked", ("a",), True)),
+        (7, left),
+        (7, full),
+    ]
+    problem.timed = [Timed(second * 10**9, item) for second, item in changes]
+    written = write_problem(problem, DOMAIN)
+    assert [line.strip() for line in written.splitlines() if "(at " in line] == [
+        "(at 5 (checked A))",
+        "(at 6 (not (checked a)))",
+        "(at 7 (= (battery r1) 90))",
     ]

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Writes a problem as PDDL, without losing anything that the knowledge base holds."""
 
-from typing import Dict, Iterable, List, Tuple, TypeVar
+from typing import Dict, Iterable, List, Tuple, TypeVar, Union
 
 from merlin_pddl.domain import Domain
 from merlin_pddl.evaluation import assigned
 from merlin_pddl.formula import numeric_text, to_pddl, types_text
-from merlin_pddl.knowledge import Fact, FunctionValue, Instance
+from merlin_pddl.knowledge import Fact, FunctionValue, Instance, Key
 from merlin_pddl.problem import Problem
 
 Named = TypeVar("Named", Fact, FunctionValue)
@@ -46,13 +46,16 @@ def _init_lines(problem: Problem, domain: Domain) -> List[str]:
     """
     facts = _by_name(problem.facts, list(domain.predicates))
     values = _by_name(problem.values, list(domain.functions))
-    timed: Dict[str, List[str]] = {}
+    due: Dict[Tuple[str, type, Key], Union[Fact, FunctionValue]] = {}
     for row in assigned(problem.timed, {value.key: value.value for value in problem.values}):
-        if isinstance(row.item, Instance):
-            continue
-        item = row.item.text() if isinstance(row.item, Fact) else _value_text(row.item)
-        name = row.item.name.lower() if isinstance(row.item, Fact) else ""
-        text = f"    (at {numeric_text(max(EARLIEST, round(row.at / 1e9, 6)))} {item})"
+        if not isinstance(row.item, Instance):
+            # The last one of a moment counts: of two, even of equal ones, kairos finds no plan.
+            at = numeric_text(max(EARLIEST, round(row.at / 1e9, 6)))
+            due[at, type(row.item), row.item.key] = row.item
+    timed: Dict[str, List[str]] = {}
+    for (at, *_), item in due.items():
+        name = item.name.lower() if isinstance(item, Fact) else ""
+        text = f"    (at {at} {item.text() if isinstance(item, Fact) else _value_text(item)})"
         timed.setdefault(name if name in domain.predicates else "", []).append(text)
     lines: List[str] = []
     for name in domain.predicates:
