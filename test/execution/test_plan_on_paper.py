@@ -82,11 +82,12 @@ def test_a_plan_on_paper_is_that_of_the_standard(timed, seed):
         assert (not run.run({number}).unmet) == right(one, rest), (seed, number, one.plan.text)
 
 
+@pytest.mark.parametrize("timed", [False, True])
 @search
 @given(SEEDS)
-def test_the_validator_of_kairos_says_the_same(seed):
+def test_the_validator_of_kairos_says_the_same(timed, seed):
     """Also of plans in which what disturbs each other meets at one moment."""
-    one = task(seed, epsilon=0.0)
+    one = task(seed, timed, epsilon=0.0)
     domain = parse_domain(one.domain)
     problem = parse_problem(one.problem, domain)
     validator = PlanValidator(one.domain, one.problem)

@@ -168,6 +168,13 @@ def test_what_an_action_assigns_is_not_missing() -> None:
     assert missing_values(DOMAIN, problem(f"(clean hall) {ways}")) == []
 
 
+def test_what_plans_cost_need_not_have_a_value() -> None:
+    action = "(:action a :parameters () :effect (and (p) (increase (total-cost) 1) (decrease (n) 1)))"
+    domain = parse_domain(f"(define (domain d) (:predicates (p)) (:functions (total-cost) (n)) {action})")
+    found = missing_values(domain, parse_problem("(define (problem p) (:domain d) (:goal (p)))", domain))
+    assert [line.split(":")[0] for line in found] == ["operator a needs the value of (n)"]
+
+
 def test_a_task_that_is_too_large_is_said_not_to_be_looked_at() -> None:
     assert missing_values(DOMAIN, problem("(clean hall)"), limit=-1.0) == [CUT_OFF]
 

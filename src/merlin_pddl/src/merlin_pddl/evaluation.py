@@ -14,6 +14,7 @@ from merlin_pddl.formula import (
     Atom,
     Comparison,
     Condition,
+    Effect,
     Equal,
     Exists,
     Fluent,
@@ -31,6 +32,9 @@ from merlin_pddl.knowledge import ASSIGN, OPERATIONS, Fact, FunctionValue, Insta
 _COMPARE = {">": operator.gt, ">=": operator.ge, "<": operator.lt, "<=": operator.le, "=": operator.eq}
 _ARITHMETIC = {"+": operator.add, "-": operator.sub, "*": operator.mul, "/": operator.truediv}
 Bindings = Mapping[str, str]
+
+#: What plans cost.
+TOTAL_COST = Fluent("total-cost")
 
 #: Derived atoms inside each other before the search starts afresh: keeps within Python's recursion limit.
 _MAX_OPEN = 20
@@ -208,6 +212,17 @@ def compare(op: str, left: float, right: float) -> bool:
 def changed(op: str, before: Optional[float], value: Optional[float]) -> Optional[float]:
     """What a function is worth after ``assign``, ``increase``, …; None when that is not a number."""
     return value if op == ASSIGN else arithmetic(OPERATIONS[op], (before, value))
+
+
+def result_of(effect: Effect) -> Numeric:
+    """What has to have a value when a numeric effect comes: what its function is worth afterwards.
+
+    ``total-cost`` only rates plans, and need not have a value that is increased.
+    """
+    assert effect.fluent is not None and effect.value is not None
+    if effect.op == ASSIGN or effect.fluent == TOTAL_COST:
+        return effect.value
+    return Arithmetic(OPERATIONS[effect.op], (effect.fluent, effect.value))
 
 
 def assigned(timed: Iterable[Timed], values: Mapping[Key, float]) -> List[Timed]:

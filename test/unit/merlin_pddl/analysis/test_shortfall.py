@@ -82,6 +82,24 @@ def test_it_names_the_condition_and_by_how_much_it_is_missed(goal: str, init: st
     assert shortfall(COURIER, task(goal, init), LONG) == (True, expected)
 
 
+@pytest.mark.parametrize(
+    ("effect", "expected"),
+    [
+        ("(increase (load) 1)", "it needs (load) for go; it has no value"),
+        ("(assign (cost) (load))", "it needs (load) for go; it has no value"),
+        ("(when (> (cost) (load)) (increase (load) 1))", TOGETHER),
+        ("(increase (total-cost) 1)", TOGETHER),
+    ],
+)
+def test_a_number_that_an_effect_needs_is_named(effect: str, expected: str) -> None:
+    domain = f"""(define (domain d) (:predicates (gone) (not-gone)) (:functions (load) (cost) (total-cost))
+      (:action go :parameters () :precondition (not-gone) :effect (and (gone) (not (not-gone)) {effect})))"""
+    start = "(define (problem p) (:domain d) (:init (not-gone) (= (cost) 1)) (:goal (and (gone) {})))"
+    assert expected in shortfall(domain, start.format(""), LONG)[1]
+    # A comparison without a value does not hold, nor does its negation.
+    assert shortfall(domain, start.format("(not (= (load) 3))"), LONG)[0]
+
+
 def test_of_many_goals_two_are_named() -> None:
     found, why = shortfall(COURIER, task("(safe) (at roof) (dirty) (in box_1 roof)"), LONG)
     assert found and why.startswith("cannot be reached: (safe); ") and why.endswith("; and 2 more goals")

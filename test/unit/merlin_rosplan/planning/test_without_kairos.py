@@ -115,6 +115,30 @@ def test_plans_are_carried_out_on_paper(old_python: Path, plan: str, why: str) -
     assert (fault or "") == why if not why else why in (fault or "")
 
 
+@pytest.mark.parametrize(
+    "old, new, plan, why",
+    [
+        ("(= (fee a b) 9)", "", QUICK, "(+ (used) (fee a b)) has no value, which (carry cup a b) needs"),
+        ("(= (used) 0)", "", QUICK, "(+ (used) (fee a b)) has no value, which (carry cup a b) needs"),
+        ("(free)", "(free) (at 0 (free))", QUICK, "what is timed and (carry cup a b) changes (free) at"),
+        ("(free)", "(free) (at 3 (not (at cup b)))", QUICK, ""),
+    ],
+)
+def test_numbers_without_a_value_and_what_is_timed_count(
+    old_python: Path, old: str, new: str, plan: str, why: str
+) -> None:
+    fault = kairos_check.PlanValidator(DOMAIN, PROBLEM.replace(old, new)).fault(parse_plan(plan))
+    assert (fault or "") == why if not why else why in (fault or "")
+
+
+def test_an_end_may_wait_for_what_is_timed(old_python: Path) -> None:
+    domain = DOMAIN.replace(
+        ":condition (at start (free)) :effect ()", ":condition (at end (free)) :effect ()"
+    )
+    problem = PROBLEM.replace("(free)", "(at 2 (free))").replace("(at cup b)", "(at cup a)")
+    assert kairos_check.PlanValidator(domain, problem).fault(parse_plan("1.001: (look) [1.000]")) is None
+
+
 def test_a_plan_with_a_fault_is_not_passed_on(old_python: Path) -> None:
     outcome = planned(old_python, "0.000: (carry cup a c) [2.000]")
     assert outcome["state"] == PlannerState.INVALID

@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import AbstractSet, Dict, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple, Union
 
 from merlin_pddl.domain import Domain, Operator
-from merlin_pddl.evaluation import Evaluator, WorldState, changed, key_of
+from merlin_pddl.evaluation import Evaluator, WorldState, changed, key_of, result_of
 from merlin_pddl.formula import (
     END,
     OVER_ALL,
@@ -21,11 +21,12 @@ from merlin_pddl.formula import (
     terms,
     to_pddl,
 )
-from merlin_pddl.knowledge import DECREASE, INCREASE, Fact, FunctionValue, Instance, Key
+from merlin_pddl.knowledge import ASSIGN, DECREASE, INCREASE, Fact, FunctionValue, Instance, Key
 from merlin_pddl.plan_text import PlanStep, call_text
 from merlin_pddl.problem import Problem
 
 GOAL = -1  #: Stands for the goals where the number of a step is expected.
+TIME = -2  #: Likewise for what comes by itself.
 #: s by which the duration of a step may differ from what its action says: planners round.
 TOLERANCE = 0.01
 _DIGITS = 6  # of a time: what differs by less happens together
@@ -40,7 +41,8 @@ class Unmet(NamedTuple):
 
     :ivar step: number of the step in the list, from 0; :data:`GOAL`: it is a goal.
     :ivar when: ``start``, ``over all``, ``end``; empty for a goal.
-    :ivar condition: ground; a comparison with ``?duration`` where the duration is wrong.
+    :ivar condition: ground; a comparison with ``?duration`` where the duration is wrong, and of a number with
+        itself where an effect has none.
     """
 
     step: int
@@ -83,8 +85,8 @@ class Outcome(NamedTuple):
     :ivar unmet: in the order of the plan, goals last.
     :ivar state: at its end.
     :ivar reached: goals that held at the start or after a happening, each with the first time, s.
-    :ivar clashes: two numbers of steps, and a ground predicate or function that one of them changes at the
-        moment at which the other needs or changes it.
+    :ivar clashes: two numbers of steps (the first may be :data:`TIME`), and a ground predicate or function
+        that one of them changes at the moment at which the other needs or changes it.
     """
 
     unmet: List[Unmet]
@@ -173,9 +175,12 @@ def plan_fault(domain: Domain, problem: Problem, steps: Sequence[PlanStep], roun
         return str(error)
     for each in outcome.unmet:
         needs = "" if each.step == GOAL else f", which {steps[each.step]} needs"
+        if isinstance(each.condition, Comparison) and each.condition.left == each.condition.right:
+            return f"{to_pddl(each.condition.left)} has no value{needs}"
         return f"{to_pddl(each.condition)} does not hold{needs}"
     for one, other, key in sorted(outcome.clashes):
-        what = f"{steps[one]} and {steps[other]} changes {call_text(key[0], key[1:])}"
+        first = "what is timed" if one == TIME else steps[one]
+        what = f"{first} and {steps[other]} changes {call_text(key[0], key[1:])}"
         return f"one of {what} at the moment at which the other needs or changes it"
     return ""
 
@@ -206,6 +211,16 @@ class _Changes:
             self.need([effect.value], bindings)
         self._touched.add((key, how))
 
+    def come(self, item: Union[Instance, Fact, FunctionValue]) -> None:
+        """Takes what comes by itself; of two that contradict each other the last one counts."""
+        if isinstance(item, Fact):
+            (self.added if item.negative else self.deleted).discard(item.key)
+            (self.deleted if item.negative else self.added).add(item.key)
+            self._touched.add((item.key, "delete" if item.negative else "add"))
+        elif isinstance(item, FunctionValue):
+            self.numbers.append((item.key, ASSIGN, item.value))
+            self._touched.add((item.key, ASSIGN))
+
     def clash(self, other: "_Changes") -> Set[Key]:
         """What one changes and the other needs at the same moment, or changes in another way."""
         return {
@@ -224,9 +239,7 @@ def _apply(parts: Sequence[_Changes], state: PaperState) -> None:
         state.facts |= part.added
         for key, op, number in part.numbers:
             value = changed(op, state.values.get(key), number)
-            if value is None:
-                state.values.pop(key, None)
-            else:
+            if value is not None:
                 state.values[key] = value
 
 
@@ -283,7 +296,9 @@ class _Paper:
             self._need(step, OVER_ALL, self._evaluator(step.specials(0.0)))
 
     def _happen(self, at: float) -> None:
-        parts: List[Tuple[_Step, _Changes]] = []
+        parts: List[Tuple[int, _Changes]] = [(TIME, _Changes())]
+        for item in self._plan.timed.get(at, ()):
+            parts[0][1].come(item)
         begun: List[_Step] = []
         for step, at_end in self._plan.happenings[at]:
             if step.number in self._left_out or (at_end and step.number not in self._running):
@@ -303,17 +318,12 @@ class _Paper:
             changes.need(step.needs.get(when, ()), {})
             self._collect(changes, step, when, evaluator)
             for other, before in parts:
-                if other.number != step.number:
-                    self._clashes += [(other.number, step.number, key) for key in changes.clash(before)]
-            parts.append((step, changes))
+                if other != step.number:
+                    self._clashes += [(other, step.number, key) for key in changes.clash(before)]
+            parts.append((step.number, changes))
         for step, at_end in self._plan.happenings[at]:
             if at_end:
                 self._running.pop(step.number, None)
-        for item in self._plan.timed.get(at, ()):
-            if isinstance(item, Fact):
-                (self.state.facts.discard if item.negative else self.state.facts.add)(item.key)
-            elif isinstance(item, FunctionValue):
-                self.state.values[item.key] = item.value
         _apply([changes for _, changes in parts], self.state)
         self._running.update({step.number: step for step in begun})
         self._look_over_all()
@@ -366,6 +376,9 @@ class _Paper:
                 changes.need(conditions, bindings)
                 if all(evaluator.holds(condition, bindings) for condition in conditions):
                     changes.note(effect, evaluator, bindings)
+                    result = None if effect.fluent is None else ground(result_of(effect), bindings)
+                    if result is not None and evaluator.number(result) is None:
+                        self._unmet[Unmet(step.number, when, Comparison("=", result, result))] = None
 
 
 def _ground(number: int, step: PlanStep, domain: Domain, known: Dict[str, Tuple[str, ...]]) -> _Step:

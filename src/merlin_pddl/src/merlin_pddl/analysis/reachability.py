@@ -8,8 +8,8 @@ from typing import Dict, List, Sequence, Set, Tuple
 from merlin_pddl.analysis.ranges import Range, arithmetic
 from merlin_pddl.analysis.relaxed_state import Bindings, RelaxedState
 from merlin_pddl.domain import Domain, Operator
-from merlin_pddl.evaluation import key_of
-from merlin_pddl.formula import Comparison, Condition, Effect, Number
+from merlin_pddl.evaluation import key_of, result_of
+from merlin_pddl.formula import Comparison, Condition, Effect, Number, Numeric
 from merlin_pddl.knowledge import ASSIGN, DECREASE, INCREASE, SCALE_UP, Key, conjuncts
 from merlin_pddl.problem import Problem
 
@@ -18,15 +18,17 @@ GROWTHS = 20
 
 
 def conditions_of(operator: Operator) -> List[Condition]:
-    """What an action needs, in single conditions, some of them of its duration.
+    """What an action needs, in single conditions, some of them of its duration and its numeric effects.
 
-    That has a value, is not negative, and its bounds leave something between them.
+    Those have values; the duration is not negative, and its bounds leave something between them.
     """
     needed = [part for timed in operator.conditions for part in conjuncts(timed.condition)]
     lowest = [duration.value for duration in operator.durations if duration.op == ">="]
     highest = [duration.value for duration in operator.durations if duration.op != ">="]
+    plain = [each for each in operator.effects if each.fluent and not (each.conditions or each.variables)]
+    read: List[Numeric] = [*lowest, *map(result_of, plain)]
     # A comparison of a value with itself holds when there is a value.
-    bounds = [(low, low) for low in lowest] + list(itertools.product(highest, [Number(0.0), *lowest]))
+    bounds = [(value, value) for value in read] + list(itertools.product(highest, [Number(0.0), *lowest]))
     return needed + [Comparison(">=", high, low) for high, low in bounds]
 
 

@@ -123,7 +123,7 @@ class RelaxedState:
         if isinstance(condition, Comparison):
             left, right = self.range(condition.left, bindings), self.range(condition.right, bindings)
             if left is None or right is None:
-                return negated  # a comparison without a value is false
+                return False  # nor can it fail
             return can_compare(condition.op, left, right, negated)
         return not negated  # a preference
 

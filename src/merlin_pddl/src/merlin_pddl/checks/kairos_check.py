@@ -149,7 +149,8 @@ class PlanValidator:
     def fault(self, steps: Iterable[PlanStep]) -> Optional[str]:
         """What is wrong with a plan, or None when it solves the problem."""
         if self._kairos is None:
-            return plan_fault(*self._task, list(steps), ROUNDING) or None
+            steps = list(steps)
+            return (plan_fault(*self._task, steps) and plan_fault(*self._task, steps, ROUNDING)) or None
         try:
             report = self._report(list(steps))
         except self._kairos.PddlError as error:

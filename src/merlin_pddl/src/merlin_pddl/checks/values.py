@@ -2,14 +2,13 @@
 """Which numbers keep actions of a problem from running: those without a value, and negative durations."""
 
 import time
-from typing import Any, Dict, Iterator, List, Tuple
+from typing import Dict, Iterator, List, Tuple
 
 from merlin_pddl.analysis.reachability import Reachability, conditions_of
 from merlin_pddl.analysis.relaxed_state import CutOffError
 from merlin_pddl.domain import Domain, Operator, open_advice, open_terms
 from merlin_pddl.evaluation import key_of
 from merlin_pddl.formula import START, Comparison, Fluent, terms
-from merlin_pddl.knowledge import ASSIGN
 from merlin_pddl.plan_text import call_text
 from merlin_pddl.problem import Problem
 
@@ -86,13 +85,7 @@ def open_durations(domain: Domain, at_start: bool) -> List[str]:
 def _read(operator: Operator) -> Iterator[Fluent]:
     """The functions whose values an operator needs before it can run."""
     names = {variable.name for variable in operator.parameters}
-    formulas: List[Any] = list(conditions_of(operator))
-    for effect in operator.effects:
-        if effect.value is not None and not effect.conditions and not effect.variables:
-            formulas.append(effect.value)
-            if effect.op != ASSIGN:
-                formulas.append(effect.fluent)
-    for formula in formulas:
+    for formula in conditions_of(operator):
         for term in terms(formula):
             # One with a variable of a quantifier is none of a ground action.
             if isinstance(term, Fluent) and {a for a in term.args if a[0] == "?"} <= names:

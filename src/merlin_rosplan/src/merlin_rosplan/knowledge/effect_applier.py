@@ -7,7 +7,7 @@ Also what it needs at its end, which is asked in the transaction that applies th
 from typing import Dict, List, Mapping, Optional, Tuple
 
 from merlin_pddl.domain import Operator, open_advice, open_terms
-from merlin_pddl.evaluation import Evaluator, changed
+from merlin_pddl.evaluation import TOTAL_COST, Evaluator, changed
 from merlin_pddl.formula import END, START, Atom, Effect, Fluent, TimedCondition, ground, to_pddl
 from merlin_pddl.knowledge import ASSIGN, Fact, FunctionValue, conjuncts
 from merlin_pddl.text_reader import suggestion
@@ -15,8 +15,6 @@ from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
 from merlin_rosplan.knowledge.knowledge_state import KnowledgeTables
 from merlin_rosplan.knowledge.recorded_changes import Note, RecordedChanges
 from merlin_rosplan.knowledge.transaction import Transaction
-
-TOTAL_COST = Fluent("total-cost")
 
 Bindings = Dict[str, str]
 
