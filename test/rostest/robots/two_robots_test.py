@@ -19,7 +19,6 @@ from merlin_planning.knowledge_client import fact, knowledge_client
 from merlin_test import LONG
 from merlin_test.topic_links import init_node
 
-START = 90.0
 ROBOTS = ("r1", "r2")
 
 
@@ -31,12 +30,12 @@ class TwoRobots(unittest.TestCase):
         self.clients = {}
         for robot in ROBOTS:
             knowledge_base = f"{robot}/rosplan_knowledge_base"
-            self.assertTrue(knowledge_client(knowledge_base).wait(START))
+            self.assertTrue(knowledge_client(knowledge_base).wait(LONG))
             self.clients[robot] = MerlinExecutorClient(f"{robot}/merlin/execute", knowledge_base)
-            self.assertTrue(self.clients[robot].wait_for_executor(START))
+            self.assertTrue(self.clients[robot].wait_for_executor(LONG))
             for topic in ("move_base", "sound_play", "actions/navigate", "actions/ask"):
-                self.assertIsNotNone(receive_one(f"{robot}/{topic}/status", GoalStatusArray, START), topic)
-            announced = receive_one(f"{knowledge_base}/pddl_action_parameters", DomainFormula, START)
+                self.assertIsNotNone(receive_one(f"{robot}/{topic}/status", GoalStatusArray, LONG), topic)
+            announced = receive_one(f"{knowledge_base}/pddl_action_parameters", DomainFormula, LONG)
             self.assertIsNotNone(announced)
             rospy.Subscriber(f"{robot}/ground_truth", Odometry, self.follow, robot)
 
@@ -55,9 +54,9 @@ class TwoRobots(unittest.TestCase):
             "r2": self.clients["r2"].send("(checked dorm_room)"),
         }
         for robot in ROBOTS:
-            self.assertTrue(self.moved[robot].wait(START), f"{robot} did not set off")
+            self.assertTrue(self.moved[robot].wait(LONG), f"{robot} did not set off")
         requests["r1"].cancel()
-        self.assertTrue(requests["r1"].wait(START))
+        self.assertTrue(requests["r1"].wait(LONG))
         self.assertEqual(outcome_name(requests["r1"].result.outcome), "CANCELLED")
         self.assertTrue(requests["r2"].wait(LONG))
         result = requests["r2"].result
@@ -69,7 +68,7 @@ class TwoRobots(unittest.TestCase):
 
     def test_viewers_can_tell_their_machines_apart(self):
         structures = [
-            receive_one(f"/{robot}/executor/smach/container_structure", SmachContainerStructure, START)
+            receive_one(f"/{robot}/executor/smach/container_structure", SmachContainerStructure, LONG)
             for robot in ROBOTS
         ]
         self.assertEqual([structure.path for structure in structures], ["/r1_EXECUTOR", "/r2_EXECUTOR"])
