@@ -68,6 +68,8 @@ def test_errors_name_file_line_and_column(capsys, tmp_path):
     assert code == 1 and f"{broken}:26:" in output and output.count("did you mean 'robot_at'") == 1
     code, output = run(capsys, DOMAIN, tmp_path / "missing.pddl")
     assert code == 1 and "missing.pddl: cannot be read: No such file" in output
+    code, output = run(capsys, "/dev/zero")
+    assert code == 1 and "/dev/zero: is a device, not a file" in output
 
 
 def test_kairos_checks_a_domain_for_itself_too(capsys, tmp_path):

@@ -8,6 +8,7 @@ import bisect
 import difflib
 import os
 import re
+import stat
 import unicodedata
 from typing import Iterable, Iterator, List, Optional, Tuple, Union
 
@@ -214,10 +215,12 @@ def read_file(path: Union[str, "os.PathLike[str]"]) -> Expression:
 def text_of(path: Union[str, "os.PathLike[str]"]) -> str:
     """The text of a file, without a mark of the byte order.
 
-    :raises PddlError: the file cannot be read, or is not UTF-8.
+    :raises PddlError: the file cannot be read, is a device, which may have no end, or is not UTF-8.
     """
     try:
         with open(path, "rb") as file:
+            if stat.S_ISCHR(os.fstat(file.fileno()).st_mode):
+                raise PddlError("is a device, not a file", str(path))
             data = file.read()
         return data.decode().lstrip("\ufeff")
     except UnicodeDecodeError as error:

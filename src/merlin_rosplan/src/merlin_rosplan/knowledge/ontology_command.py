@@ -8,7 +8,7 @@ from typing import List
 
 from merlin_pddl.domain_reader import open_definition, parse_domain
 from merlin_pddl.problem_writer import write_problem
-from merlin_pddl.text_reader import Expression, PddlError, is_name, read_expression
+from merlin_pddl.text_reader import Expression, PddlError, is_name, line_starts, read_expression, text_of
 from merlin_rosplan.knowledge.ontology import Ontology, OntologyError, pddl_name, read_ontology
 
 
@@ -21,23 +21,22 @@ def add_to_domain(text: str, source: str, ontology: Ontology) -> str:
     additions = {":types": ontology.type_lines(), ":predicates": ontology.predicate_lines()}
     first = next((section for section in sections if section.head != ":requirements"), None)
     edits = []
+
+    def place_of(section: Expression) -> int:
+        return line_starts(text)[section.line - 1] + section.column - 1
+
     for head, lines in additions.items():
         section = next((found for found in sections if found.head == head), None)
         body = "".join(f"\n    {line}" for line in lines)
         if section is not None:
-            edits.append((_offset(text, section) + 1 + len(head), body))
+            edits.append((place_of(section) + 1 + len(head), body))
         elif first is None:
             edits.append((text.rindex(")"), f"\n  ({head}{body})\n"))
         else:
-            edits.append((_offset(text, first), f"({head}{body})\n  "))
+            edits.append((place_of(first), f"({head}{body})\n  "))
     for place, addition in sorted(edits, key=lambda edit: edit[0], reverse=True):
         text = text[:place] + addition + text[place:]
     return text
-
-
-def _offset(text: str, section: Expression) -> int:
-    lines = text.split("\n")
-    return sum(len(line) + 1 for line in lines[: section.line - 1]) + section.column - 1
 
 
 def convert(arguments: List[str]) -> int:
@@ -55,7 +54,7 @@ def convert(arguments: List[str]) -> int:
     given = parser.parse_args(arguments)
     try:
         ontology = read_ontology(given.ontology, given.property)
-        text = add_to_domain(Path(given.domain).read_text(encoding="utf-8-sig"), given.domain, ontology)
+        text = add_to_domain(text_of(given.domain), given.domain, ontology)
         folder = Path(given.folder)
         domain = parse_domain(text, str(folder / "domain.pddl"))
         name = pddl_name(Path(given.ontology).stem)
