@@ -210,7 +210,10 @@ def test_a_program_that_is_interrupted_learns_it_as_from_rospy(
 ) -> None:
     monkeypatch.setattr(rospy, "get_name", lambda: "/mission")
     Topics(monkeypatch)
+    sender = ActionClient("merlin/execute", ExecuteAction)
+    monkeypatch.setattr(executor_client, "ActionClient", lambda *_: sender)
     client = MerlinExecutorClient(knowledge_base=None)
     monkeypatch.setattr(rospy, "is_shutdown", lambda: True)
     with pytest.raises(rospy.ROSInterruptException, match="shuts down before its request has ended"):
         client.execute("(checked hall)")
+    sender.shutdown()
