@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from merlin_pddl.checks import kairos_check
+from merlin_pddl.checks.validate import validate
 from merlin_pddl.plan_text import parse_plan
 from merlin_rosplan.planning.planner import PlannerSettings
 from merlin_rosplan.planning.planner_command import PlannerCommandError, parse_command
@@ -231,6 +232,23 @@ def test_kairos_names_no_option_that_is_not_ours(tmp_path):
     problem.write_text("(define (problem p) (:domain d) (:init (= (n) 0)) (:goal (= (* (n) (n)) 7)))")
     outcome = Planning(PlannerSettings(time_limit=0.5), str(domain), str(problem), None).run()
     assert (outcome.state, outcome.reason) == (PlannerState.TIMEOUT, "kairos found no plan within 0.5 s")
+
+
+@needs_kairos
+def test_a_number_without_a_value_for_which_kairos_rejects_its_plans_is_named(tmp_path, capsys):
+    domain, problem = tmp_path / "domain.pddl", tmp_path / "problem.pddl"
+    domain.write_text(
+        "(define (domain d) (:types robot) (:predicates (low ?r - robot) (called))"
+        "(:functions (charge ?r - robot)) (:derived (low ?r - robot) (< (charge ?r) 20))"
+        "(:action call :parameters (?r - robot) :precondition (low ?r) :effect (called)))"
+    )
+    problem.write_text(
+        "(define (problem p) (:domain d) (:objects r1 r2 - robot) (:init (= (charge r1) 5)) (:goal (called)))"
+    )
+    outcome = Planning(PlannerSettings(), str(domain), str(problem), None).run()
+    assert outcome.state == PlannerState.CRASHED and "(charge r2) is undefined" in outcome.reason
+    assert validate([str(domain), str(problem)]) == 1
+    assert "(charge r2) is undefined" in capsys.readouterr().out
 
 
 def test_timeout_in_the_command_is_the_time_limit(problem, script):

@@ -52,6 +52,15 @@ def load() -> Optional[ModuleType]:
     return kairos
 
 
+def rejected(log: Iterable[str]) -> str:
+    """Why kairos rejects the plans that it finds: its check needs more numbers than its search.
+
+    :param log: texts of its ``on_log``; empty when none of them says so.
+    """
+    found = (re.search(r"a plan failed validation: (?:plan: error: )?(.*?)(?: \[[^]]*\])?$", s) for s in log)
+    return next((f"kairos rejects the plans that it finds: {each.group(1)}" for each in found if each), "")
+
+
 def check_input(domain: str, problem: str, domain_name: str, problem_name: str) -> Optional[str]:
     """Checks a domain and a problem for it.
 

@@ -18,7 +18,7 @@ from typing import Any, Callable, List, Optional, Tuple
 
 from merlin_pddl.analysis.shortfall import shortfall
 from merlin_pddl.checks import portability
-from merlin_pddl.checks.kairos_check import load
+from merlin_pddl.checks.kairos_check import load, rejected
 from merlin_pddl.domain import Domain
 from merlin_pddl.domain_reader import parse_domain
 from merlin_pddl.formula import to_pddl
@@ -117,11 +117,13 @@ class Validation:
         self._stage(f"looking for a plan for {goals}")
         left = max(0.1, self._ends - time.monotonic())
         problem_text = write_problem(problem, domain)
-        result = self._kairos.solve(domain_text, problem_text, timeout=left)
+        log: List[str] = []
+        options = {"timeout": left, "on_log": lambda level, channel, text: log.append(text)}
+        result = self._kairos.solve(domain_text, problem_text, **options)
         if result.status == self._kairos.Status.SOLVED:
             self.messages.append(f"a plan for {goals}:\n{str(result.plan).strip()}")
             return
-        reasons = "; ".join(diagnostic.message for diagnostic in result.diagnostics)
+        reasons = rejected(log) or "; ".join(diagnostic.message for diagnostic in result.diagnostics)
         if result.status == self._kairos.Status.TIMEOUT:  # kairos names options of its own command
             reasons = f"none was found within {left:.3g} s; --time-limit gives it more"
         found, why = shortfall(domain_text, problem_text)

@@ -6,7 +6,7 @@ import threading
 import time
 from typing import Any, List, Optional
 
-from merlin_pddl.checks.kairos_check import PlanValidator, load
+from merlin_pddl.checks.kairos_check import PlanValidator, load, rejected
 from merlin_pddl.plan_text import NO_DURATION, PlanStep, restore_case
 from merlin_pddl.text_reader import PddlError
 from merlin_rosplan.planning.metric_goal import MetricGoal
@@ -51,6 +51,7 @@ class KairosPlanner:
         self._lock = threading.Lock()  # guards the two fields below
         self._stopped = False
         self._search: Optional[Any] = None
+        self._log: List[str] = []  # errors of kairos
 
     def stop(self) -> None:
         """Ends the search; the best plan so far counts."""
@@ -96,7 +97,7 @@ class KairosPlanner:
         state, reason = _ENDED.get(name, (PlannerState.CRASHED, f"internal error of kairos ({name})"))
         if name == "TIMEOUT":  # kairos adds the same, and options that only its own command has
             return Attempt(KAIROS, state, f"kairos found no plan within {settings.time_limit:g} s")
-        why = _why([entry.message for entry in result.diagnostics])
+        why = rejected(self._log) or _why([entry.message for entry in result.diagnostics])
         return Attempt(KAIROS, state, f"{reason}: {why}" if why else reason)
 
     def _start(
@@ -110,11 +111,15 @@ class KairosPlanner:
             "stop_after_no_improvement": anytime or None,
             "memory_limit_mb": int(settings.memory_limit),
             "threads": min(_THREADS, os.cpu_count() or 1),
+            "log_level": kairos.LogLevel.ERROR,
         }
         with self._lock:
             if self._stopped:
                 return None
-            self._search = kairos.Planner().start(problem, **options)
+            log = self._log  # what is called back must not keep this planner
+            self._search = kairos.Planner().start(
+                problem, on_log=lambda level, channel, text: log.append(text), **options
+            )
             return self._search
 
     def _direct(self, task: Task, plan: Plan, seconds: float) -> Plan:
