@@ -8,7 +8,7 @@ Times are nanoseconds of ROS time.
 from dataclasses import dataclass
 from typing import Any, List, Optional, Sequence, Tuple, Type, TypeVar, Union
 
-from merlin_pddl.formula import And, Atom, Comparison, Condition, Not, Numeric, to_pddl
+from merlin_pddl.formula import And, Arithmetic, Atom, Comparison, Condition, Not, Numeric, to_pddl
 from merlin_pddl.plan_text import call_text
 
 Signed = TypeVar("Signed", Atom, Comparison)
@@ -163,6 +163,16 @@ class Timed(Row):
         return self.order
 
 
+def _flat(value: Numeric) -> Numeric:
+    """An expression without sums that begin with a sum, and products likewise."""
+    if not isinstance(value, Arithmetic):
+        return value
+    first, *others = map(_flat, value.parts)
+    if others and value.op in "+*" and isinstance(first, Arithmetic) and first.op == value.op:
+        return Arithmetic(value.op, (*first.parts, *others))
+    return Arithmetic(value.op, (first, *others))
+
+
 class StoredGoal(Row):
     """What is to become true: a condition, or that an instance exists."""
 
@@ -178,8 +188,12 @@ class StoredGoal(Row):
 
     @property
     def key(self) -> str:
-        """Its key in the table."""
-        return self.text().lower()
+        """Its key in the table. Messages have no ``(+ a b c)``: it is the same as ``(+ (+ a b) c)``."""
+        if self.comparison is None:
+            return self.text().lower()
+        found, negated = self.comparison
+        flat = Comparison(found.op, _flat(found.left), _flat(found.right))
+        return to_pddl(Not(flat) if negated else flat).lower()
 
     def text(self) -> str:
         """The condition as PDDL, or the declaration of the instance."""

@@ -170,6 +170,29 @@ def test_an_instance_that_a_goal_names_stays_until_the_goal_is_removed(store, na
     assert "hall" not in store.instances("poi")
 
 
+@pytest.mark.parametrize(
+    "stated, sent",
+    [
+        ("(> (+ (battery r1) 1 2 3) 5)", "(> (+ (+ (+ (battery r1) 1) 2) 3) 5)"),
+        ("(not (> 5 (* (+ 1 2 3) 2 (battery r1))))", "(not (> 5 (* (* (+ (+ 1 2) 3) 2) (battery r1))))"),
+    ],
+)
+def test_a_goal_with_a_sum_of_many_is_that_of_messages_whose_operators_take_two(store, stated, sent):
+    first, second = (StoredGoal(parse_condition(text, DOMAIN, store.objects())) for text in (stated, sent))
+    with store.transaction() as change:
+        change.add_goal(first)
+        change.add_goal(second)
+    assert texts(store.goals()) == [stated]
+    with store.transaction() as change:
+        change.remove_goal(
+            StoredGoal(parse_condition("(> (+ (battery r1) (+ 1 2) 3) 5)", DOMAIN, store.objects()))
+        )
+    assert texts(store.goals()) == [stated]
+    with store.transaction() as change:
+        change.remove_goal(second)
+    assert store.goals() == []
+
+
 def test_without_checks_an_instance_goes_and_its_goals_and_timed_items_stay(clock):
     store = KnowledgeStore(DOMAIN, strict=False, clock=clock)
     add(store, Instance("poi", "hall"), Fact("checked", ("hall",)))
