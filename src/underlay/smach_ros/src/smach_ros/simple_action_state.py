@@ -139,7 +139,7 @@ class SimpleActionState(ReportingState):
             self._status = self.INACTIVE
 
     @classmethod
-    def _stop_all(cls, _reason: str = "") -> None:
+    def _stop_all(cls) -> None:
         """Preempts all that run while a cancel can still be sent: a goal does not end with its program."""
         cls._program_ends = True
         deadline, running = WallDeadline(STOP), list(cls._running)
@@ -275,8 +275,5 @@ class SimpleActionState(ReportingState):
         return outcome if outcome is not None else by_status
 
 
-# Behind what users do at a shutdown, as in a preempt handler. rospy's own hook of that kind ends the topics.
-if rospy.core.is_initialized():
-    rospy.on_shutdown(SimpleActionState._stop_all)
-else:
-    rospy.core.add_preshutdown_hook(SimpleActionState._stop_all)
+# Added among the hooks that run, it comes behind all of them: a preempt handler preempts the whole tree.
+rospy.on_shutdown(lambda: rospy.on_shutdown(SimpleActionState._stop_all))
