@@ -87,7 +87,7 @@ def give_up_goals(owner: str) -> None:
         client.give_up_owned(owner)
 
 
-def _stop_all(_reason: str = "") -> None:
+def _stop_all() -> None:
     """Preempts what runs while a cancel can still be sent: a goal does not end with its program."""
     _program_ends.set()
     running, deadline = list(_running.items()), Deadline(LAST_STOP)
@@ -97,11 +97,8 @@ def _stop_all(_reason: str = "") -> None:
         deadline.wait_event(over)
 
 
-# Behind what users do at a shutdown, as in a preempt handler. rospy's own hook of that kind ends the topics.
-if rospy.core.is_initialized():
-    rospy.on_shutdown(_stop_all)
-else:
-    rospy.core.add_preshutdown_hook(_stop_all)
+# Added among the hooks that run, it comes behind all of them: a preempt handler preempts the whole tree.
+rospy.on_shutdown(lambda: rospy.on_shutdown(_stop_all))
 
 
 class ActionState(MerlinState):
