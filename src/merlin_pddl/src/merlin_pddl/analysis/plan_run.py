@@ -174,10 +174,10 @@ def plan_fault(domain: Domain, problem: Problem, steps: Sequence[PlanStep], roun
     except PlanRunError as error:
         return str(error)
     for each in outcome.unmet:
-        needs = "" if each.step == GOAL else f", which {steps[each.step]} needs"
-        if isinstance(each.condition, Comparison) and each.condition.left == each.condition.right:
-            return f"{to_pddl(each.condition.left)} has no value{needs}"
-        return f"{to_pddl(each.condition)} does not hold{needs}"
+        needs, what = "" if each.step == GOAL else f", which {steps[each.step]} needs", each.condition
+        if isinstance(what, Comparison) and what == Comparison("=", what.left, what.left):
+            return f"{to_pddl(what.left)} has no value{needs}"
+        return f"{to_pddl(what)} does not hold{needs}"
     for one, other, key in sorted(outcome.clashes):
         first = "what is timed" if one == TIME else steps[one]
         what = f"{first} and {steps[other]} changes {call_text(key[0], key[1:])}"
