@@ -61,6 +61,16 @@ def test_what_follows_begins_first() -> None:
     assert {"(robot_at bathroom)", "(checked bathroom)"} <= after and "(robot_at kitchen)" not in after
 
 
+def test_an_effect_that_depends_on_the_start_of_what_follows_sees_the_state_before_it() -> None:
+    domain = parse_domain(
+        """(define (domain d) (:predicates (closed) (opened)) (:durative-action open :parameters ()
+          :duration (= ?duration 1) :effect (and (at start (not (closed)))
+            (when (at start (closed)) (at end (opened))))))"""
+    )
+    problem = parse_problem("(define (problem p) (:domain d) (:init (closed)) (:goal (opened)))", domain)
+    assert facts_of(after_actions(domain, problem, [], ["(open)"])) == {"(opened)"}
+
+
 def test_numbers_and_conditional_effects_count() -> None:
     domain = parse_domain(NUMBERS)
     text = """(define (problem p) (:domain d) (:objects a b - place)

@@ -39,8 +39,9 @@ def after_actions(
             seconds = applier.duration() if operator.durative else None
             specials = {} if seconds is None else {"?duration": seconds, "#t": seconds}
             phases = (OVER_ALL, END) if number < len(actions) else (START, OVER_ALL, END)
+            allowed = applier.allowed_at_start(specials) if START in phases else {}
             for when in phases if operator.durative else (START,):
-                applier.apply(when, specials, {})
+                applier.apply(when, specials, allowed)
     found = store.snapshot(problem.name)[1]
     found.constraints = problem.constraints
     return found
