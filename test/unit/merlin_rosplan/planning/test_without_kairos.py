@@ -139,6 +139,14 @@ def test_an_end_may_wait_for_what_is_timed(old_python: Path) -> None:
     assert kairos_check.PlanValidator(domain, problem).fault(parse_plan("1.001: (look) [1.000]")) is None
 
 
+def test_an_action_of_no_duration_has_an_end(old_python: Path) -> None:
+    domain = DOMAIN.replace(
+        "duration 1) :condition (at start (free)) :effect ()", "duration 0) :effect (at end (free))"
+    )
+    problem = PROBLEM.replace("(free)", "").replace("(at cup b)", "(free)")
+    assert kairos_check.PlanValidator(domain, problem).fault(parse_plan("0.000: (look) [0.000]")) is None
+
+
 def test_a_plan_with_a_fault_is_not_passed_on(old_python: Path) -> None:
     outcome = planned(old_python, "0.000: (carry cup a c) [2.000]")
     assert outcome["state"] == PlannerState.INVALID

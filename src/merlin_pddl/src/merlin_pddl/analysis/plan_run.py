@@ -394,5 +394,6 @@ def _ground(number: int, step: PlanStep, domain: Domain, known: Dict[str, Tuple[
     for timed in operator.conditions:
         needs.setdefault(timed.when, []).extend(must_hold(ground(timed.condition, bindings)))
     begin = round(step.time, _DIGITS)
-    end = round(step.time + step.duration, _DIGITS) if operator.durative else begin
+    # Its end is a happening behind its start, however short it is.
+    end = round(step.time + max(step.duration, 10.0**-_DIGITS), _DIGITS) if operator.durative else begin
     return _Step(number, operator, bindings, begin, end, needs)
