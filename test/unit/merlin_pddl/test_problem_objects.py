@@ -3,8 +3,11 @@
 
 import pytest
 
+from merlin_pddl.analysis.demand import demand
+from merlin_pddl.analysis.plan_run import plan_fault
 from merlin_pddl.checks.portability import declared_twice
 from merlin_pddl.domain_reader import parse_domain
+from merlin_pddl.plan_text import PlanStep
 from merlin_pddl.problem_reader import parse_condition, parse_problem
 from merlin_pddl.text_reader import PddlError
 
@@ -28,6 +31,20 @@ def test_an_object_of_a_wider_type_is_refused_where_a_variable_may_stand():
 def test_an_object_with_two_types_is_of_both():
     objects = "lobby - place lobby - room towel - item"
     assert parse_problem(problem(objects, "(ordered towel lobby)"), DOMAIN).facts
+
+
+def test_an_object_that_is_a_constant_too_has_the_types_of_both():
+    text = """(define (domain d) (:types room item) (:constants box - item) (:predicates (in ?r - room)
+        (used ?i - item)) (:action use :parameters (?i - item) :effect (used ?i))
+        (:action enter :parameters (?r - room) :effect (in ?r)))"""
+    domain = parse_domain(text)
+    goals = "(:goal (and (forall (?i - item) (used ?i)) (forall (?r - room) (in ?r))))"
+    found = parse_problem(f"(define (problem p) (:domain d) (:objects Box - room) {goals})", domain)
+    assert found.typed(domain.constants) == {"box": ("item", "room")}
+    steps = [PlanStep(0.0, "use", ("box",)), PlanStep(0.001, "enter", ("box",))]
+    assert plan_fault(domain, found, steps) == ""
+    assert plan_fault(domain, found, steps[1:]) == "(forall (?i - item) (used ?i)) does not hold"
+    assert demand(text, found.objects, ["(use box)", "(enter box)"])[1]
 
 
 def test_objects_that_are_declared_twice_are_named():

@@ -29,8 +29,11 @@ class Problem:
     constraints: List[str] = field(default_factory=list)
 
     def typed(self, constants: Mapping[str, Tuple[str, ...]]) -> Dict[str, Tuple[str, ...]]:
-        """The objects and these constants (lower-case) with their types."""
-        return {**constants, **{name.lower(): types for name, types in self.objects.items()}}
+        """The objects and these constants (lower-case) with their types; what is both has all of them."""
+        found = dict(constants)
+        for name, types in self.objects.items():
+            found[name.lower()] = tuple(dict.fromkeys((*found.get(name.lower(), ()), *types)))
+        return found
 
     def changed(self, changes: Iterable[Condition]) -> "Problem":
         """A copy with other facts and values at its start.

@@ -10,6 +10,7 @@ from merlin_pddl.domain import Domain, Operator
 from merlin_pddl.evaluation import Evaluator, WorldState
 from merlin_pddl.formula import END, Atom, Condition, Not, ground, must_hold, numeric_text, terms, to_pddl
 from merlin_pddl.knowledge import Key
+from merlin_pddl.problem import Problem
 from merlin_ros.work.passed_time import clock_text
 
 WAITING = "waiting"
@@ -176,11 +177,9 @@ class Moment(WorldState):
 
     def typed(self) -> Dict[str, Tuple[str, ...]]:
         """The objects with their types."""
-        known = {
-            name.lower(): (str(entry.get("type", "")).lower(),)
-            for name, entry in (self.section("knowledge").get("objects") or {}).items()
-        }
-        return {**known, **self.domain.constants}
+        known = self.section("knowledge").get("objects") or {}
+        objects = {name: (str(entry.get("type", "")).lower(),) for name, entry in known.items()}
+        return Problem("", "", objects).typed(self.domain.constants)
 
     def objects(self, types: Tuple[str, ...]) -> List[str]:
         """The objects of any of these types or of types below them."""

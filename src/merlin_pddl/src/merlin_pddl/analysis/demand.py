@@ -9,6 +9,7 @@ from typing import Dict, List, Mapping, Sequence, Tuple
 from merlin_pddl.analysis.leave_out import action_of, declare, extend_action
 from merlin_pddl.domain_reader import DomainReader
 from merlin_pddl.formula import Atom, Condition
+from merlin_pddl.problem import Problem
 from merlin_pddl.text_reader import read_expression
 
 #: Begins the predicates that say which actions were done.
@@ -27,7 +28,7 @@ def demand(
     """
     node = read_expression(domain, "domain")
     model = DomainReader(read_expression(domain, "domain")).read()
-    known = {**model.constants, **objects}
+    known = Problem("", "", dict(objects)).typed(model.constants)
     goals: List[Condition] = []
     marks: Dict[str, str] = {}
     for text in actions:
