@@ -187,10 +187,38 @@ class Owner(Owners, unittest.TestCase):
         self.assertEqual((first.name, first.action_id), ("cancel_action", -1))
 
 
-class Limits(Owners, unittest.TestCase):
-    """An owner that hangs for good, and actions that are not answered."""
+class Unanswered(Owners):
+    """Actions whose cancel is not answered."""
 
-    kind = "strict"
+    def apply_effects(self, action, phase):
+        apply = patient_service(f"{KNOWLEDGE_BASE}/apply_effects", ApplyEffects)
+        answer = apply(
+            operator_name="paint",
+            parameters=[KeyValue("r", "ann"), KeyValue("x", "leg")],
+            phase=phase,
+            token=f"{action.plan_id}/{action.action_id}/life/1",
+            owner="/a_bridge",
+            if_interrupted=["(broken ann)"],
+        )
+        self.assertTrue(answer.success, answer.message)
+
+    def begin(self):
+        """A dispatch whose first action is under way; returns it, and what waits for the dispatch's end."""
+        del self.interfaces.answers["on_cancel"]
+        self.two_steps()
+        result = self.start()
+        action = self.interfaces.wait(named("paint"))
+        self.apply_effects(action, ApplyEffectsRequest.START)
+        return action, result
+
+    def executions(self):
+        return patient_service(f"{KNOWLEDGE_BASE}/executions", ListExecutions)(owner="").executions
+
+
+class Patient(Unanswered, unittest.TestCase):
+    """An owner that hangs for good, and an interface that lives and does not answer."""
+
+    kind = "patient_simple"
 
     def test_a_dispatch_whose_owner_hangs_for_good_is_cancelled(self):
         self.two_steps()
@@ -200,21 +228,19 @@ class Limits(Owners, unittest.TestCase):
         self.interfaces.wait(named("cancel_action"))
         self.assertIn("is gone: its client", self.last_status().reason)
 
-    def begin_execution(self, action):
-        apply = patient_service(f"{KNOWLEDGE_BASE}/apply_effects", ApplyEffects)
-        parameters = [KeyValue("r", "ann"), KeyValue("x", "leg")]
-        answer = apply(
-            operator_name="paint",
-            parameters=parameters,
-            phase=ApplyEffectsRequest.START,
-            token=f"{action.plan_id}/{action.action_id}/life/1",
-            owner="/a_bridge",
-            if_interrupted=["(broken ann)"],
-        )
-        self.assertTrue(answer.success, answer.message)
+    def test_actions_that_do_not_answer_the_cancel_are_named(self):
+        action, result = self.begin()
+        self.addCleanup(self.apply_effects, action, ApplyEffectsRequest.INTERRUPT)
+        self.cancel()
+        self.assertFalse(result().success)
+        self.assertEqual(self.last_status().unanswered, ["(paint ann leg)"])
+        self.assertEqual(len(self.executions()), 1)  # its interface lives and may still close it
 
-    def executions(self):
-        return patient_service(f"{KNOWLEDGE_BASE}/executions", ListExecutions)(owner="").executions
+
+class Limits(Unanswered, unittest.TestCase):
+    """Interfaces that die."""
+
+    kind = "strict"
 
     def settled(self):
         """Waits for the knowledge that the settling changes."""
@@ -225,25 +251,15 @@ class Limits(Owners, unittest.TestCase):
         return self.knowledge.query([fact("broken", "ann")]) == [True]
 
     def test_an_execution_of_a_dead_interface_is_settled(self):
-        del self.interfaces.answers["on_cancel"]
-        self.two_steps()
-        result = self.start()
-        action = self.interfaces.wait(named("paint"))
-        self.begin_execution(action)
+        _, result = self.begin()
         self.interfaces.announced.clear()
         self.assertFalse(result().success)
         self.assertIn("the action interface of paint is gone", self.last_status().reason)
         self.assertTrue(self.settled())
 
-    def test_actions_that_do_not_answer_the_cancel_are_named(self):
-        del self.interfaces.answers["on_cancel"]
-        self.two_steps()
-        result = self.start()
-        action = self.interfaces.wait(named("paint"))
-        self.begin_execution(action)
+    def test_an_execution_whose_interface_dies_after_the_cancel_is_settled(self):
+        _, result = self.begin()
         self.cancel()
         self.assertFalse(result().success)
-        self.assertEqual(self.last_status().unanswered, ["(paint ann leg)"])
-        self.assertEqual(len(self.executions()), 1)  # its interface lives and may still close it
         self.interfaces.announced.clear()
         self.assertTrue(self.settled())

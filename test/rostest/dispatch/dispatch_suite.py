@@ -4,12 +4,14 @@
 
 import unittest
 
-from dispatch_owner_test import Limits, Owner
+from dispatch_owner_test import Limits, Owner, Patient
 from dispatcher_ends_test import DispatcherEnds
 from plan_dispatch_test import (
     DispatchingOfItsOwnProcess,
     EsterelDispatching,
     EsterelLimits,
+    PatientEsterel,
+    PatientSimple,
     SimpleDispatching,
     SimpleLimits,
 )
@@ -26,6 +28,9 @@ CASES = (
     EsterelLimits,
     SimpleLimits,
     Limits,
+    Patient,
+    PatientEsterel,
+    PatientSimple,
 )
 
 

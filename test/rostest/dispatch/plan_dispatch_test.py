@@ -360,11 +360,8 @@ class EsterelDispatching(Dispatching, unittest.TestCase):
         self.assertIn("joins nodes", reason)
 
 
-class Limits(DispatchFixture):
-    """Interfaces that are missing, dead or silent, at dispatchers that wait for seconds only.
-
-    Each case silences another one: a dispatcher has more patience with what it has heard seldom.
-    """
+class Patient(DispatchFixture):
+    """Interfaces that live, at dispatchers that wait for seconds only until what they cancel has stopped."""
 
     def test_who_does_not_answer_a_cancel_is_named(self):
         self.interfaces.answers["paint"] = [(1,)]
@@ -374,6 +371,21 @@ class Limits(DispatchFixture):
         self.cancel()
         self.assertFalse(result().success)
         self.assertIn("no answer to the cancel from (paint ann leg)", self.last_status().reason)
+
+
+class PatientSimple(Patient, unittest.TestCase):
+    kind = "patient_simple"
+
+
+class PatientEsterel(Patient, unittest.TestCase):
+    kind = "patient_esterel"
+
+
+class Limits(DispatchFixture):
+    """Interfaces that are missing, dead or silent, at dispatchers that wait for seconds only.
+
+    Each case silences another one: a dispatcher has more patience with what it has heard seldom.
+    """
 
     def test_a_missing_interface_is_named_within_seconds(self):
         self.interfaces.announced.discard("move")
@@ -389,7 +401,6 @@ class Limits(DispatchFixture):
         self.give("0.0: (paint ann leg) [5.0]")
         result = self.start()
         self.interfaces.wait(named("paint"))
-        self.last_status(DispatchStatus.RUNNING)
         self.interfaces.announced.discard("paint")
         self.assertFalse(result().success)
         self.assertIn("interface of paint is gone, silent", self.last_status().reason)
