@@ -22,7 +22,7 @@ def step(kind: str, file: str, language: str, text: str) -> str:
         # The reader sees when it is ready; `send` says that nothing runs until then.
         ready = (
             'until rosrun merlin send "(greet_done hall)"; do\n'
-            "  kill -0 $other && [ $((tries += 1)) -lt 50 ] || { cat other.out; exit 1; }\n"
+            "  kill -0 $other && [ $((tries += 1)) -lt 500 ] || { cat other.out; exit 1; }\n"
             "  sleep 0.5\ndone"
         )
         run = first.replace(OTHER_TERMINAL, "")
