@@ -76,6 +76,18 @@ def client() -> Client:
     return Client()
 
 
+def test_a_server_that_has_hung_gets_time_to_read_what_was_sent_meanwhile(client: Client) -> None:
+    client.serve(1.0)
+    goal = client.send("a")
+    client.watch(SILENCE + 1.0)
+    client.hear()  # of the thread of its beat, which went on first
+    assert client.why_lost(goal) == ""
+    client.serve(SILENCE)
+    assert client.why_lost(goal) == ""
+    client.serve(1.0)
+    assert "never acknowledged" in client.why_lost(goal)
+
+
 @pytest.mark.parametrize(
     ("publishes", "connected", "limit", "why"),
     [

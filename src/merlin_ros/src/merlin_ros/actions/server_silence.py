@@ -3,6 +3,7 @@
 
 Silence counts in the client's own ticks (:mod:`merlin_ros.alarms`). Messages of one connection come in
 order: while the server, or the client itself, works off what was sent before, what comes behind is not late.
+A server that has hung may say its status before it has read what came meanwhile.
 """
 
 from typing import Callable, Iterable, List, Mapping, Optional, Tuple
@@ -16,6 +17,7 @@ SILENCE = 3.0  # s of running time without status after which a server that is n
 CONNECTED_SILENCE = 7.0  # s of that after which one counts as dead that is
 GONE_SILENCE = 1.0  # s of that after which one counts as dead whose process has closed its connection
 LATE_RESULT = 3.0  # s that a result may come behind the status that announces it
+HUNG = 2.0  # s between two statuses from which the server has hung
 LOOK = 0.25  # s between two looks of the client; one look counts at most twice as much
 
 
@@ -44,13 +46,14 @@ class ServerSilence:
         :param goals: of the client, in the order in which they were sent.
         :return: goals that the server knew and no longer names.
         """
-        now = self._heard = self.look()
+        before, now = self._heard, self.look()
+        self._heard = now
         forgotten: List[ClientGoal] = []
-        acknowledges = False  # a goal that was sent before the next one
+        busy = before is not None and now - before > HUNG  # with what was sent before
         for goal in goals:
             status = statuses.get(goal.id)
             if status is not None and not _is_earlier(status, goal):
-                acknowledges = acknowledges or not goal.seen
+                busy = busy or not goal.seen
                 goal.seen = True
                 if status.status not in TERMINAL:
                     goal.heard(status.status, status.text)
@@ -59,7 +62,7 @@ class ServerSilence:
                     goal.text = status.text
             elif goal.seen and goal.ended_on_server is None:
                 forgotten.append(goal)
-            elif acknowledges:
+            elif busy:
                 goal.turn = now
         return forgotten
 
