@@ -54,7 +54,7 @@ class Planned(NamedTuple):
         operators = []
         for step in steps:
             operator = ActionModel.of(domain.operators[step.name.lower()], domain.derived)
-            operators.append(operator.ground(operator.bind(step.arguments)))
+            operators.append(operator.ground(operator.bind(step.arguments, step.duration)))
         actions = [model.ground(step.name, step.arguments) for step in steps]
         return Planned(model, domain, list(steps), actions, operators)
 

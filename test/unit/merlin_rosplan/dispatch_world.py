@@ -83,7 +83,7 @@ class World(DispatchEnvironment):
 
     def operator(self, action):
         operator = self.operators[action.name]
-        return operator.ground(operator.bind([value for _, value in action.parameters]))
+        return operator.ground(operator.bind([value for _, value in action.parameters], action.duration))
 
     def false_of(self, action, conditions):
         if self.broken:

@@ -110,7 +110,7 @@ class RestWorld(World):
     def operator(self, action):
         operator = self.domain.operators[action.name]
         model = ActionModel.of(operator, self.domain.derived, self.domain.constraints)
-        return model.ground(model.bind([value for _, value in action.parameters]))
+        return model.ground(model.bind([value for _, value in action.parameters], action.duration))
 
     def false_of(self, action, conditions):
         def false(atom):

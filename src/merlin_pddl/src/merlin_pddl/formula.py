@@ -207,7 +207,12 @@ def to_pddl(formula: Formula) -> str:
 
 
 def ground(formula: Any, bindings: Mapping[str, str]) -> Any:
-    """A condition or numeric expression with objects for free variables; others stay."""
+    """A condition or numeric expression with objects for free variables; others stay.
+
+    :param bindings: may have a number for ``?duration``.
+    """
+    if isinstance(formula, Special) and formula.name in bindings:
+        return Number(float(bindings[formula.name]))
     if isinstance(formula, (Atom, Fluent)):
         return replace(formula, args=tuple(bindings.get(term, term) for term in formula.args))
     if isinstance(formula, Equal):

@@ -4,8 +4,10 @@
 import pytest
 
 from merlin_pddl.domain_reader import parse_domain
+from merlin_pddl.knowledge import FunctionValue
 from merlin_rosplan.dispatch.operator_model import ActionModel, BindingError, PlanTerm
 from merlin_rosplan.knowledge.knowledge_checks import UpdateRefused
+from merlin_rosplan.knowledge.knowledge_store import KnowledgeStore
 from merlin_rosplan.messages.domain_messages import operator_message, read_operator
 
 DOMAIN = parse_domain(
@@ -75,6 +77,23 @@ def test_what_messages_cannot_carry_is_watched_by_name():
         {"open", "#t"},
     )
     assert watch.start_effects.empty and watch.durative
+
+
+def test_conditions_see_the_planned_duration():
+    domain = parse_domain(
+        """(define (domain d) (:predicates (plugged)) (:functions (battery))
+        (:durative-action wait :parameters () :duration (<= ?duration 9)
+          :condition (and (at start (>= (battery) (* 2 ?duration)))
+            (over all (or (plugged) (> (battery) ?duration))))))"""
+    )
+    store = KnowledgeStore(domain)
+    with store.transaction() as change:
+        change.add(FunctionValue("battery", (), 8.0))
+    wait = ActionModel.of(domain.operators["wait"], {})
+    for duration, right in [(4.0, [True, True]), (5.0, [False, True]), (8.5, [False, False])]:
+        action = wait.ground(wait.bind([], duration))
+        found = (*action.at_start.comparisons, *action.over_all.expressions)
+        assert store.query([each.condition for each in found]) == right
 
 
 def test_a_plain_operator_stays_plain():

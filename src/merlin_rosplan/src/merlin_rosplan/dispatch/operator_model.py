@@ -217,9 +217,10 @@ class ActionModel:
             constraints,
         )
 
-    def bind(self, arguments: Sequence[str]) -> Dict[str, str]:
-        """Objects by parameter, from a plan's list of arguments.
+    def bind(self, arguments: Sequence[str], duration: float = 0.0) -> Dict[str, str]:
+        """Objects by parameter, from a plan's list of arguments, and the planned duration.
 
+        :param duration: s.
         :raises BindingError: the number of arguments is not the number of parameters.
         """
         if len(arguments) != len(self.parameters):
@@ -227,7 +228,7 @@ class ActionModel:
                 f"{self.name} has {len(self.parameters)} parameters ({' '.join(self.labels) or 'none'}), "
                 f"not {len(arguments)} ({' '.join(arguments) or 'none'})"
             )
-        return dict(zip(self.parameters, arguments))
+        return {"?duration": repr(duration), **dict(zip(self.parameters, arguments))}
 
     @property
     def labels(self) -> List[str]:
@@ -298,8 +299,7 @@ def _conditions(parts: Iterable[Condition], derived: Rules) -> Conditions:
             (negative if isinstance(part, Not) else positive).append(PlanTerm(inner.name, inner.args))
         elif isinstance(part, Comparison):
             comparisons.append(Inequality(part))
-        # The store does not know ``?duration`` and the like.
-        elif not any(isinstance(term, formula.Special) for term in formula.terms(part)):
+        else:
             expressions.append(WatchedCondition(part, depends_on(part, derived)))
     return Conditions(tuple(positive), tuple(negative), tuple(comparisons), tuple(expressions))
 

@@ -200,7 +200,8 @@ class DispatchTopics(DispatchEnvironment):
             operator = self._operators.get(action.name)
             if operator is None:
                 operator = self._operators[action.name] = self._knowledge().operator(action.name)
-            return operator.ground(operator.bind([value for _, value in action.parameters]))
+            arguments = [value for _, value in action.parameters]
+            return operator.ground(operator.bind(arguments, action.duration))
         except (PlanKnowledgeError, BindingError) as error:
             raise DispatchError(f"{action} cannot be dispatched: {error}") from error
 

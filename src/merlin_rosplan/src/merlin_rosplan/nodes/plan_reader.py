@@ -96,7 +96,7 @@ class PlanReader:
                 if step.name not in operators:
                     operators[step.name] = self._knowledge.operator(step.name)
                 operator = operators[step.name]
-                actions.append((operator, operator.ground(operator.bind(step.arguments))))
+                actions.append((operator, operator.ground(operator.bind(step.arguments, step.duration))))
             except BindingError as error:
                 raise BindingError(f"line {step.line}: {error}") from None
             except PlanKnowledgeError as error:

@@ -15,7 +15,6 @@ from typing import (
     Tuple,
 )
 
-from merlin_pddl.formula import Special, terms
 from merlin_rosplan.dispatch.operator_model import (
     ActionModel,
     Conditions,
@@ -194,13 +193,9 @@ def _facts(effects: TimedEffects) -> List[Tuple[PlanTerm, bool]]:
 
 
 def _each(step: int, conditions: Conditions) -> List[Need]:
-    """The single conditions; without equalities, and without comparisons with ``?duration`` and the like."""
+    """The single conditions, without equalities."""
     singles = [Conditions(positive=(atom,)) for atom in conditions.positive if atom.name != "="]
     singles += [Conditions(negative=(atom,)) for atom in conditions.negative if atom.name != "="]
-    singles += [
-        Conditions(comparisons=(entry,))
-        for entry in conditions.comparisons
-        if not any(isinstance(term, Special) for term in terms(entry.condition))
-    ]
+    singles += [Conditions(comparisons=(entry,)) for entry in conditions.comparisons]
     singles += [Conditions(expressions=(entry,)) for entry in conditions.expressions]
     return [Need(step, single) for single in singles]
