@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Containers offered as actions: P13, U6, D11."""
 
+import os
+import signal
+import subprocess
 import threading
 import time
 import unittest
@@ -14,6 +17,7 @@ from smach_fixture import Calling, Done, machine
 
 import smach
 from merlin_test import LONG
+from merlin_test.node_path import lean_script
 from merlin_test.topic_links import wait_for_connections
 from smach_ros import ActionServerWrapper
 
@@ -259,6 +263,20 @@ class Wrapper(unittest.TestCase):
         self.assertTrue(container.is_running(), "preempted by a cancel of another goal")
         client.cancel_goal()
         self.assertTrue(client.wait_for_result(rospy.Duration(LONG)))
+
+    def test_the_goal_of_a_program_that_is_interrupted_is_preempted_and_answered(self):
+        script = os.path.join(os.path.dirname(os.path.abspath(__file__)), "smach_victim.py")
+        process = subprocess.Popen(lean_script(script, "wrapper"), stdout=subprocess.PIPE, text=True)
+        self.addCleanup(process.wait)
+        self.addCleanup(process.stdout.close)
+        self.addCleanup(process.kill)
+        client = Client("victim", TestAction)
+        self.assertTrue(client.wait_for_server(rospy.Duration(LONG)))
+        client.send_goal(TestGoal())
+        self.assertEqual(process.stdout.readline(), "running\n")
+        process.send_signal(signal.SIGINT)
+        self.assertTrue(client.wait_for_result(rospy.Duration(LONG)))
+        self.assertEqual(client.get_state(), GoalStatus.PREEMPTED)
 
     def test_broken_definitions_raise(self):
         container = machine(Done())

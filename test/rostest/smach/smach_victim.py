@@ -126,6 +126,10 @@ def main(scenario):
         state = container("machine")
         smach_ros.set_preempt_handler(state)
         return execute(state)
+    if scenario == "wrapper":
+        outcomes = {"succeeded_outcomes": ["done"], "preempted_outcomes": ["preempted"]}
+        smach_ros.ActionServerWrapper("victim", TestAction, container("machine"), **outcomes).run_server()
+        return rospy.spin()
     if scenario in ("machine", "concurrence", "iterator", "stubborn_concurrence"):
         state = container(scenario)
         if scenario != "stubborn_concurrence":

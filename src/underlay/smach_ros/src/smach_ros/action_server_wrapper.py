@@ -16,12 +16,16 @@ from smach.execution import run_context
 from smach.labels import text_of
 from smach.state import names
 from smach_ros.user_callback import check_slots
+from smach_ros.waiting import wait_until_sent
+
+STOP = 2.0  # s of wall time that the goal that runs gets to end when the program ends
 
 
 class ActionServerWrapper:
     """Executes a container for each goal of an action.
 
-    One goal at a time: a newer one preempts the running one and takes the place of one that waits.
+    One goal at a time: a newer one preempts the running one and takes the place of one that waits. When the
+    program ends, the running one is preempted, and gets `STOP` to be answered.
 
     :param server_name: name of the action; relative names and remapping as usual.
     :param action_spec: the generated ``...Action`` class.
@@ -82,7 +86,8 @@ class ActionServerWrapper:
         packed = self._slots(self._result_type, self._result_slots_map, pack_result_slots)
         answers = [*self._feedback_slots_map.values(), *(key for _, key in packed)]
         self._answer_keys = {feedback_key, result_key, *answers}
-        self._changed = threading.Condition(threading.RLock())  # guards the two goals
+        self._changed = threading.Condition(threading.RLock())  # guards the next fields
+        self._stopped = False
         self._waiting: Any = None
         self._current: Any = None
         wrapped_container.register_transition_cb(self._send_feedback)
@@ -114,9 +119,20 @@ class ActionServerWrapper:
             self._worker = threading.Thread(
                 target=self._work, name=f"smach action {self._server_name}", daemon=True
             )
-            smach.log.wake_at_shutdown(self._changed)
             self._worker.start()
             self._action_server.start()
+            rospy.on_shutdown(self._stop)
+
+    def _stop(self) -> None:
+        """Ends the worker while an answer still reaches the client."""
+        with self._changed:
+            self._stopped, runs = True, self._current is not None
+            self._changed.notify_all()
+        if runs:
+            self.wrapped_container.request_preempt()
+        if self._worker is not None and self._worker is not threading.current_thread():
+            self._worker.join(STOP)
+        wait_until_sent([self._action_server.result_pub], STOP)
 
     def _receive_goal(self, goal: Any) -> None:
         with self._changed:
@@ -141,12 +157,12 @@ class ActionServerWrapper:
             self.wrapped_container.request_preempt()
 
     def _work(self) -> None:
-        while not rospy.is_shutdown():
+        while True:
             with self._changed:
-                while self._waiting is None:
-                    if rospy.is_shutdown():
-                        return
-                    self._changed.wait(1.0)
+                while self._waiting is None and not self._stopped:
+                    self._changed.wait()
+                if self._stopped:
+                    return
                 goal, self._waiting = self._waiting, None
                 # From here on a cancel is for this goal, and none from before is.
                 self.wrapped_container.prepare_run()
