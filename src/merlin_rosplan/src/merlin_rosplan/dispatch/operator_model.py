@@ -220,7 +220,7 @@ class ActionModel:
     def bind(self, arguments: Sequence[str], duration: float = 0.0) -> Dict[str, str]:
         """Objects by parameter, from a plan's list of arguments, and the planned duration.
 
-        :param duration: s.
+        :param duration: s; in messages 32 bits, of which seven digits are right.
         :raises BindingError: the number of arguments is not the number of parameters.
         """
         if len(arguments) != len(self.parameters):
@@ -228,7 +228,7 @@ class ActionModel:
                 f"{self.name} has {len(self.parameters)} parameters ({' '.join(self.labels) or 'none'}), "
                 f"not {len(arguments)} ({' '.join(arguments) or 'none'})"
             )
-        return {"?duration": repr(duration), **dict(zip(self.parameters, arguments))}
+        return {"?duration": f"{duration:.7g}", **dict(zip(self.parameters, arguments))}
 
     @property
     def labels(self) -> List[str]:
