@@ -6,8 +6,7 @@ import re
 from dataclasses import dataclass, field
 from typing import Any, Dict, List, Optional, Set, Tuple, Union
 
-from merlin_pddl.evaluation import changed
-from merlin_pddl.formula import Atom
+from merlin_pddl.evaluation import changed, key_of
 from merlin_pddl.knowledge import ASSIGN, Fact, FunctionValue, Instance, Metric, Row, StoredGoal, Timed
 from merlin_rosplan.knowledge.knowledge_checks import KnowledgeChecks, UpdateRefused
 from merlin_rosplan.knowledge.knowledge_state import KnowledgeTables, MetricRow, Note
@@ -219,12 +218,10 @@ class Transaction:
 
     def remove_goal(self, goal: StoredGoal) -> None:
         """Removes every goal that fits; an empty name or argument fits anything."""
-        if not _has_wildcard(goal):
-            self.drop(self.state.goals, goal.key)
-        else:
-            for row in self.state.goals.all():
-                if goal_fits(goal, row):
-                    self.drop(self.state.goals, row.key)
+        known = self.state.goals.get(goal.key)
+        for row in self.state.goals.all() if known is None else (known,):
+            if goal_fits(goal, row):
+                self.drop(self.state.goals, row.key)
         # A metric over preferences of a goal that is gone means nothing any more.
         found = self.state.metric.get("metric")
         if self._checks is not None and found is not None and self._checks.unknown(found.metric):
@@ -337,27 +334,12 @@ def key_fits(pattern: Tuple[str, ...], key: Tuple[str, ...]) -> bool:
 
 
 def goal_fits(pattern: StoredGoal, goal: StoredGoal) -> bool:
-    """Whether a goal is what a pattern describes."""
-    if pattern.instance is not None or goal.instance is not None:
-        return (
-            pattern.instance is not None
-            and goal.instance is not None
-            and fits(pattern.instance, goal.instance)
-        )
+    """Whether a goal is what a pattern describes; an empty name or argument fits anything."""
+    if pattern.instance is not None:
+        return goal.instance is not None and fits(pattern.instance, goal.instance)
     wanted, actual = pattern.literal, goal.literal
     if wanted is None or actual is None:
         return pattern.key == goal.key
     if not wanted[0].name:
         return True
-    return wanted[1] == actual[1] and key_fits(_atom_key(wanted[0]), _atom_key(actual[0]))
-
-
-def _has_wildcard(goal: StoredGoal) -> bool:
-    if goal.instance is not None:
-        return not goal.instance.name
-    literal = goal.literal
-    return literal is not None and "" in (literal[0].name, *literal[0].args)
-
-
-def _atom_key(atom: Atom) -> Tuple[str, ...]:
-    return (atom.name.lower(), *[arg.lower() for arg in atom.args])
+    return wanted[1] == actual[1] and key_fits(key_of(wanted[0], {}), key_of(actual[0], {}))
