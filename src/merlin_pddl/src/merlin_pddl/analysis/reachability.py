@@ -10,7 +10,7 @@ from merlin_pddl.analysis.relaxed_state import Bindings, RelaxedState
 from merlin_pddl.domain import Domain, Operator
 from merlin_pddl.evaluation import key_of, result_of
 from merlin_pddl.formula import Comparison, Condition, Effect, Number, Numeric
-from merlin_pddl.knowledge import ASSIGN, DECREASE, INCREASE, SCALE_UP, Key, conjuncts
+from merlin_pddl.knowledge import ASSIGN, OPERATIONS, Key, conjuncts
 from merlin_pddl.problem import Problem
 
 #: How often a number may grow by assignments before it counts as growing without end.
@@ -100,10 +100,7 @@ class Reachability:
             if changed and old is not None and self._grown[key] > GROWTHS:
                 self.state.widen(key, self._endless(old, value))
             return changed
-        if effect.op in (INCREASE, DECREASE):
-            new = arithmetic("+" if effect.op == INCREASE else "-", [old, value])
-        else:
-            new = arithmetic("*" if effect.op == SCALE_UP else "/", [old, value])
+        new = arithmetic(OPERATIONS[effect.op], [old, value])
         return self.state.widen(key, self._endless(old, new))
 
     @staticmethod
