@@ -180,8 +180,8 @@ def plan_fault(domain: Domain, problem: Problem, steps: Sequence[PlanStep], roun
         return f"{to_pddl(what)} does not hold{needs}"
     for one, other, key in sorted(outcome.clashes):
         first = "what is timed" if one == TIME else steps[one]
-        what = f"{first} and {steps[other]} changes {call_text(key[0], key[1:])}"
-        return f"one of {what} at the moment at which the other needs or changes it"
+        both = f"{first} and {steps[other]} changes {call_text(key[0], key[1:])}"
+        return f"one of {both} at the moment at which the other needs or changes it"
     return ""
 
 
