@@ -178,8 +178,10 @@ class Moment(WorldState):
     def typed(self) -> Dict[str, Tuple[str, ...]]:
         """The objects with their types."""
         known = self.section("knowledge").get("objects") or {}
-        objects = {name: (str(entry.get("type", "")).lower(),) for name, entry in known.items()}
-        return Problem("", "", objects).typed(self.domain.constants)
+        problem = Problem(
+            "", "", {name: (str(each.get("type", "")).lower(),) for name, each in known.items()}
+        )
+        return problem.typed(self.domain.constants)
 
     def objects(self, types: Tuple[str, ...]) -> List[str]:
         """The objects of any of these types or of types below them."""
