@@ -224,6 +224,7 @@ class Actions(unittest.TestCase):
         self.assertIn("/victim/wait is gone", sent.text)
 
     @mock.patch.object(server_silence, "CONNECTED_SILENCE", LONG)  # the test may be without one, too
+    @mock.patch.object(action_client, "CONNECTED_SILENCE", LONG)
     def test_a_server_without_a_processor_for_a_while_is_not_given_up(self):
         victim = start_victim()
         self.addCleanup(victim.wait)
