@@ -29,6 +29,7 @@ class Speech(unittest.TestCase):
         cls.begun = 0  # how often it has begun to speak: a short sound may be over before a test looks
         cls.info = None
         cls.active = set()  # goals that were accepted
+        cls.node_time = rospy.Time()  # by the clock of the node, as it has said last
         cls.ended = {}  # goal -> when it ended, by the clock of the node
         cls.subscribers = [
             rospy.Subscriber("alone/audio/speaker", AudioData, cls.hear, queue_size=100),
@@ -63,6 +64,7 @@ class Speech(unittest.TestCase):
     @classmethod
     def see_goals(cls, message):
         with cls.changed:
+            cls.node_time = message.header.stamp
             cls.active |= {s.goal_id.id for s in message.status_list if s.status == GoalStatus.ACTIVE}
             cls.changed.notify_all()
 
@@ -83,8 +85,9 @@ class Speech(unittest.TestCase):
     def test_a_sentence_lasts_as_long_as_its_sound(self):
         length = SpeechSynthesizer().say(SENTENCE).duration
         self.wait(lambda: self.speaking is False)
-        heard, begun = self.bytes, self.begun
-        began = rospy.Time.now()  # the clock of this process is not ahead of the node's
+        heard, begun, before = self.bytes, self.begun, self.node_time
+        self.wait(lambda: self.node_time > before)
+        began = self.node_time  # its clock may be behind that of this process
         goal = self.send()
         self.wait(lambda: self.begun > begun)
         self.assertTrue(goal.wait(LONG))
