@@ -17,6 +17,7 @@ from merlin_monitor.state.inbox import Inbox
 from merlin_monitor.state.monitor_model import MonitorModel
 from merlin_monitor.web import open_command
 from merlin_monitor.web.open_command import Archive
+from merlin_test import LONG
 
 
 def kept(folder: Path, panels: Any) -> Path:
@@ -85,8 +86,8 @@ def test_a_last_segment_that_cannot_be_read_hides_no_other(tmp_path: Path) -> No
 def test_panels_that_are_announced_after_the_first_frame_are_shown(tmp_path: Path) -> None:
     state = MonitorModel(Inbox(), HistoryStore(tmp_path / "history.sqlite", 1000))
     state.start()
-    end = time.monotonic() + 60.0
-    while not [run for run in state.history.runs().result(60.0) if run["bytes"]]:
+    end = time.monotonic() + LONG
+    while not [run for run in state.history.runs().result(LONG) if run["bytes"]]:
         assert time.monotonic() < end
         time.sleep(0.01)
     panel = {

@@ -7,6 +7,7 @@ import pytest
 from served import Served
 from shown_page import Visit, chromium, fill
 
+from merlin_test import LONG
 from merlin_test.stalled_link import StalledLink
 
 pytestmark = pytest.mark.processes
@@ -83,7 +84,7 @@ def test_a_stop_on_a_link_that_stalls_is_sent_until_it_is_confirmed(open_stop: S
         visit.page.click("#stop")
         assert visit.page.is_visible("#control-said[data-bad]")  # at once
         visit.wait_text("#control-said", "Sending the stop, for ")
-        for _ in range(600):
+        for _ in range(int(10 * LONG)):
             visit.page.wait_for_timeout(100)
             if len(asked) > 1:
                 break

@@ -51,7 +51,7 @@ class Robots:
 
     def wait_known(self, visit: Visit, address: str) -> None:
         """Waits until the monitor has heard all guards."""
-        for _ in range(600):
+        for _ in range(int(10 * LONG)):
             if len(state(address).get("guard", {}).get("robots", {})) == len(self.guards):
                 return
             visit.page.wait_for_timeout(100)
