@@ -65,6 +65,7 @@ class Evaluator:
     :param state: what holds; must not change during a call.
     :param specials: values of ``?duration``, ``#t`` and so on; one that is missing has no value.
     :param between: called now and then while a quantifier goes through the objects; what it raises ends that.
+    :ivar objects: as :meth:`WorldState.objects`.
     """
 
     def __init__(
@@ -84,7 +85,7 @@ class Evaluator:
         self._failed: Set[Key] = set()
         self._postponed: List[Key] = []
         # Asked once per type, not once per binding.
-        self._objects = functools.lru_cache(maxsize=None)(lambda types: state.objects(types))
+        self.objects = functools.lru_cache(maxsize=None)(lambda types: state.objects(types))
 
     def holds(self, condition: Condition, bindings: Optional[Bindings] = None, sense: bool = True) -> bool:
         """Whether a condition holds. What was never said is false; a comparison without a value is, and its
@@ -103,16 +104,22 @@ class Evaluator:
             extended = self.extend(condition.variables, bindings)
             return every(self.holds(condition.part, each, sense) for each in extended)
         if isinstance(condition, Comparison):
-            left = self.number(condition.left, bindings)
-            right = self.number(condition.right, bindings)
-            return left is not None and right is not None and compare(condition.op, left, right) == sense
+            return self.compares(condition, bindings, sense)
         if isinstance(condition, Equal):
             return same_object(condition, bindings) == sense
         if isinstance(condition, Atom):
-            key = key_of(condition, bindings)
-            return self._atom(key) if sense else self._negation(key)
+            return self.literal(key_of(condition, bindings), sense)
         assert isinstance(condition, Preference)
         return sense
+
+    def compares(self, comparison: Comparison, bindings: Bindings, sense: bool) -> bool:
+        """Whether a comparison holds; `sense` as of :meth:`holds`."""
+        left, right = self.number(comparison.left, bindings), self.number(comparison.right, bindings)
+        return left is not None and right is not None and compare(comparison.op, left, right) == sense
+
+    def literal(self, key: Key, sense: bool) -> bool:
+        """Whether a fact holds, stored or derived; `sense` as of :meth:`holds`."""
+        return self._atom(key) if sense else self._negation(key)
 
     def number(self, value: Numeric, bindings: Optional[Bindings] = None) -> Optional[float]:
         """The worth of an expression; None when a function in it has no value, or on division by zero."""
@@ -128,7 +135,7 @@ class Evaluator:
 
     def extend(self, variables: Sequence[Variable], bindings: Bindings) -> Iterator[Dict[str, str]]:
         """All bindings with every combination of objects for further variables."""
-        choices = [self._objects(variable.types) for variable in variables]
+        choices: List[List[str]] = [self.objects(variable.types) for variable in variables]
         for number, objects in enumerate(itertools.product(*choices)):
             if not number % _STRIDE:
                 self._between()

@@ -273,4 +273,4 @@ def test_all_that_a_plan_reaches_can_be_reached(doors, locked, power, needed, st
     reach = Reachability(domain, problem, time.thread_time() + LONG)
     reach.run()
     for goal in PlanRun(domain, problem, plan).run(falling=True).reached:
-        assert reach.state.can(goal, {}), goal
+        assert reach.state.holds(goal, {}), goal

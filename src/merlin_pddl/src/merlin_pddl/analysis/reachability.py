@@ -78,7 +78,7 @@ class Reachability:
         changed = False
         for effect in effects:
             for extended in self.state.extend(effect.variables, bindings):
-                if not all(self.state.can(timed.condition, extended) for timed in effect.conditions):
+                if not all(self.state.holds(timed.condition, extended) for timed in effect.conditions):
                     continue
                 if effect.atom is not None:
                     key = key_of(effect.atom, extended)

@@ -4,34 +4,27 @@
 Whatever a plan can reach can be reached here too; what cannot be reached here has no plan.
 """
 
-import itertools
 import time
-from typing import Dict, Iterator, List, Mapping, Optional, Sequence, Set, Tuple
+from typing import Dict, Iterator, Mapping, Optional, Sequence, Set, Tuple
 
+from merlin_pddl.analysis.plan_run import PaperState
 from merlin_pddl.analysis.ranges import ANYTHING, POSITIVE, Range, arithmetic, can_compare
 from merlin_pddl.domain import Domain
-from merlin_pddl.evaluation import key_of, same_object
+from merlin_pddl.evaluation import Bindings, Evaluator, key_of
 from merlin_pddl.formula import (
-    And,
     Arithmetic,
     Atom,
     Comparison,
     Condition,
-    Equal,
-    Exists,
     Fluent,
-    Forall,
-    Not,
     Number,
     Numeric,
-    Or,
     Special,
     Variable,
 )
 from merlin_pddl.knowledge import Fact, FunctionValue, Key
 from merlin_pddl.problem import Problem
 
-Bindings = Mapping[str, str]
 Grounds = Set[Tuple[str, ...]]
 
 
@@ -39,17 +32,15 @@ class CutOffError(Exception):
     """The time for the analysis is over."""
 
 
-class RelaxedState:
-    """The facts and numbers that were reached so far.
+class RelaxedState(Evaluator):
+    """The facts and numbers that were reached so far: what holds is what can hold.
 
     :param end: of the analysis, s of ``time.thread_time``.
     """
 
     def __init__(self, domain: Domain, problem: Problem, end: float) -> None:
-        self._domain = domain
+        super().__init__(domain, PaperState(domain, problem), between=self.look_at_clock)
         self._end = end
-        self._objects = problem.typed(domain.constants)
-        self._of_types: Dict[Tuple[str, ...], List[str]] = {}
         self.facts: Dict[str, Grounds] = {}
         """Predicate → its arguments for which it can hold."""
         self.values: Dict[Key, Range] = {}
@@ -101,31 +92,18 @@ class RelaxedState:
 
     # --- what can hold ------------------------------------------------------------------------------------
 
-    def can(self, condition: Condition, bindings: Bindings, negated: bool = False) -> bool:
-        """Whether a condition can hold, or with `negated` can fail."""
-        if isinstance(condition, Atom):
-            key = key_of(condition, bindings)
-            if negated:
-                derived = key[0] in self._domain.derived
-                return derived or key not in self._initial or key in self._gone
+    def literal(self, key: Key, sense: bool) -> bool:
+        """Whether a fact can hold, or else whether it can fail."""
+        if sense:
             return key[1:] in self.facts.get(key[0], ())
-        if isinstance(condition, Not):
-            return self.can(condition.part, bindings, not negated)
-        if isinstance(condition, (And, Or)):
-            every = isinstance(condition, And) != negated
-            return (all if every else any)(self.can(part, bindings, negated) for part in condition.parts)
-        if isinstance(condition, (Forall, Exists)):
-            every = isinstance(condition, Forall) != negated
-            extended = self.extend(condition.variables, bindings)
-            return (all if every else any)(self.can(condition.part, b, negated) for b in extended)
-        if isinstance(condition, Equal):
-            return same_object(condition, bindings) != negated
-        if isinstance(condition, Comparison):
-            left, right = self.range(condition.left, bindings), self.range(condition.right, bindings)
-            if left is None or right is None:
-                return False  # nor can it fail
-            return can_compare(condition.op, left, right, negated)
-        return not negated  # a preference
+        return key[0] in self._domain.derived or key not in self._initial or key in self._gone
+
+    def compares(self, comparison: Comparison, bindings: Bindings, sense: bool) -> bool:
+        """Whether a comparison can hold, or else whether it can fail; without a value neither."""
+        left, right = self.range(comparison.left, bindings), self.range(comparison.right, bindings)
+        if left is None or right is None:
+            return False
+        return can_compare(comparison.op, left, right, not sense)
 
     def range(self, value: Numeric, bindings: Bindings) -> Optional[Range]:
         """What an expression can be worth; None when a function in it never has a value."""
@@ -140,21 +118,7 @@ class RelaxedState:
         assert isinstance(value, Special)
         return POSITIVE if value.name in ("#t", "?duration", "total-time") else ANYTHING
 
-    # --- objects and bindings -----------------------------------------------------------------------------
-
-    def objects(self, types: Tuple[str, ...]) -> List[str]:
-        """The objects that may stand where these types are asked."""
-        if types not in self._of_types:
-            self._of_types[types] = [
-                n for n, has in self._objects.items() if self._domain.accepts(types, has)
-            ]
-        return self._of_types[types]
-
-    def extend(self, variables: Sequence[Variable], bindings: Bindings) -> Iterator[Dict[str, str]]:
-        """All bindings with every combination of objects for further variables."""
-        for objects in itertools.product(*(self.objects(variable.types) for variable in variables)):
-            self.look_at_clock()
-            yield {**bindings, **{v.name: name for v, name in zip(variables, objects)}}
+    # --- bindings -------------------------------------------------------------------------------------------
 
     def matches(
         self, variables: Sequence[Variable], conditions: Sequence[Condition]
@@ -167,7 +131,7 @@ class RelaxedState:
         for found in self._join(atoms, 0, {}, typed):
             left = [variable for variable in variables if variable.name not in found]
             for bindings in self.extend(left, found):
-                if all(self.can(condition, bindings) for condition in others):
+                if all(self.holds(condition, bindings) for condition in others):
                     yield bindings
 
     def _join(

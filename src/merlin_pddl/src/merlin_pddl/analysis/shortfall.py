@@ -107,7 +107,7 @@ class Shortfall:
         self._domain = domain
         self._state: RelaxedState = reach.state
         goals = [part for goal in task.goals for part in conjuncts(goal)]
-        self.goals = [goal for goal in goals if not self._state.can(goal, {})]
+        self.goals = [goal for goal in goals if not self._state.holds(goal, {})]
         effects = (effect for operator in domain.operators.values() for effect in operator.effects)
         self._changed = {effect.atom.name for effect in effects if effect.atom is not None} | set(
             domain.derived
@@ -177,7 +177,7 @@ class Shortfall:
         needed = conditions_of(operator)
         needed += [part for timed in effect.conditions for part in conjuncts(timed.condition)]
         for bindings in self._state.extend(free, bound):
-            yield [ground(need, bindings) for need in needed if not self._state.can(need, bindings)]
+            yield [ground(need, bindings) for need in needed if not self._state.holds(need, bindings)]
 
     def _apart(self, condition: Condition) -> int:
         """How many objects a missing condition relates for ever; 0: an action may change it."""
