@@ -15,14 +15,17 @@ import rospy
 from actionlib_msgs.msg import GoalStatusArray
 from executor_faults_case import CHECKED, FaultsCase
 from executor_faults_fixture import Changes, Watch, client_process, kill, start
-from merlin_msgs.msg import ExecuteActionGoal, GoalQueue, MissionStatus, PlannerStatus
+from merlin_msgs.msg import ExecuteActionGoal, GoalQueue, Lease, MissionStatus, PlannerStatus
 from rosplan_dispatch_msgs.srv import DispatchService
 from std_srvs.srv import Empty
 
 from merlin_executor.executor_client import MerlinExecutorClient
 from merlin_executor.resending import RESEND
 from merlin_planning.knowledge_client import ADD_GOAL, REMOVE_GOAL, Update, fact
+from merlin_ros.actions.lease import LOSE_AFTER, LeaseState
+from merlin_ros.actions.lease_watch import LeaseWatch
 from merlin_test import LONG
+from merlin_test.knowledge_fixture import Received
 from merlin_test.process_signals import hang
 from merlin_test.topic_links import pid_of
 
@@ -213,6 +216,26 @@ class Faults(FaultsCase):
             kill(client)
             self.drives.end()
             status = self.status.wait_idle(killed)
+        self.assertTrue(self.knowledge.holds("(checked kitchen)"), status.reason)
+
+    def test_a_client_may_hang_for_as_long_as_the_executor_allows(self):
+        long_silent = threading.Event()
+        watch = LeaseWatch(
+            "merlin/execute/lease",
+            lambda change: change.state is LeaseState.LOST and long_silent.set(),
+            lose_after=2 * LOSE_AFTER,
+        )
+        self.addCleanup(watch.shutdown)
+        leases = Received("merlin/execute/lease", Lease)  # behind the watch, which hears them first
+        self.addCleanup(leases.close)
+        with self.client_driving() as client:
+            leases.wait(lambda lease: lease.owner == "/executor_victim" and lease.held)
+            hang(client.pid)
+            self.assertTrue(long_silent.wait(LONG))
+            resumed = rospy.Time.now()
+            os.kill(client.pid, signal.SIGCONT)
+            self.drives.end()
+            status = self.status.wait_idle(resumed)
         self.assertTrue(self.knowledge.holds("(checked kitchen)"), status.reason)
 
     # --- the planning system ----------------------------------------------------------------------------

@@ -43,7 +43,7 @@ from merlin_planning.knowledge_client import KnowledgeClient, KnowledgeError
 from merlin_planning.knowledge_text import PDDLSyntaxError, to_pddl
 from merlin_planning.planning_client import PlanningClient
 from merlin_ros.actions.action_server import ActionServer, ServerGoal
-from merlin_ros.actions.lease import LeaseState
+from merlin_ros.actions.lease import LOSE_AFTER, LeaseState
 from merlin_ros.actions.lease_holder import LeaseHolder
 from merlin_ros.alarms import call_later
 from merlin_ros.call_scope import CallScope
@@ -89,6 +89,7 @@ class Executor:
     :param look_ahead: whether requests with deadlines are planned before they begin, and end as LATE as soon
         as it is proven that they are.
     :param leave_limit: as of :class:`.PlanningSystem`.
+    :param owner_timeout: s of a client's silence after which its requests end.
     :raises OSError: when that file cannot be written.
     """
 
@@ -110,6 +111,7 @@ class Executor:
         same_failures: int = SAME_FAILURES,
         replan_wait: float = REPLAN_WAIT,
         leave_limit: float = 2.0,
+        owner_timeout: float = LOSE_AFTER,
     ) -> None:
         self._knowledge = knowledge
         self._new_course = partial(Course, max_replans, same_failures, replan_wait)
@@ -134,7 +136,13 @@ class Executor:
         )
         self._machine = ExecutorSM(system, self._own, self._publish_status, lambda: self._engine)
         self._server = ActionServer(
-            "merlin/execute", ExecuteAction, self._receive, self._cancel, self._owner, _ended_by_server
+            "merlin/execute",
+            ExecuteAction,
+            self._receive,
+            self._cancel,
+            self._owner,
+            _ended_by_server,
+            owner_timeout,
         )
         self._alarm = RosAlarm(lambda: self._engine.look(), "request times")
         self._engine: Engine[Request] = Engine(

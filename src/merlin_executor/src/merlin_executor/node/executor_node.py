@@ -15,6 +15,7 @@ from merlin_executor.node.executor import Executor
 from merlin_planning.dispatch_client import STUCK_AFTER
 from merlin_planning.knowledge_client import DEFAULT_KNOWLEDGE_BASE, knowledge_client
 from merlin_planning.planning_client import PlanningClient, StageError
+from merlin_ros.actions.lease import LOSE_AFTER, SUSPEND_AFTER
 from merlin_ros.health import HealthReporter
 from merlin_ros.master.master_link import ERRORS, bounded_master
 from merlin_ros.master.namesake import living_namesake
@@ -75,6 +76,7 @@ def _options() -> Dict[str, Any]:
         "together": whole("~together", TOGETHER, 1),
         "look_ahead": flag("~look_ahead", True),
         "leave_limit": number("~leave_limit", 2.0, 0.0),
+        "owner_timeout": number("~owner_timeout", LOSE_AFTER, SUSPEND_AFTER),
     }
 
 
