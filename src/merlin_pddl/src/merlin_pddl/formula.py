@@ -219,8 +219,10 @@ def ground(formula: Any, bindings: Mapping[str, str]) -> Any:
         return Equal(bindings.get(formula.left, formula.left), bindings.get(formula.right, formula.right))
     if isinstance(formula, Comparison):
         return Comparison(formula.op, ground(formula.left, bindings), ground(formula.right, bindings))
-    if isinstance(formula, (And, Or, Arithmetic)):
-        return replace(formula, parts=tuple(ground(part, bindings) for part in formula.parts))
+    if isinstance(formula, (And, Or)):
+        return type(formula)(tuple(ground(part, bindings) for part in formula.parts))
+    if isinstance(formula, Arithmetic):
+        return Arithmetic(formula.op, tuple(ground(part, bindings) for part in formula.parts))
     if isinstance(formula, (Forall, Exists)):
         hidden = {variable.name for variable in formula.variables}
         bindings = {name: value for name, value in bindings.items() if name not in hidden}
