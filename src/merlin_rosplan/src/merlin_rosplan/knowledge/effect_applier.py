@@ -4,7 +4,7 @@
 Also what it needs at its end, which is asked in the transaction that applies the end effects.
 """
 
-from typing import Dict, List, Mapping, Optional, Tuple
+from typing import Dict, List, Mapping, Optional, Union
 
 from merlin_pddl.domain import Operator, open_advice, open_terms
 from merlin_pddl.evaluation import TOTAL_COST, Evaluator, changed
@@ -106,9 +106,7 @@ class EffectApplier:
         :raises UpdateRefused: when an effect has no number.
         """
         evaluator = self._evaluator(specials)
-        deletes: List[Fact] = []
-        adds: List[Fact] = []
-        values: List[Tuple[FunctionValue, str]] = []
+        found: List[Union[Fact, FunctionValue]] = []
         for number, effect in enumerate(self._operator.effects):
             if effect.when != when:
                 continue
@@ -120,14 +118,12 @@ class EffectApplier:
                     rest = [timed for timed in effect.conditions if timed.when != START]
                     applies = _objects(effect, bindings) in started and self._hold(evaluator, rest, bindings)
                 if applies:
-                    self._collect(effect, evaluator, bindings, deletes, adds, values)
+                    found += self._changes(effect, evaluator, bindings)
         changes = RecordedChanges(self._transaction)
-        for fact in deletes:
-            changes.delete(fact)
-        for fact in adds:
-            changes.add(fact)
-        for value, op in values:
-            self._set(changes, value, op)
+        changes.bring_about([item for item in found if isinstance(item, Fact)])
+        for item in found:
+            if isinstance(item, FunctionValue):
+                self._set(changes, item)
         return changes.notes
 
     def check_end(self, specials: Mapping[str, float]) -> None:
@@ -156,23 +152,17 @@ class EffectApplier:
     def _evaluator(self, specials: Mapping[str, float]) -> Evaluator:
         return Evaluator(self._state.domain, self._state, specials)
 
-    def _collect(
-        self,
-        effect: Effect,
-        evaluator: Evaluator,
-        bindings: Bindings,
-        deletes: List[Fact],
-        adds: List[Fact],
-        values: List[Tuple[FunctionValue, str]],
-    ) -> None:
+    def _changes(
+        self, effect: Effect, evaluator: Evaluator, bindings: Bindings
+    ) -> List[Union[Fact, FunctionValue]]:
+        """What an effect changes: one thing, or nothing."""
         target = effect.atom or effect.fluent
         assert target is not None
         if self._state.sensed.get(target.name) is not None:
-            return  # the sensing interface keeps it
+            return []  # the sensing interface keeps it
         args = tuple(self._spelled(bindings.get(arg, arg)) for arg in target.args)
         if isinstance(target, Atom):
-            (deletes if effect.negative else adds).append(Fact(target.name, args))
-            return
+            return [Fact(target.name, args, effect.negative)]
         assert isinstance(target, Fluent) and effect.value is not None
         operand = evaluator.number(effect.value, bindings)
         if operand is None:
@@ -187,19 +177,19 @@ class EffectApplier:
         current = self._state.value((target.name, *[arg.lower() for arg in args]))
         if effect.op != ASSIGN and current is None:
             if target == TOTAL_COST:
-                return  # it only rates plans; it has no value, so no condition reads it
+                return []  # it only rates plans; it has no value, so no condition reads it
             raise UpdateRefused(f"({' '.join((target.name, *args))}) has no value that could {effect.op}")
-        values.append((FunctionValue(target.name, args, operand), effect.op))
+        return [FunctionValue(target.name, args, operand, op=effect.op)]
 
     def _spelled(self, name: str) -> str:
         return self._state.spelling(name) or name
 
-    def _set(self, changes: RecordedChanges, value: FunctionValue, op: str) -> None:
+    def _set(self, changes: RecordedChanges, value: FunctionValue) -> None:
         before = self._state.value(value.key)
-        result = changed(op, before, value.value)
+        result = changed(value.op, before, value.value)
         if result is None:
-            raise UpdateRefused(f"{value.text()}: {before} {op} {value.value} is not a number")
-        changes.set(FunctionValue(value.name, value.args, result), op)
+            raise UpdateRefused(f"{value.text()}: {before} {value.op} {value.value} is not a number")
+        changes.set(FunctionValue(value.name, value.args, result), value.op)
 
 
 def _objects(effect: Effect, bindings: Mapping[str, str]) -> List[str]:

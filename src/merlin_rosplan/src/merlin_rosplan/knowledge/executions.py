@@ -7,7 +7,7 @@ once it was interrupted. END, ROLLBACK and INTERRUPT close it; so an execution t
 base, or whose owner died, is closed as if nothing had happened in between.
 """
 
-from typing import Any, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 from merlin_pddl.formula import END, OVER_ALL, START
 from merlin_pddl.knowledge import Fact
@@ -114,7 +114,7 @@ class Executions:
             allowed = applier.allowed_at_start(specials)
             undo = applier.apply(START, specials, allowed)
         running = RecordedChanges(self._transaction)
-        _bring_about(running, map(_fact, holds))
+        running.bring_about(map(_fact, holds))
         if token:
             row: Dict[str, object] = {
                 "operator": operator.name,
@@ -192,7 +192,7 @@ class Executions:
             return "; ".join(filter(None, notes))
         # An execution has to come to its end whatever happened to the objects it was about.
         possible = [fact for fact in declared if fact.negative or self._transaction.acceptable(fact)]
-        _bring_about(RecordedChanges(self._transaction), possible)
+        RecordedChanges(self._transaction).bring_about(possible)
         failed = apply_counts(self._transaction, counts, specials)
         self._close(token, row["operator"])
         gone = [fact.text() for fact in declared if fact not in possible]
@@ -287,12 +287,6 @@ def _check_objects(token: str, row: _Row, applier: EffectApplier) -> None:
     began = [value for _, value in row.get("parameters", applier.parameters)]
     if [value.lower() for value in began] != [value.lower() for _, value in applier.parameters]:
         raise UpdateRefused(f"the token '{token}' belongs to ({' '.join([row['operator'], *began])})")
-
-
-def _bring_about(changes: RecordedChanges, facts: Iterable[Fact]) -> None:
-    """Deletes first, so that an added fact stays when it is named both ways."""
-    for fact in sorted(facts, key=lambda fact: not fact.negative):
-        (changes.delete if fact.negative else changes.add)(fact)
 
 
 def _read_literals(node: Node) -> List[Fact]:

@@ -5,7 +5,7 @@ What others did meanwhile stays: a fact is only put back as it was before, and a
 difference is changed back by it. A value that others have assigned since is left alone.
 """
 
-from typing import Any, Dict, List, Sequence
+from typing import Any, Dict, Iterable, List, Sequence
 
 from merlin_pddl.knowledge import DECREASE, INCREASE, Fact, FunctionValue
 from merlin_rosplan.knowledge.transaction import Transaction
@@ -24,6 +24,11 @@ class RecordedChanges:
         self._transaction = transaction
         #: how to take the changes back, in their order
         self.notes: List[Note] = []
+
+    def bring_about(self, facts: Iterable[Fact]) -> None:
+        """Deletes first, so that an added fact stays when it is named both ways."""
+        for fact in sorted(facts, key=lambda fact: not fact.negative):
+            (self.delete if fact.negative else self.add)(fact)
 
     def delete(self, fact: Fact) -> None:
         """Deletes a fact that holds."""
