@@ -92,6 +92,20 @@ def test_b11_every_container_says_whether_it_runs(kit):
         assert not container.is_running() and container.wait_until_idle()
 
 
+def test_b11_a_state_does_not_wait_for_the_container_that_executes_it(kit):
+    containers = []
+
+    def wait(ud):
+        # The state that ends the program runs its preempt handler.
+        assert not any(each.wait_until_idle(kit.LIMIT) for each in containers)
+        return "done" if all(each.runs_in_this_thread() for each in containers) else "waited"
+
+    inner = kit.machine(kit.Calling(wait))
+    containers += [inner, kit.concurrence(A=inner)]
+    assert kit.Running(containers[1]).end() == "done"
+    assert not any(each.runs_in_this_thread() for each in containers)
+
+
 def test_n11_a_container_that_runs_cannot_be_executed_again(kit):
     state = kit.Waiting()
     sm = kit.machine(state)

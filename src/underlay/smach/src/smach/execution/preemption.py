@@ -35,7 +35,7 @@ class PreemptibleContainer(State):
         self._smach_executing: Dict[str, State] = {}
         self._smach_forwards: Dict[str, int] = {}  # label -> requests on their way to that child
         self._smach_unreached: Set[str] = set()  # children that a request has to reach yet
-        self._smach_runner: Optional[threading.Thread] = None
+        self._smach_runners: Set[threading.Thread] = set()  # each change is one step of the interpreter
         self._is_running = False
 
     def is_running(self) -> bool:
@@ -43,14 +43,14 @@ class PreemptibleContainer(State):
         return self._is_running
 
     def runs_in_this_thread(self) -> bool:
-        """Whether the calling thread is the one that executes it. SMACH has no such method."""
-        return self._smach_runner is threading.current_thread()
+        """Whether the calling thread executes it, or a child of it. SMACH has no such method."""
+        return threading.current_thread() in self._smach_runners
 
     def wait_until_idle(self, timeout: Optional[float] = None) -> bool:
         """Waits until it is not being executed. SMACH has no such method.
 
         :param timeout: s of wall time; None: as long as it runs.
-        :return: whether it is idle; at once False for the thread that executes it.
+        :return: whether it is idle; at once False for a thread that executes it.
         """
         end = None if timeout is None else time.monotonic() + timeout
         with self._smach_lock:
@@ -105,7 +105,7 @@ class PreemptibleContainer(State):
                 )
             by_container = run_context.begin_run(self)
             self._is_running = True
-            self._smach_runner = threading.current_thread()
+            self._smach_runners.add(threading.current_thread())
         return by_container
 
     def _end_run(self, by_container: bool) -> None:
@@ -114,7 +114,7 @@ class PreemptibleContainer(State):
             self._smach_unreached.clear()
             run_context.end_run(self, by_container)
             self._is_running = False
-            self._smach_runner = None
+            self._smach_runners.clear()
             self._smach_changed.notify_all()
 
     def _start_child(self, label: str, child: State) -> int:
@@ -132,9 +132,9 @@ class PreemptibleContainer(State):
             self._forward_preempt({label: child})
         return begin
 
-    @staticmethod
-    def _run_child(child: State, begin: int, ud: Any) -> Any:
+    def _run_child(self, child: State, begin: int, ud: Any) -> Any:
         """Executes a child in this thread."""
+        self._smach_runners.add(threading.current_thread())
         outer = run_context.enter(child, begin)
         try:
             return child.execute(ud)
