@@ -83,7 +83,8 @@ def wrapper(monkeypatch: pytest.MonkeyPatch) -> ActionServerWrapper:
 
 def make_wrapper(monkeypatch: pytest.MonkeyPatch, machine: Any, succeeded: Any) -> ActionServerWrapper:
     """A running server whose goals the test makes."""
-    server = SimpleNamespace(start=lambda: None)
+    publisher = SimpleNamespace(impl=SimpleNamespace(connections=[]))
+    server = SimpleNamespace(start=lambda: None, result_pub=publisher)
     monkeypatch.setattr(action_server_wrapper.actionlib, "ActionServer", lambda *_, **__: server)
     monkeypatch.setattr(rospy, "logerr", lambda text: None)
     monkeypatch.setattr(rospy, "is_shutdown", lambda: False)

@@ -130,7 +130,7 @@ class ActionServerWrapper:
             self._changed.notify_all()
         if runs:
             self.wrapped_container.request_preempt()
-        if self._worker is not None and self._worker is not threading.current_thread():
+        if self._worker is not None and not self.wrapped_container.runs_in_this_thread():
             self._worker.join(STOP)
         wait_until_sent([self._action_server.result_pub], STOP)
 
