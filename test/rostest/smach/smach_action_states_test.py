@@ -170,6 +170,16 @@ class ActionStates(unittest.TestCase):
         self.assertEqual(run.end(), "succeeded")
         self.assertEqual(Run(state.__class__("victim", TestAction)).end(), "succeeded")
 
+    @mock.patch.object(action_connection, "SILENCE", 1.0)
+    def test_b2_a_server_that_falls_silent_is_asked_to_stop(self):
+        mute = Server("mute")
+        run = Run(SimpleActionState("mute", TestAction, goal=TestGoal(goal=OBEY)))
+        mute.wait_for_goals(1)
+        mute.server.publish_status = lambda: None
+        self.assertEqual(run.end(), "aborted")
+        with mute.changed:
+            self.assertTrue(mute.changed.wait_for(lambda: mute.cancels, LONG))
+
     def interrupt(self, kind, begun):
         """The output of a program that is interrupted when it has begun, which `begun` waits for."""
         process = subprocess.Popen(

@@ -100,7 +100,7 @@ def accept(goal):
 
 
 def drive(kind):
-    """A program as many are: nothing preempts its machine when it ends, and the machine goes on."""
+    """A program as many are: its machine goes on when nothing preempts it."""
     goal = TestGoal(goal=1)  # a cancel ends it
 
     def action():
@@ -112,7 +112,7 @@ def drive(kind):
     with sm:
         if kind == "late_drive":
             smach.StateMachine.add("WAIT", Waits(serves=False), {"done": "A"})
-        smach.StateMachine.add("A", action(), {"preempted": "B"})
+        smach.StateMachine.add("A", action(), {"preempted": "preempted" if kind == "late_drive" else "B"})
         smach.StateMachine.add("B", action())
     return sm
 

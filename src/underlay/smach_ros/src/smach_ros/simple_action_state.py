@@ -217,8 +217,6 @@ class SimpleActionState(ReportingState):
                 timed_out = True
                 self._status = self.PREEMPTING
                 connection.cancel(sent)
-            if not sent.done and rospy.is_shutdown() and sent.cancelled is None:
-                connection.cancel(sent)
             if not sent.done and self._status == self.PREEMPTING:
                 deadline = RosDeadline(self._preempt_timeout)
                 if (
@@ -228,8 +226,10 @@ class SimpleActionState(ReportingState):
                     self._report(
                         "the server did not end the cancelled goal within preempt_timeout; leaving it"
                     )
-            if not sent.done and connection.why_lost(sent):
-                self._report(connection.why_lost(sent))
+            why = connection.why_lost(sent)
+            if not sent.done and why and not rospy.is_shutdown():
+                self._report(why)
+                connection.cancel(sent)  # a server that hangs stops when it goes on
         return timed_out
 
     def _over(self, connection: ActionConnection, sent: SentGoal, preempting: bool) -> bool:
