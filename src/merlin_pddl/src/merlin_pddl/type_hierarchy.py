@@ -62,12 +62,10 @@ class TypeHierarchy:
     def subtypes(self, name: str) -> Set[str]:
         """The type and everything below it."""
         if name not in self._below:
-            found = set(self._parents) | {OBJECT} if name == OBJECT else {name}
-            grown = name != OBJECT
-            while grown:
-                more = {t for t, parents in self._parents.items() if t not in found and found & set(parents)}
-                found |= more
-                grown = bool(more)
+            more = found = set(self._parents) | {OBJECT} if name == OBJECT else {name}
+            while more:
+                more = {t for t, parents in self._parents.items() if t not in found and more & set(parents)}
+                found = found | more
             self._below[name] = found
         return self._below[name]
 

@@ -101,9 +101,7 @@ class RelaxedState(Evaluator):
     def compares(self, comparison: Comparison, bindings: Bindings, sense: bool) -> bool:
         """Whether a comparison can hold, or else whether it can fail; without a value neither."""
         left, right = self.range(comparison.left, bindings), self.range(comparison.right, bindings)
-        if left is None or right is None:
-            return False
-        return can_compare(comparison.op, left, right, not sense)
+        return left is not None and right is not None and can_compare(comparison.op, left, right, not sense)
 
     def range(self, value: Numeric, bindings: Bindings) -> Optional[Range]:
         """What an expression can be worth; None when a function in it never has a value."""
