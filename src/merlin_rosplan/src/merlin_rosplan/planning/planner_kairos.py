@@ -104,6 +104,7 @@ class KairosPlanner:
         self, kairos: Any, problem: Any, settings: PlannerSettings, limit: float, anytime: float
     ) -> Optional[Any]:
         """A search; None when it was stopped before it began."""
+        log = self._log  # what is called back must not keep this planner
         options = {
             # kairos knows no search without an end; a day is more than a robot waits.
             "timeout": limit or _DAY,
@@ -112,14 +113,12 @@ class KairosPlanner:
             "memory_limit_mb": int(settings.memory_limit),
             "threads": min(_THREADS, os.cpu_count() or 1),
             "log_level": kairos.LogLevel.ERROR,
+            "on_log": lambda level, channel, text: log.append(text),
         }
         with self._lock:
             if self._stopped:
                 return None
-            log = self._log  # what is called back must not keep this planner
-            self._search = kairos.Planner().start(
-                problem, on_log=lambda level, channel, text: log.append(text), **options
-            )
+            self._search = kairos.Planner().start(problem, **options)
             return self._search
 
     def _direct(self, task: Task, plan: Plan, seconds: float) -> Plan:
