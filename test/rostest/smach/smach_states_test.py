@@ -255,6 +255,7 @@ class Shutdown:
             service="preempted",
             action="preempted",
             wait_for_action="preempted",
+            merlin_wait_for_action="preempted",
         )
 
     def test_b7_b11_preempt_handler_ends_every_kind_of_container(self):

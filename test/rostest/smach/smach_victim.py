@@ -159,6 +159,9 @@ def main(scenario):
         state = smach_ros.SimpleActionState(rospy.resolve_name("~busy"), TestAction)
     else:
         state = smach_ros.SimpleActionState("nowhere", TestAction)
+        if scenario == "merlin_wait_for_action":
+            goal = TestGoal()
+            state = MerlinStateFactory().create("action", "nowhere", TestAction, goal, server_wait=3600.0)
         threading.Timer(0.2, running).start()
     # As programs do: the machine in a thread, the main thread waits for the shutdown.
     thread = threading.Thread(target=execute, args=(state,))

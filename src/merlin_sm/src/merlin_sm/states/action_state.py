@@ -27,7 +27,7 @@ STUCK = "had an active goal and sent no velocity for as long as no_command_limit
 _clients: Dict[str, ActionClient] = {}
 _states: Dict[str, "weakref.WeakSet[ActionState]"] = {}  # that use a client; it lasts when others use it, too
 _clients_lock = threading.Lock()  # guards _clients and _states
-_running: "Dict[ActionState, threading.Event]" = {}  # whether the goal has ended
+_running: "Dict[ActionState, threading.Event]" = {}  # whether it has no goal that runs
 _program_ends = threading.Event()
 
 
@@ -160,27 +160,30 @@ class ActionState(MerlinState):
 
     def run(self, userdata: Any) -> str:
         """Sends the goal and waits for its end."""
+        over = _running[self] = threading.Event()
+        over.set()
+        try:
+            if _program_ends.is_set():
+                self.request_preempt()
+            return self._run(userdata, over)
+        finally:
+            del _running[self]
+            over.set()
+
+    def _run(self, userdata: Any, over: threading.Event) -> str:
         try:
             goal = self._goal(userdata) if callable(self._goal) else self._goal
             check_message("goal", goal, self._goal_class)
         except (ValueError, LookupError) as error:
             return self.fail_for(error)
-        if not self._client.wait_for_server(self._server_wait, self.preempt_requested):
-            if self.preempt_requested():
-                return PREEMPTED
-            return self.fail(self._client.absence(self._server_wait))
-        reason = self._why_no_drive()
-        hangs.wait_settled(self.preempt_requested)
-        over = _running[self] = threading.Event()
-        try:
-            if _program_ends.is_set():
-                self.request_preempt()
-            if self.preempt_requested():
-                return PREEMPTED
-            return self.fail(reason) if reason else self._carry_out(userdata, goal, over)
-        finally:
-            del _running[self]
-            over.set()
+        there = self._client.wait_for_server(self._server_wait, self.preempt_requested)
+        reason = self._why_no_drive() if there else self._client.absence(self._server_wait)
+        if there:
+            hangs.wait_settled(self.preempt_requested)
+        over.clear()  # first: what ends the program asks for a preempt, then waits
+        if self.preempt_requested():
+            return PREEMPTED
+        return self.fail(reason) if reason else self._carry_out(userdata, goal, over)
 
     def _carry_out(self, userdata: Any, goal: Any, over: threading.Event) -> str:
         mark = self._guard.mark()
