@@ -196,7 +196,7 @@ class Unanswered(Owners):
             operator_name="paint",
             parameters=[KeyValue("r", "ann"), KeyValue("x", "leg")],
             phase=phase,
-            token=f"{action.plan_id}/{action.action_id}/life/1",
+            token=f"{action.plan_id}/{action.action_id}/{self.kind}/1",  # dispatchers number alike
             owner="/a_bridge",
             if_interrupted=["(broken ann)"],
         )
