@@ -280,8 +280,10 @@ class PlanningClient:
             ended.set()
 
         interruptible(cancel)
-        Deadline(None).wait_event(ended)
+        is_over = Deadline(None).wait_event(ended)
         interruptible(None)
+        if not is_over:
+            return PlanningResult(Planned.CANCELLED, "this node ends before the planner has")
         if cancelled.is_set():
             # The original planner interface plans on; its late answer is overtaken by the next problem.
             sent.wait(HAND_OVER)
