@@ -64,7 +64,8 @@ class Navigation(unittest.TestCase):
             self.assertTrue(self.changed.wait_for(predicate, timeout=LONG), "did not come true")
 
     def send(self, target):
-        return self.client.send(MoveBaseGoal(target_pose=target))
+        # Not leased: a busy machine may let a client stand still for longer than its lease lasts.
+        return self.client.send(MoveBaseGoal(target_pose=target), lasting=True)
 
     def refused(self, target, *words):
         goal = self.send(target)

@@ -71,7 +71,7 @@ class Guests(unittest.TestCase):
 
     def say(self, text):
         request = SoundRequest(sound=SoundRequest.SAY, command=SoundRequest.PLAY_ONCE, volume=1.0, arg=text)
-        return self.speak.send(SoundRequestGoal(sound_request=request))
+        return self.speak.send(SoundRequestGoal(sound_request=request), lasting=True)
 
     def ask(self, text):
         """Asks aloud; returns what was understood of the answer, and which guest heard what."""
@@ -80,6 +80,7 @@ class Guests(unittest.TestCase):
         hearing = self.listen.send(
             ListenGoal(grammar=ORDERS, timeout=rospy.Duration(100.0)),
             on_feedback=lambda *_: listening.set(),
+            lasting=True,  # not leased: a busy machine may let a client stand still for longer
         )
         self.assertTrue(listening.wait(LONG))
         self.say(text)

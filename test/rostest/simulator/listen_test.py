@@ -52,15 +52,19 @@ class Listen(unittest.TestCase):
         request = SoundRequest(
             sound=SoundRequest.SAY, command=SoundRequest.PLAY_ONCE, volume=1.0, arg="What can I do?"
         )
-        self.speak.send(SoundRequestGoal(sound_request=request))
+        self.speak.send(SoundRequestGoal(sound_request=request), lasting=True)
+
+    def listen_for(self, goal, **options):
+        """Not leased: a busy machine may let a client stand still for longer than its lease lasts."""
+        return self.listen.send(goal, lasting=True, **options)
 
     def hear(self, grammar, timeout=100.0):
-        return self.listen.send(ListenGoal(grammar=grammar, timeout=rospy.Duration(timeout)))
+        return self.listen_for(ListenGoal(grammar=grammar, timeout=rospy.Duration(timeout)))
 
     def hear_answer(self, grammar):
         """Asks aloud when the robot listens already; returns its goal."""
         listening = threading.Event()
-        goal = self.listen.send(
+        goal = self.listen_for(
             ListenGoal(grammar=grammar, timeout=rospy.Duration(100.0)),
             on_feedback=lambda *_: listening.set(),
         )
@@ -128,7 +132,7 @@ class Listen(unittest.TestCase):
                 listening.set()
 
         timeout = rospy.Duration(1000.0)
-        goal = self.listen.send(ListenGoal(grammar=ORDERS, timeout=timeout), on_feedback=note)
+        goal = self.listen_for(ListenGoal(grammar=ORDERS, timeout=timeout), on_feedback=note)
         self.assertTrue(listening.wait(LONG))
         parts = np.array_split(sound, 20)
         for part in parts[:10]:
