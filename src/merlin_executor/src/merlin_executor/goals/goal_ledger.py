@@ -111,7 +111,7 @@ class GoalNotes:
         self.path.parent.mkdir(parents=True, exist_ok=True)
         self.path.open("a").close()  # touch() would take a folder
         self._new = self.path.with_name(self.path.name + ".new")
-        self._new.open("w").close()  # a folder that is read only is told now, not with the first goal
+        self._new.open("w").close()  # fails now, not with the first goal, where the folder is read only
         self._new.unlink()
 
     def write(self, texts: Sequence[str]) -> None:
