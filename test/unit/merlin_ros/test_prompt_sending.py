@@ -102,6 +102,16 @@ def test_a_small_message_waits_for_no_acknowledgement() -> None:
         assert peer.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
 
 
+def test_what_comes_behind_an_empty_one_is_sent_to_a_slow_subscriber(
+    pair: Tuple[Transport, socket.socket],
+) -> None:
+    transport, peer = pair
+    connection = PromptConnection(transport, 0)
+    for message in (b"a" * LARGE, b"", b"b"):  # smach_ros sends nothing to see what has been sent
+        connection.write_data(message)
+    assert read(peer, LARGE + 1)[-1:] == b"b"
+
+
 def test_a_slow_subscriber_gets_every_message_whole_and_in_order(
     pair: Tuple[Transport, socket.socket],
 ) -> None:

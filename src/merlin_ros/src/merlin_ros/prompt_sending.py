@@ -194,13 +194,12 @@ class PromptConnection(QueuedConnection):
         """Sends what waits, until nothing does."""
         while True:
             with self._lock:
-                data = self._rest or (self._queue.pop(0) if self._queue else b"")
-                self._rest = b""
-                if not data or self._connection.done:
+                if self._connection.done or not (self._rest or self._queue):
                     self._working = False
                     if self._finished:
                         _end(self._connection)
                     return
+                data, self._rest = self._rest or self._queue.pop(0), b""
             try:
                 self._connection.write_data(data)
             except Exception as error:  # whatever it is, the next message finds it out, as in rospy
